@@ -1,0 +1,3 @@
+"""imumon: live noise figures of an inertial sensor."""
+
+__version__ = "0.1.0"

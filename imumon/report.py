@@ -1,0 +1,368 @@
+"""Report: what is published, as frozen dataclasses, and its JSON.
+
+Standard library only, so that any tool may read a report with this file alone. The fields are the
+contract of the project (docs/ZENOH.md): extended now and then, never bent. Unknown is None with a
+reason, never 0 and never NaN; units are SI unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from datetime import UTC, datetime
+from typing import Any, Literal, TypeAlias
+
+SCHEMA = "imumon.report/1"
+
+State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
+Status: TypeAlias = Literal["measured", "upper_bound", "pending"]
+GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer"]
+COEFFICIENTS = ("N", "B", "K")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Device:
+    """Whose numbers these are, and what they describe."""
+
+    id: str
+    model: str | None = None
+    serial: str | None = None
+    firmware: str | None = None
+    port: str | None = None
+    baud: int | None = None
+    stream: str | None = None
+    sample_rate_hz: float | None = None
+    alias_factor: float | None = None
+    source: str | None = None  # the message the samples are taken from
+    clock: str | None = None  # where their time comes from
+    settings: Mapping[str, str] = field(default_factory=dict)  # registers that change the data
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Session:
+    """What was received, lost and left out since the first sample; the counts add up."""
+
+    started: str | None = None
+    elapsed_s: float = 0.0
+    samples: int = 0
+    missing: int = 0
+    gaps: int = 0
+    discarded_bytes: int = 0
+    bad_checksums: int = 0
+    disturbances: int = 0
+    excluded_s: float = 0.0
+    warmup_s: float = 0.0
+    restarts: int = 0
+    duplicates: int = 0  # samples that came twice and were counted once
+    received_bytes: int = 0
+    overruns: int = 0  # times the kernel or the queue had to drop bytes
+    excluded_by: Mapping[str, float] = field(default_factory=dict)  # seconds by reason
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readable:
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coefficient:
+    """N, B or K with its 95 % limits; `value` is None unless measured."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    status: Status
+    unit: str
+    readable: Readable
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grading:
+    nearest: GradeName | None = None
+    meets: GradeName | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelGrade:
+    N: Grading = Grading()
+    B: Grading = Grading()
+    nearest: GradeName | None = None
+    meets: GradeName | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecidedBy:
+    axis: str
+    coefficient: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGrade:
+    """Headline grade of a sensor: the worst of its axes."""
+
+    nearest: GradeName | None = None
+    meets: GradeName | None = None
+    decided_by: DecidedBy | None = None
+    provisional: bool = True
+    reason: str | None = None  # why there is none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readings:
+    """Classical slope readings of the curve; None where the curve has none."""
+
+    N: float | None = None
+    B: float | None = None
+    K: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeTo:
+    """Sensor seconds until the asked precision; None when it will not come."""
+
+    N: float | None = None
+    B: float | None = None
+    K: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitQuality:
+    chi2: float | None = None
+    dof: int | None = None
+    p_value: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Allan:
+    """The curve, one entry an octave: measured points, their limits, and the fitted model."""
+
+    tau_s: tuple[float, ...] = ()
+    sigma: tuple[float, ...] = ()
+    low: tuple[float | None, ...] = ()
+    high: tuple[float | None, ...] = ()
+    edf: tuple[float | None, ...] = ()
+    model: tuple[float | None, ...] = ()
+    used: tuple[bool, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Histogram:
+    """Counts in equal bins from `start`, with the Gaussian of the same mean and deviation."""
+
+    start: float
+    width: float
+    counts: tuple[int, ...]
+    gaussian: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distribution:
+    """Shape of the values: verdict in words, modes found, the last minute beside everything."""
+
+    verdict: str | None = None  # "Gaussian" or "not Gaussian, because ..."
+    gaussian: bool | None = None
+    modes: tuple[float, ...] = ()
+    recent_mean: float | None = None  # of the last minute
+    recent_std: float | None = None
+    bias: float | None = None  # mean against what a sensor at rest reads
+    bias_low: float | None = None
+    bias_high: float | None = None
+    correlation: Mapping[str, float] = field(default_factory=dict)  # with the sensor's other axes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A spectral line: amplitude is that of the sinusoid, in the channel's unit."""
+
+    frequency_hz: float
+    amplitude: float
+    aliases_hz: tuple[float, ...] = ()  # true frequencies that would fold to here
+    name: str | None = None  # "50 Hz mains", where one fits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spectrum:
+    """One-sided power spectral density, unit^2/Hz, with the averages behind each bin."""
+
+    frequency_hz: tuple[float, ...]
+    density: tuple[float, ...]
+    averages: tuple[int, ...]
+    lines: tuple[Line, ...] = ()
+    white: float | None = None  # N read from the white level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drift:
+    """Slope of the mean, with 95 % limits against the fitted noise."""
+
+    per_hour: float | None = None
+    per_hour_low: float | None = None
+    per_hour_high: float | None = None
+    significant: bool | None = None
+    per_degC: float | None = None
+    per_degC_low: float | None = None
+    per_degC_high: float | None = None
+    explained: float | None = None  # share of the long-tau variance that temperature explains
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Strip:
+    """Least and greatest value in equal columns of time, oldest first; None where nothing came."""
+
+    start_s: float  # seconds since the first sample
+    column_s: float
+    low: tuple[float | None, ...]
+    high: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """What a signal view draws of one channel; published beside the report, one key a channel."""
+
+    channel: str
+    unit: str
+    minute: Strip | None = None
+    hour: Strip | None = None
+    everything: Strip | None = None
+    histogram: Histogram | None = None
+    spectrum: Spectrum | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    unit: str
+    count: int = 0
+    mean: float | None = None
+    std: float | None = None
+    min: float | None = None
+    max: float | None = None
+    skewness: float | None = None
+    excess_kurtosis: float | None = None
+    last: float | None = None
+    N: Coefficient | None = None
+    B: Coefficient | None = None
+    K: Coefficient | None = None
+    grade: ChannelGrade | None = None
+    readings: Readings | None = None
+    time_to: TimeTo | None = None
+    fit: FitQuality | None = None
+    caveats: tuple[str, ...] = ()
+    allan: Allan | None = None
+    distribution: Distribution | None = None
+    histogram: Histogram | None = None
+    spectrum: Spectrum | None = None
+    drift: Drift | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something that happened: `kind` is one word, `text` a line for people."""
+
+    time: str
+    kind: str
+    text: str
+    device: str
+    elapsed_s: float | None = None
+    channel: str | None = None
+    length_s: float | None = None
+    size: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    schema: str = SCHEMA
+    time: str
+    device: Device
+    state: State
+    session: Session
+    grade: Mapping[str, SensorGrade] = field(default_factory=dict)
+    channels: Mapping[str, Channel] = field(default_factory=dict)
+    caveats: tuple[str, ...] = ()  # those that hold for the whole record
+    period_s: float = 1.0  # between two reports
+    speed: float = 1.0  # sensor seconds in a second of the room, other than 1 in a time-lapse
+    limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+
+
+def stamp(moment: datetime) -> str:
+    """ISO 8601 in UTC, with Z.
+
+    >>> stamp(datetime(2026, 1, 2, 3, 4, 5, 678000, tzinfo=UTC))
+    '2026-01-02T03:04:05.678Z'
+    """
+    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def to_dict(part: Any) -> Any:
+    """Plain dicts, lists and numbers of a report or any part of one.
+
+    Raises
+    ------
+    ValueError : a number is not finite.
+    """
+    if isinstance(part, float):
+        if not math.isfinite(part):
+            raise ValueError("a report holds finite numbers or None")
+        return part
+    if isinstance(part, str | int | None):
+        return part
+    if is_dataclass(part):
+        return {f.name: to_dict(getattr(part, f.name)) for f in fields(part)}
+    if isinstance(part, Mapping):
+        return {str(key): to_dict(value) for key, value in part.items()}
+    return [to_dict(value) for value in part]
+
+
+def to_json(part: Any, *, indent: int | None = None) -> str:
+    """JSON text of a report or any part of one: UTF-8, finite numbers or null.
+
+    Raises
+    ------
+    ValueError : a number is not finite.
+    """
+    separators = (",", ":") if indent is None else None
+    return json.dumps(to_dict(part), allow_nan=False, ensure_ascii=False, indent=indent, separators=separators)
+
+
+T = typing.TypeVar("T")
+
+
+def from_json(cls: type[T], text: str | bytes) -> T:
+    """Read JSON as `cls` (`Report`, `Event`, `Signal` ...); what it does not know is passed over.
+
+    Raises
+    ------
+    ValueError : not JSON, or not of that shape.
+    """
+    try:
+        return typing.cast(T, _build(cls, json.loads(text)))
+    except (TypeError, AttributeError, KeyError) as error:
+        raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {error}") from None
+
+
+_HINTS: dict[type, dict[str, Any]] = {}
+
+
+def _build(hint: Any, data: Any) -> Any:
+    """Value of type `hint` from plain JSON data."""
+    origin = typing.get_origin(hint)
+    if origin in (typing.Union, types.UnionType):
+        return None if data is None else _build(next(a for a in typing.get_args(hint) if a is not type(None)), data)
+    if isinstance(hint, type) and is_dataclass(hint):
+        hints = _HINTS.get(hint)
+        if hints is None:
+            hints = _HINTS[hint] = typing.get_type_hints(hint)
+        return hint(**{name: _build(hints[name], data[name]) for name in hints if name in data})
+    if origin is tuple:
+        inner = typing.get_args(hint)[0]
+        return tuple(_build(inner, value) for value in data)
+    if origin is Mapping:
+        return {key: _build(typing.get_args(hint)[1], value) for key, value in data.items()}
+    return data

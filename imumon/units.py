@@ -1,0 +1,96 @@
+"""Units: SI to the ones people read, and numbers to text.
+
+Factors are exact by definition: a degree is pi/180 rad, an hour 3600 s, a g 9.80665 m/s^2.
+ASCII spellings go into JSON; `pretty` gives the ones for a screen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+DEG = math.degrees(1.0)
+HOUR = 3600.0
+STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Readable:
+    """How a quantity in SI is shown: multiply by `factor` and write `unit`."""
+
+    factor: float
+    unit: str
+
+
+SI = {
+    ("gyro", "N"): "rad/s/sqrt(Hz)",
+    ("gyro", "B"): "rad/s",
+    ("gyro", "K"): "rad/s*sqrt(Hz)",
+    ("accel", "N"): "m/s^2/sqrt(Hz)",
+    ("accel", "B"): "m/s^2",
+    ("accel", "K"): "m/s^2*sqrt(Hz)",
+    ("mag", "N"): "gauss/sqrt(Hz)",
+    ("mag", "B"): "gauss",
+    ("mag", "K"): "gauss*sqrt(Hz)",
+}
+"""SI spelling of a coefficient's unit by (sensor, coefficient)."""
+
+READABLE = {
+    ("gyro", "N"): Readable(DEG * 60.0, "deg/sqrt(h)"),
+    ("gyro", "B"): Readable(DEG * HOUR, "deg/h"),
+    ("gyro", "K"): Readable(DEG * HOUR * 60.0, "deg/h/sqrt(h)"),
+    ("accel", "N"): Readable(60.0, "m/s/sqrt(h)"),
+    ("accel", "B"): Readable(1000.0 / STANDARD_GRAVITY, "mg"),
+    ("accel", "K"): Readable(HOUR * 60.0, "m/s/h/sqrt(h)"),
+    ("mag", "N"): Readable(1000.0, "mG/sqrt(Hz)"),
+    ("mag", "B"): Readable(1000.0, "mG"),
+    ("mag", "K"): Readable(1000.0, "mG*sqrt(Hz)"),
+}
+"""Readable unit of a coefficient by (sensor, coefficient)."""
+
+_PRETTY = str.maketrans({"*": "·"})
+
+
+def pretty(unit: str) -> str:
+    """Unit as a person writes it.
+
+    >>> pretty("deg/sqrt(h)"), pretty("m/s^2/sqrt(Hz)"), pretty("rad/s*sqrt(Hz)")
+    ('°/√h', 'm/s²/√Hz', 'rad/s·√Hz')
+    """
+    text = unit.replace("sqrt(h)", "√h").replace("sqrt(Hz)", "√Hz").replace("^2", "²")
+    return text.replace("degC", "°C").replace("deg", "°").translate(_PRETTY)
+
+
+def figures(value: float, digits: int = 3) -> str:
+    """Number with so many significant digits, in plain notation where that is short.
+
+    >>> figures(0.21037), figures(12.0), figures(12345.6), figures(3.2e-7)
+    ('0.210', '12.0', '12,300', '3.20e-07')
+    """
+    if value == 0.0:
+        return "0"
+    size = abs(value)
+    if not 1e-3 <= size < 1e6:
+        return f"{value:.{digits - 1}e}"
+    exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
+    decimals = digits - 1 - exponent
+    if decimals >= 0:
+        return f"{value:,.{decimals}f}"
+    return f"{round(value, decimals):,.0f}"
+
+
+def duration(seconds: float) -> str:
+    """Length of time in the two largest units that matter.
+
+    >>> duration(7.2), duration(138), duration(5400), duration(200000)
+    ('7 s', '2 min 18 s', '1 h 30 min', '2 d 7 h')
+    """
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    total = round(seconds)
+    for big, big_name, small, small_name in ((86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")):
+        if total >= big:
+            rest = total % big // small
+            head = f"{total // big} {big_name}"
+            return f"{head} {rest} {small_name}" if rest and total < 100 * big else head
+    return f"{total} s"
