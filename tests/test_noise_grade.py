@@ -1,0 +1,122 @@
+"""Grades: the table, both readings of the word, and who decides the headline."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from imumon.noise.grade import (
+    GRADES,
+    Status,
+    grade_channel,
+    grade_coefficient,
+    grade_sensor,
+    limits,
+)
+
+# SI values of one VN-100, as printed in its static characterisation report
+GYRO = {
+    "x": (8.858211836469779e-5, 2.187472354808633e-6),
+    "y": (1.118982270722039e-4, 3.558918644938269e-5),
+    "z": (9.042853866968627e-5, 1.683075710026665e-6),
+}
+ACCEL = {
+    "x": (0.001876856697026, 4.102051157211426e-4),
+    "y": (0.001896141910733, 0.001026494646724),
+    "z": (0.002811394406225, 5.055396828094319e-4),
+}
+
+
+@dataclass(frozen=True)
+class Known:
+    value: float | None
+    low: float | None
+    high: float | None
+    status: Status
+
+
+def measured(value: float, width: float = 0.0) -> Known:
+    return Known(value, value * (1 - width), value * (1 + width), "measured")
+
+
+def bounded(high: float) -> Known:
+    return Known(None, 0.0, high, "upper_bound")
+
+
+PENDING = Known(None, None, None, "pending")
+
+
+def axes(values):
+    return {axis: {"N": measured(n), "B": measured(b)} for axis, (n, b) in values.items()}
+
+
+def test_limits_are_the_tables():
+    table = limits()
+    assert table["gyro"]["N"]["consumer"] * 3437.747 == pytest.approx(2.0, rel=1e-6)
+    assert table["gyro"]["B"]["tactical"] * 206264.806 == pytest.approx(1.0, rel=1e-6)
+    assert table["accel"]["B"]["industrial"] / 9.80665e-3 == pytest.approx(0.1, rel=1e-12)
+    assert table["accel"]["N"]["navigation"] * 60 == pytest.approx(0.01, rel=1e-12)
+    for coefficients in table.values():
+        for row in coefficients.values():
+            assert tuple(row) == GRADES
+            assert list(row.values()) == sorted(row.values())
+
+
+def test_a_known_report_is_graded_as_it_concludes():
+    found = {axis: grade_channel("gyro", N=measured(n), B=measured(b)) for axis, (n, b) in GYRO.items()}
+    assert [found[a].N.meets for a in "xyz"] == ["consumer"] * 3
+    assert [found[a].N.nearest for a in "xyz"] == ["industrial"] * 3
+    assert [found[a].B.meets for a in "xyz"] == ["tactical", "industrial", "tactical"]
+    assert [found[a].B.nearest for a in "xyz"] == ["tactical", "industrial", "tactical"]
+    gyro, accel = grade_sensor("gyro", axes(GYRO)), grade_sensor("accel", axes(ACCEL))
+    assert gyro.nearest == accel.nearest == "industrial"
+    assert gyro.meets == accel.meets == "consumer"
+    assert gyro.decided_by == ("y", "N")
+    assert accel.decided_by == ("z", "N")
+    assert not gyro.provisional
+    assert not accel.provisional
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+@pytest.mark.parametrize("coefficient", ["N", "B"])
+def test_a_limit_itself_meets_its_grade(sensor, coefficient):
+    for grade, limit in limits()[sensor][coefficient].items():
+        assert grade_coefficient(sensor, coefficient, limit).meets == grade
+        assert grade_coefficient(sensor, coefficient, limit).nearest == grade
+        assert grade_coefficient(sensor, coefficient, limit * 1.001).meets != grade
+    assert grade_coefficient(sensor, coefficient, 1e3).meets is None
+    assert grade_coefficient(sensor, coefficient, 1e3).nearest == "consumer"
+
+
+def test_a_bound_decides_only_where_nothing_is_measured():
+    loose = bounded(limits()["gyro"]["B"]["consumer"])
+    channel = grade_channel("gyro", N=measured(8.9e-5), B=loose)
+    assert channel.nearest == "industrial"
+    assert channel.meets == "consumer"
+    headline = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": loose}})
+    assert headline.nearest == "industrial"
+    assert headline.provisional
+    assert grade_sensor("gyro", {"x": {"B": loose}}).nearest == "consumer"
+    tight = bounded(limits()["gyro"]["B"]["tactical"])
+    assert not grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": tight}}).provisional
+
+
+def test_provisional_while_an_interval_or_a_pending_one_can_change_it():
+    wide = measured(limits()["gyro"]["N"]["industrial"] * 2, 0.9)
+    assert grade_sensor("gyro", {"x": {"N": wide, "B": measured(1e-6)}}).provisional
+    half = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": PENDING}})
+    assert half.provisional
+    assert half.nearest == "industrial"
+    assert half.reason == "1 of 2 coefficients are pending"
+
+
+def test_nothing_known_is_none_with_a_reason():
+    for sensor, given in (
+        ("gyro", {}),
+        ("gyro", {"x": {"N": PENDING}}),
+        ("mag", {"x": {"N": measured(1.0)}}),
+    ):
+        headline = grade_sensor(sensor, given)
+        assert headline.nearest is headline.meets is headline.decided_by is None
+        assert headline.reason
+    assert grade_coefficient("gyro", "K", 1e-6) == grade_coefficient("mag", "N", 1.0)
+    assert grade_channel("mag", N=measured(1.0)).nearest is None
