@@ -1,0 +1,148 @@
+"""Laws of the time grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.samples import GYRO, SampleBlock, Stream
+from imumon.timeline import BREAK, Placed, Timeline
+
+TICK = 25_000_000  # ns at 40 Hz
+
+
+def block(
+    times: list[int] | np.ndarray, clock: str = "startup", lost: list[int] | None = None
+) -> SampleBlock:
+    time = np.asarray(times, dtype=np.int64)
+    stream = Stream("uncompensated", GYRO, "test", clock)  # type: ignore[arg-type]
+    values = np.arange(len(time), dtype=float)[:, None] * np.ones(3)
+    gone = np.zeros(len(time), dtype=np.int64) if lost is None else np.array(lost)
+    return SampleBlock(stream, values, None if clock == "none" else time, gone)
+
+
+def place(line: Timeline, whole: SampleBlock, cuts: list[int] | None = None) -> tuple[list[int], list[float]]:
+    edges = [0, *sorted(cuts or []), len(whole)]
+    out: list[Placed] = []
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        time = None if whole.time_ns is None else whole.time_ns[a:b]
+        out += line.place(SampleBlock(whole.stream, whole.values[a:b], time, whole.lost[a:b]))
+    out += line.finish()
+    steps = [int(s) for p in out for s in p.steps]
+    return steps, [float(v) for p in out for v in p.values[:, 0]]
+
+
+def test_regular_stream_learns_its_interval_and_loses_nothing() -> None:
+    line = Timeline("startup")
+    steps, values = place(line, block(np.arange(100) * TICK + 7))
+    assert line.interval_s == 0.025
+    assert steps == [1] * 100
+    assert values == list(range(100))
+
+
+def test_stamps_of_coarse_resolution_give_the_true_rate() -> None:
+    line = Timeline("startup")
+    times = (np.arange(200) * 6.25 // 1).astype(np.int64) * 1_000_000
+    steps, _ = place(line, block(times))
+    assert line.interval_s == pytest.approx(0.00625)
+    assert steps == [1] * 200
+
+
+def test_gap_is_counted_exactly() -> None:
+    ticks = np.array([0, 1, 2, 5, 6, 1000, 1001])
+    steps, _ = place(Timeline("startup", 0.025), block(ticks * TICK))
+    assert steps == [1, 1, 1, 3, 1, 994, 1]
+
+
+def test_hole_longer_than_plausible_is_taken_once_confirmed() -> None:
+    ticks = np.array([0, 1, 2, 400_000, 400_001])
+    line = Timeline("startup", 0.025)
+    steps, _ = place(line, block(ticks * TICK))
+    assert steps == [1, 1, 1, 399_998, 1]
+    assert line.implausible == 0
+
+
+@pytest.mark.parametrize("bad", [10**15, 0, 5 * TICK, 99 * TICK + 10**9 * 100])
+def test_damaged_stamp_leaves_the_grid_alone(bad: int) -> None:
+    times = (np.arange(50) + 100) * TICK
+    times[20] = bad
+    line = Timeline("startup", 0.025)
+    steps, values = place(line, block(times))
+    assert 20.0 not in values
+    assert steps == [1] * 20 + [2] + [1] * 28
+    assert line.implausible == 1
+
+
+def test_restart_is_a_gap_of_unknown_length() -> None:
+    times = np.concatenate([np.arange(10) + 5000, np.arange(10) + 3]) * TICK
+    steps, _ = place(Timeline("startup", 0.025), block(times))
+    assert steps == [1] * 10 + [BREAK] + [1] * 9
+
+
+def test_twice_the_same_sample_counts_once() -> None:
+    line = Timeline("startup", 0.025)
+    steps, values = place(line, block(np.array([0, 1, 1, 2, 3]) * TICK))
+    assert steps == [1, 1, 1, 1]
+    assert values == [0, 1, 3, 4]
+    assert line.duplicates == 1
+
+
+def test_count_of_loop_ticks_is_a_clock() -> None:
+    line = Timeline("counter")
+    counts = np.delete(np.arange(100) * 20 + 543, [50, 51])
+    steps, _ = place(line, block(counts, "counter"))
+    assert line.interval_s == 0.025
+    assert steps == [1] * 50 + [3] + [1] * 47
+
+
+def test_count_of_microseconds_is_a_clock() -> None:
+    line = Timeline("counter")
+    place(line, block(np.arange(100) * 5000, "counter"))
+    assert line.interval_s == 0.005
+
+
+def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
+    line = Timeline("none", 0.025)
+    steps, _ = place(line, block([0] * 4, "none", [0, 0, 2, 0]))
+    assert steps == [1, 1, 3, 1]
+    line.gap()
+    steps, _ = place(line, block([0] * 2, "none", [0, 0]))
+    assert steps == [BREAK, 1]
+
+
+def test_interval_of_the_deltas_is_a_clock() -> None:
+    line = Timeline("dt")
+    times = np.full(60, 10_000_000)
+    times[40] *= 3
+    steps, _ = place(line, block(times, "dt"))
+    assert line.interval_s == 0.01
+    assert steps == [1] * 40 + [3] + [1] * 19
+
+
+def test_no_clock_and_no_rate_is_refused() -> None:
+    with pytest.raises(ValueError, match="rate"):
+        Timeline("none")
+
+
+@given(
+    st.lists(st.sampled_from([0, 1, 1, 1, 1, 1, 2, 7, 5000, -40, 10**7]), min_size=1, max_size=80),
+    st.lists(st.integers(0, 80), max_size=6),
+    st.booleans(),
+)
+def test_any_chunking_gives_the_same_grid(jumps: list[int], cuts: list[int], known: bool) -> None:
+    whole = block((np.cumsum(jumps) + 10**6) * TICK)
+    cuts = [c for c in cuts if c <= len(whole)]
+    interval = 0.025 if known else None
+    one, many = Timeline("startup", interval), Timeline("startup", interval)
+    assert place(one, whole) == place(many, whole, cuts)
+    assert (one.duplicates, one.implausible) == (many.duplicates, many.implausible)
+
+
+def test_restored_timeline_continues_on_the_sensors_clock() -> None:
+    line = Timeline("startup")
+    place(line, block(np.arange(100) * TICK))
+    again = Timeline.restore("startup", line.save())
+    steps, _ = place(again, block((np.arange(10) + 500) * TICK))
+    assert steps == [401] + [1] * 9
