@@ -53,7 +53,7 @@ def test_limits_are_the_tables():
     table = limits()
     assert table["gyro"]["N"]["consumer"] * 3437.747 == pytest.approx(2.0, rel=1e-6)
     assert table["gyro"]["B"]["tactical"] * 206264.806 == pytest.approx(1.0, rel=1e-6)
-    assert table["accel"]["B"]["industrial"] / 9.80665e-3 == pytest.approx(0.1, rel=1e-12)
+    assert table["accel"]["B"]["industrial"] / 9.80665e-3 == pytest.approx(1.0, rel=1e-12)
     assert table["accel"]["N"]["navigation"] * 60 == pytest.approx(0.01, rel=1e-12)
     for coefficients in table.values():
         for row in coefficients.values():

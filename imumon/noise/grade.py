@@ -35,7 +35,7 @@ GRADES: tuple[GradeName, ...] = ("navigation", "tactical", "industrial", "consum
 
 READABLE_LIMITS: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = {
     "gyro": {"N": (0.01, 0.05, 0.2, 2.0), "B": (0.01, 1.0, 10.0, 100.0)},  # deg/sqrt(h), deg/h
-    "accel": {"N": (0.01, 0.03, 0.1, 1.0), "B": (0.01, 0.03, 0.1, 10.0)},  # m/s/sqrt(h), mg
+    "accel": {"N": (0.01, 0.03, 0.1, 1.0), "B": (0.01, 0.1, 1.0, 10.0)},  # m/s/sqrt(h), mg
 }
 """Table 3.1 by sensor and coefficient, one limit for each of `GRADES`, in readable units."""
 
