@@ -1,0 +1,189 @@
+"""State on disk: what was accumulated survives a stop, a crash, a power cut and an upgrade.
+
+One file a device, written whole beside the old one and then put in its place, so that a reader finds either
+the old state or the new one, never a half. The generation before is kept: if the newest file is damaged,
+the one before serves. A file that cannot serve is set aside under another name with a reason, never
+overwritten and never mixed in.
+
+The file: one line ``imumon-state 1 SHA256 LENGTH`` and then LENGTH bytes of a NumPy archive; ``meta`` in it
+is JSON. Writing goes on in a thread of its own: a slow disk must not hold up the samples.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import io
+import json
+import os
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+FORMAT = 1
+_MAGIC = "imumon-state"
+
+Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
+
+
+class StateError(Exception):
+    """The state cannot be used; the text says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What is kept: `meta` is JSON (identity, counters, small values), `arrays` the accumulators."""
+
+    meta: dict[str, Any]
+    arrays: dict[str, npt.NDArray[Any]]
+
+
+def encode(state: State) -> bytes:
+    """File contents of a state."""
+    body = io.BytesIO()
+    meta = json.dumps(state.meta, allow_nan=False).encode()
+    parts: dict[str, Any] = {f"a.{name}": array for name, array in state.arrays.items()}
+    np.savez(body, meta=np.frombuffer(meta, dtype=np.uint8), **parts)
+    data = body.getvalue()
+    return f"{_MAGIC} {FORMAT} {hashlib.sha256(data).hexdigest()} {len(data)}\n".encode() + data
+
+
+def decode(data: bytes) -> State:
+    """State in the contents of a file.
+
+    Raises
+    ------
+    StateError : not a state, of a newer format, or damaged.
+    """
+    line, _, body = data.partition(b"\n")
+    words = line.decode("ascii", "replace").split()
+    if len(words) != 4 or words[0] != _MAGIC:
+        raise StateError("not a state file")
+    if words[1] != str(FORMAT):
+        raise StateError(f"format {words[1]}, this version reads {FORMAT}")
+    if len(body) != int(words[3]) or hashlib.sha256(body).hexdigest() != words[2]:
+        raise StateError("damaged (its checksum does not match)")
+    with np.load(io.BytesIO(body), allow_pickle=False) as archive:
+        meta = json.loads(archive["meta"].tobytes())
+        return State(meta, {k[2:]: archive[k] for k in archive.files if k.startswith("a.")})
+
+
+class Checkpoint:
+    """The state file of one device.
+
+    Parameters
+    ----------
+    directory : made if it is not there.
+    device : name of the device, already fit for a file name.
+
+    Raises
+    ------
+    StateError : the directory cannot be made or written, or another daemon holds this device's state.
+    """
+
+    def __init__(self, directory: Path, device: str) -> None:
+        self.path = directory / f"{device}.state"
+        self.previous = directory / f"{device}.state.1"
+        self.failed: str | None = None  # why the last save did not reach the disk
+        self.saved = 0
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(directory / f"{device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise StateError(
+                f"state directory {directory}: {error.strerror}; give another with --state"
+            ) from None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._lock)
+            raise StateError(
+                f"another imumon keeps the state of {device} in {directory}; stop it or give another --state"
+            ) from None
+        self._wake = threading.Condition()
+        self._next: State | None = None
+        self._busy = False
+        self._closing = False
+        self._thread: threading.Thread | None = None
+
+    def load(self) -> tuple[State | None, list[str]]:
+        """Newest state that can be read, and what had to be set aside on the way, in words."""
+        said: list[str] = []
+        for path in (self.path, self.previous):
+            try:
+                return decode(path.read_bytes()), said
+            except FileNotFoundError:
+                continue
+            except (StateError, OSError, ValueError, KeyError) as error:
+                said.append(f"state {path.name} is {error}; kept as {self.set_aside('damaged', path).name}")
+        return None, said
+
+    def set_aside(self, reason: str, path: Path | None = None) -> Path:
+        """Move the state to a name of its own: ``DEVICE.REASON-N.state``."""
+        source = path or self.path
+        stem = self.path.name.removesuffix(".state")
+        for number in range(1, 10_000):
+            aside = self.path.with_name(f"{stem}.{reason}-{number}.state")
+            if not aside.exists():
+                break
+        if source.exists():
+            source.rename(aside)
+        if path is None and self.previous.exists():
+            self.previous.unlink()
+        return aside
+
+    def save(self, state: State) -> None:
+        """Hand over a state to be written soon; a newer one replaces one that still waits."""
+        with self._wake:
+            self._next = state
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._write_all, name="checkpoint", daemon=True)
+                self._thread.start()
+            self._wake.notify_all()
+
+    def close(self, state: State | None = None, timeout_s: float = 10.0) -> None:
+        """Write the last state, wait for the disk, let go of the lock."""
+        if state is not None:
+            self.save(state)
+        with self._wake:
+            self._closing = True
+            self._wake.notify_all()
+            self._wake.wait_for(lambda: self._next is None and not self._busy, timeout_s)
+        os.close(self._lock)
+
+    def _write_all(self) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._next is not None or self._closing)
+                state, self._next = self._next, None
+                if state is None:
+                    return
+                self._busy = True
+            try:
+                self._write(encode(state))
+                self.failed, self.saved = None, self.saved + 1
+            except OSError as error:
+                self.failed = f"{self.path.parent}: {error.strerror}"
+            with self._wake:
+                self._busy = False
+                self._wake.notify_all()
+
+    def _write(self, data: bytes) -> None:
+        new = self.path.with_suffix(".state.new")
+        with open(new, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if self.path.exists():
+            os.replace(self.path, self.previous)
+        os.replace(new, self.path)
+        directory = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)

@@ -1,0 +1,95 @@
+"""Laws of the state file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imumon.checkpoint import Checkpoint, State, StateError, decode, encode
+
+STATE = State({"serial": "0100000001", "samples": 7}, {"sum": np.arange(5.0), "count": np.array([3])})
+
+
+def same(a: State | None, b: State) -> bool:
+    return (
+        a is not None and a.meta == b.meta and all(np.array_equal(a.arrays[k], b.arrays[k]) for k in b.arrays)
+    )
+
+
+def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
+    Checkpoint(tmp_path, "vn100-1").close(STATE)
+    state, said = Checkpoint(tmp_path, "vn100-1").load()
+    assert same(state, STATE)
+    assert said == []
+
+
+def test_no_state_is_no_error(tmp_path: Path) -> None:
+    assert Checkpoint(tmp_path / "new", "vn100-1").load() == (None, [])
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
+def test_damaged_file_is_set_aside_and_the_generation_before_serves(tmp_path: Path, damage: str) -> None:
+    Checkpoint(tmp_path, "d").close(STATE)
+    newer = State({**STATE.meta, "samples": 9}, STATE.arrays)
+    Checkpoint(tmp_path, "d").close(newer)
+    path = tmp_path / "d.state"
+    data = path.read_bytes()
+    flipped = data[:-40] + bytes([data[-40] ^ 1]) + data[-39:]
+    path.write_bytes({"cut": data[:-9], "flip": flipped, "empty": b"", "other": b"GIF89a"}[damage])
+    kept = path.read_bytes()
+    state, said = Checkpoint(tmp_path, "d").load()
+    assert same(state, STATE)
+    assert len(said) == 1
+    assert (tmp_path / "d.damaged-1.state").read_bytes() == kept
+
+
+def test_newer_format_is_not_touched_but_named() -> None:
+    data = encode(STATE).replace(b"imumon-state 1", b"imumon-state 9", 1)
+    with pytest.raises(StateError, match="format 9"):
+        decode(data)
+
+
+def test_every_cut_of_a_file_is_refused() -> None:
+    data = encode(STATE)
+    for length in range(0, len(data), 37):
+        with pytest.raises(StateError):
+            decode(data[:length])
+
+
+def test_two_daemons_do_not_share_a_state(tmp_path: Path) -> None:
+    first = Checkpoint(tmp_path, "d")
+    with pytest.raises(StateError, match="another imumon"):
+        Checkpoint(tmp_path, "d")
+    first.close()
+    Checkpoint(tmp_path, "d").close()
+
+
+def test_directory_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StateError, match="--state"):
+        Checkpoint(tmp_path / "file" / "state", "d")
+
+
+def test_failing_disk_is_said_and_the_old_state_stays(tmp_path: Path) -> None:
+    Checkpoint(tmp_path, "d").close(STATE)
+    if os.geteuid() == 0:
+        keeper = Checkpoint(tmp_path, "d")
+        (tmp_path / "d.state.new").mkdir()  # the name of the new file is taken
+    else:
+        keeper = Checkpoint(tmp_path, "d")
+        tmp_path.chmod(0o500)
+    keeper.close(State({}, {}))
+    tmp_path.chmod(0o700)
+    assert keeper.failed
+    assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
+
+
+def test_fresh_start_keeps_the_old_one(tmp_path: Path) -> None:
+    Checkpoint(tmp_path, "d").close(STATE)
+    keeper = Checkpoint(tmp_path, "d")
+    aside = keeper.set_aside("before-fresh")
+    assert keeper.load() == (None, [])
+    assert same(decode(aside.read_bytes()), STATE)
