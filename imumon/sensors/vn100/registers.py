@@ -1,0 +1,345 @@
+"""Registers of the VN-100: their fields, factory values and what may be written.
+
+A register is a number and a list of comma-separated fields. This table is the one place that knows
+them; the session asks it what to read and how, the emulator what to answer and what to refuse.
+Values stay text, as on the wire, so that a register written back exactly as read is the same
+register; `Register.parse` turns them into numbers for those who reckon with them.
+
+Firmware generations 2 (2.0, 2.1) and 3 (3.1) differ in few places: register 44 (hard and soft iron
+estimation on in 2, off in 3), 74, 101, 102 and 206, and two ASCII output types.
+This file knows neither checksums nor messages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+Generation: TypeAlias = Literal[2, 3]
+Access: TypeAlias = Literal["setting", "fixed", "measurement"]
+Value: TypeAlias = int | float | str
+
+BAUDS = (9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600)
+FACTORY_BAUD = 115200
+ASCII_RATES = (1, 2, 4, 5, 10, 20, 25, 40, 50, 100, 200)
+"""Rates in Hz that register 7 takes; firmware 3 takes 0 as well."""
+LOOP_RATE = 800
+"""Rate in Hz of the internal loop, by which the divisors of the binary outputs and the windows of
+register 85 are counted."""
+
+BAUD, OUTPUT_TYPE, OUTPUT_RATE = 5, 6, 7
+PROTOCOL, SYNC_CONTROL, SYNC_STATUS = 30, 32, 33
+BINARY_OUTPUTS = (75, 76, 77)
+DELTA_CONTROL, IMU_FILTER = 82, 85
+MAG_CALIBRATION, ACCEL_CALIBRATION, GYRO_CALIBRATION, ROTATION = 23, 25, 84, 26
+STARTUP_BIAS, IRON_CONTROL, IRON_RESULT = 43, 44, 47
+
+BAD_CHECKSUM, BAD_COMMAND, TOO_FEW, TOO_MANY = 0x03, 0x04, 0x05, 0x06
+BAD_PARAMETER, BAD_REGISTER, NOT_ALLOWED, BAUD_TOO_LOW = 0x07, 0x08, 0x09, 0x0C
+
+
+class RegisterError(ValueError):
+    """A register or its fields are refused; `code` is the sensor's own error code."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a register.
+
+    Attributes
+    ----------
+    name : as in the manual's table, snake case.
+    kind : how its text is read.
+    form : printf form of the text when it is stored; "" keeps integers plain and reals short.
+    low, high : limits, both allowed.
+    choices : allowed values instead of limits; empty: the limits hold.
+    only : values that just one firmware generation has.
+    """
+
+    name: str
+    kind: Literal["integer", "real", "hex", "text"] = "integer"
+    form: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[int, ...] = ()
+    only: dict[int, Generation] = field(default_factory=dict)
+
+    def parse(self, text: str) -> Value:
+        """Value of the field's text.
+
+        Raises
+        ------
+        RegisterError
+            The text is no value of this kind (07).
+        """
+        if self.kind == "text":
+            return text
+        try:
+            if self.kind == "hex":
+                return int(text.strip(), 16)
+            number = float(text)
+        except ValueError:
+            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is no {self.kind}") from None
+        if self.kind == "integer":
+            if not number.is_integer():
+                raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is no integer")
+            return int(number)
+        if not math.isfinite(number):
+            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not finite")
+        return number
+
+    def normalise(self, text: str, generation: Generation) -> str:
+        """Text as the sensor keeps it, once its value is found to be allowed."""
+        value = self.parse(text)
+        if isinstance(value, str):
+            if len(value) > self.high:
+                raise RegisterError(BAD_PARAMETER, f"{self.name}: longer than {self.high:.0f} characters")
+            return value
+        allowed = value in self.choices if self.choices else self.low <= value <= self.high
+        if not allowed or self.only.get(int(value), generation) != generation:
+            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text} is not allowed")
+        return self.format(value)
+
+    def format(self, value: Value) -> str:
+        """Text of a value.
+
+        >>> Field("bias", "real", "%+010.6f").format(0.0), Field("word", "hex", "%04X").format(0x321)
+        ('+00.000000', '0321')
+        """
+        if isinstance(value, str):
+            return value
+        return self.form % value if self.form else f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One register.
+
+    Attributes
+    ----------
+    id : its number.
+    name : as in the manual, in words.
+    fields : in the order on the wire. Registers 75-77 repeat the last one once for each set group.
+    factory : factory values as on the wire, by firmware generation; a generation that has no entry
+        lacks the register. Measurements have empty ones.
+    access : ``setting`` can be written, ``fixed`` is for reading, ``measurement`` is live.
+    ports : a port number may follow the value (registers 5-7), each port with its own value.
+    """
+
+    id: int
+    name: str
+    fields: tuple[Field, ...]
+    factory: dict[Generation, str]
+    access: Access = "setting"
+    ports: bool = False
+
+    def in_generation(self, generation: Generation) -> bool:
+        return generation in self.factory
+
+    def factory_values(self, generation: Generation) -> tuple[str, ...]:
+        """Fields as a new sensor of this firmware generation answers them.
+
+        >>> REGISTERS[85].factory_values(3)
+        ('0', '4', '4', '4', '0', '0', '3', '3', '3', '0')
+        """
+        return tuple(self.factory[generation].split(","))
+
+    def parse(self, values: Sequence[str]) -> dict[str, Value]:
+        """Values by field name; a repeated last field (registers 75-77) is numbered from 1.
+
+        >>> REGISTERS[75].parse(["1", "8", "05", "0001", "00C0"])
+        {'async_mode': 1, 'divisor': 8, 'groups': 5, 'word1': 1, 'word2': 192}
+        """
+        layout = self._layout(values)
+        if len(values) != len(layout):
+            code = TOO_FEW if len(values) < len(layout) else TOO_MANY
+            raise RegisterError(code, f"register {self.id} takes {len(layout)} fields, not {len(values)}")
+        return {entry.name: entry.parse(text) for entry, text in zip(layout, values, strict=True)}
+
+    def normalise(self, values: Sequence[str], generation: Generation = 3) -> tuple[str, ...]:
+        """Fields as the sensor keeps them after they were written.
+
+        Raises
+        ------
+        RegisterError
+            05 too few fields, 06 too many, 07 a value that is not allowed, 09 not to be written.
+        """
+        if self.access != "setting":
+            raise RegisterError(NOT_ALLOWED, f"register {self.id} cannot be written")
+        layout = self._layout(values)
+        if len(values) < len(layout):
+            raise RegisterError(TOO_FEW, f"register {self.id} needs {len(layout)} fields")
+        if len(values) > len(layout):
+            raise RegisterError(TOO_MANY, f"register {self.id} takes {len(layout)} fields")
+        return tuple(entry.normalise(text, generation) for entry, text in zip(layout, values, strict=True))
+
+    def _layout(self, values: Sequence[str]) -> tuple[Field, ...]:
+        if self.id not in BINARY_OUTPUTS or len(values) < 3:
+            return self.fields[:3] if self.id in BINARY_OUTPUTS else self.fields
+        groups = self.fields[2].parse(values[2])
+        count = int(groups).bit_count() if not isinstance(groups, str) else 0
+        if len(values) != 3 + count:
+            raise RegisterError(BAD_PARAMETER, f"register {self.id}: one field word for each set group")
+        word = self.fields[3]
+        words = (Field(f"word{i + 1}", word.kind, word.form, word.low, word.high) for i in range(count))
+        return (*self.fields[:3], *words)
+
+
+def _integers(names: str, low: float = 0, high: float = 255) -> tuple[Field, ...]:
+    return tuple(Field(name, "integer", "", low, high) for name in names.split())
+
+
+def _reals(names: str, form: str = "") -> tuple[Field, ...]:
+    return tuple(Field(name, "real", form) for name in names.split())
+
+
+def _both(values: str) -> dict[Generation, str]:
+    return {2: values, 3: values}
+
+
+_MATRIX = "c00 c01 c02 c10 c11 c12 c20 c21 c22"
+_IDENTITY = "1,0,0,0,1,0,0,0,1"
+_TUNING = (
+    "base_x base_y base_z adaptive_x adaptive_y adaptive_z "
+    "filtering_x filtering_y filtering_z"
+)  # fmt: skip
+_OUTPUT_TYPES = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 16, 17, 19, 30, 34)
+_NMEA = (
+    Field("port", choices=(0, 1, 2, 3)),
+    Field("rate", choices=(0, 1, 5, 10, 20)),
+    Field("mode", choices=(0, 1, 2)),
+    Field("receiver", choices=(0, 1)),
+    Field("messages", "hex", "%08X", 0, 0xFFFFFFFF),
+)
+# Groups 1, 2, 3 and 5: a VN-100 has neither GNSS nor INS outputs.
+_BINARY = (
+    Field("async_mode", choices=(0, 1, 2, 3)),
+    Field("divisor", low=0, high=65535),
+    Field("groups", "hex", "%02X", choices=tuple(g for g in range(0x18) if not g & ~0x17)),
+    Field("word", "hex", "%04X", 0, 0x7FFF),
+)
+_SYNC = (
+    Field("in_mode", choices=(3, 4, 5, 6)),
+    *_integers("in_edge", 0, 1),
+    *_integers("in_skip", 0, 65535),
+    *_integers("reserved_1", 0, 2**32 - 1),
+    Field("out_mode", choices=(0, 1, 2, 3, 6)),
+    *_integers("out_polarity", 0, 1),
+    *_integers("out_skip", 0, 65535),
+    *_integers("pulse_width", 0, 500_000_000),
+    *_integers("reserved_2", 0, 2**32 - 1),
+)
+_FILTER = (
+    *_integers("mag_window accel_window gyro_window temperature_window pressure_window", 0, LOOP_RATE),
+    *_integers("mag_mode accel_mode gyro_mode temperature_mode pressure_mode", 0, 3),
+)
+
+_PROTOCOL = (
+    *_integers("serial_count", 0, 4),
+    *_integers("serial_status", 0, 2),
+    *_integers("spi_count", 0, 4),
+    *_integers("spi_status", 0, 2),
+    Field("serial_checksum", choices=(1, 3)),
+    Field("spi_checksum", choices=(0, 1, 3)),
+    *_integers("error_mode", 0, 2),
+)
+
+
+def _settings() -> Iterable[Register]:
+    yield Register(0, "user tag", (Field("tag", "text", high=20),), _both(""))
+    yield Register(BAUD, "serial baud rate", (Field("baud", choices=BAUDS),), _both("115200"), ports=True)
+    kinds = Field("type", choices=_OUTPUT_TYPES, only={9: 2, 34: 3})
+    yield Register(OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
+    rates = Field("rate", choices=(0, *ASCII_RATES), only={0: 3})
+    yield Register(OUTPUT_RATE, "async data output frequency", (rates,), _both("40"), ports=True)
+    vectors = _reals("mag_n mag_e mag_d gravity_n gravity_e gravity_d")
+    yield Register(21, "magnetic and gravity reference vectors", vectors, _both("1,0,1.8,0,0,-9.793746"))
+    calibration = _reals(f"{_MATRIX} b0 b1 b2")
+    for number, what in ((MAG_CALIBRATION, "magnetometer"), (ACCEL_CALIBRATION, "accelerometer")):
+        yield Register(number, f"{what} compensation", calibration, _both(f"{_IDENTITY},0,0,0"))
+    yield Register(ROTATION, "reference frame rotation", _reals(_MATRIX), _both(_IDENTITY))
+    yield Register(PROTOCOL, "communication protocol control", _PROTOCOL, _both("0,0,0,0,1,0,1"))
+    yield Register(SYNC_CONTROL, "synchronization control", _SYNC, _both("3,0,0,0,6,1,0,100000000,0"))
+    counts = _integers("sync_in_count sync_in_time sync_out_count", 0, 2**32 - 1)
+    yield Register(SYNC_STATUS, "synchronization status", counts, _both("0,0,0"))
+    basic = (*_integers("enable", 0, 1), *_integers("heading filtering tuning", 0, 2))
+    yield Register(35, "VPE basic control", basic, _both("1,1,1,1"))
+    yield Register(36, "VPE magnetometer tuning", _reals(_TUNING), _both("4,4,4,5,5,5,5.5,5.5,5.5"))
+    yield Register(38, "VPE accelerometer tuning", _reals(_TUNING), _both("6,6,6,3,3,3,5,5,5"))
+    yield Register(40, "VPE gyro tuning", _reals(_TUNING), _both("8,8,8,4,4,4,0,0,0"))
+    zero = "+00.000000,+00.000000,+00.000000"
+    bias = _reals("bias_x bias_y bias_z", "%+010.6f")
+    yield Register(STARTUP_BIAS, "startup gyro bias", bias, _both(zero))
+    iron = (*_integers("mode", 0, 2), *_integers("output", 1, 3), *_integers("converge_rate", 1, 5))
+    yield Register(IRON_CONTROL, "magnetometer calibration control", iron, {2: "1,3,5", 3: "0,1,5"})
+    yield Register(50, "velocity aiding measurement", _reals("v_x v_y v_z"), _both("0,0,0"))
+    aiding = (*_integers("mode", 0, 1), *_reals("uncertainty_tuning filter_tuning"))
+    yield Register(51, "velocity aiding control", aiding, _both("1,0.1,0.01"))
+    filter_bias = (*bias, *_reals("accel_x accel_y accel_z", "%+07.3f"), *_reals("pressure", "%+010.3f"))
+    yield Register(74, "startup filter bias", filter_bias, {2: f"{zero},+00.000,+00.000,+00.000,+00000.000"})
+    for number in BINARY_OUTPUTS:
+        yield Register(number, f"binary output {number - 74}", _BINARY, _both("0,0,00"))
+    delta = (*_integers("frame", 0, 1), *_integers("gyro_compensation accel_compensation", 0, 3))
+    delta = (*delta, *_integers("reserved_1 reserved_2", 0, 65535))
+    yield Register(DELTA_CONTROL, "delta theta and delta velocity", delta, _both("0,0,0,0,0"))
+    models = (
+        *_integers("mag_model gravity_model", 0, 1),
+        *_integers("reserved_1 reserved_2 recalculation", 0, 65535),
+        *_reals("year", "%.3f"),
+        *_reals("latitude", "%+012.8f"),
+        *_reals("longitude", "%+013.8f"),
+        *_reals("altitude", "%+010.3f"),
+    )
+    place = "1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000"
+    yield Register(83, "reference model configuration", models, _both(place))
+    yield Register(GYRO_CALIBRATION, "gyro compensation", calibration, _both(f"{_IDENTITY},0,0,0"))
+    yield Register(IMU_FILTER, "IMU filtering", _FILTER, _both("0,4,4,4,0,0,3,3,3,0"))
+    yield Register(101, "NMEA output 1", _NMEA, {3: "0,0,0,0,00000000"})
+    yield Register(102, "NMEA output 2", _NMEA, {3: "0,0,0,0,00000000"})
+    legacy = _integers("ins_legacy gnss_legacy imu_legacy hardware_legacy")
+    yield Register(206, "legacy compatibility settings", legacy, {3: "0,0,0,0"})
+
+
+def _readings() -> Iterable[Register]:
+    text = Field("text", "text")
+    yield Register(1, "model", (text,), _both("VN-100T-CR"), "fixed")
+    yield Register(2, "hardware revision", _integers("revision"), _both("7"), "fixed")
+    yield Register(3, "serial number", (text,), _both("0100056785"), "fixed")
+    yield Register(4, "firmware version", (text,), {2: "2.1.0.0", 3: "3.1.0.0"}, "fixed")
+    iron = _reals(f"{_MATRIX} b0 b1 b2")
+    yield Register(IRON_RESULT, "magnetometer calibration result", iron, _both(f"{_IDENTITY},0,0,0"), "fixed")
+    ypr, quaternion = "yaw pitch roll", "q_x q_y q_z q_w"
+    mag, accel, gyro = "mag_x mag_y mag_z", "accel_x accel_y accel_z", "gyro_x gyro_y gyro_z"
+    measured = {
+        8: ("attitude", ypr),
+        9: ("quaternion", quaternion),
+        15: ("quaternion, magnetic, acceleration and rates", f"{quaternion} {mag} {accel} {gyro}"),
+        17: ("magnetic", mag),
+        18: ("acceleration", accel),
+        19: ("angular rates", gyro),
+        20: ("magnetic, acceleration and rates", f"{mag} {accel} {gyro}"),
+        27: ("attitude, magnetic, acceleration and rates", f"{ypr} {mag} {accel} {gyro}"),
+        54: ("IMU measurements", f"{mag} {accel} {gyro} temperature pressure"),
+        80: ("delta theta and delta velocity", "dt theta_x theta_y theta_z v_x v_y v_z"),
+        115: ("heave", "heave heave_rate delayed_heave"),
+        239: ("attitude, linear acceleration and rates", f"{ypr} {accel} {gyro}"),
+        240: ("attitude, inertial acceleration and rates", f"{ypr} {accel} {gyro}"),
+    }
+    for number, (name, fields) in measured.items():
+        factory: dict[Generation, str] = {3: ""} if number == 115 else _both("")
+        yield Register(number, name, _reals(fields), factory, "measurement")
+
+
+REGISTERS: dict[int, Register] = {
+    register.id: register for register in sorted((*_settings(), *_readings()), key=lambda r: r.id)
+}
+"""Every register of a VN-100, of either firmware generation, by its number."""
+
+CHANGE_THE_DATA = (26, 35, 43, 44, 82, 85, 23, 25, 84, 30, 32, 5, 6, 7, 75, 76, 77)
+"""Registers whose setting changes what the samples mean, so a record of samples keeps them too."""
