@@ -1,0 +1,312 @@
+"""Recordings: raw bytes kept on disk, and read back.
+
+A recording is what came from the port, byte for byte, behind one line that says what it is:
+``#imumon-recording {JSON}``. A decoder resynchronises over that line, and `Recording` takes it off. Writing
+goes on in a thread of its own, and a full disk ends the recording, not the reading. What is there already
+is never overwritten: a new run takes the next free number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import json
+import os
+import stat
+import sys
+import threading
+import zlib
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Any, BinaryIO
+
+from imumon.sources.errors import SourceError
+
+MARK = b"#imumon-recording "
+CHUNK = 256 << 10
+BACKLOG = 8 << 20  # bytes that wait for a slow disk; with more the recording ends
+FLUSH_S = 1.0  # what a kill may cost; ten times that when compressing
+
+_FOREIGN = {
+    b"PK\x03\x04": "a ZIP archive: unpack it first",
+    b"\xfd7zXZ": "an xz archive: unpack it first",
+    b"BZh": "a bzip2 archive: unpack it first",
+    b"\x28\xb5\x2f\xfd": "a zstd archive: unpack it first",
+    b"\x89PNG": "a picture",
+    b"%PDF": "a PDF document",
+    b"\x7fELF": "a program",
+    b"\x93NUMPY": "a NumPy array",
+    b"SQLite format 3": "an SQLite database",
+}
+
+
+def part_path(path: str, part: int) -> str:
+    """Name of a part of a recording.
+
+    >>> part_path("run.bin.gz", 0), part_path("run.bin.gz", 12)
+    ('run.bin.gz', 'run.0012.bin.gz')
+    """
+    if part == 0:
+        return path
+    folder, name = os.path.split(path)
+    stem, dot, suffix = name.partition(".")
+    return os.path.join(folder, f"{stem}.{part:04d}{dot}{suffix}")
+
+
+class Recording:
+    """A recording as chunks of bytes, in memory that does not grow with its length.
+
+    Iterate to get the chunks: of a raw capture, of gzip of one, or of what `Recorder` made; of the latter
+    the further parts of the same run follow by themselves.
+
+    Parameters
+    ----------
+    path : file; ``-`` is standard input.
+
+    Attributes
+    ----------
+    header : what `Recorder` noted (sensor, settings, time), or None.
+    problem : after reading: why it ended early, or None.
+
+    Raises
+    ------
+    SourceError : no such file, not readable, empty, or plainly something else.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.problem: str | None = None
+        self._part = _Part(path)
+        self.header = self._part.header
+        self._later = [] if self.header is None else _later_parts(path, self.header)
+        self._behind = 0  # bytes of the parts that have been read
+        self._total = 0 if path == "-" else sum(os.path.getsize(p) for p in [path, *self._later])
+
+    @property
+    def progress(self) -> float | None:
+        """Share of the bytes on disk that has been read, 0 to 1; None for a pipe."""
+        return min(1.0, (self._behind + self._part.taken) / self._total) if self._total else None
+
+    def __iter__(self) -> Iterator[bytes]:
+        yield from self._read_part()
+        for path in self._later:
+            self._behind += self._part.taken
+            self._part = _Part(path)
+            yield from self._read_part()
+
+    def _read_part(self) -> Iterator[bytes]:
+        yield from self._part
+        if self._part.problem is not None and self.problem is None:
+            self.problem = f"{self._part.path} {self._part.problem}"
+
+
+def read_file(path: str) -> Recording:
+    """Open a recording; ``-`` is standard input."""
+    return Recording(path)
+
+
+class _Part:
+    """One file of a recording: gzip undone, header taken off."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.taken = 0  # bytes on disk read so far
+        self.problem: str | None = None
+        self.header: dict[str, Any] | None = None
+        try:
+            self._file: BinaryIO = sys.stdin.buffer if path == "-" else open(path, "rb")  # noqa: SIM115
+            head = self._file.read(CHUNK)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            raise SourceError(f"cannot read {path}: {why.lower()}") from None
+        if not head:
+            raise SourceError(f"{path} is empty: nothing was recorded")
+        for magic, what in _FOREIGN.items():
+            if head.startswith(magic):
+                raise SourceError(f"{path} is not a recording but {what}")
+        raw = self._read(head)
+        self._chunks = self._unzip(raw) if head[:2] == b"\x1f\x8b" else raw
+        self._ahead = next(self._chunks, b"")
+        if self._ahead.startswith(MARK):
+            line, _, self._ahead = self._ahead.partition(b"\n")
+            with contextlib.suppress(ValueError):
+                self.header = json.loads(line[len(MARK) :])
+
+    def __iter__(self) -> Iterator[bytes]:
+        if self._ahead:
+            yield self._ahead
+        self._ahead = b""
+        yield from self._chunks
+        self.close()
+
+    def close(self) -> None:
+        if self.path != "-":
+            self._file.close()
+
+    def _read(self, chunk: bytes) -> Iterator[bytes]:
+        while chunk:
+            self.taken += len(chunk)
+            yield chunk
+            try:
+                chunk = self._file.read(CHUNK)
+            except OSError as error:
+                self.problem = f"could not be read to its end ({error.strerror}): what came before is used"
+                return
+
+    def _unzip(self, chunks: Iterator[bytes]) -> Iterator[bytes]:
+        """Contents of all members; of a damaged file, what comes before the damage."""
+        member = zlib.decompressobj(wbits=31)
+        for rest in chunks:
+            while rest:
+                if member.eof:
+                    if not rest.strip(b"\0"):  # padding
+                        break
+                    member = zlib.decompressobj(wbits=31)
+                try:
+                    out = member.decompress(rest, CHUNK)
+                except zlib.error:
+                    self.problem = "is damaged: only what comes before the damage is used"
+                    return
+                rest = member.unused_data if member.eof else member.unconsumed_tail
+                if out:
+                    yield out
+        if not member.eof:
+            self.problem = "is cut off: what is there is used"
+
+
+def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
+    """Parts of the same run behind the one at `path`, in order."""
+    found: list[str] = []
+    number, base = header.get("part"), header.get("base")
+    if not isinstance(number, int) or not isinstance(base, str):
+        return []
+    while True:
+        number += 1
+        following = part_path(os.path.join(os.path.dirname(path), base), number)
+        try:
+            part = _Part(following)
+        except SourceError:
+            return found
+        part.close()
+        if part.header is None or part.header.get("run") != header.get("run"):
+            return found
+        found.append(following)
+
+
+class Recorder:
+    """Keeps raw bytes on disk while they come.
+
+    Parameters
+    ----------
+    path : file; ``….gz`` compresses. If it is there already, the next free number is taken.
+    header : what is noted in front (sensor, settings, time of the host); plain JSON values.
+    rotate_bytes : begin a new part after so many bytes of input; 0: never.
+    compress : compress whatever the name.
+
+    Attributes
+    ----------
+    path : file that is written now.
+    written_bytes : raw bytes written so far.
+    stopped : why the recording ended by itself, in one line for people; None while it goes on.
+
+    Raises
+    ------
+    SourceError : the file cannot be made.
+    """
+
+    def __init__(
+        self, path: str, header: Mapping[str, Any], *, rotate_bytes: int = 0, compress: bool = False
+    ) -> None:
+        self._base = path
+        self._compress = compress or path.endswith(".gz")
+        self._rotate = rotate_bytes
+        self._header = dict(header)
+        self._number = -1
+        self.path = path
+        self.written_bytes = 0
+        self.stopped: str | None = None
+        self._backlog: deque[bytes] = deque()
+        self._waiting = 0
+        self._changed = threading.Condition()
+        self._closing = False
+        try:
+            self._begin_part()
+        except OSError as error:
+            raise SourceError(f"cannot record to {path}: {(error.strerror or str(error)).lower()}") from None
+        self._thread = threading.Thread(target=self._work, name=f"record {path}", daemon=True)
+        self._thread.start()
+
+    def write(self, data: bytes) -> None:
+        """Hand over bytes; returns at once, and does nothing after the recording has ended."""
+        if self.stopped is not None or not data:
+            return
+        with self._changed:
+            if self._waiting + len(data) > BACKLOG:
+                self._stop(f"the disk is too slow, {BACKLOG >> 20} MB are waiting")
+                return
+            self._backlog.append(data)
+            self._waiting += len(data)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Write what waits and end the recording."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(timeout=10.0)
+
+    def _begin_part(self) -> None:
+        """Open the next file whose name is free; a pipe or a device is used as it is."""
+        while True:
+            self._number += 1
+            self.path = part_path(self._base, self._number)
+            try:
+                plain = not os.path.exists(self.path) or stat.S_ISREG(os.stat(self.path).st_mode)
+                self._file: BinaryIO = open(self.path, "xb" if plain else "wb")  # noqa: SIM115
+                break
+            except FileExistsError:
+                continue
+        self._out: Any = gzip.GzipFile("", "wb", 6, self._file) if self._compress else self._file
+        self._in_part = 0
+        first = self._header.setdefault("run", f"{self._header.get('time', '')} {os.getpid()} {self._number}")
+        place = {"run": first, "part": self._number, "base": os.path.basename(self._base)}
+        self._out.write(MARK + json.dumps(self._header | place, default=str).encode() + b"\n")
+        self._flush()
+
+    def _end_part(self) -> None:
+        try:
+            if self._out is not self._file:
+                self._out.close()
+        finally:
+            self._file.close()
+
+    def _flush(self) -> None:
+        self._out.flush()
+        self._file.flush()
+
+    def _work(self) -> None:
+        """The writing thread."""
+        try:
+            while not (self._closing and not self._backlog) and self.stopped is None:
+                with self._changed:
+                    # bytes gather meanwhile, so that a write is worth its while
+                    period = 10 * FLUSH_S if self._compress else FLUSH_S
+                    self._changed.wait_for(lambda: self._closing or self._waiting > BACKLOG // 8, period)
+                    data = b"".join(self._backlog)
+                    self._backlog.clear()
+                    self._waiting = 0
+                if data and self._rotate and self._in_part and self._in_part + len(data) > self._rotate:
+                    self._end_part()
+                    self._begin_part()
+                self._out.write(data)
+                self._flush()
+                self._in_part += len(data)
+                self.written_bytes += len(data)
+        except OSError as error:
+            self._stop((error.strerror or str(error)).lower())
+        with contextlib.suppress(OSError):
+            self._end_part()
+
+    def _stop(self, why: str) -> None:
+        if self.stopped is None:
+            self.stopped = f"recording to {self.path} has ended: {why}; {self.written_bytes} bytes are kept"
