@@ -1,0 +1,131 @@
+"""Octave: what the cascade keeps for one averaging time.
+
+Let C_m be the sum over the m samples that end at a given one, and x one of those ends:
+
+    second difference of phase   C_m(x) - C_m(x - m)
+    cluster of the next octave   C_2m(x) = C_m(x) + C_m(x - m)    at every x; every second one from m = R on
+
+Entries of an octave are the C_m at its ends, one every max(1, m/R) samples, so x - m lies min(m, R) entries back: these
+last entries are all that an octave remembers. No sum ever covers more than its cluster.
+
+Clusters carry (sum, count): the count of valid samples, by group of channels. Where too few are valid the differences
+that touch the cluster are skipped; where some are missing the average of the others stands for the cluster
+(Sesia & Tavella, Metrologia 45, 2008, S134).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from imumon.samples import Floats
+
+BLOCK = 256  # samples; squares are added in groups that lie on the grid, one group a block
+NOTHING = -math.inf  # count of a cluster that reaches back before the segment: never enough
+
+
+class Octave:
+    """One averaging time: the sums so far, and the clusters that coming differences need.
+
+    Parameters
+    ----------
+    index : j of the averaging factor m = 2^j.
+    groups : (c,) group of each channel, whose validity it shares.
+    ratio : entries per cluster, R, where m allows.
+    threshold : fraction of a cluster that must be valid for it to count.
+
+    Attributes
+    ----------
+    squares : (c,) (channel unit)^2, sum of squared differences C_m(x) - C_m(x - m).
+    terms : (g,) how many they are.
+    history : (c, lag) channel unit, the last entries.
+    counts : (g, lag) valid samples in them.
+    """
+
+    def __init__(self, index: int, groups: Sequence[int], ratio: int, threshold: float) -> None:
+        self.m = m = 1 << index
+        self.lag = min(m, ratio)
+        self.step = 2 if m >= ratio else 1  # entries to one of the next octave
+        self.group = max(1, BLOCK * self.lag // m)  # entries in a block
+        self._enough = threshold * m
+        self._strict = self._enough > m - 1  # only full clusters are enough
+        index_of = np.asarray(groups)
+        self._members = [np.flatnonzero(index_of == g) for g in range(int(index_of.max()) + 1)]
+        self.squares = np.zeros(len(index_of))
+        self.terms = np.zeros(len(self._members), dtype=np.int64)
+        self.history = np.zeros((len(index_of), self.lag))
+        self.counts = np.full((len(self._members), self.lag), NOTHING)
+        self._full = False  # nothing is missing in the history
+
+    def forget(self) -> None:
+        """A segment begins: before it nothing has ever been."""
+        self.history.fill(0.0)
+        self.counts.fill(NOTHING)
+        self._full = False
+
+    def set_counts(self, counts: Floats) -> None:
+        """Replace the counts of the history, (g, lag)."""
+        self.counts[:] = counts
+        self._full = bool((self.counts == self.m).all())
+
+    def take(self, x: Floats, counts: Floats | None, out: Floats) -> Floats | None:
+        """Add the differences that new entries make.
+
+        Parameters
+        ----------
+        x : (c, lag + n) channel unit, room for the history and behind it the new entries.
+        counts : (g, n) valid samples in the new entries; None: all.
+        out : (c, n) contiguous, room for the differences.
+
+        Returns
+        -------
+        counts of all of `x`, (g, lag + n); None: nothing is missing.
+        """
+        lag, n = self.lag, out.shape[1]
+        x[:, :lag] = self.history
+        self.history[:] = x[:, n:]
+        if counts is None and self._full:
+            np.subtract(x[:, lag:], x[:, :n], out=out)
+            self.terms += n
+            self._add_squares(out)
+            return None
+        both = np.empty((len(self.terms), lag + n))
+        both[:, :lag] = self.counts
+        both[:, lag:] = self.m if counts is None else counts
+        self.set_counts(both[:, n:])
+        self._subtract(x, both, out)
+        self._add_squares(out)
+        return both
+
+    def _subtract(self, x: Floats, counts: Floats, out: Floats) -> None:
+        """Differences, zero where one of the two clusters has too few valid samples."""
+        lag, n = self.lag, out.shape[1]
+        good = counts >= self._enough
+        use = (good[:, lag:] & good[:, :n]).astype(np.float64)
+        self.terms += use.sum(axis=1).astype(np.int64)
+        if not self._strict:
+            weight = np.zeros_like(counts)
+            np.divide(self.m, counts, out=weight, where=good)
+            weighted = np.empty_like(x)
+            for channels, w in zip(self._members, weight, strict=True):
+                for c in channels:
+                    np.multiply(x[c], w, out=weighted[c])
+            x = weighted
+        np.subtract(x[:, lag:], x[:, :n], out=out)
+        for channels, u in zip(self._members, use, strict=True):
+            for c in channels:
+                out[c] *= u
+
+    def _add_squares(self, difference: Floats) -> None:
+        """Add squares in groups that depend on the grid alone, so that chunks leave no trace."""
+        c, n = difference.shape
+        group = min(n, self.group)  # fewer only at the end of a segment
+        view = difference.reshape(c, n // group, group)
+        sums = (view[:, :, None, :] @ view[:, :, :, None])[:, :, 0, 0]
+        if n > group:
+            sums[:, 0] += self.squares
+            self.squares[:] = np.add.accumulate(sums, axis=1)[:, -1]
+        else:
+            self.squares += sums[:, 0]
