@@ -1,0 +1,32 @@
+"""Laws of the grid: every sample keeps its place, every tick is there once."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.monitor.grid import LONG, Break, Hole, Run, stretches
+from imumon.timeline import BREAK, Placed
+
+
+@given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG, LONG + 1, 10**9, BREAK]), max_size=60))
+def test_ticks_and_samples_are_conserved(steps: list[int]) -> None:
+    n = len(steps)
+    placed = Placed(np.arange(n, dtype=float)[:, None], np.array(steps, dtype=np.int64), None)
+    at, tick, ticks = [], 0, 0
+    for part in stretches(placed):
+        if isinstance(part, Run):
+            present = np.ones(len(part.values), dtype=bool) if part.present is None else part.present
+            at += [(tick + int(i), float(part.values[i, 0])) for i in np.flatnonzero(present)]
+            tick += len(present)
+            ticks += len(present)
+        elif isinstance(part, Hole):
+            tick += part.ticks
+            ticks += part.ticks
+        else:
+            assert isinstance(part, Break)
+    assert [value for _, value in at] == list(range(n))
+    assert ticks == sum(1 if s == BREAK else s for s in steps)
+    place = np.cumsum([1 if s == BREAK else s for s in steps]) - 1
+    assert [p for p, _ in at] == place.tolist()
