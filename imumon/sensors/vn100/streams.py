@@ -1,0 +1,151 @@
+"""Streams: which of a message's quantities become samples, and how.
+
+A message carries named quantities, whichever way it was coded. From each message one stream is taken:
+true increments before uncompensated before compensated readings, gyroscope and accelerometer of the
+same kind where the message has both in one kind. This file knows quantities, not bytes.
+
+Increments are divided by their own interval: a delta angle over its interval is the mean rate, a true
+cluster average in the sense of IEEE Std 952-2020, C.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from math import pi
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.samples import ACCEL, GYRO, MAG, Bools, Clock, Floats, Ints, Kind, Stream
+
+Get: TypeAlias = Callable[[str], npt.NDArray[Any]]
+"""Quantity by name: (n, k), k its number of components."""
+
+WIDTHS = {
+    "ypr": 3, "quat": 4, "mag": 3, "accel": 3, "gyro": 3, "linaccel": 3, "umag": 3, "uaccel": 3, "ugyro": 3,
+    "temp": 1, "pres": 1, "dt": 1, "dtheta": 3, "dvel": 3, "dcm": 9, "heave": 3,
+}  # fmt: skip
+"""Components of a quantity. Units: deg, gauss, m/s^2, rad/s, degC, kPa; dt s, dtheta deg, dvel m/s."""
+
+_KINDS: tuple[tuple[Kind, str, str], ...] = (
+    ("deltas", "dtheta", "dvel"),
+    ("uncompensated", "ugyro", "uaccel"),
+    ("compensated", "gyro", "accel"),
+)
+"""Kind, and what the gyroscope and the accelerometer are read from, best first."""
+
+_OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
+"""Increments, and the factor that makes their rate SI."""
+
+_VPE_SATURATED = 0x0204
+"""Bits of VpeStatus: gyroscope saturated (2), accelerometer saturated (9)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Samples of one run of equal messages, before those that are none are taken out.
+
+    Attributes
+    ----------
+    values : (n, c) channel unit.
+    time_ns : (n,) what the stream's clock says, None without one.
+    saturated : (n,) the sensor's own word, None where it has none.
+    usable : (n,) every number finite, every interval positive, every time stamp possible.
+    """
+
+    values: Floats
+    time_ns: Ints | None
+    saturated: Bools | None
+    usable: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How samples of one stream are made from a message's quantities.
+
+    Attributes
+    ----------
+    stream : what comes out.
+    parts : quantities in the order of the columns.
+    flags : those of the quantities ``vpe`` and ``sat`` that tell saturation.
+    """
+
+    stream: Stream
+    parts: tuple[str, ...]
+    flags: tuple[str, ...]
+
+    def batch(self, get: Get) -> Batch:
+        """Samples from the quantities of n messages."""
+        first = get(self.parts[0])
+        values = np.empty((len(first), len(self.stream.channels)))
+        usable = np.ones(len(first), np.bool_)
+        time = None
+        with np.errstate(all="ignore"):
+            dt = None
+            if self.stream.clock == "dt" or any(part in _OVER_DT for part in self.parts):
+                dt = get("dt").astype(np.float64)
+                usable &= (dt[:, 0] > 0.0) & (dt[:, 0] < 1e6)
+            column = 0
+            for part in self.parts:
+                into = values[:, column : column + WIDTHS[part]]
+                into[:] = get(part)
+                if dt is not None and part in _OVER_DT:
+                    into /= dt
+                    into *= _OVER_DT[part]
+                column += WIDTHS[part]
+            usable &= np.isfinite(values).all(axis=1)
+        if self.stream.clock == "dt" and dt is not None:
+            time = np.rint(np.where(usable, dt[:, 0], 0.0) * 1e9).astype(np.int64)
+        elif self.stream.clock != "none":
+            time = get(self.stream.clock)[:, 0].astype(np.int64)
+            usable &= time >= 0
+        saturated = None
+        for flag in self.flags:
+            word = get(flag)[:, 0]
+            says = (word & _VPE_SATURATED if flag == "vpe" else word) != 0
+            saturated = says if saturated is None else saturated | says
+        return Batch(values, time, saturated, usable)
+
+
+@lru_cache(maxsize=256)
+def recipe(quantities: frozenset[str], source: str) -> Recipe | None:
+    """The best stream of a message with these quantities; None where it has no sensor in it.
+
+    Two quantities beyond `WIDTHS` are clocks: ``startup`` (ns) and ``counter``; two are flags:
+    ``vpe`` (VpeStatus) and ``sat`` (SensSat).
+
+    >>> recipe(frozenset({"ypr", "mag", "accel", "gyro"}), "$VNYMR").stream.kind
+    'compensated'
+    >>> recipe(frozenset({"ypr"}), "$VNYPR") is None
+    True
+    """
+    have = {q for q in quantities if q not in _OVER_DT or "dt" in quantities}
+    kinds = [entry for entry in _KINDS if entry[1] in have and entry[2] in have]
+    gyro = kinds[:1] or [entry for entry in _KINDS if entry[1] in have]
+    accel = kinds[:1] or [entry for entry in _KINDS if entry[2] in have]
+    mag = [q for q in ("umag", "mag") if q in have]
+    if gyro or accel:
+        kind = (gyro or accel)[0][0]
+    elif mag:
+        kind = "uncompensated" if mag[0] == "umag" else "compensated"
+    else:
+        return None
+    parts: list[str] = []
+    channels: tuple[str, ...] = ()
+    for names, choice in (
+        (GYRO, [entry[1] for entry in gyro]),
+        (ACCEL, [entry[2] for entry in accel]),
+        (MAG, mag),
+        (("temperature",), [q for q in ("temp",) if q in have]),
+        (("pressure",), [q for q in ("pres",) if q in have]),
+    ):
+        if choice:
+            parts.append(choice[0])
+            channels += names
+    clocks: tuple[Clock, ...] = ("startup", "counter", "dt")
+    clock: Clock = next((c for c in clocks if c in have), "none")
+    flags = tuple(flag for flag in ("vpe", "sat") if flag in have)
+    return Recipe(Stream(kind, channels, source, clock), tuple(parts), flags)
