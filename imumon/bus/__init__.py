@@ -1,0 +1,12 @@
+"""Bus: reports on Zenoh, and back. The only package that knows Zenoh.
+
+session     addresses, security and errors: what both ends share
+publisher   the daemon's end: the keys of docs/ZENOH.md, never in the way of the data
+viewer      the other end: newest report of every device there is
+"""
+
+from imumon.bus.publisher import Publisher
+from imumon.bus.session import PORTS, BusError, Options, clean_id
+from imumon.bus.viewer import Viewer
+
+__all__ = ["PORTS", "BusError", "Options", "Publisher", "Viewer", "clean_id"]
