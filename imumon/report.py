@@ -328,7 +328,9 @@ def to_json(part: Any, *, indent: int | None = None) -> str:
     ValueError : a number is not finite.
     """
     separators = (",", ":") if indent is None else None
-    return json.dumps(to_dict(part), allow_nan=False, ensure_ascii=False, indent=indent, separators=separators)
+    return json.dumps(
+        to_dict(part), allow_nan=False, ensure_ascii=False, indent=indent, separators=separators
+    )
 
 
 T = typing.TypeVar("T")
@@ -343,7 +345,7 @@ def from_json(cls: type[T], text: str | bytes) -> T:
     """
     try:
         return typing.cast(T, _build(cls, json.loads(text)))
-    except (TypeError, AttributeError, KeyError) as error:
+    except (TypeError, AttributeError, KeyError, RecursionError) as error:
         raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {error}") from None
 
 
@@ -354,15 +356,26 @@ def _build(hint: Any, data: Any) -> Any:
     """Value of type `hint` from plain JSON data."""
     origin = typing.get_origin(hint)
     if origin in (typing.Union, types.UnionType):
-        return None if data is None else _build(next(a for a in typing.get_args(hint) if a is not type(None)), data)
+        return (
+            None
+            if data is None
+            else _build(next(a for a in typing.get_args(hint) if a is not type(None)), data)
+        )
     if isinstance(hint, type) and is_dataclass(hint):
         hints = _HINTS.get(hint)
         if hints is None:
             hints = _HINTS[hint] = typing.get_type_hints(hint)
         return hint(**{name: _build(hints[name], data[name]) for name in hints if name in data})
-    if origin is tuple:
+    if origin is tuple and isinstance(data, list):
         inner = typing.get_args(hint)[0]
         return tuple(_build(inner, value) for value in data)
     if origin is Mapping:
         return {key: _build(typing.get_args(hint)[1], value) for key, value in data.items()}
-    return data
+    kind = type(data)
+    if kind is hint or (hint is float and kind is int) or (origin is Literal and kind is str):
+        if kind is float and not math.isfinite(data):
+            raise TypeError("a number is not finite")
+        return data
+    if hint is int and kind is float and data.is_integer():
+        return int(data)
+    raise TypeError(f"{str(data)[:40]!r} where {getattr(hint, '__name__', hint)} belongs")

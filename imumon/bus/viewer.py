@@ -141,7 +141,7 @@ class Viewer:
     def _read(self, cls: type[T], data: bytes) -> T | None:
         try:
             return from_json(cls, data)
-        except (ValueError, RecursionError):
+        except ValueError:
             with self._news:
                 self.malformed += 1
             return None
