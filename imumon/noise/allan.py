@@ -1,4 +1,4 @@
-"""Octave cascade: Allan variance of an endless stream, in memory that grows with the logarithm of its length.
+"""Octave cascade: Allan variance of an endless stream, in memory that grows with the log of its length.
 
 The statistic is Allan's, sigma^2(tau) = 1/2 <(ybar(t + tau) - ybar(t))^2> (IEEE Std 952; NIST SP 1065,
 section 5.2), at octaves tau = m tau0, m = 1, 2, 4 ... Octaves up to m = R are fully overlapping; beyond, a
@@ -157,12 +157,13 @@ class OctaveCascade:
         if self._fill:
             done = min(n, BLOCK - self._fill)
             self._wait(values[:done], None if present is None else present[:done])
-        while n - done >= BLOCK:
+        while self._fill == BLOCK or n - done >= BLOCK:
             # The offset comes from the first block alone, however many arrive at once.
-            blocks = min((n - done) // BLOCK, BATCH) if self._settled.all() else 1
-            part = slice(done, done + blocks * BLOCK)
-            self._take(values[part].T, None if present is None else present[part].T)
-            done = part.stop
+            waiting = self._fill // BLOCK
+            most = BATCH if self._settled.all() else 1
+            stop = done + min((n - done) // BLOCK, most - waiting) * BLOCK
+            self._take(values[done:stop].T, None if present is None else present[done:stop].T)
+            done = stop
         if done < n:
             self._wait(values[done:], None if present is None else present[done:])
 
@@ -194,7 +195,7 @@ class OctaveCascade:
         if mine[1:] != its[1:] or not math.isclose(mine[0], its[0], rel_tol=1e-6):
             raise ValueError("only cascades of the same interval, ratio, threshold and groups merge")
         self.break_()
-        other = copy.deepcopy(other)
+        other = other.copy()
         while len(other._octaves) < len(self._octaves):
             other._octaves.append(self._octave(len(other._octaves)))
         for ours, theirs in zip(self._octaves, other._octaves, strict=False):
@@ -211,7 +212,7 @@ class OctaveCascade:
     def result(self) -> AllanCurve:
         """The curve so far; the cascade is left as it is."""
         if self._fill:
-            whole = copy.deepcopy(self)
+            whole = self.copy()
             whole._flush()
             return whole.result()
         seen = [bool(octave.terms.any()) for octave in self._octaves]
@@ -233,6 +234,14 @@ class OctaveCascade:
             segments=self._segments + (self._position > 0),
             ratio=self.ratio,
         )
+
+    def copy(self) -> OctaveCascade:
+        """An independent cascade in the same state."""
+        other = copy.copy(self)  # shares the working space, which holds nothing from one call to the next
+        other._octaves = [octave.copy() for octave in self._octaves]
+        for name in ("_valid", "_offset", "_settled", "_pending", "_present"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """Everything the cascade knows, as small arrays; the histories of all octaves lie end to end."""
@@ -282,11 +291,6 @@ class OctaveCascade:
     def _setting(self) -> tuple[float, int, float, tuple[int, ...]]:
         return self.tau0, self.ratio, self.threshold, tuple(self._group.tolist())
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> OctaveCascade:
-        other = type(self).restore(self.save())
-        other._scratch = self._scratch  # holds nothing from one call to the next
-        return other
-
     # --- blocks on the grid ---------------------------------------------------------------------------
 
     def _presence(self, values: Floats, valid: Bools | None) -> Bools | None:
@@ -303,16 +307,14 @@ class OctaveCascade:
         return present
 
     def _wait(self, values: Floats, present: Bools | None) -> None:
-        """Hold samples back until the block is full."""
+        """Hold samples back, at most until the block is full."""
         part = slice(self._fill, self._fill + len(values))
         self._pending[:, part] = values.T
         self._present[:, part] = True if present is None else present.T
         self._fill = part.stop
-        if self._fill == BLOCK:
-            self._flush()
 
     def _wait_missing(self, n: int) -> None:
-        """Hold missing samples back until the block is full."""
+        """Hold missing samples back; a block that is full goes its way."""
         part = slice(self._fill, self._fill + n)
         self._pending[:, part] = 0.0
         self._present[:, part] = False
@@ -322,29 +324,36 @@ class OctaveCascade:
 
     def _flush(self) -> None:
         """Send what waits through the octaves; less than a block only where the segment ends."""
-        n, self._fill = self._fill, 0
-        if n:
-            self._take(self._pending[:, :n], self._present[:, :n])
+        if self._fill:
+            self._take(self._pending[:, :0], None)
 
     def _take(self, values: Floats, present: Bools | None) -> None:
-        """Send samples (c, n), present (g, n), through the octaves."""
-        n = values.shape[1]
-        if present is not None and present.all():
-            present = None
-        if not self._settled.all():
-            self._settle(values, present)
+        """Send what waits, and samples (c, n), present (g, n), through the octaves."""
+        fill, self._fill = self._fill, 0
+        n = fill + values.shape[1]
         samples = self._frame(0, 1 + n)[:, 1:]
-        np.subtract(values, self._offset[:, None], out=samples)
-        if present is None:
+        waiting = self._present[:, :fill]
+        if (present is None or present.all()) and waiting.all():
+            known = None
+        else:
+            known = np.ones((len(self._valid), n), dtype=bool)
+            known[:, :fill] = waiting
+            known[:, fill:] = True if present is None else present
+        if not self._settled.all():
+            self._settle(self._pending[:, :fill] if fill else values, known)
+        if fill:
+            np.subtract(self._pending[:, :fill], self._offset[:, None], out=samples[:, :fill])
+        np.subtract(values, self._offset[:, None], out=samples[:, fill:])
+        if known is None:
             self._valid += n
             self._climb(n, n, None)
         else:
-            self._valid += present.sum(axis=1)
-            np.copyto(samples, 0.0, where=~present[self._group])
-            self._climb(n, n, present.astype(np.float64))
+            self._valid += known.sum(axis=1)
+            np.copyto(samples, 0.0, where=~known[self._group])
+            self._climb(n, n, known.astype(np.float64))
 
     def _settle(self, values: Floats, present: Bools | None) -> None:
-        """Choose the offset of groups that have their first valid samples.
+        """Choose the offset of groups that have their first valid samples in this block.
 
         The median: one wild sample does not spoil it, and near it the subtraction is exact.
         """
@@ -369,52 +378,55 @@ class OctaveCascade:
         start = self._position  # entries of the octave before this stretch
         self._position += length
         index = 0
+        x = self._frame(0, 1 + n)
         while length:
             if index == len(self._octaves):
                 self._octaves.append(self._octave(index))
             octave = self._octaves[index]
-            lag = octave.lag
             if n < length:
-                n, counts = self._extend(octave, index, n, length, counts)
-            x = self._frame(index % 2, lag + n)
+                x, counts = self._extend(octave, index, x, length, counts)
+                n = x.shape[1] - octave.lag
             all_counts = octave.take(x, counts, self._frame(2, n))
             # Every `step`-th end of a cluster, counted from the segment's start, is one of the next octave.
             step = octave.step
             first = (start + 1) % step
-            ends, n = slice(lag + first, None, step), (start + n) // step - start // step
-            begins = slice(first, x.shape[1] - lag, step)
-            index += 1
-            lag = min(2 * octave.m, self.ratio)
-            np.add(x[:, ends], x[:, begins], out=self._frame(index % 2, lag + n)[:, lag:])
+            begins, ends = slice(first, n, step), slice(octave.lag + first, None, step)
+            n = (start + n) // step - start // step
+            start, length = start // step, (start + length) // step - start // step
             counts = None
             if all_counts is not None:
                 counts = all_counts[:, ends] + all_counts[:, begins]
                 if (counts == 2 * octave.m).all():
                     counts = None
-            start, length = start // step, (start + length) // step - start // step
+            index += 1
+            lag = min(2 * octave.m, self.ratio)
+            above = self._frame(index % 2, lag + n)
+            np.add(x[:, ends], x[:, begins], out=above[:, lag:])
+            x = above
 
     def _extend(
-        self, octave: Octave, index: int, n: int, length: int, counts: Floats | None
-    ) -> tuple[int, Floats]:
-        """Write missing entries behind the first `n`: whole groups of them, until nothing valid is touched.
+        self, octave: Octave, index: int, x: Floats, length: int, counts: Floats | None
+    ) -> tuple[Floats, Floats]:
+        """Write missing entries behind those of a frame, in whole groups, until nothing valid is touched.
 
         What lies further on, up to `length`, leaves no trace: missing clusters in the histories, as these do.
         """
+        known = x[:, octave.lag :].copy()
+        n = known.shape[1]
         more = min(length, -(-(n + octave.lag) // octave.group) * octave.group)
-        old = self._frame(index % 2, octave.lag + n)[:, octave.lag :].copy()
-        new = self._frame(index % 2, octave.lag + more)[:, octave.lag :]
-        new[:, :n] = old
-        new[:, n:] = 0.0
+        x = self._frame(index % 2, octave.lag + more)
+        x[:, octave.lag : octave.lag + n] = known
+        x[:, octave.lag + n :] = 0.0
         longer = np.zeros((len(self._valid), more))
         longer[:, :n] = octave.m if counts is None else counts
-        return more, longer
+        return x, longer
 
     def _octave(self, index: int) -> Octave:
         return Octave(index, self._group.tolist(), self.ratio, self.threshold)
 
     def _frame(self, which: int, columns: int) -> Floats:
-        """(c, columns) contiguous working space: 0 and 1 for entries of even and odd octaves, 2 for differences."""
+        """(c, columns) contiguous working space: 0, 1 for entries of even, odd octaves, 2 for differences."""
+        c = len(self._group)
         if not self._scratch:
-            size = self.channels * (max(RATIOS) + BATCH * BLOCK)
-            self._scratch = [np.empty(size) for _ in range(3)]
-        return self._scratch[which][: self.channels * columns].reshape(self.channels, columns)
+            self._scratch = [np.empty(c * (max(RATIOS) + BATCH * BLOCK)) for _ in range(3)]
+        return self._scratch[which][: c * columns].reshape(c, columns)

@@ -3,18 +3,20 @@
 Let C_m be the sum over the m samples that end at a given one, and x one of those ends:
 
     second difference of phase   C_m(x) - C_m(x - m)
-    cluster of the next octave   C_2m(x) = C_m(x) + C_m(x - m)    at every x; every second one from m = R on
+    cluster of the next octave   C_2m(x) = C_m(x) + C_m(x - m)
 
-Entries of an octave are the C_m at its ends, one every max(1, m/R) samples, so x - m lies min(m, R) entries back: these
-last entries are all that an octave remembers. No sum ever covers more than its cluster.
+at every x up to m = R, then at every second x of the octave before. These entries come once in max(1, m/R)
+samples, so x - m lies min(m, R) entries back, and so many entries are all that an octave remembers. No sum ever
+covers more than its cluster.
 
-Clusters carry (sum, count): the count of valid samples, by group of channels. Where too few are valid the differences
-that touch the cluster are skipped; where some are missing the average of the others stands for the cluster
-(Sesia & Tavella, Metrologia 45, 2008, S134).
+Clusters carry (sum, count): the count of valid samples, by group of channels. Where too few are valid the
+differences that touch the cluster are skipped; where some are missing the average of the others stands for the
+cluster (Sesia & Tavella, Metrologia 45, 2008, S134).
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 
@@ -58,6 +60,13 @@ class Octave:
         self.history = np.zeros((len(index_of), self.lag))
         self.counts = np.full((len(self._members), self.lag), NOTHING)
         self._full = False  # nothing is missing in the history
+
+    def copy(self) -> Octave:
+        """An independent octave in the same state."""
+        other = copy.copy(self)
+        other.squares, other.terms = self.squares.copy(), self.terms.copy()
+        other.history, other.counts = self.history.copy(), self.counts.copy()
+        return other
 
     def forget(self) -> None:
         """A segment begins: before it nothing has ever been."""

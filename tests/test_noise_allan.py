@@ -1,0 +1,399 @@
+"""Laws of the octave cascade, and its agreement with the definition, with NIST and with allantools."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from fractions import Fraction
+from itertools import pairwise
+
+import allantools
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imumon.noise.allan import AllanCurve, OctaveCascade
+
+GROUPS = (0, 0, 1)
+
+
+def curve_of(
+    values: np.ndarray,
+    valid: np.ndarray | None = None,
+    *,
+    groups: Sequence[int] | None = None,
+    **setting: float,
+) -> AllanCurve:
+    cascade = OctaveCascade(values.shape[1], 0.01, groups=groups, **setting)  # type: ignore[arg-type]
+    cascade.update(values, valid)
+    return cascade.result()
+
+
+def same_bits(a: AllanCurve, b: AllanCurve) -> None:
+    for name in ("m", "avar", "terms", "stride", "valid"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    assert (a.span, a.segments, a.tau0, a.ratio) == (b.span, b.segments, b.tau0, b.ratio)
+
+
+def same_to_rounding(a: AllanCurve, b: AllanCurve) -> None:
+    np.testing.assert_array_equal(a.terms, b.terms)
+    np.testing.assert_allclose(a.avar, b.avar, rtol=1e-12)
+    assert (a.span, a.segments) == (b.span, b.segments)
+    np.testing.assert_array_equal(a.valid, b.valid)
+
+
+def definition(
+    y: np.ndarray, ok: np.ndarray, m: int, ratio: int = 8, threshold: float = 0.9
+) -> tuple[float, int]:
+    """Allan variance of one segment of one channel straight from its definition, and its terms."""
+    ends = np.arange(0, len(y) + 1, max(1, m // ratio))
+    ends = ends[ends >= m]
+    total = np.concatenate(([0.0], np.cumsum(np.where(ok, y, 0.0))))
+    count = np.concatenate(([0], np.cumsum(ok)))
+    counts = count[ends] - count[ends - m]
+    mean = (total[ends] - total[ends - m]) / np.maximum(counts, 1)
+    good = counts >= threshold * m
+    lag = min(m, ratio)
+    use = good[lag:] & good[:-lag]
+    squares = ((mean[lag:] - mean[:-lag])[use] ** 2).sum()
+    return squares / (2 * max(use.sum(), 1)), int(use.sum())
+
+
+def check_definition(
+    curve: AllanCurve, values: np.ndarray, ok: np.ndarray, groups: Sequence[int], **setting: float
+) -> None:
+    for j, m in enumerate(curve.m):
+        for channel, group in enumerate(groups):
+            avar, terms = definition(values[:, channel], ok[:, group], int(m), **setting)  # type: ignore[arg-type]
+            assert curve.terms[j, channel] == terms, (m, channel)
+            assert curve.avar[j, channel] == pytest.approx(avar, rel=1e-9, abs=1e-18), (m, channel)
+
+
+# --- published and other people's numbers ------------------------------------------------------------
+
+NINE = np.array([892.0, 809, 823, 798, 671, 644, 883, 903, 677])[:, None]
+
+
+def test_nist_nine_points() -> None:
+    curve = curve_of(NINE)
+    assert curve.sigma[:2, 0] == pytest.approx([91.22945, 85.95287], abs=5e-6)
+    np.testing.assert_array_equal(curve.m, [1, 2, 4])
+    np.testing.assert_array_equal(curve.terms[:, 0], [8, 6, 2])
+
+
+def test_nist_nine_points_without_overlap() -> None:
+    """With one sub-cluster per cluster the octaves are those of the classical, non-overlapping deviation."""
+    assert curve_of(NINE, ratio=1).sigma[:2, 0] == pytest.approx([91.22945, 115.8082], rel=1e-6)
+
+
+def test_nist_thousand_points() -> None:
+    numbers, n = [], 1234567890
+    for _ in range(1000):
+        numbers.append(n / 2147483647)
+        n = 16807 * n % 2147483647
+    assert curve_of(np.array(numbers)[:, None]).sigma[0, 0] == pytest.approx(0.2922319, abs=5e-8)
+
+
+@pytest.mark.parametrize("n", [2, 3, 255, 256, 257, 10_000])
+def test_short_octaves_are_those_of_allantools(n: int) -> None:
+    values = np.random.default_rng(n).standard_normal((n, 2))
+    curve = curve_of(values)
+    assert curve.m[-1] <= n / 2 < 2 * curve.m[-1]
+    for channel in range(2):
+        tau = curve.tau[curve.m <= 8]
+        if n < 4:
+            continue
+        _, sigma, _, count = allantools.oadev(values[:, channel], rate=100.0, data_type="freq", taus=tau)
+        np.testing.assert_allclose(curve.sigma[: len(sigma), channel], sigma, rtol=1e-12)
+        np.testing.assert_array_equal(curve.terms[: len(sigma), channel], count)
+
+
+def test_long_octaves_lose_little_to_full_overlap() -> None:
+    """Against full overlap, an estimator with 98 % of its EDF differs by sqrt(0.02) of its own deviation."""
+    values = np.random.default_rng(5).standard_normal((1 << 15, 20))
+    curve = curve_of(values)
+    for j, m in enumerate(curve.m[4:9], start=4):
+        edf = 2.0 * len(values) / m / 3.0 * 2.0  # of white noise, about
+        for channel in range(values.shape[1]):
+            full, _ = definition(values[:, channel], np.ones(len(values), dtype=bool), int(m), ratio=int(m))
+            ratio = curve.avar[j, channel] / full - 1.0
+            assert abs(ratio) < 4.5 * np.sqrt(2.0 / edf) * np.sqrt(0.03)
+
+
+# --- exact arithmetic --------------------------------------------------------------------------------
+
+
+def exact(values: np.ndarray, m: int) -> Fraction:
+    """Allan variance of (n,) floats in rational arithmetic, clusters at every m/8-th sample."""
+    y = [Fraction(float(v)) for v in values]
+    total = [Fraction(0)]
+    for v in y:
+        total.append(total[-1] + v)
+    stride = max(1, m // 8)
+    first = -(-2 * m // stride) * stride
+    d = [total[e] - 2 * total[e - m] + total[e - 2 * m] for e in range(first, len(y) + 1, stride)]
+    return sum((x * x for x in d), Fraction(0)) / (2 * m * m * len(d))
+
+
+@pytest.mark.parametrize(("offset", "sigma"), [(0.0, 1.0), (9.8, 1e-3), (-9.8e6, 1e-3)])
+def test_rational_arithmetic(offset: float, sigma: float) -> None:
+    values = offset + sigma * np.random.default_rng(3).standard_normal((3000, 1))
+    curve = curve_of(values)
+    for j, m in enumerate(curve.m):
+        truth = exact(values[:, 0], int(m))
+        assert abs(Fraction(float(curve.avar[j, 0])) / truth - 1) < 1e-12, m
+
+
+def test_offset_of_a_segment_costs_no_digits_in_another() -> None:
+    """A sensor that is turned over during a restart: 9.8 becomes -9.8, and each segment keeps its digits."""
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((2000, 1))
+    cascade = OctaveCascade(1, 0.01)
+    cascade.update(9.8 + noise)
+    cascade.break_()
+    cascade.update(noise - 9.8)
+    once = curve_of(9.8 + noise)
+    same = slice(0, len(once.m))
+    np.testing.assert_allclose(cascade.result().avar[same], once.avar[same], rtol=1e-11)
+
+
+def test_one_wild_sample_costs_no_digits() -> None:
+    """The offset is a median: a spike in the first block takes no digits from what follows."""
+    values = 9.8 + 1e-3 * np.random.default_rng(8).standard_normal((4000, 1))
+    values[0] = 1e12
+    valid = np.ones((4000, 1), dtype=bool)
+    valid[1:21] = False  # so that no short octave compares the spike with anything
+    short = slice(0, 4)
+    np.testing.assert_allclose(
+        curve_of(values, valid).avar[short], curve_of(values[21:]).avar[short], rtol=1e-12
+    )
+
+
+# --- laws --------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    n=st.integers(0, 3000),
+    cuts=st.lists(st.integers(0, 3000), max_size=12),
+    seed=st.integers(0, 2**32 - 1),
+    loss=st.sampled_from([0.0, 0.002, 0.1, 1.0]),
+)
+def test_any_chunking_gives_the_same_bits(n: int, cuts: list[int], seed: int, loss: float) -> None:
+    rng = np.random.default_rng(seed)
+    values = 9.8 + rng.standard_normal((n, 3))
+    valid = rng.random((n, 2)) >= loss
+    whole = OctaveCascade(3, 0.01, groups=GROUPS)
+    whole.update(values, None if loss == 0.0 else valid)
+    parts = OctaveCascade(3, 0.01, groups=GROUPS)
+    edges = sorted({0, n, *(c for c in cuts if c <= n)})
+    for a, b in pairwise(edges):
+        parts.update(values[a:b], valid[a:b])
+        parts.result()  # asking changes nothing
+    same_bits(whole.result(), parts.result())
+
+
+def test_a_long_run_in_odd_chunks_gives_the_same_bits() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.standard_normal((60_000, 2))
+    parts = OctaveCascade(2, 0.01)
+    at = 0
+    while at < len(values):
+        n = int(rng.choice([1, 39, 256, 3000, 9001, 17_000]))
+        parts.update(values[at : at + n])
+        at += n
+    same_bits(curve_of(values), parts.result())
+
+
+Step = tuple[str, int]
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("take"), st.integers(0, 900)),
+        st.tuples(st.just("lose"), st.integers(1, 4)),
+        st.tuples(st.just("lose"), st.integers(1, 5000)),
+    ),
+    max_size=10,
+)
+
+
+def run(cascade: OctaveCascade, steps: list[Step], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Feed the steps; the grid they make, with missing samples as such."""
+    values, ok = [np.zeros((0, 3))], [np.zeros((0, 2), dtype=bool)]
+    for what, n in steps:
+        if what == "take":
+            values.append(9.8 + rng.standard_normal((n, 3)))
+            ok.append(rng.random((n, 2)) < 0.98)
+            cascade.update(values[-1], ok[-1])
+        else:
+            values.append(np.full((n, 3), np.nan))
+            ok.append(np.zeros((n, 2), dtype=bool))
+            cascade.skip(n)
+    return np.concatenate(values), np.concatenate(ok)
+
+
+@settings(max_examples=40, deadline=None)
+@given(steps=STEPS, seed=st.integers(0, 2**32 - 1))
+def test_holes_are_missing_samples(steps: list[Step], seed: int) -> None:
+    """To skip, to mark invalid and to send NaN are one thing, and it is what the definition says."""
+    cascade = OctaveCascade(3, 0.01, groups=GROUPS)
+    values, ok = run(cascade, steps, np.random.default_rng(seed))
+    curve = cascade.result()
+    marked = curve_of(np.where(np.isnan(values), 7.0, values), ok, groups=GROUPS)
+    same_bits(curve, marked)
+    nothing = values.copy()
+    nothing[~ok[:, list(GROUPS)]] = np.nan
+    same_bits(curve, curve_of(nothing, groups=GROUPS))
+    assert curve.span == len(values)
+    np.testing.assert_array_equal(curve.valid, ok.sum(axis=0)[list(GROUPS)])
+    check_definition(curve, values, ok, GROUPS)
+
+
+@pytest.mark.parametrize(("ratio", "threshold"), [(1, 0.9), (2, 1.0), (4, 0.5), (16, 0.95), (8, 0.3)])
+def test_definition_at_other_settings(ratio: int, threshold: float) -> None:
+    rng = np.random.default_rng(ratio)
+    values = rng.standard_normal((5000, 2))
+    ok = rng.random((5000, 1)) > 0.03
+    ok[1500:2600] = False
+    curve = curve_of(values, ok, ratio=ratio, threshold=threshold)
+    check_definition(curve, values, ok, (0, 0), ratio=ratio, threshold=threshold)
+
+
+@settings(max_examples=25, deadline=None)
+@given(before=STEPS, after=STEPS, later=STEPS, seed=st.integers(0, 2**32 - 1))
+def test_merge_is_one_run_with_a_break(
+    before: list[Step], after: list[Step], later: list[Step], seed: int
+) -> None:
+    one, a, b = (OctaveCascade(3, 0.01, groups=GROUPS) for _ in range(3))
+    run(one, before, np.random.default_rng(seed))
+    one.break_()
+    run(one, after, np.random.default_rng(seed + 1))
+    run(a, before, np.random.default_rng(seed))
+    run(b, after, np.random.default_rng(seed + 1))
+    untouched = b.result()
+    a.merge(b)
+    same_to_rounding(a.result(), one.result())
+    for cascade in (one, a):  # and it goes on as that run would
+        run(cascade, later, np.random.default_rng(seed + 2))
+    same_to_rounding(a.result(), one.result())
+    same_bits(b.result(), untouched)
+
+
+@settings(max_examples=25, deadline=None)
+@given(before=STEPS, after=STEPS, seed=st.integers(0, 2**32 - 1))
+def test_restored_continues_identically(before: list[Step], after: list[Step], seed: int) -> None:
+    one = OctaveCascade(3, 0.01, groups=GROUPS)
+    run(one, before, np.random.default_rng(seed))
+    file = io.BytesIO()
+    np.savez(file, **one.save())
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as state:
+        two = OctaveCascade.restore(state)
+    for cascade in (one, two):
+        run(cascade, after, np.random.default_rng(seed + 1))
+    same_bits(one.result(), two.result())
+    one.break_()
+    assert one.result().segments == (one.result().span > 0)
+
+
+def test_differences_never_span_a_break() -> None:
+    """Two constants with a step between them: the step is seen on one grid, and not across a break."""
+    cascade = OctaveCascade(1, 1.0)
+    cascade.update(np.zeros((1000, 1)))
+    cascade.break_()
+    cascade.break_()  # of nothing
+    cascade.update(np.ones((1000, 1)))
+    curve = cascade.result()
+    assert curve.segments == 2
+    assert curve.span == 2000
+    assert not curve.avar.any()
+    assert curve.m[-1] == 256  # the longest octave with two clusters and a difference in 1000 samples
+    assert curve_of(np.repeat([[0.0], [1.0]], 1000, axis=0)).avar.any()
+
+
+def test_a_dropped_sample_costs_the_long_octaves_nothing() -> None:
+    values = np.random.default_rng(4).standard_normal((20_000, 1))
+    ok = np.ones((20_000, 1), dtype=bool)
+    ok[9_999] = False
+    whole, holed = curve_of(values), curve_of(values, ok)
+    lost = (whole.terms - holed.terms)[:, 0]
+    np.testing.assert_array_equal(lost[:4], [2, 4, 8, 16])
+    assert not lost[4:].any()
+
+
+def test_a_ten_minute_hole_leaves_the_long_octaves_alive() -> None:
+    """24 h at 1 Hz with 600 s missing: at most a cluster of 10 000 s feels it, and it has 94 %."""
+    cascade = OctaveCascade(1, 1.0)
+    cascade.update(np.random.default_rng(4).standard_normal((40_000, 1)))
+    cascade.skip(600)
+    cascade.update(np.random.default_rng(5).standard_normal((45_800, 1)))
+    curve = cascade.result()
+    whole = curve_of(np.zeros((86_400, 1)))
+    np.testing.assert_array_equal(curve.m, whole.m)
+    np.testing.assert_array_equal(curve.terms[curve.m >= 8192], whole.terms[curve.m >= 8192])
+
+
+def test_nothing_and_little() -> None:
+    cascade = OctaveCascade(2, 0.01)
+    empty = cascade.result()
+    assert (len(empty.m), empty.span, empty.segments) == (0, 0, 0)
+    assert empty.avar.shape == (0, 2)
+    cascade.update(np.zeros((0, 2)))
+    cascade.skip(0)
+    cascade.update(np.full((400, 2), np.inf))
+    cascade.skip(1000)
+    missing = cascade.result()
+    assert (len(missing.m), missing.span, missing.segments) == (0, 1400, 1)
+    np.testing.assert_array_equal(missing.valid, [0, 0])
+    cascade.update(np.array([[1.0, 2.0], [2.0, 5.0]]))
+    np.testing.assert_array_equal(cascade.result().avar, [[0.5, 4.5]])
+
+
+def test_a_hole_of_years_is_cheap_and_counts() -> None:
+    cascade = OctaveCascade(9, 1e-3, groups=[0, 0, 0, 1, 1, 1, 2, 2, 2])
+    cascade.update(np.random.default_rng(1).standard_normal((700, 9)))
+    cascade.skip(10**12)
+    cascade.update(np.random.default_rng(2).standard_normal((700, 9)))
+    curve = cascade.result()
+    assert curve.span == 10**12 + 1400
+    np.testing.assert_array_equal(curve.terms[0], [2 * 699] * 9)
+
+
+def test_state_is_small() -> None:
+    """Nine channels at 10^10 samples: every octave up to half the record exists."""
+    cascade = OctaveCascade(9, 1e-3, groups=[0, 0, 0, 1, 1, 1, 2, 2, 2])
+    cascade.update(np.zeros((100_000, 9)))
+    small = cascade.nbytes
+    cascade.skip(10**10)
+    assert small < cascade.nbytes <= 64_000
+    assert sum(array.nbytes for array in cascade.save().values()) <= 64_000
+
+
+def test_counters_and_clusters_of_ten_billion() -> None:
+    """A state written at 10^10 samples continues: no counter overflows, no digit is lost."""
+    cascade = OctaveCascade(1, 1e-3)
+    cascade.skip(256 * 40_000_000)
+    values = 9.8 + 1e-3 * np.random.default_rng(6).standard_normal((5000, 1))
+    cascade.update(values)
+    late, early = cascade.result(), curve_of(values)
+    assert late.span == 10_240_005_000
+    same = slice(0, len(early.m))
+    np.testing.assert_array_equal(late.avar[same], early.avar)
+    np.testing.assert_array_equal(late.terms[same], early.terms)
+
+
+def test_wrong_words_are_refused() -> None:
+    with pytest.raises(ValueError, match="channels and an interval"):
+        OctaveCascade(0, 1.0)
+    with pytest.raises(ValueError, match="channels and an interval"):
+        OctaveCascade(1, 0.0)
+    with pytest.raises(ValueError, match="numbered from 0"):
+        OctaveCascade(2, 1.0, groups=[0, 2])
+    with pytest.raises(ValueError, match="ratio"):
+        OctaveCascade(2, 1.0, ratio=3)
+    cascade = OctaveCascade(2, 1.0)
+    with pytest.raises(ValueError, match="must come as"):
+        cascade.update(np.zeros((3, 4)))
+    with pytest.raises(ValueError, match="forward"):
+        cascade.skip(-1)
+    with pytest.raises(ValueError, match="merge"):
+        cascade.merge(OctaveCascade(2, 2.0))
