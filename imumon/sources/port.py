@@ -198,30 +198,35 @@ class SerialPort:
             self._fail(error)
             raise PortGone(f"{self.name} is gone: {_cause(error)}") from None
 
-    def set_baud(self, baud: int) -> None:
-        """Change the baud; bytes received so far are thrown away.
+    def set_baud(self, baud: int) -> bool:
+        """Change the baud; bytes received so far are thrown away. False when the adapter cannot do it.
 
         Raises
         ------
-        PortError : the adapter cannot do it. PortGone : the port has vanished.
+        PortGone : the port has vanished.
         """
         try:
-            self._serial.baudrate = baud
-            self._serial.reset_input_buffer()
-            actual = _actual_baud(self._fd)
-        except (ValueError, OverflowError) as error:
-            raise PortError(f"{self.name} cannot do {baud} baud ({error}): choose another --baud") from None
+            done = self._apply(baud)
+            if done:
+                self._baud = baud
+                self._serial.reset_input_buffer()
+            else:
+                self._apply(self._baud)
         except _GONE as error:
             self._fail(error)
             raise PortGone(f"{self.name} is gone: {_cause(error)}") from None
-        if actual is not None and abs(actual - baud) > 0.03 * baud:
-            raise PortError(
-                f"the adapter of {self.name} cannot do {baud} baud (it gives {actual}): choose another --baud"
-            )
-        self._baud = baud
         with self._changed:
             self._queue.clear()
             self._queued = 0
+        return done
+
+    def _apply(self, baud: int) -> bool:
+        try:
+            self._serial.baudrate = baud
+        except (ValueError, OverflowError):
+            return False
+        actual = _actual_baud(self._fd)
+        return actual is None or abs(actual - baud) <= 0.03 * baud
 
     def reopen(self) -> None:
         """Close and open again at the same baud, which cures some bad reads.
@@ -263,7 +268,10 @@ class SerialPort:
         try:
             self._kernel_start = 0
             self._kernel_start = self._kernel_overruns()
-            self.set_baud(self._baud)
+            if not self.set_baud(self._baud):
+                raise PortError(
+                    f"the adapter of {self.name} cannot do {self._baud} baud: choose another --baud"
+                )
         except PortGone as error:
             self._serial.close()
             raise PortError(f"{error} (while it was being opened): plug it in again") from None

@@ -1,0 +1,527 @@
+"""Session with a VN-100: know it, have it stream what noise needs, look after it, leave it as it was.
+
+The port and the clock are handed in; this file opens nothing and waits for nothing but `Port.read`. Rules:
+
+- Nothing is ever written to flash, and the sensor is never reset. With `Wanted.listen_only` nothing
+  is written at all.
+- The ASCII output goes off before the binary one is set: the sensor refuses what does not fit its baud.
+- `tick` repairs what can be repaired in place: a paused sensor, a restarted one, another baud, a bad
+  read. A port that vanishes is its owner's affair: the exception of `Port` goes through.
+
+Life of a session: `connect`, `remember` (keep its answer on disk), `configure`; then `read`, `decode` and
+`tick` for as long as it goes; `restore`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from imumon.samples import Kind, SampleBlock, Stream
+from imumon.sensors.contract import Item, SensorError
+from imumon.sensors.vn100.decoder import Decoder
+from imumon.sensors.vn100.dialogue import BAUDS, Dialogue, NotAVn100, Port, SensorChanged, SessionError
+from imumon.sensors.vn100.registers import (
+    BAUD,
+    BAUD_TOO_LOW,
+    BINARY_OUTPUTS,
+    CHANGE_THE_DATA,
+    DELTA_CONTROL,
+    IMU_FILTER,
+    LOOP_RATE,
+    OUTPUT_RATE,
+    OUTPUT_TYPE,
+    REGISTERS,
+)
+from imumon.sensors.vn100.settings import (
+    OFF,
+    UNCOMPENSATED_DELTAS,
+    alias_factors,
+    divisors,
+    off_port,
+    originals,
+    output,
+    parse_output,
+    same,
+    source,
+    windowed,
+)
+
+__all__ = ["Facts", "NotAVn100", "Notice", "Port", "SensorChanged", "Session", "SessionError", "Wanted"]
+
+FIRST_PACKET_S = 0.5
+QUIET_S = 1.0
+PATIENT_S = 3.0  # with a stream whose rate is not known
+RETRY_S = 5.0
+RUBBISH = 64  # bytes; fewer may be the rest of a message
+
+_BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the user asks for.
+
+    Attributes
+    ----------
+    stream : kind of samples to ask the sensor for.
+    listen_only : write nothing.
+    baud : bit/s; None: find it.
+    set_baud : change the sensor's baud to this; None: never.
+    rate_hz : rate of a stream without a clock whose sensor cannot be asked.
+    """
+
+    stream: Kind = "deltas"
+    listen_only: bool = False
+    baud: int | None = None
+    set_baud: int | None = None
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something worth telling: `kind` is one word, `text` one line for people."""
+
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What is known of the sensor and its stream; None is unknown, and `remarks` say why.
+
+    Attributes
+    ----------
+    stream : kind of the samples; None before the first one of a sensor that is only listened to.
+    sample_rate_hz : nominal, from the sensor's settings.
+    alias_factor : by how much the sensor's filter inflates N, the worse of gyroscope and
+        accelerometer; `alias_factors` has both.
+    settings : registers that change the data, ``"85 IMU filtering"`` to its text.
+    caveats : ``compensated``, ``aliased``.
+    """
+
+    id: str
+    model: str | None = None
+    serial: str | None = None
+    firmware: str | None = None
+    port: str | None = None
+    baud: int | None = None
+    stream: Kind | None = None
+    source: str | None = None
+    clock: str | None = None
+    sample_rate_hz: float | None = None
+    alias_factor: float | None = None
+    alias_factors: Mapping[str, float | None] = field(default_factory=dict)
+    settings: Mapping[str, str] = field(default_factory=dict)
+    caveats: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+class Session:
+    """One sensor on one port.
+
+    Parameters
+    ----------
+    port : open port.
+    wanted : what the user asks for.
+    clock : seconds, monotonic.
+    decoder : that of an earlier session with this sensor, so that its counters go on.
+    serial : serial number that the sensor must have; None: any.
+    progress : told in a few words what is being tried, a few times a second at most.
+
+    Attributes
+    ----------
+    decoder : decodes the stream; its counters are the record's. Scanning and asking use others.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        wanted: Wanted,
+        clock: Callable[[], float],
+        *,
+        decoder: Decoder | None = None,
+        serial: str | None = None,
+        progress: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.decoder = Decoder() if decoder is None else decoder
+        self._port, self._wanted, self._clock, self._progress = port, wanted, clock, progress
+        self._dialogue = Dialogue(port, clock, wanted.listen_only, progress)
+        self._serial = serial
+        self._identity: dict[int, str] = {}
+        self._originals: dict[int, str] | None = None
+        self._divisor: int | None = None  # of our own stream, None when the sensor sends another
+        self._streams: dict[Kind, Stream] = {}
+        self._remarks: list[str] = []
+        self._notices: list[Notice] = []
+        self._ahead = b""
+        self._watch_from(clock())
+
+    # ------------------------------------------------------------------ the way in and out
+
+    def connect(self) -> Facts:
+        """Find the sensor's baud, know it and read its settings.
+
+        Raises
+        ------
+        NotAVn100 : nothing answers like one; the text says what was seen.
+        SensorChanged : another serial number than `serial`.
+        """
+        self._dialogue.find(self._bauds())
+        if not self._wanted.listen_only:
+            self._know()
+        self._watch_from(self._clock())
+        return self.facts()
+
+    def remember(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
+        """Settings to put back at the end. Keep the answer on disk until `restore` has succeeded.
+
+        Parameters
+        ----------
+        saved : the answer of an earlier process that ended without `restore`, None when there was none.
+        """
+        before = self._originals
+        if before is None and saved is not None:
+            before = {int(register): text for register, text in saved.items() if register.isdigit()}
+        if self._wanted.listen_only:
+            self._originals = {}
+        else:
+            self._originals = originals(self._dialogue.settings, before)
+        return {str(register): text for register, text in self._originals.items()}
+
+    def configure(self) -> Facts:
+        """Have the sensor stream what is wanted; in vain, take what it sends and say so.
+
+        Raises
+        ------
+        SessionError : it does not answer any more.
+        """
+        self._remarks.clear()
+        self._streams.clear()
+        self._divisor = None
+        if not self._wanted.listen_only:
+            if self._originals is None:
+                self.remember()
+            self._progress("setting up the stream")
+            if self._dialogue.ask("VNASY,0") is None:
+                raise SessionError(f"the sensor on {self._port.name} has stopped answering: check the cable")
+            if self._wanted.set_baud is not None and not self._change_baud(self._wanted.set_baud):
+                self._remarks.append(f"the sensor stays at {self._port.baud} baud, it refused the other")
+            if not self._start_binary():
+                self._take_ascii()
+        self._watch_from(self._clock())
+        return self.facts()
+
+    def restore(self) -> bool:
+        """Put the settings back as they were found; True when the sensor has confirmed each."""
+        talk, before = self._dialogue, self._originals or {}
+        changed = [r for r, text in before.items() if r in talk.touched or talk.settings.get(r) != text]
+        if not changed:
+            return True
+        done = talk.ask("VNASY,0", tries=2) is not None
+        for register in (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE):
+            if done and register in changed:
+                done = talk.write(register, before[register])
+        if done and BAUD in changed:
+            done = self._change_baud(int(before[BAUD]))
+        if done:
+            done = talk.ask("VNASY,1") is not None
+        if done:
+            talk.touched.clear()
+        return done
+
+    # ------------------------------------------------------------------ while it streams
+
+    def read(self, timeout: float) -> bytes:
+        """Bytes of the stream; waits up to `timeout` seconds for the first."""
+        if self._ahead:
+            data, self._ahead = self._ahead, b""
+            return data
+        return self._port.read(timeout)
+
+    def decode(self, data: bytes) -> list[Item]:
+        """Items in bytes that `read` gave."""
+        valid = self.decoder.messages
+        items = self.decoder.feed(data)
+        now = self._clock()
+        if data:
+            self._bytes_at = now
+            self._rubbish += len(data)
+        if self.decoder.messages > valid:
+            self._valid_at, self._rubbish = now, 0
+        for item in items:
+            if isinstance(item, SampleBlock):
+                self._streams[item.stream.kind] = item.stream
+                if self._divisor is None or item.stream.kind == self._wanted.stream:
+                    self._sampled(now)
+            elif isinstance(item, SensorError):
+                self._notices.append(Notice("sensor_error", f"the sensor says: {item.text}"))
+        return items
+
+    def tick(self) -> list[Notice]:
+        """Look after the sensor; call it a few times a second. What happened, for people.
+
+        May take as long as `connect` and `configure` when the sensor must be found again.
+
+        Raises
+        ------
+        SensorChanged : another serial number answers.
+        """
+        now = self._clock()
+        if now >= self._patience:
+            self._look_after(now)
+        notices, self._notices = self._notices, []
+        return notices
+
+    def facts(self) -> Facts:
+        """What is known of the sensor and its stream by now."""
+        settings = self._dialogue.settings
+        stream = next((self._streams[kind] for kind in _BEST if kind in self._streams), None)
+        kind = stream.kind if stream is not None else None if self._divisor is None else self._wanted.stream
+        rate = self._rate(stream)
+        factors: Mapping[str, float | None] = {"gyro": None, "accel": None}
+        if kind is not None:
+            factors = alias_factors(kind, rate, settings.get(IMU_FILTER))
+        known = [factor for factor in factors.values() if factor is not None]
+        worst = max(known) if len(known) == len(factors) else None
+        remarks = list(self._remarks)
+        if self._wanted.listen_only:
+            remarks.append("only listened to: model, serial number and settings are not known")
+        if kind is not None and worst is None:
+            remarks.append("the sensor's filter or rate is not known: aliasing may inflate N")
+        model, serial = self._identity.get(1), self._identity.get(3)
+        if model and not model.upper().startswith("VN-100"):
+            remarks.append(f"the sensor is a {model}: it is treated like a VN-100")
+        return Facts(
+            id=f"vn100-{serial or _slug(self._port.name)}",
+            model=model,
+            serial=serial,
+            firmware=self._identity.get(4),
+            port=self._port.name,
+            baud=self._port.baud,
+            stream=kind,
+            source=None if stream is None else stream.source,
+            clock=None if stream is None else stream.clock,
+            sample_rate_hz=rate,
+            alias_factor=worst,
+            alias_factors=factors,
+            settings={f"{r} {REGISTERS[r].name}": text for r, text in sorted(settings.items())},
+            caveats=("compensated",) * (kind == "compensated")
+            + ("aliased",) * (worst is not None and worst > 1.001),
+            remarks=tuple(remarks),
+        )
+
+    # ------------------------------------------------------------------ knowing it
+
+    def _bauds(self) -> list[int]:
+        """Bauds to try, in this order."""
+        if self._port.fixed_baud:
+            return [self._port.baud]
+        if self._wanted.baud is not None:
+            return list(dict.fromkeys((self._wanted.baud, self._wanted.set_baud or self._wanted.baud)))
+        return list(dict.fromkeys((self._port.baud, *BAUDS)))
+
+    def _know(self) -> None:
+        """Read identity and settings."""
+        self._progress("reading the sensor's settings")
+        settings = self._dialogue.settings
+        self._identity.clear()
+        settings.clear()
+        for register in (1, 3, 4, *CHANGE_THE_DATA):
+            text = self._dialogue.read(register)
+            if text is None and register == 1:
+                raise NotAVn100(
+                    f"{self._port.name} sends valid messages but does not answer: connect the wire to the "
+                    "sensor's receiver, or use --listen-only"
+                )
+            if text is not None:
+                (self._identity if register < BAUD else settings)[register] = text
+        serial = self._identity.get(3)
+        if self._serial is not None and serial is not None and serial != self._serial:
+            raise SensorChanged(f"the sensor on {self._port.name} is {serial}, not {self._serial}")
+        self._serial = serial or self._serial
+
+    # ------------------------------------------------------------------ making it stream
+
+    def _change_baud(self, baud: int) -> bool:
+        """Change the baud of the sensor and of the port; the sensor is paused."""
+        talk, before = self._dialogue, self._port.baud
+        if baud == before or self._port.fixed_baud:
+            return baud == before
+        if not (self._port.set_baud(baud) and self._port.set_baud(before)):
+            raise SessionError(f"the adapter of {self._port.name} cannot do {baud} baud: choose another")
+        if not talk.write(BAUD, str(baud)):
+            return False
+        self._port.read(0.05)  # it has answered at the old baud, and switches now
+        self._port.set_baud(baud)
+        talk.decoder = Decoder()
+        if talk.read(1) is None:
+            talk.find(BAUDS)
+            talk.ask("VNASY,0")
+        return self._port.baud == baud
+
+    def _start_binary(self) -> bool:
+        """Start our stream; False when the sensor does not send it."""
+        talk = self._dialogue
+        if not talk.write(OUTPUT_TYPE, "0"):
+            return False
+        # which of its two ports we are on, not every firmware tells: the one whose packets arrive
+        for mode in (1, 2):
+            for register in BINARY_OUTPUTS[1:]:
+                if parse_output(text := talk.settings.get(register, OFF)) is not None:
+                    talk.write(register, off_port(text, mode))
+            divisor = self._write_output(mode)
+            if divisor is None:
+                return False
+            self._write_filter(divisor)
+            if self._flows(divisor):
+                self._divisor = divisor
+                return True
+            talk.ask("VNASY,0")
+        return False
+
+    def _write_output(self, mode: int) -> int | None:
+        """Set the binary output at the highest rate that the sensor takes; its divisor."""
+        talk, register = self._dialogue, BINARY_OUTPUTS[0]
+        fitting = divisors(self._wanted.stream, self._port.baud)
+        for divisor in fitting:
+            text = output(self._wanted.stream, divisor, mode)
+            if talk.write(register, text) and same(talk.read(register) or "", text):
+                if divisor != fitting[0]:
+                    rate = LOOP_RATE // divisor
+                    self._remarks.append(f"the sensor takes no more than {rate} Hz at this baud")
+                return divisor
+            if talk.refusal != BAUD_TOO_LOW:
+                break
+        return None
+
+    def _write_filter(self, divisor: int) -> None:
+        """Have samples be true averages: deltas uncompensated, readings over their own interval."""
+        talk = self._dialogue
+        if self._wanted.stream == "deltas":
+            if not talk.write(DELTA_CONTROL, UNCOMPENSATED_DELTAS):
+                self._remarks.append("register 82 cannot be set: the deltas may be compensated")
+        elif (text := windowed(talk.settings.get(IMU_FILTER, ""), divisor, self._wanted.stream)) is not None:
+            talk.write(IMU_FILTER, text)
+
+    def _flows(self, divisor: int) -> bool:
+        """Let the stream go; whether its samples come. Bytes behind the first ones are kept for `read`."""
+        self._dialogue.ask("VNASY,1")
+        scratch, tail = Decoder(), b""
+        deadline = self._clock() + FIRST_PACKET_S + 2 * divisor / LOOP_RATE
+        while (left := deadline - self._clock()) > 0:
+            data = self._port.read(left)
+            tail = (tail + data)[-4096:]
+            for item in scratch.feed(data):
+                if isinstance(item, SampleBlock) and item.stream.kind == self._wanted.stream:
+                    # the first increment may be as long as the pause before it: begin behind it
+                    self._ahead = tail[len(tail) - scratch.pending :]
+                    self._streams[item.stream.kind] = item.stream
+                    return True
+        return False
+
+    def _take_ascii(self) -> None:
+        """Put things back and take the sensor's own stream; where there was none, its IMU sentence."""
+        talk, before = self._dialogue, self._originals or {}
+        self._remarks.append("the binary stream does not come: what the sensor sends by itself is taken")
+        for register in (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE):
+            if register in before:
+                talk.write(register, before[register])
+        if before.get(OUTPUT_TYPE) == "0" and all(same(before.get(r, OFF), OFF) for r in BINARY_OUTPUTS):
+            talk.write(OUTPUT_TYPE, "19")
+        talk.ask("VNASY,1")
+
+    def _rate(self, stream: Stream | None) -> float | None:
+        """Nominal sample rate, as far as settings tell."""
+        settings = self._dialogue.settings
+        if self._divisor is not None:
+            return LOOP_RATE / self._divisor
+        if stream is not None and stream.source.startswith("$") and settings.get(OUTPUT_RATE, "").isdigit():
+            return float(settings[OUTPUT_RATE]) or None
+        if stream is not None:
+            for register in BINARY_OUTPUTS:
+                text = settings.get(register, OFF)
+                if source(text) == stream.source and (parsed := parse_output(text)) and parsed[1]:
+                    return LOOP_RATE / parsed[1]
+        return self._wanted.rate_hz
+
+    # ------------------------------------------------------------------ looking after it
+
+    def _watch_from(self, now: float) -> None:
+        self._bytes_at = self._valid_at = self._sample_at = self._patience = now
+        self._rubbish: int = 0
+        self._trouble: str | None = None
+        self._silences: int = 0
+
+    def _sampled(self, now: float) -> None:
+        """A sample of the stream has come: all is well."""
+        if self._trouble is not None or self._silences:
+            silent = now - self._sample_at
+            self._notices.append(Notice("resumed", f"samples come again, after {silent:.1f} s"))
+        self._sample_at, self._trouble, self._silences = now, None, 0
+
+    def _look_after(self, now: float) -> None:
+        """What is wrong, if anything, and the cure for it."""
+        quiet = PATIENT_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
+        if now - self._bytes_at > quiet:
+            self._break_silence(now)
+        elif now - self._valid_at > quiet and self._rubbish >= RUBBISH:
+            self._report("garbage", "bytes come, but nothing valid: looking for the sensor again")
+            self._port.reopen()
+            if self._dialogue.is_here():
+                self._bytes_at = self._valid_at = self._clock()
+                self._rubbish = 0
+            else:
+                self._again("found", "the sensor is found again")
+        elif now - self._sample_at > quiet and self._divisor is not None:
+            self._again("reconfigured", "the sensor had gone back to its own settings: was it restarted?")
+        elif now - self._sample_at > 2 * quiet:
+            self._report("no_samples", "valid messages come, but none that can be characterised")
+
+    def _break_silence(self, now: float) -> None:
+        """Wake a sensor that was paused; in vain, look for it at other bauds now and then."""
+        self._silences += 1
+        self._patience = now + QUIET_S
+        if self._silences > 2:
+            self._report("silent", "nothing comes from the sensor: has it power, and is the cable in?")
+        if self._wanted.listen_only:
+            return
+        if self._silences % 8:
+            self._dialogue.wake()
+        else:
+            self._again("found", "the sensor is back")
+
+    def _again(self, kind: str, text: str) -> None:
+        """Connect and configure once more; in vain, let a later tick try."""
+        self.decoder.finish()
+        self._ahead = b""
+        silences, trouble = self._silences, self._trouble
+        try:
+            self.connect()
+            if self._originals is not None:
+                self.remember()
+            self.configure()
+        except SensorChanged:
+            raise
+        except SessionError as error:
+            self._silences, self._trouble = silences, trouble
+            self._report("lost", str(error))
+            self._patience = self._clock() + RETRY_S
+        else:
+            self._notices.append(Notice(kind, text))
+
+    def _report(self, kind: str, text: str) -> None:
+        """Say a trouble once, until samples come again."""
+        if self._trouble != kind:
+            self._notices.append(Notice(kind, text))
+            self._trouble = kind
+
+
+def _slug(port: str) -> str:
+    """Name of a port that may stand in a key.
+
+    >>> _slug("/dev/ttyUSB0"), _slug("socket://10.0.0.2:4001")
+    ('ttyusb0', '10-0-0-2-4001')
+    """
+    return re.sub(r"[^a-z0-9]+", "-", port.rsplit("://")[-1].removeprefix("/dev/").lower()).strip("-")
