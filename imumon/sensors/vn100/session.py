@@ -14,14 +14,14 @@ Life of a session: `connect`, `remember` (keep its answer on disk), `configure`;
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from imumon.samples import Kind, SampleBlock, Stream
 from imumon.sensors.contract import Item, SensorError
 from imumon.sensors.vn100.decoder import Decoder
 from imumon.sensors.vn100.dialogue import BAUDS, Dialogue, NotAVn100, Port, SensorChanged, SessionError
+from imumon.sensors.vn100.facts import Facts, describe
 from imumon.sensors.vn100.registers import (
     BAUD,
     BAUD_TOO_LOW,
@@ -30,21 +30,17 @@ from imumon.sensors.vn100.registers import (
     DELTA_CONTROL,
     IMU_FILTER,
     LOOP_RATE,
-    OUTPUT_RATE,
     OUTPUT_TYPE,
-    REGISTERS,
 )
 from imumon.sensors.vn100.settings import (
     OFF,
     UNCOMPENSATED_DELTAS,
-    alias_factors,
     divisors,
     off_port,
     originals,
     output,
     parse_output,
     same,
-    source,
     windowed,
 )
 
@@ -87,37 +83,6 @@ class Notice:
     text: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
-    """What is known of the sensor and its stream; None is unknown, and `remarks` say why.
-
-    Attributes
-    ----------
-    stream : kind of the samples; None before the first one of a sensor that is only listened to.
-    sample_rate_hz : nominal, from the sensor's settings.
-    alias_factor : by how much the sensor's filter inflates N, the worse of gyroscope and
-        accelerometer; `alias_factors` has both.
-    settings : registers that change the data, ``"85 IMU filtering"`` to its text.
-    caveats : ``compensated``, ``aliased``.
-    """
-
-    id: str
-    model: str | None = None
-    serial: str | None = None
-    firmware: str | None = None
-    port: str | None = None
-    baud: int | None = None
-    stream: Kind | None = None
-    source: str | None = None
-    clock: str | None = None
-    sample_rate_hz: float | None = None
-    alias_factor: float | None = None
-    alias_factors: Mapping[str, float | None] = field(default_factory=dict)
-    settings: Mapping[str, str] = field(default_factory=dict)
-    caveats: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-
-
 class Session:
     """One sensor on one port.
 
@@ -156,6 +121,8 @@ class Session:
         self._remarks: list[str] = []
         self._notices: list[Notice] = []
         self._ahead = b""
+        self._rubbish, self._silences = 0, 0
+        self._trouble: str | None = None
         self._watch_from(clock())
 
     # ------------------------------------------------------------------ the way in and out
@@ -276,40 +243,15 @@ class Session:
 
     def facts(self) -> Facts:
         """What is known of the sensor and its stream by now."""
-        settings = self._dialogue.settings
         stream = next((self._streams[kind] for kind in _BEST if kind in self._streams), None)
-        kind = stream.kind if stream is not None else None if self._divisor is None else self._wanted.stream
-        rate = self._rate(stream)
-        factors: Mapping[str, float | None] = {"gyro": None, "accel": None}
-        if kind is not None:
-            factors = alias_factors(kind, rate, settings.get(IMU_FILTER))
-        known = [factor for factor in factors.values() if factor is not None]
-        worst = max(known) if len(known) == len(factors) else None
-        remarks = list(self._remarks)
-        if self._wanted.listen_only:
-            remarks.append("only listened to: model, serial number and settings are not known")
-        if kind is not None and worst is None:
-            remarks.append("the sensor's filter or rate is not known: aliasing may inflate N")
-        model, serial = self._identity.get(1), self._identity.get(3)
-        if model and not model.upper().startswith("VN-100"):
-            remarks.append(f"the sensor is a {model}: it is treated like a VN-100")
-        return Facts(
-            id=f"vn100-{serial or _slug(self._port.name)}",
-            model=model,
-            serial=serial,
-            firmware=self._identity.get(4),
-            port=self._port.name,
-            baud=self._port.baud,
-            stream=kind,
-            source=None if stream is None else stream.source,
-            clock=None if stream is None else stream.clock,
-            sample_rate_hz=rate,
-            alias_factor=worst,
-            alias_factors=factors,
-            settings={f"{r} {REGISTERS[r].name}": text for r, text in sorted(settings.items())},
-            caveats=("compensated",) * (kind == "compensated")
-            + ("aliased",) * (worst is not None and worst > 1.001),
-            remarks=tuple(remarks),
+        return describe(
+            self._port.name,
+            self._port.baud,
+            self._identity,
+            self._dialogue.settings,
+            stream,
+            LOOP_RATE / self._divisor if self._divisor is not None else self._wanted.rate_hz,
+            tuple(self._remarks),
         )
 
     # ------------------------------------------------------------------ knowing it
@@ -432,27 +374,11 @@ class Session:
             talk.write(OUTPUT_TYPE, "19")
         talk.ask("VNASY,1")
 
-    def _rate(self, stream: Stream | None) -> float | None:
-        """Nominal sample rate, as far as settings tell."""
-        settings = self._dialogue.settings
-        if self._divisor is not None:
-            return LOOP_RATE / self._divisor
-        if stream is not None and stream.source.startswith("$") and settings.get(OUTPUT_RATE, "").isdigit():
-            return float(settings[OUTPUT_RATE]) or None
-        if stream is not None:
-            for register in BINARY_OUTPUTS:
-                text = settings.get(register, OFF)
-                if source(text) == stream.source and (parsed := parse_output(text)) and parsed[1]:
-                    return LOOP_RATE / parsed[1]
-        return self._wanted.rate_hz
-
     # ------------------------------------------------------------------ looking after it
 
     def _watch_from(self, now: float) -> None:
         self._bytes_at = self._valid_at = self._sample_at = self._patience = now
-        self._rubbish: int = 0
-        self._trouble: str | None = None
-        self._silences: int = 0
+        self._rubbish, self._silences, self._trouble = 0, 0, None
 
     def _sampled(self, now: float) -> None:
         """A sample of the stream has come: all is well."""
@@ -516,12 +442,3 @@ class Session:
         if self._trouble != kind:
             self._notices.append(Notice(kind, text))
             self._trouble = kind
-
-
-def _slug(port: str) -> str:
-    """Name of a port that may stand in a key.
-
-    >>> _slug("/dev/ttyUSB0"), _slug("socket://10.0.0.2:4001")
-    ('ttyusb0', '10-0-0-2-4001')
-    """
-    return re.sub(r"[^a-z0-9]+", "-", port.rsplit("://")[-1].removeprefix("/dev/").lower()).strip("-")
