@@ -5,7 +5,7 @@ XOR of the body, four its CRC16), then LF or CR LF. Numbers are fixed width in o
 widths in the next: they are read by field. To read them fast, sentences are sorted by *shape*: the
 body with every digit made 0 and every minus made plus. Sentences of one shape share their grammar, so it is
 checked once a shape, and their digits stand in the same columns: a product with a matrix of place
-values reads all numbers of all rows. A number of up to 15 digits is below 2^53, and its power of ten is exact,
+values reads all numbers of all rows. A number of up to 15 digits is below 2^53 and its power of ten exact,
 so the one division rounds correctly: the result is the same float64 that reading the text gives.
 
 This file knows neither where bytes come from nor what is done with samples.

@@ -197,13 +197,13 @@ class Layout:
 
     def count(self, data: bytes, at: int, most: int) -> int:
         """How many valid packets of this layout follow one another from `at` on."""
-        view = memoryview(data)
         length, header = self.length, self.header
-        good = 0
-        while good < most and data.startswith(header, at) and not crc16(view[at + 1 : at + length]):
-            good += 1
-            at += length
-        return good
+        end = at + most * length
+        for begin in range(at, end, length):
+            if not data.startswith(header, begin) or crc16(data[begin + 1 : begin + length]):
+                end = begin
+                break
+        return (end - at) // length
 
 
 class Incomplete(Exception):

@@ -184,7 +184,7 @@ class Decoder:
         lost = self._ledger.valid(layout.header, layout.length, count)
         if layout.recipe is not None:
             packets = layout.decode(data, at, count)
-            batch = layout.recipe.batch(partial(layout.quantity, packets))
+            batch = layout.recipe.batch(partial(layout.quantity, packets), count)
             self._emit(layout.header, layout.recipe, batch, lost)
         return layout.length * count
 
@@ -233,7 +233,7 @@ class Decoder:
         lost = self._ledger.valid(name, size, count)
         if shape.recipe is not None:
             values = shape.read(data, at, size, count)
-            self._emit(name, shape.recipe, shape.recipe.batch(partial(shape.quantity, values)), lost)
+            self._emit(name, shape.recipe, shape.recipe.batch(partial(shape.quantity, values), count), lost)
         return size * count
 
     def _count(self, size: int, count: int) -> None:
@@ -242,26 +242,22 @@ class Decoder:
 
     def _emit(self, name: bytes, recipe: Recipe, batch: Batch, lost: int) -> None:
         """Make a block of the usable samples of a batch; the others count as lost."""
-        total = len(batch.usable)
-        kept = np.flatnonzero(batch.usable)
-        self.nonfinite += total - len(kept)
-        if len(kept) == 0:
-            self._ledger.owe(name, lost + total)
-            return
-        before: Ints = np.diff(kept, prepend=-1) - 1
+        total = len(batch.values)
+        before: Ints = np.zeros(total, np.int64)
+        if batch.usable is not None:
+            kept = np.flatnonzero(batch.usable)
+            self.nonfinite += total - len(kept)
+            if len(kept) == 0:
+                self._ledger.owe(name, lost + total)
+                return
+            before = np.diff(kept, prepend=-1) - 1
+            self._ledger.owe(name, total - 1 - int(kept[-1]))
+            batch = batch.rows(kept)
         before[0] += lost
         if name not in self._sampled:
             self._sampled.add(name)
             before[0] = 0
-        self._ledger.owe(name, total - 1 - int(kept[-1]))
-        time, saturated = batch.time_ns, batch.saturated
-        if len(kept) < total:
-            batch_values = batch.values[kept]
-            time = None if time is None else time[kept]
-            saturated = None if saturated is None else saturated[kept]
-        else:
-            batch_values = batch.values
-        self._items.append(SampleBlock(recipe.stream, batch_values, time, before, saturated))
+        self._items.append(SampleBlock(recipe.stream, batch.values, batch.time_ns, before, batch.saturated))
 
 
 def _joined(items: list[Item]) -> list[Item]:

@@ -40,6 +40,9 @@ _KINDS: tuple[tuple[Kind, str, str], ...] = (
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, and the factor that makes their rate SI."""
 
+_LONGEST = 1e6
+"""An interval beyond it, s, is none."""
+
 _VPE_SATURATED = 0x0204
 """Bits of VpeStatus: gyroscope saturated (2), accelerometer saturated (9)."""
 
@@ -53,13 +56,19 @@ class Batch:
     values : (n, c) channel unit.
     time_ns : (n,) what the stream's clock says, None without one.
     saturated : (n,) the sensor's own word, None where it has none.
-    usable : (n,) every number finite, every interval positive, every time stamp possible.
+    usable : (n,) every number finite, every interval positive, every time stamp possible; None where all are.
     """
 
     values: Floats
     time_ns: Ints | None
     saturated: Bools | None
-    usable: Bools
+    usable: Bools | None
+
+    def rows(self, kept: npt.NDArray[np.intp]) -> Batch:
+        """Those rows alone."""
+        time = None if self.time_ns is None else self.time_ns[kept]
+        saturated = None if self.saturated is None else self.saturated[kept]
+        return Batch(self.values[kept], time, saturated, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,34 +78,30 @@ class Recipe:
     Attributes
     ----------
     stream : what comes out.
-    parts : quantities in the order of the columns.
+    parts : quantities and the columns they fill.
+    timed : increments are among the parts, or dt is the clock.
     flags : those of the quantities ``vpe`` and ``sat`` that tell saturation.
     """
 
     stream: Stream
-    parts: tuple[str, ...]
+    parts: tuple[tuple[str, slice], ...]
+    timed: bool
     flags: tuple[str, ...]
 
-    def batch(self, get: Get) -> Batch:
-        """Samples from the quantities of n messages."""
-        first = get(self.parts[0])
-        values = np.empty((len(first), len(self.stream.channels)))
-        usable = np.ones(len(first), np.bool_)
-        time = None
+    def batch(self, get: Get, count: int) -> Batch:
+        """Samples from the quantities of `count` messages."""
+        values = np.empty((count, len(self.stream.channels)))
         with np.errstate(all="ignore"):
-            dt = None
-            if self.stream.clock == "dt" or any(part in _OVER_DT for part in self.parts):
-                dt = get("dt").astype(np.float64)
-                usable &= (dt[:, 0] > 0.0) & (dt[:, 0] < 1e6)
-            column = 0
-            for part in self.parts:
-                into = values[:, column : column + WIDTHS[part]]
-                into[:] = get(part)
+            dt = get("dt").astype(np.float64) if self.timed else None
+            for part, columns in self.parts:
                 if dt is not None and part in _OVER_DT:
-                    into /= dt
-                    into *= _OVER_DT[part]
-                column += WIDTHS[part]
-            usable &= np.isfinite(values).all(axis=1)
+                    values[:, columns] = get(part) / dt * _OVER_DT[part]
+                else:
+                    values[:, columns] = get(part)
+            usable: Bools = np.logical_and.reduce(np.isfinite(values), axis=1)
+        if dt is not None:
+            usable &= (dt[:, 0] > 0.0) & (dt[:, 0] < _LONGEST)
+        time = None
         if self.stream.clock == "dt" and dt is not None:
             time = np.rint(np.where(usable, dt[:, 0], 0.0) * 1e9).astype(np.int64)
         elif self.stream.clock != "none":
@@ -107,7 +112,7 @@ class Recipe:
             word = get(flag)[:, 0]
             says = (word & _VPE_SATURATED if flag == "vpe" else word) != 0
             saturated = says if saturated is None else saturated | says
-        return Batch(values, time, saturated, usable)
+        return Batch(values, time, saturated, None if usable.all() else usable)
 
 
 @lru_cache(maxsize=256)
@@ -133,7 +138,7 @@ def recipe(quantities: frozenset[str], source: str) -> Recipe | None:
         kind = "uncompensated" if mag[0] == "umag" else "compensated"
     else:
         return None
-    parts: list[str] = []
+    parts: list[tuple[str, slice]] = []
     channels: tuple[str, ...] = ()
     for names, choice in (
         (GYRO, [entry[1] for entry in gyro]),
@@ -143,9 +148,10 @@ def recipe(quantities: frozenset[str], source: str) -> Recipe | None:
         (("pressure",), [q for q in ("pres",) if q in have]),
     ):
         if choice:
-            parts.append(choice[0])
+            parts.append((choice[0], slice(len(channels), len(channels) + len(names))))
             channels += names
     clocks: tuple[Clock, ...] = ("startup", "counter", "dt")
     clock: Clock = next((c for c in clocks if c in have), "none")
+    timed = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in have)
-    return Recipe(Stream(kind, channels, source, clock), tuple(parts), flags)
+    return Recipe(Stream(kind, channels, source, clock), tuple(parts), timed, flags)

@@ -1,0 +1,253 @@
+"""Laws of the VN-100 decoder on streams that are whole, damaged, mixed and cut anywhere."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from imumon.samples import SampleBlock
+from imumon.sensors.contract import Item
+from imumon.sensors.vn100 import Decoder, ascii, checksum
+from imumon.sensors.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
+
+LAYOUTS = (
+    Layout.of({TIME: 0x0001, IMU: 0x00D2}),
+    Layout.of({COMMON: 0x0739}),
+    Layout.of({IMU: 0x0008}),
+    Layout.of({COMMON: 0x0020, ATTITUDE: 0x0002}),
+)
+MESSAGES = ("VNYMR", "VNIMU", "VNGYR", "VNDTV", "VNQMR")
+settings.register_profile("laws", derandomize=True, deadline=None, max_examples=150)
+settings.load_profile("laws")
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Bytes on the line; `tag` is the gyro/x of the sample in them, None where none may be found."""
+
+    data: bytes
+    tag: float | None
+
+
+def message(kind: int, serial: int, check: str, end: bytes, tail: str) -> Piece:
+    """A valid measurement whose gyro/x is unique."""
+    x = serial * 1e-3
+    if kind < len(LAYOUTS):
+        layout = LAYOUTS[kind]
+        theta = [[0.5, x, 1.5, 1.5]]
+        rate, imu = [[x, 2.0, -2.0]], [[-250.0, 1e-7, 9.81, x, 2.0, -2.0]]
+        fields: dict[str, Any] = {"deltaTheta": theta, "angularRate": rate, "uncompGyro": rate, "imu": imu}
+        data = layout.encode({"timeStartup": [serial], "quat": [[np.inf] * 4], **fields})
+        scale = np.pi / 180.0 / 0.5 if kind == 0 else 1.0
+        return Piece(data, float(np.float32(x)) * scale)
+    name = MESSAGES[kind - len(LAYOUTS)]
+    numbers = [0.25] * sum(ascii.WIDTHS[q] for q in ascii.MEASUREMENTS[name])
+    quantities = ascii.MEASUREMENTS[name]
+    gyro = next(q for q in quantities if q in ("gyro", "ugyro", "dtheta"))
+    at = sum(ascii.WIDTHS[q] for q in quantities[: quantities.index(gyro)])
+    numbers[at] = x
+    body = ascii.sentence(name, numbers) + tail
+    data = ascii.encode(body, "crc" if check == "crc" else "xor")[:-2] + end
+    return Piece(data, float(f"{x:.6f}") / 0.25 * np.pi / 180.0 if name == "VNDTV" else float(f"{x:.6f}"))
+
+
+KINDS = st.integers(0, len(LAYOUTS) + len(MESSAGES) - 1)
+CHECKS = st.sampled_from(["xor", "crc"])
+ENDS = st.sampled_from([b"\r\n", b"\n"])
+TAILS = st.sampled_from(["", "", ",T0000000543", ",S0C01,T12", ",T7,S0001"])
+OTHERS = st.sampled_from(
+    [
+        ascii.encode("VNRRG,07,40"),
+        ascii.encode("VNERR,0C", "crc"),
+        ascii.encode("VNYPR,+1.0,-2.0,+3.0"),
+        b"log: 12\r\n",
+    ]
+)
+EVIL = st.lists(
+    st.sampled_from([b"\xfa", b"$", b"$VN", b"$VNYMR,", b"\xfa\x01\x08\x00", b"*65\r\n", b"\n", b"0"]),
+    max_size=6,
+)
+DAMAGE = st.sampled_from(["none", "none", "none", "none", "flip", "head", "tail", "hole", "double"])
+
+
+@st.composite
+def lines(draw: st.DrawFn) -> list[Piece]:
+    """What a line may carry: runs of messages, some damaged, with answers, text and garbage between them."""
+    pieces: list[Piece] = []
+    for serial in range(1, draw(st.integers(1, 6))):
+        kind, check, end, tail = draw(KINDS), draw(CHECKS), draw(ENDS), draw(TAILS)
+        for turn in range(draw(st.sampled_from([1, 1, 2, 12]))):
+            piece = message(kind, serial * 16 + turn, check, end, tail)
+            data, damage = piece.data, draw(DAMAGE)
+            place = draw(st.integers(1, len(data) - 2))
+            if damage == "flip":
+                # bit 0 of a byte: every check finds one flipped bit
+                data = data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+            elif damage == "head":
+                data = data[:place]
+            elif damage == "tail":
+                data = data[place:]
+            elif damage == "hole":
+                data = data[: place // 2] + data[place:] if place > 1 else data[1:]
+            pieces.append(Piece(data, piece.tag if damage in ("none", "double") else None))
+            if damage == "double":
+                pieces.append(pieces[-1])
+        between = draw(st.one_of(st.binary(max_size=40), OTHERS, EVIL.map(b"".join)))
+        pieces.append(Piece(between, None))
+    return pieces
+
+
+def run(data: bytes, cuts: list[int]) -> tuple[list[Item], list[int], Decoder]:
+    """Items, the counters before the end is told, and the decoder."""
+    decoder = Decoder()
+    items: list[Item] = []
+    for start, end in zip([0, *cuts], [*cuts, len(data)], strict=True):
+        items += decoder.feed(data[start:end])
+        assert decoder.fed == end == decoder.message_bytes + decoder.discarded + decoder.pending
+        assert decoder.pending < 2048
+    counters = [decoder.messages, decoder.message_bytes, decoder.discarded, decoder.pending]
+    items += decoder.finish()
+    assert decoder.pending == 0
+    assert decoder.fed == decoder.message_bytes + decoder.discarded
+    names = ("messages", "discarded", "bad_checksums", "malformed", "nonfinite")
+    return items, counters + [getattr(decoder, name) for name in names], decoder
+
+
+def rows(items: list[Item]) -> list[Any]:
+    """Items with blocks taken apart, so that their joining does not matter."""
+    out: list[Any] = []
+    for item in items:
+        if not isinstance(item, SampleBlock):
+            out.append(item)
+            continue
+        assert len(item) == len(item.values) == len(item.lost) > 0
+        assert np.isfinite(item.values).all()
+        assert (item.lost >= 0).all()
+        for i in range(len(item)):
+            time = None if item.time_ns is None else int(item.time_ns[i])
+            flag = None if item.saturated is None else bool(item.saturated[i])
+            out.append((item.stream, item.values[i].tobytes(), time, int(item.lost[i]), flag))
+    return out
+
+
+def found(items: list[Item]) -> list[float]:
+    return [float(v) for i in items if isinstance(i, SampleBlock) for v in i.values[:, 0]]
+
+
+@given(lines(), st.data())
+def test_any_cuts_give_the_same(pieces: list[Piece], data: st.DataObject) -> None:
+    line = b"".join(piece.data for piece in pieces)
+    whole, counters, _ = run(line, [])
+    single, counters_single, _ = run(line, list(range(1, len(line))))
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(line)), max_size=8)))
+    some, counters_some, _ = run(line, cuts)
+    assert rows(whole) == rows(single) == rows(some)
+    assert counters == counters_single == counters_some
+
+
+@given(lines())
+def test_all_that_came_whole_is_found_and_nothing_else(pieces: list[Piece]) -> None:
+    items, _, _ = run(b"".join(piece.data for piece in pieces), [])
+    want = [piece.tag for piece in pieces if piece.tag is not None]
+    assert len(found(items)) == len(want)
+    np.testing.assert_allclose(found(items), want, rtol=1e-14)
+
+
+@given(st.lists(st.one_of(st.binary(max_size=300), EVIL.map(b"".join)), max_size=12).map(b"".join))
+@example(b"\xfa" * 5000)
+@example(b"$" * 5000)
+@example(b"$VNYMR," * 500)
+@example(b"\xfa\x77\xff\x7f" * 1000)
+@example(b"\xfa\xff\xff\xff\xff" * 1000)
+def test_garbage_makes_no_sample(data: bytes) -> None:
+    items, _, _ = run(data, [])
+    assert found(items) == []
+
+
+@pytest.mark.parametrize("kind", range(len(LAYOUTS) + len(MESSAGES)))
+@pytest.mark.parametrize("check", ["xor", "crc"])
+def test_no_flipped_bit_changes_a_sample(kind: int, check: str) -> None:
+    """A flipped bit may only turn a digit of the check from capital to small, which is the same digit."""
+    piece = message(kind, 77, check, b"\r\n", "")
+    after = message(kind, 78, check, b"\r\n", "")
+    for bit in range(len(piece.data) * 8):
+        data = bytearray(piece.data)
+        data[bit // 8] ^= 1 << bit % 8
+        items, _, _ = run(bytes(data) + after.data, [])
+        assert found(items) in (
+            [after.tag],
+            [piece.tag, after.tag] if chr(data[bit // 8]) in "abcdef" else [],
+        )
+
+
+NUMBERS = st.from_regex(r"[+-]?[0-9]{1,9}(\.[0-9]{1,6})?", fullmatch=True)
+
+
+@given(st.lists(NUMBERS, min_size=3, max_size=3), st.integers(1, 40))
+@example(["-0.000", "+00.0", "-999999999.999999"], 3)
+def test_numbers_are_read_to_the_last_bit(fields: list[str], count: int) -> None:
+    data = ascii.encode(",".join(["VNGYR", *fields])) * count
+    (block,) = Decoder().feed(data)
+    assert isinstance(block, SampleBlock)
+    want = np.array([[float(field) for field in fields]] * count)
+    assert block.values.tobytes() == want.tobytes()
+
+
+@given(st.integers(0, 2**32), st.sampled_from(MESSAGES[:4]), CHECKS, st.integers(2, 60))
+def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, check: str, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    width = sum(ascii.WIDTHS[q] for q in ascii.MEASUREMENTS[name])
+    values = rng.uniform(0.01, 0.99, (count, width)) * (
+        1 if name == "VNDTV" else rng.choice([-1, 1], (count, width))
+    )
+    bodies = [ascii.sentence(name, row) for row in values]
+    lines = [ascii.encode(body, "crc" if check == "crc" else "xor") for body in bodies]
+    damaged = int(rng.integers(count))
+    lines[damaged] = lines[damaged].replace(b"0", b"3", 1)
+    together, _, _ = run(b"".join(lines), [])
+    apart = Decoder()
+    separately = [item for line in lines for item in apart.feed(line)]
+    assert rows(together) == rows(separately)
+    assert len(found(together)) == count - 1
+
+
+@given(st.lists(st.sampled_from(LAYOUTS[:3]), min_size=1, max_size=3), st.integers(0, 2**32))
+def test_packets_come_back_as_they_were_sent(layouts: list[Layout], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for layout in layouts:
+        words = rng.integers(0, 256, (5, layout.length), np.uint8).tobytes()
+        sent = layout.decode(words, 0, 5)
+        again = layout.decode(layout.encode({name: sent[name] for name in layout.fields}), 0, 5)
+        for name in layout.fields:
+            assert again[name].tobytes() == sent[name].tobytes()
+
+
+@given(st.binary(min_size=1, max_size=80))
+def test_checksums(data: bytes) -> None:
+    assert checksum.xor8(data) == reduce(xor, data)
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
+    assert checksum.crc16(data) == crc
+    assert checksum.crc16(data + crc.to_bytes(2, "big")) == 0
+
+
+@given(
+    st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters="$*"), max_size=60), CHECKS
+)
+def test_sentences_come_back_as_they_were_sent(text: str, check: str) -> None:
+    line = ascii.encode(f"VNRRG,00,{text}", "crc" if check == "crc" else "xor")
+    assert ascii.parse(line) == ascii.parse(line.lower().replace(b"$vnrrg", b"$VNRRG")) or re.search(
+        "[A-Z]", text
+    )
+    assert ascii.parse(line) == ("VNRRG", ("00", *text.split(",")))
