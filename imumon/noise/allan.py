@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from imumon.noise.groups import Groups
 from imumon.noise.octave import BLOCK, Octave
 from imumon.samples import Bools, Floats, Ints
 
@@ -104,33 +105,30 @@ class OctaveCascade:
         ratio: int = 8,
         threshold: float = 0.9,
     ) -> None:
-        self._group = np.array([0] * channels if groups is None else groups, dtype=np.intp)
-        if channels < 1 or not 0.0 < tau0 < math.inf:
-            raise ValueError(f"a cascade needs channels and an interval, not {channels} and {tau0} s")
-        if len(self._group) != channels or set(self._group) != set(range(int(self._group.max()) + 1)):
-            raise ValueError(f"groups must be numbered from 0, one for each of {channels} channels")
+        if not 0.0 < tau0 < math.inf:
+            raise ValueError(f"the sampling interval must be positive, not {tau0} s")
         if ratio not in RATIOS or not 0.0 < threshold <= 1.0:
             raise ValueError(f"ratio must be one of {RATIOS} and threshold in (0, 1]: {ratio}, {threshold}")
+        self._groups = Groups(channels, groups)
         self.tau0 = float(tau0)
         self.ratio = ratio
         self.threshold = float(threshold)
-        n_groups = int(self._group.max()) + 1
         self._octaves: list[Octave] = []
-        self._valid = np.zeros(n_groups, dtype=np.int64)
+        self._valid = np.zeros(len(self._groups), dtype=np.int64)
         self._closed = 0  # samples of the grid in finished segments
         self._segments = 0  # finished segments
         self._position = 0  # samples of this segment that have been through the octaves
         self._offset = np.zeros(channels)  # subtracted from every sample of this segment
-        self._settled = np.zeros(n_groups, dtype=bool)  # groups whose offset is chosen
+        self._settled = np.zeros(len(self._groups), dtype=bool)  # groups whose offset is chosen
         self._pending = np.zeros((channels, BLOCK))
-        self._present = np.zeros((n_groups, BLOCK), dtype=bool)
+        self._present = np.zeros((len(self._groups), BLOCK), dtype=bool)
         self._fill = 0
         self._scratch: list[Floats] = []
 
     @property
     def channels(self) -> int:
         """Number of columns."""
-        return len(self._group)
+        return self._groups.channels
 
     @property
     def nbytes(self) -> int:
@@ -138,7 +136,7 @@ class OctaveCascade:
         octaves = sum(
             o.squares.nbytes + o.terms.nbytes + o.history.nbytes + o.counts.nbytes for o in self._octaves
         )
-        own = (self._group, self._valid, self._offset, self._settled, self._pending, self._present)
+        own = (self._groups.of, self._valid, self._offset, self._settled, self._pending, self._present)
         return octaves + sum(array.nbytes for array in own)
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
@@ -149,10 +147,7 @@ class OctaveCascade:
         values : (n, c) channel unit.
         valid : (n, g) which of them count, by group; None: all. What is not finite never counts.
         """
-        values = np.asarray(values, dtype=np.float64)
-        if values.ndim != 2 or values.shape[1] != self.channels:
-            raise ValueError(f"samples must come as (n, {self.channels}), not {values.shape}")
-        present = self._presence(values, valid)
+        values, present = self._groups.check(values, valid)
         n, done = len(values), 0
         if self._fill:
             done = min(n, BLOCK - self._fill)
@@ -221,7 +216,7 @@ class OctaveCascade:
         avar = np.zeros((k, self.channels))
         terms = np.zeros((k, self.channels), dtype=np.int64)
         for j, octave in enumerate(self._octaves[:k]):
-            terms[j] = octave.terms[self._group]
+            terms[j] = octave.terms[self._groups.of]
             avar[j] = octave.squares / (2.0 * float(octave.m) ** 2 * np.maximum(terms[j], 1))
         return AllanCurve(
             tau0=self.tau0,
@@ -230,7 +225,7 @@ class OctaveCascade:
             terms=terms,
             stride=np.maximum(1, m // self.ratio),
             span=self._closed + self._position,
-            valid=self._valid[self._group],
+            valid=self._valid[self._groups.of],
             segments=self._segments + (self._position > 0),
             ratio=self.ratio,
         )
@@ -250,7 +245,7 @@ class OctaveCascade:
         numbers = (self._closed, self._segments, self._position)
         return {
             "setting": np.array([self.tau0, self.ratio, self.threshold]),
-            "group": self._group.astype(np.int64),
+            "group": self._groups.of.astype(np.int64),
             "numbers": np.array(numbers, dtype=np.int64),
             "valid": self._valid.copy(),
             "squares": np.array([o.squares for o in octaves]),
@@ -289,22 +284,9 @@ class OctaveCascade:
         return self
 
     def _setting(self) -> tuple[float, int, float, tuple[int, ...]]:
-        return self.tau0, self.ratio, self.threshold, tuple(self._group.tolist())
+        return self.tau0, self.ratio, self.threshold, tuple(self._groups.of.tolist())
 
     # --- blocks on the grid ---------------------------------------------------------------------------
-
-    def _presence(self, values: Floats, valid: Bools | None) -> Bools | None:
-        """(n, g) samples that count, None when all do."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            finite = bool(np.isfinite(values.sum()))  # one pass; only what is odd is looked at closely
-        if valid is None and finite:
-            return None
-        shape = (len(values), len(self._valid))
-        present = np.ones(shape, dtype=bool) if valid is None else np.array(valid, dtype=bool).reshape(shape)
-        if not finite:
-            for group in range(shape[1]):
-                present[:, group] &= np.isfinite(values[:, self._group == group]).all(axis=1)
-        return present
 
     def _wait(self, values: Floats, present: Bools | None) -> None:
         """Hold samples back, at most until the block is full."""
@@ -333,7 +315,7 @@ class OctaveCascade:
         n = fill + values.shape[1]
         samples = self._frame(0, 1 + n)[:, 1:]
         waiting = self._present[:, :fill]
-        if (present is None or present.all()) and waiting.all():
+        if present is None and waiting.all():
             known = None
         else:
             known = np.ones((len(self._valid), n), dtype=bool)
@@ -349,7 +331,7 @@ class OctaveCascade:
             self._climb(n, n, None)
         else:
             self._valid += known.sum(axis=1)
-            np.copyto(samples, 0.0, where=~known[self._group])
+            np.copyto(samples, 0.0, where=~known[self._groups.of])
             self._climb(n, n, known.astype(np.float64))
 
     def _settle(self, values: Floats, present: Bools | None) -> None:
@@ -358,7 +340,7 @@ class OctaveCascade:
         The median: one wild sample does not spoil it, and near it the subtraction is exact.
         """
         for group in np.flatnonzero(~self._settled):
-            mine = np.flatnonzero(self._group == group)
+            mine = self._groups.members[group]
             seen = values[mine] if present is None else values[mine][:, present[group]]
             if seen.shape[1]:
                 self._offset[mine] = np.median(seen, axis=1)
@@ -422,11 +404,11 @@ class OctaveCascade:
         return x, longer
 
     def _octave(self, index: int) -> Octave:
-        return Octave(index, self._group.tolist(), self.ratio, self.threshold)
+        return Octave(index, self._groups, self.ratio, self.threshold)
 
     def _frame(self, which: int, columns: int) -> Floats:
         """(c, columns) contiguous working space: 0, 1 for entries of even, odd octaves, 2 for differences."""
-        c = len(self._group)
+        c = self._groups.channels
         if not self._scratch:
             self._scratch = [np.empty(c * (max(RATIOS) + BATCH * BLOCK)) for _ in range(3)]
         return self._scratch[which][: c * columns].reshape(c, columns)

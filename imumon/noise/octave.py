@@ -6,22 +6,22 @@ Let C_m be the sum over the m samples that end at a given one, and x one of thos
     cluster of the next octave   C_2m(x) = C_m(x) + C_m(x - m)
 
 at every x up to m = R, then at every second x of the octave before. These entries come once in max(1, m/R)
-samples, so x - m lies min(m, R) entries back, and so many entries are all that an octave remembers. No sum ever
+samples, so x - m lies min(m, R) entries back, and so many entries are all that an octave remembers. No sum
 covers more than its cluster.
 
 Clusters carry (sum, count): the count of valid samples, by group of channels. Where too few are valid the
-differences that touch the cluster are skipped; where some are missing the average of the others stands for the
-cluster (Sesia & Tavella, Metrologia 45, 2008, S134).
+differences that touch the cluster are skipped; where some are missing the average of the others stands for
+the cluster (Sesia & Tavella, Metrologia 45, 2008, S134).
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
+from imumon.noise.groups import Groups
 from imumon.samples import Floats
 
 BLOCK = 256  # samples; squares are added in groups that lie on the grid, one group a block
@@ -34,7 +34,7 @@ class Octave:
     Parameters
     ----------
     index : j of the averaging factor m = 2^j.
-    groups : (c,) group of each channel, whose validity it shares.
+    groups : channels that share their validity.
     ratio : entries per cluster, R, where m allows.
     threshold : fraction of a cluster that must be valid for it to count.
 
@@ -46,19 +46,18 @@ class Octave:
     counts : (g, lag) valid samples in them.
     """
 
-    def __init__(self, index: int, groups: Sequence[int], ratio: int, threshold: float) -> None:
+    def __init__(self, index: int, groups: Groups, ratio: int, threshold: float) -> None:
         self.m = m = 1 << index
         self.lag = min(m, ratio)
         self.step = 2 if m >= ratio else 1  # entries to one of the next octave
         self.group = max(1, BLOCK * self.lag // m)  # entries in a block
         self._enough = threshold * m
         self._strict = self._enough > m - 1  # only full clusters are enough
-        index_of = np.asarray(groups)
-        self._members = [np.flatnonzero(index_of == g) for g in range(int(index_of.max()) + 1)]
-        self.squares = np.zeros(len(index_of))
-        self.terms = np.zeros(len(self._members), dtype=np.int64)
-        self.history = np.zeros((len(index_of), self.lag))
-        self.counts = np.full((len(self._members), self.lag), NOTHING)
+        self._members = groups.members
+        self.squares = np.zeros(groups.channels)
+        self.terms = np.zeros(len(groups), dtype=np.int64)
+        self.history = np.zeros((groups.channels, self.lag))
+        self.counts = np.full((len(groups), self.lag), NOTHING)
         self._full = False  # nothing is missing in the history
 
     def copy(self) -> Octave:
@@ -119,13 +118,11 @@ class Octave:
             np.divide(self.m, counts, out=weight, where=good)
             weighted = np.empty_like(x)
             for channels, w in zip(self._members, weight, strict=True):
-                for c in channels:
-                    np.multiply(x[c], w, out=weighted[c])
+                np.multiply(x[channels], w, out=weighted[channels])
             x = weighted
         np.subtract(x[:, lag:], x[:, :n], out=out)
         for channels, u in zip(self._members, use, strict=True):
-            for c in channels:
-                out[c] *= u
+            out[channels] *= u
 
     def _add_squares(self, difference: Floats) -> None:
         """Add squares in groups that depend on the grid alone, so that chunks leave no trace."""
