@@ -29,6 +29,18 @@ LOOP_RATE = 800
 """Rate in Hz of the internal loop, by which the divisors of the binary outputs and the windows of
 register 85 are counted."""
 
+OUTPUT_TYPES = {
+    1: "VNYPR", 2: "VNQTN", 8: "VNQMR", 9: "VNDCM", 10: "VNMAG", 11: "VNACC", 12: "VNGYR", 13: "VNMAR",
+    14: "VNYMR", 16: "VNYBA", 17: "VNYIA", 19: "VNIMU", 30: "VNDTV", 34: "VNHVE",
+}  # fmt: skip
+"""Message by the value of register 6; 0 is none. VNDCM is firmware 2's, VNHVE firmware 3's."""
+
+MEASUREMENTS = {
+    8: "VNYPR", 9: "VNQTN", 15: "VNQMR", 17: "VNMAG", 18: "VNACC", 19: "VNGYR", 20: "VNMAR", 27: "VNYMR",
+    54: "VNIMU", 80: "VNDTV", 115: "VNHVE", 239: "VNYBA", 240: "VNYIA",
+}  # fmt: skip
+"""Message whose fields a measurement register answers."""
+
 BAUD, OUTPUT_TYPE, OUTPUT_RATE = 5, 6, 7
 PROTOCOL, SYNC_CONTROL, SYNC_STATUS = 30, 32, 33
 BINARY_OUTPUTS = (75, 76, 77)
@@ -209,7 +221,6 @@ _TUNING = (
     "base_x base_y base_z adaptive_x adaptive_y adaptive_z "
     "filtering_x filtering_y filtering_z"
 )  # fmt: skip
-_OUTPUT_TYPES = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 16, 17, 19, 30, 34)
 _NMEA = (
     Field("port", choices=(0, 1, 2, 3)),
     Field("rate", choices=(0, 1, 5, 10, 20)),
@@ -254,7 +265,7 @@ _PROTOCOL = (
 def _settings() -> Iterable[Register]:
     yield Register(0, "user tag", (Field("tag", "text", high=20),), _both(""))
     yield Register(BAUD, "serial baud rate", (Field("baud", choices=BAUDS),), _both("115200"), ports=True)
-    kinds = Field("type", choices=_OUTPUT_TYPES, only={9: 2, 34: 3})
+    kinds = Field("type", choices=(0, *OUTPUT_TYPES), only={9: 2, 34: 3})
     yield Register(OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
     rates = Field("rate", choices=(0, *ASCII_RATES), only={0: 3})
     yield Register(OUTPUT_RATE, "async data output frequency", (rates,), _both("40"), ports=True)

@@ -1,0 +1,10 @@
+"""The emulator by itself: ``python -m imumon.emulator``."""
+
+from __future__ import annotations
+
+import sys
+
+from imumon.emulator import from_words, run
+
+if __name__ == "__main__":
+    sys.exit(run(from_words(sys.argv[1:])))

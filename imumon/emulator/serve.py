@@ -1,0 +1,305 @@
+"""The emulator at work: device, line and control in one loop.
+
+The sensor's clock follows the room's: tick t is due at start + t / 800 s, whatever the loop did meanwhile,
+so nothing drifts. In time-lapse it runs faster, without pacing, and stands still as long as its reader has
+not taken what there is. Messages are made in batches of a few milliseconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal as signals
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from imumon.emulator.device import Device, Message
+from imumon.emulator.faults import Faults
+from imumon.emulator.impostor import Impostor
+from imumon.emulator.line import Terminal, Uart
+from imumon.emulator.settings import EmulatorSettings
+from imumon.emulator.signal import Tape
+from imumon.sensors.vn100.registers import (
+    ASCII_RATES,
+    BAUD,
+    BAUDS,
+    BINARY_OUTPUTS,
+    FACTORY_BAUD,
+    LOOP_RATE,
+    OUTPUT_RATE,
+    OUTPUT_TYPE,
+)
+
+TIME_AND_DELTAS = ("06", "0001", "00C0")
+"""Groups and field words of TimeStartup, DeltaTheta and DeltaVel: 44 bytes."""
+
+BATCH_S = 0.004
+"""Shortest time between two rounds of the loop."""
+
+IDLE_S = 0.05
+_LAPSE_TICKS = 1 << 14
+
+
+def make_device(settings: EmulatorSettings) -> Device:
+    """Device that streams at the rate and baud that were asked for.
+
+    Raises
+    ------
+    ValueError
+        The rate does not fit the baud.
+    """
+    device = Device(settings, Tape(settings))
+    candidates = [settings.baud] if settings.baud else [b for b in BAUDS if b >= FACTORY_BAUD and b != 128000]
+    for baud in candidates:
+        device.set(BAUD, str(baud))
+        if int(settings.rate) in ASCII_RATES:
+            device.set(OUTPUT_RATE, str(int(settings.rate)))
+        elif settings.rate:
+            device.set(OUTPUT_TYPE, "0")
+            divisor = str(round(LOOP_RATE / settings.rate))
+            device.set(BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS)
+        else:
+            device.set(OUTPUT_TYPE, "0")
+        if device.load() <= baud / 10:
+            return device
+    raise ValueError(
+        f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}: give a higher baud or a lower rate"
+    )
+
+
+class Emulator:
+    """Device, line and faults, driven by the clock that is handed in.
+
+    Parameters
+    ----------
+    now : s, the room's clock at the start.
+    """
+
+    def __init__(self, settings: EmulatorSettings, now: float) -> None:
+        self._settings = settings
+        self._device = make_device(settings)
+        self._impostor = Impostor(settings.impostor, now) if settings.impostor else None
+        self._rng = np.random.default_rng(settings.seed)
+        self._faults = settings.faults
+        self._uart = Uart(self._device.baud, pacing=not settings.time_lapse)
+        self.terminal = Terminal(self._device.baud, settings.link, self._rng)
+        self._plugged = True
+        self._pace = LOOP_RATE * settings.speed
+        self._origin, self._last = now, now
+        self._stalled = self._silent = float("-inf")
+        self._cut_next = False
+        self.made = self.lost = 0
+
+    def round(self, now: float) -> float:
+        """Do what is due at `now` (s); returns when to come again unless something is read before."""
+        uart, device = self._uart, self._device
+        if self._settings.time_lapse and (self.terminal.waiting or now < self._stalled):
+            self._origin += now - self._last
+        self._last = now
+        for reply in device.replies(now):
+            self._send(reply, now)
+        uart.baud = device.baud
+        target = int((now - self._origin) * self._pace)
+        if self._settings.time_lapse and target > device.tick + _LAPSE_TICKS:
+            self._origin += (target - device.tick - _LAPSE_TICKS) / self._pace
+            target = device.tick + _LAPSE_TICKS
+        if self._impostor is not None:
+            for message in self._impostor.messages(now):
+                uart.put(message, now)
+        else:
+            self._emit(device.advance(target), now)
+        due = [] if now < self._stalled else uart.due(now)
+        if self._plugged:
+            self.terminal.write(due, drop=not self._settings.time_lapse)
+        else:
+            self.lost += len(due)
+        return self._next(now)
+
+    def _emit(self, messages: list[Message], now: float) -> None:
+        self.made += len(messages)
+        if now < self._silent:
+            self.lost += len(messages)
+            return
+        if not self._faults and not self._cut_next:
+            for tick, message in messages:
+                self._uart.put(message, self._origin + tick / self._pace)
+            return
+        for tick, message in messages:
+            self._damage(message, self._origin + tick / self._pace)
+
+    def _send(self, reply: bytes, now: float) -> None:
+        if now >= self._silent:
+            self._damage(reply, now)
+
+    def _damage(self, message: bytes, at: float) -> None:
+        if self._cut_next:
+            message, self._cut_next = message[: len(message) // 2], False
+        arriving = self._faults.apply(message, self._rng)
+        self.lost += not arriving
+        for each in arriving:
+            self._uart.put(each, at)
+
+    def _next(self, now: float) -> float:
+        soon = now + BATCH_S
+        times = [now + IDLE_S, self._origin + (self._device.next_tick() + 1) / self._pace]
+        times += [t for t in (self._uart.next(), self._device.due()) if t is not None]
+        return max(soon, min(times))
+
+    def read(self, now: float) -> None:
+        """The terminal has something for the sensor."""
+        data = self.terminal.read(self._device.baud)
+        if data and self._impostor is None and now >= self._silent:
+            self._device.receive(data, now)
+
+    @property
+    def wants(self) -> tuple[list[int], list[int]]:
+        """Descriptors to wait for: readable and writable ones."""
+        if not self._plugged:
+            return [], []
+        return [self.terminal.master], [self.terminal.master] if self.terminal.waiting else []
+
+    def counters(self) -> dict[str, object]:
+        """What was made, sent and lost so far, in messages unless it says otherwise."""
+        return {
+            "path": self.terminal.path,
+            "ticks": self._device.tick,
+            "messages": self.made,
+            "sent": self.terminal.sent,
+            "lost": self.lost,
+            "dropped": self.terminal.dropped,
+            "overflowed": self._uart.overflowed,
+            "bytes": self.terminal.sent_bytes,
+            "restarts": self._device.restarts,
+            "baud": self._device.baud,
+        }
+
+    def command(self, text: str, now: float) -> dict[str, object]:
+        """Obey a line of the control channel; the answer tells the counters.
+
+        ``counters`` · ``fault NAME=P,...`` · ``stall S`` (bytes are held back, then come at once) ·
+        ``silence S`` (nothing comes, and it is lost) · ``jump S`` (the sensor's clock leaps) · ``cut`` (the
+        next message ends in its middle) · ``reboot`` · ``unplug`` · ``replug``.
+        """
+        word, _, rest = text.strip().partition(" ")
+        try:
+            if word == "fault":
+                self._faults = Faults.parse(rest)
+            elif word == "stall":
+                self._stalled = now + float(rest)
+            elif word == "silence":
+                self._silent = now + float(rest)
+            elif word == "jump":
+                self._device.jump(float(rest))
+            elif word == "cut":
+                self._cut_next = True
+            elif word == "reboot":
+                self._device.restart(now)
+            elif word == "unplug" and self._plugged:
+                self._plugged = False
+                self.terminal.unplug()
+            elif word == "replug":
+                if self._plugged:
+                    self.terminal.unplug()
+                self.terminal.replug(self._device.baud)
+                self._plugged = True
+            elif word not in ("counters", "unplug"):
+                raise ValueError(f"{word!r} is no command")
+        except ValueError as error:
+            return {"error": str(error)}
+        return self.counters()
+
+
+class Control:
+    """Lines of commands on standard input or on a socket; each is answered by a line of JSON."""
+
+    def __init__(self, where: str | None) -> None:
+        self._server: socket.socket | None = None
+        self._inputs: dict[int, tuple[int, bytearray]] = {}
+        self._clients: dict[int, socket.socket] = {}
+        self._path = where if where not in (None, "-") else None
+        self.ended = False
+        if where == "-":
+            self._inputs[sys.stdin.fileno()] = (sys.stdout.fileno(), bytearray())
+        elif where is not None:
+            Path(where).unlink(missing_ok=True)
+            self._server = socket.socket(socket.AF_UNIX)
+            self._server.bind(where)
+            self._server.listen()
+
+    @property
+    def descriptors(self) -> list[int]:
+        return [*self._inputs, *([self._server.fileno()] if self._server is not None else [])]
+
+    def lines(self, ready: list[int]) -> Iterator[tuple[str, int]]:
+        """Commands that came, each with the descriptor for its answer."""
+        if self._server is not None and self._server.fileno() in ready:
+            client, _ = self._server.accept()
+            self._clients[client.fileno()] = client
+            self._inputs[client.fileno()] = (client.fileno(), bytearray())
+        for descriptor in [d for d in self._inputs if d in ready]:
+            answer, held = self._inputs[descriptor]
+            try:
+                data = os.read(descriptor, 4096)
+            except OSError:
+                data = b""
+            if not data:
+                del self._inputs[descriptor]
+                gone = self._clients.pop(descriptor, None)
+                if gone is None:
+                    self.ended = True
+                else:
+                    gone.close()
+                continue
+            held += data
+            *whole, rest = held.split(b"\n")
+            held[:] = rest
+            for line in filter(None, whole):
+                yield line.decode("utf-8", "replace"), answer
+
+    def close(self) -> None:
+        for client in self._clients.values():
+            client.close()
+        if self._server is not None and self._path is not None:
+            self._server.close()
+            Path(self._path).unlink(missing_ok=True)
+
+
+def run(settings: EmulatorSettings) -> int:
+    """Serve until SIGTERM, SIGINT or the end of the control input.
+
+    The terminal's path is the first line printed.
+    """
+    stop = []
+    for number in (signals.SIGTERM, signals.SIGINT, signals.SIGHUP):
+        signals.signal(number, lambda *_: stop.append(True))
+    try:
+        emulator = Emulator(replace(settings), time.monotonic())
+    except ValueError as error:
+        print(f"imumon sim: {error}", file=sys.stderr)
+        return 2
+    control = Control(settings.control)
+    print(emulator.terminal.path, flush=True)
+    try:
+        while not stop and not control.ended:
+            again = emulator.round(time.monotonic())
+            readable, writable = emulator.wants
+            timeout = max(0.0, again - time.monotonic())
+            ready, _, _ = select.select([*readable, *control.descriptors], writable, [], timeout)
+            now = time.monotonic()
+            if set(readable) & set(ready):
+                emulator.read(now)
+            for line, answer in control.lines(ready):
+                with contextlib.suppress(OSError):
+                    os.write(answer, json.dumps(emulator.command(line, now)).encode() + b"\n")
+    finally:
+        emulator.terminal.close()
+        control.close()
+    return 0
