@@ -1,1 +1,91 @@
-"""."""
+"""The live screen: draws reports, computes nothing.
+
+`run` shows a feed on the terminal, `picture` draws one report into an SVG without one. Textual is
+imported late: whoever only asks for a status does not pay for it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from imumon.report import Event, Report, Signal
+from imumon.tui.feed import Feed, Still
+
+__all__ = ["Feed", "Still", "picture", "run"]
+
+
+def run(
+    feed: Feed,
+    *,
+    id: str | None = None,
+    ascii: bool = False,
+    theme: str | None = None,
+    baseline: Report | None = None,
+    endpoint: str | None = None,
+) -> int:
+    """Show a feed until the user leaves.
+
+    Parameters
+    ----------
+    feed : where reports come from.
+    id : device to show; None: the first that is heard.
+    ascii : draw with ASCII characters only; implied where the terminal knows no others.
+    theme : name of a theme, such as ``imumon-light``.
+    baseline : report whose curves are drawn behind the live ones.
+    endpoint : what was tried, for the page that is shown while nobody answers.
+
+    Returns
+    -------
+    int : exit code: 0, 1 without a terminal, 128 + n after signal n.
+    """
+    from imumon.tui import terminal
+
+    reason = terminal.missing()
+    if reason is not None:
+        print(f"imumon: {reason}", file=sys.stderr)
+        return 1
+    from imumon.tui.app import Monitor
+
+    app = Monitor(
+        feed,
+        id=id,
+        ascii=ascii or terminal.only_ascii(),
+        theme=theme,
+        baseline=baseline,
+        endpoint=endpoint,
+    )
+    app.run()
+    return app.return_code or 0
+
+
+def picture(
+    report: Report,
+    path: Path,
+    *,
+    signal: Signal | None = None,
+    events: Sequence[Event] = (),
+    size: tuple[int, int] = (150, 40),
+    keys: Sequence[str] = (),
+    theme: str | None = None,
+) -> None:
+    """Draw the screen of a report into an SVG file, without a terminal.
+
+    Parameters
+    ----------
+    size : columns and rows.
+    keys : keys to press first, such as ``2`` for the signal view.
+    """
+    import asyncio
+
+    from imumon.tui.app import Monitor
+
+    async def draw() -> str:
+        app = Monitor(Still(report, signal, events), theme=theme)
+        async with app.run_test(size=size) as pilot:
+            await pilot.press(*keys)
+            await pilot.pause()
+            return app.export_screenshot()
+
+    path.write_text(asyncio.run(draw()), encoding="utf-8")

@@ -1,0 +1,242 @@
+"""Lists: the device, the events, the sensors and the help as lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from imumon.report import COEFFICIENTS, Drift, Event, Report
+from imumon.tui.pages import GRADED, caveats_of
+from imumon.tui.scene import Scene
+from imumon.samples import sensor_of
+from imumon.tui.words import CELL, Line, about, clock, explain, length, number, padded, wrap
+
+
+def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
+    """One line of a card: a name, its value, and a remark."""
+    text = "–" if value is None else str(value)
+    return [(f"  {name:<20}", "muted"), (text, "faint" if value is None else role), (f"   {note}" if note else "", "faint")]
+
+
+def _title(text: str) -> Line:
+    return [(f" {text}", "title")]
+
+
+def device(scene: Scene, width: int, height: int = 0) -> list[Line]:
+    """Who the sensor is, what its numbers describe, and how the line does."""
+    report = scene.report
+    if report is None:
+        return []
+    cards = [_identity(report), _stream(report), _settings(report), _link(report), _left_out(report), _notes(report, width)]
+    if width < 110:
+        return [padded(line, width) for card in cards if card for line in [*card, []]]
+    half = width // 2
+    left = [line for card in cards[:3] if card for line in [*card, []]]
+    right = [line for card in [*cards[3:5], _notes(report, half)] if card for line in [*card, []]]
+    count = max(len(left), len(right))
+    left += [[]] * (count - len(left))
+    right += [[]] * (count - len(right))
+    return [padded(a, half) + padded(b, width - half) for a, b in zip(left, right, strict=True)]
+
+
+def _identity(report: Report) -> list[Line]:
+    d = report.device
+    return [
+        _title("Sensor"),
+        _pair("name", d.id, role="strong"),
+        _pair("model", d.model),
+        _pair("serial number", d.serial),
+        _pair("firmware", d.firmware),
+        _pair("port", d.port),
+        _pair("baud", None if d.baud is None else f"{d.baud:,}"),
+    ]
+
+
+def _stream(report: Report) -> list[Line]:
+    d = report.device
+    meaning = {
+        "deltas": "true averages over each interval",
+        "uncompensated": "samples before the bias filter",
+        "compensated": "samples after the bias filter",
+    }
+    alias, note, role = None, "unknown: the filter register was not read", "text"
+    if d.alias_factor is not None:
+        alias = f"{d.alias_factor:.2f}"
+        note = "N is not inflated" if d.alias_factor == 1.0 else "N is too high by this factor, nominally"
+        role = "text" if d.alias_factor == 1.0 else "warn"
+    rate = None if d.sample_rate_hz is None else f"{d.sample_rate_hz:.6g} Hz"
+    return [
+        _title("What the numbers describe"),
+        _pair("stream", d.stream, meaning.get(d.stream or "", ""), "strong"),
+        _pair("message", d.source),
+        _pair("sample rate", rate),
+        _pair("time from", d.clock),
+        _pair("alias factor", alias, note, role),
+    ]
+
+
+def _settings(report: Report) -> list[Line]:
+    if not report.device.settings:
+        return [_title("Settings that change the data"), [("  not read from the sensor", "faint")]]
+    return [_title("Settings that change the data"), *(_pair(k, v) for k, v in report.device.settings.items())]
+
+
+def _link(report: Report) -> list[Line]:
+    s = report.session
+    expected = s.samples + s.missing
+    share = f"{100 * s.missing / expected:.2g} %" if s.missing and expected else ""
+    return [
+        _title("Line"),
+        _pair("since", None if s.started is None else s.started[:19].replace("T", " ") + " UTC"),
+        _pair("elapsed", clock(s.elapsed_s)),
+        _pair("samples", f"{s.samples:,}"),
+        _pair("missing", f"{s.missing:,}", share, "warn" if s.missing else "text"),
+        _pair("gaps", f"{s.gaps:,}", role="warn" if s.gaps else "text"),
+        _pair("failed checksums", f"{s.bad_checksums:,}", role="warn" if s.bad_checksums else "text"),
+        _pair("discarded bytes", f"{s.discarded_bytes:,}", f"of {s.received_bytes:,}" if s.received_bytes else ""),
+        _pair("overruns", f"{s.overruns:,}", role="warn" if s.overruns else "text"),
+        _pair("duplicates", f"{s.duplicates:,}"),
+        _pair("restarts", f"{s.restarts:,}"),
+    ]
+
+
+def _left_out(report: Report) -> list[Line]:
+    s = report.session
+    lines = [
+        _title("Cut out"),
+        _pair("disturbances", f"{s.disturbances:,}"),
+        _pair("excluded", clock(s.excluded_s)),
+        _pair("warm-up", clock(s.warmup_s)),
+    ]
+    return lines + [_pair(f"  by {reason}", clock(seconds)) for reason, seconds in s.excluded_by.items()]
+
+
+def _notes(report: Report, width: int) -> list[Line]:
+    lines: list[Line] = []
+    for caveat, where in caveats_of(report):
+        for k, text in enumerate(wrap(f"{where}{explain(caveat)}", max(width - 5, 10))):
+            lines.append([("  ! " if not k else "    ", "warn"), (text, "text")])
+    return [_title("Caveats"), *lines] if lines else []
+
+
+_KINDS = {"disconnect": "bad", "gap": "warn", "disturbance": "warn", "connect": "good", "restart": "warn", "grade": "accent"}
+
+
+def chosen_events(events: Sequence[Event], needle: str) -> list[Event]:
+    """Events whose kind, channel or text hold every word asked for."""
+    wanted = needle.casefold().split()
+    return [e for e in events if all(w in f"{e.kind} {e.channel or ''} {e.text}".casefold() for w in wanted)]
+
+
+def events(scene: Scene, width: int, height: int = 0) -> list[Line]:
+    """The log, newest first."""
+    found = chosen_events(scene.events, scene.needle)
+    kept = f"{len(found)} of {len(scene.events)}" if scene.needle else f"{len(found)}"
+    head: Line = [(" events ", "title"), (kept, "muted")]
+    head += [(f"   with '{scene.needle}'", "bound")] if scene.needle else [("   / filters", "faint")]
+    lines: list[Line] = [padded(head, width), []]
+    if not found:
+        lines.append([(" nothing has happened" if not scene.events else " none of them matches", "faint")])
+    for event in reversed(found):
+        role = next((r for kind, r in _KINDS.items() if kind in event.kind), "text")
+        stem: Line = [(f" {event.time[:10]} {event.time[11:19]} ", "faint"), (f"{event.kind:<14}", role)]
+        room = max(width - length(stem) - 1, 12)
+        text = event.text if event.channel is None or event.channel in event.text else f"{event.channel}: {event.text}"
+        for k, part in enumerate(wrap(text, room)):
+            lines.append([*(stem if not k else [(" " * length(stem), "text")]), (part, "text")])
+    return [padded(line, width) for line in lines]
+
+
+def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
+    """Every device: state, grades, elapsed; and two of them side by side."""
+    lines: list[Line] = [padded([(" sensors ", "title"), (str(len(scene.reports)), "muted")], width), []]
+    head = f"   {'state':<16}{'name':<26}{'gyro':<12}{'accel':<12}{'elapsed':<12}"
+    lines.append([(head, "muted")])
+    for name, report in sorted(scene.reports.items()):
+        now = scene.situation(name)
+        line: Line = [("▌" if name == scene.id else " ", "accent"), (f" {now.mark} {now.word:<14}"[:18], now.role)]
+        line = padded(line, 19)
+        line.append((f"{name:<26}" if len(name) <= 25 else f"{name[:24]}… ", "strong"))
+        for sensor in GRADED:
+            grade = report.grade.get(sensor)
+            nearest = grade.nearest if grade is not None else None
+            line.append((f"{nearest or '–':<12}", f"grade-{nearest}" if nearest else "faint"))
+        line.append((f"{clock(report.session.elapsed_s):<12}", "text"))
+        tail = "compared" if name == scene.other else about(scene.ages.get(name, 0.0)) + " ago" if not now.live else ""
+        line.append((tail, "bound" if name == scene.other else "warn"))
+        line = padded(line, width)
+        lines.append([(t, f"{r.partition('/')[0]}/chosen") for t, r in line] if name == scene.id else line)
+    if len(scene.reports) > 1:
+        lines += [[], [("   arrows choose", "faint"), (" · ", "faint"), ("c compares the chosen one with the next", "faint")]]
+    return [padded(line, width) for line in [*lines, [], *comparison(scene, width)]]
+
+
+def comparison(scene: Scene, width: int) -> list[Line]:
+    """N, B, K of two devices, channel by channel, one under the other."""
+    mine, other = scene.report, scene.reports.get(scene.other or "")
+    if mine is None or other is None or scene.id is None or scene.other is None:
+        return []
+    lines: list[Line] = []
+    last = None
+    for channel, part in mine.channels.items():
+        twin, sensor = other.channels.get(channel), sensor_of(channel)
+        if "/" not in channel or twin is None:
+            continue
+        if sensor != last:
+            head: Line = [(f" {sensor:<31}", "title")]
+            for name in COEFFICIENTS:
+                text = f"{name} {scene.notation.coefficient_unit(sensor, name)}"
+                head += [(" " * (CELL + 1 - len(text)), "text"), (name, name), (text[1:], "muted")]
+            lines.append(head)
+        last = sensor
+        for k, (owner, name) in enumerate(((part, scene.id), (twin, scene.other))):
+            shown = name if len(name) <= 24 else f"{name[:23]}…"
+            line: Line = [(f"   {'' if k else channel[-1]:<3}{shown:<26}", "muted" if k else "text")]
+            for coefficient in COEFFICIENTS:
+                text, role = scene.notation.coefficient(getattr(owner, coefficient), None)
+                line.append((text.rjust(CELL + 1), "muted" if k and role == "text" else role))
+            lines.append(line)
+    return lines
+
+
+def drift(scene: Scene, width: int, height: int = 0) -> list[Line]:
+    """Shape of the values, slope of the mean, and what the temperature has to do with it."""
+    channel, name = scene.chosen, scene.channel
+    if channel is None or name is None:
+        return []
+    factor, unit = scene.notation.scale(name)
+    lines: list[Line] = []
+    shape = channel.distribution
+    verdict = shape.verdict if shape is not None and shape.verdict else "not judged yet"
+    first: Line = [(" shape ", "muted"), (verdict, "text")]
+    if channel.skewness is not None and channel.excess_kurtosis is not None:
+        first.append((f"   skewness {channel.skewness:.2g}   excess kurtosis {channel.excess_kurtosis:.2g}", "muted"))
+    lines.append(first)
+    lines.append(_slope(channel.drift, factor, unit, scene.notation.about))
+    degrees = scene.report.channels.get("temperature") if scene.report is not None else None
+    if degrees is not None and degrees.last is not None:
+        line: Line = [(" heat  ", "muted"), (f"now {degrees.last:.2f} °C", "text")]
+        if degrees.min is not None and degrees.max is not None:
+            line.append((f"   {degrees.min:.2f} to {degrees.max:.2f} °C since the start", "muted"))
+        lines.append(line)
+    if shape is not None and shape.recent_mean is not None and shape.recent_std is not None:
+        text = f"mean {number(shape.recent_mean * factor, 4)}  std {number(shape.recent_std * factor, 3)} {unit}"
+        lines.append([(" last minute ", "muted"), (text, "text")])
+    return [padded(line, width) for line in lines[:height]]
+
+
+def _slope(found: Drift | None, factor: float, unit: str, about_sign: str) -> Line:
+    """Drift over an hour and over a degree, with 95 % limits."""
+    line: Line = [(" drift ", "muted")]
+    if found is None or found.per_hour is None:
+        return [*line, ("not known yet", "faint")]
+    line.append((f"{number(found.per_hour * factor, 3)} {unit} an hour", "text" if found.significant else "muted"))
+    if found.per_hour_low is not None and found.per_hour_high is not None:
+        low, high = number(found.per_hour_low * factor, 2), number(found.per_hour_high * factor, 2)
+        line.append((f"  ({low} to {high})", "muted"))
+    if found.significant is False:
+        line.append(("  no more than the noise makes", "muted"))
+    if found.per_degC is not None:
+        line.append((f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text"))
+    if found.explained is not None:
+        line.append((f"   temperature explains {100 * found.explained:.0f} %", "muted"))
+    return line

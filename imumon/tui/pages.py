@@ -1,0 +1,363 @@
+"""Pages: the overview's text, from a scene and a size to lines.
+
+The table's columns have fixed widths, each as wide as the longest number that can stand in it: a cut
+number is a wrong number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
+from imumon.samples import sensor_of
+from imumon.tui.letters import headline
+from imumon.tui.scene import Scene, Situation
+from imumon.tui.words import (
+    CELL,
+    Line,
+    Notation,
+    about,
+    clock,
+    explain,
+    length,
+    number,
+    on,
+    padded,
+    remaining,
+    short,
+    signed,
+    wrap,
+)
+
+TABLE = 80
+"""Cells the table takes."""
+GRADED = ("gyro", "accel")
+
+
+# ---------------------------------------------------------------------------- status line
+
+
+def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
+    """State, sensor, port, rate, elapsed, gaps, errors, temperature, as far as there is room."""
+    now = scene.situation()
+    ground = "status" if now.live else "alarm" if now.role == "bad" else "status"
+    line: Line = [(f" {now.mark} {now.word} ", f"{now.role}-strong")]
+    right: Line = []
+    if scene.frozen:
+        right = [(" frozen: f goes on ", "chip"), (" ", "text")]
+    room = width - length(right)
+    if now.text and (not now.live or now.kind in ("warming", "starting", "moving", "finished")):
+        line.append((f" {now.text}", "text"))
+    report = scene.report
+    if report is not None:
+        parts = _facts(report, len(scene.reports))
+        for k, part in enumerate(parts):
+            piece: Line = [(" · " if k or now.text else "  ", "faint"), *part]
+            if length(line) + length(piece) > room - 1:
+                continue
+            line += piece
+    line = padded(line, room) + right
+    return [on(line, ground)]
+
+
+def _facts(report: Report, devices: int) -> list[Line]:
+    """What the status line tells, the most important first."""
+    device, session = report.device, report.session
+    facts: list[Line] = [[(device.id, "strong")]]
+    if device.sample_rate_hz is not None:
+        facts.append([(f"{device.sample_rate_hz:.4g} Hz", "text")])
+    facts.append([(clock(session.elapsed_s), "text")])
+    facts.append([_count(session.gaps, "gap")])
+    facts.append([_count(session.bad_checksums, "error")])
+    degrees = report.channels.get("temperature")
+    if degrees is not None and degrees.last is not None:
+        facts.append([(f"{degrees.last:.1f} °C", "text")])
+    if device.port is not None:
+        facts.append([(device.port, "muted")])
+    if device.stream is not None:
+        facts.append([(device.stream, "muted")])
+    if device.model is not None:
+        facts.append([(device.model, "muted")])
+    if report.speed != 1.0:
+        facts.insert(3, [(f"time-lapse ×{report.speed:g}", "bound")])
+    if devices > 1:
+        facts.insert(1, [(f"1 of {devices}", "bound")])
+    return facts
+
+
+def _count(count: int, what: str) -> tuple[str, str]:
+    return f"{count:,} {what}{'' if count == 1 else 's'}", "warn" if count else "text"
+
+
+# ---------------------------------------------------------------------------- headline grades
+
+
+def plates(scene: Scene, width: int, height: int) -> list[Line]:
+    """Headline grade of gyro and accelerometer: large where there is room, else one line."""
+    report = scene.report
+    if report is None:
+        return []
+    if height >= 6 and width >= 78:
+        return _large(report, scene.notation, width)
+    line: Line = []
+    for sensor in GRADED:
+        line += [("  " if line else " ", "text"), *_small(sensor, report.grade.get(sensor))]
+    lines = [padded(line, width)]
+    return lines + _caveats(scene, width, height - 1) if height > 1 else lines
+
+
+def _small(sensor: str, grade: SensorGrade | None) -> Line:
+    """Headline grade in half a line of 80 cells."""
+    if grade is None or grade.nearest is None:
+        return padded([(f"{sensor} ", "muted"), ("not graded yet", "faint")], 38)
+    by = f" by {grade.decided_by.axis[-1]} {grade.decided_by.coefficient}" if grade.decided_by else ""
+    tail = " (for now)" if grade.provisional else ""
+    return padded([(f"{sensor} ", "muted"), (grade.nearest.upper(), f"grade-{grade.nearest}-strong"), (by + tail, "muted")], 38)
+
+
+def _large(report: Report, notation: Notation, width: int) -> list[Line]:
+    """Two plates side by side: sensor, grade in letters, what decides it."""
+    half = width // 2
+    lines: list[Line] = [[] for _ in range(6)]
+    for sensor in GRADED:
+        for line, part in zip(lines, _plate(sensor, report.grade.get(sensor), notation, half), strict=True):
+            line += padded(part, half)
+    return lines
+
+
+def _plate(sensor: str, grade: SensorGrade | None, notation: Notation, width: int) -> list[Line]:
+    """Six lines of one sensor's headline."""
+    title = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor]
+    head: Line = [("  ", "text"), (title, "title")]
+    if grade is None or grade.nearest is None:
+        reason = (grade.reason if grade is not None else None) or "no coefficient is known well enough"
+        text = [f"  {line}" for line in wrap(reason, width - 4)[:2]]
+        return [head, [], [("  not graded yet", "muted")], *([(line, "faint")] for line in [*text, ""][:2]), []]
+    if grade.provisional:
+        head.append(("  for now", "warn"))
+    role = f"grade-{grade.nearest}"
+    rows = [grade.nearest.upper().center(0), "", ""] if notation.ascii else headline(grade.nearest)
+    tail: Line = [("  ", "text")]
+    if grade.decided_by is not None:
+        tail += [("decided by ", "faint"), (f"{grade.decided_by.axis[-1]} {grade.decided_by.coefficient}", "text"), (" · ", "faint")]
+    tail.append((f"meets {grade.meets}" if grade.meets else "meets none", "muted"))
+    return [head, *([("  ", "text"), (row, role)] for row in rows), tail, []]
+
+
+# ---------------------------------------------------------------------------- table
+
+
+def table(scene: Scene, width: int, height: int) -> list[Line]:
+    """All channels, grouped by sensor, moved so that the chosen one is seen."""
+    return [padded(line, width) for line, _ in table_rows(scene, height)]
+
+
+def table_rows(scene: Scene, height: int) -> list[tuple[Line, str | None]]:
+    """Lines of the table that are seen, each with its channel; None for a heading."""
+    rows = rows_of(scene, airy=True)
+    if len(rows) > height:
+        rows = rows_of(scene)
+    at = next((k for k, (_, channel) in enumerate(rows) if channel == scene.channel), 0)
+    first = min(max(at - height + 2, 0), max(len(rows) - height, 0))
+    return rows[first : first + height]
+
+
+def rows_of(scene: Scene, *, airy: bool = False) -> list[tuple[Line, str | None]]:
+    """Every line of the table; airy: an empty one before each group."""
+    report = scene.report
+    if report is None:
+        return []
+    rows: list[tuple[Line, str | None]] = []
+    last = None
+    for name, channel in report.channels.items():
+        group = sensor_of(name) if "/" in name else "surroundings"
+        if group != last:
+            if airy and rows:
+                rows.append(([], None))
+            if "/" in name:
+                rows.append((_heading(scene.notation, group), None))
+        last = group
+        line = _row(scene, name, channel)
+        rows.append((on(line, "chosen") if name == scene.channel else line, name))
+    return rows
+
+
+def _heading(notation: Notation, sensor: str) -> Line:
+    """Names and units of the columns, for one sensor."""
+    _, unit = notation.scale(f"{sensor}/x")
+    line: Line = [(f" {sensor:<5}", "title"), (f"mean {unit}".rjust(10), "muted"), ("std".rjust(8), "muted")]
+    for name in COEFFICIENTS:
+        text = f"{name} {notation.coefficient_unit(sensor, name)}"
+        line += [(" " + " " * (CELL - len(text)), "text"), (name, name), (text[1:], "muted")]
+    return [*line, (" grade" if sensor in GRADED else "", "muted")]
+
+
+def _row(scene: Scene, name: str, channel: Channel) -> Line:
+    """One channel: 80 cells."""
+    notation = scene.notation
+    factor, unit = notation.scale(name)
+    mark = "▌" if name == scene.channel else " "
+    label = f"  {name[-1]}" if "/" in name else name
+    mean = "–" if channel.mean is None else signed(channel.mean * factor)
+    std = "–" if channel.std is None else short(channel.std * factor)
+    if "/" not in name:
+        last = "" if channel.last is None else f"now {number(channel.last * factor, 5)} {unit}"
+        spread = f"mean {mean} {unit}   std {std}"
+        return padded([(mark, "accent"), (f"{label:<12}", "title"), (f"{last:<20}", "text"), (spread, "muted")], TABLE)
+    line: Line = [(mark, "accent"), (f"{label:<5}", "strong"), (f"{mean:>10}", "text"), (f"{std:>8}", "text")]
+    for part in COEFFICIENTS:
+        text, role = notation.coefficient(getattr(channel, part), remaining(channel.time_to, part))
+        line += [(" " + " " * (CELL - len(text)), "text"), (text, role)]
+    nearest = channel.grade.nearest if channel.grade is not None else None
+    blank = "–" if sensor_of(name) in GRADED else ""
+    line.append((f" {nearest or blank}", f"grade-{nearest}" if nearest else "faint"))
+    return padded(line, TABLE)
+
+
+# ---------------------------------------------------------------------------- the chosen channel
+
+
+def detail(scene: Scene, width: int, height: int) -> list[Line]:
+    """The chosen channel in full: coefficients with limits, quality of the fit, caveats."""
+    channel, name = scene.chosen, scene.channel
+    if channel is None or name is None or height < 1:
+        return []
+    notation = scene.notation
+    factor, unit = notation.scale(name)
+    lines: list[Line] = [[(f" {name.replace('/', ' ')}", "title"), *_mean(channel, notation, factor, unit)]]
+    for part in COEFFICIENTS:
+        found = getattr(channel, part)
+        if found is not None:
+            lines.append(_limits(notation, sensor_of(name), part, found, channel))
+    lines.append(_quality(channel))
+    shape = channel.distribution
+    if shape is not None and shape.verdict:
+        lines.append([("   shape ", "muted"), (shape.verdict, "text")])
+    caveats = _caveats(scene, width, max(height - len(lines) - 1, 0))
+    if caveats:
+        lines += [[], *caveats]
+    return [padded(line, width) for line in lines[:height]]
+
+
+def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> Line:
+    """Mean with what it is worth, and the last value."""
+    if channel.mean is None:
+        return [("   no value yet", "faint")]
+    shape = channel.distribution
+    line: Line = [("   mean ", "muted"), (signed(channel.mean * factor, 5), "text")]
+    if shape is not None and shape.bias_low is not None and shape.bias_high is not None:
+        half = 0.5 * (shape.bias_high - shape.bias_low) * factor
+        line.append((f" {notation.about} {number(half, 2)}", "text"))
+    line.append((f" {unit}", "muted"))
+    if channel.last is not None:
+        line += [("   now ", "muted"), (signed(channel.last * factor, 5), "text")]
+    if channel.min is not None and channel.max is not None:
+        span = f"{signed(channel.min * factor)} to {signed(channel.max * factor)}"
+        line += [("   range ", "muted"), (span, "text")]
+    return line
+
+
+def _limits(notation: Notation, sensor: str, name: str, part: Coefficient, channel: Channel) -> Line:
+    """A coefficient with its unit, limits, the classical reading and how long still."""
+    value, low, high = notation.limits(part)
+    unit = notation.coefficient_unit(sensor, name)
+    line: Line = [(f"   {name} ", f"{name}-strong")]
+    seconds = remaining(channel.time_to, name)
+    precision = {"N": 1, "B": 20, "K": 50}[name]
+    if part.status == "measured" and value is not None:
+        line.append((f"{number(value, 4):>9} {unit:<12}", "text"))
+        if low is not None and high is not None:
+            line += [("95 % ", "faint"), (f"{number(low, 3)} to {number(high, 3)}", "muted")]
+    elif part.status == "upper_bound" and high is not None:
+        line += [(f"{'< ' + number(high, 2):>9} {unit:<12}", "bound"), ("95 % bound; not seen yet", "muted")]
+    else:
+        line += [(f"{'–':>9} {unit:<12}", "faint"), (part.reason or "too short to say anything", "muted")]
+    if seconds:
+        line = padded(line, 56) + [(f"{notation.about}{precision}% in {about(seconds)}", "muted")]
+    return line
+
+
+def _quality(channel: Channel) -> Line:
+    """How well the model fits, and how many octaves stand behind it."""
+    line: Line = [("   fit ", "muted")]
+    if channel.fit is None or channel.fit.chi2 is None or not channel.fit.dof:
+        line.append(("not yet", "faint"))
+    else:
+        line += [(f"χ²/dof {channel.fit.chi2 / channel.fit.dof:.2f}", "text")]
+        if channel.fit.p_value is not None:
+            line.append((f"  p {channel.fit.p_value:.2g}", "muted"))
+    allan = channel.allan
+    if allan is not None and allan.tau_s:
+        line.append((f"   {sum(allan.used)} of {len(allan.tau_s)} octaves   longest {clock(allan.tau_s[-1])}", "muted"))
+    return line
+
+
+def _caveats(scene: Scene, width: int, height: int) -> list[Line]:
+    """What one must know before believing the numbers, each with the channels it holds for."""
+    report = scene.report
+    if report is None or height < 1:
+        return []
+    lines: list[Line] = []
+    for caveat, where in caveats_of(report):
+        for k, text in enumerate(wrap(f"{where}{explain(caveat)}", max(width - 6, 10))):
+            lines.append([("   ! " if not k else "     ", "warn"), (text, "muted")])
+    return [padded(line, width) for line in lines[:height]]
+
+
+def caveats_of(report: Report) -> list[tuple[str, str]]:
+    """Caveats with where they hold: nothing for the whole record, else the channels' names."""
+    found: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
+    whole = set(found)
+    for name, channel in report.channels.items():
+        for caveat in channel.caveats:
+            found.setdefault(caveat, []).append(name)
+    return [(c, "" if c in whole else f"{_joined(names)}: ") for c, names in found.items()]
+
+
+def _joined(names: Sequence[str]) -> str:
+    """Names of channels in few words.
+
+    >>> _joined(["gyro/x", "gyro/y", "accel/z"])
+    'gyro xy, accel z'
+    """
+    by: dict[str, str] = {}
+    for name in names:
+        sensor, _, axis = name.partition("/")
+        by[sensor] = by.get(sensor, "") + axis
+    return ", ".join(f"{sensor} {axes}".strip() for sensor, axes in by.items())
+
+
+# ---------------------------------------------------------------------------- nothing to show
+
+
+def welcome(scene: Scene, width: int, height: int) -> list[Line]:
+    """What to type while there is no report."""
+    now: Situation = scene.situation()
+    where = scene.endpoint or "tcp/127.0.0.1:7448 to 7463"
+    lines: list[Line] = []
+    if now.kind == "nobody":
+        lines = [
+            [("No daemon answers yet.", "strong")],
+            [(f"Tried {where}; still trying.", "muted")],
+            [],
+            [("A VN-100 on this machine", "muted")],
+            [("    imumon run", "accent")],
+            [("No sensor at hand: a simulated one", "muted")],
+            [("    imumon demo", "accent")],
+            [("A daemon on another machine", "muted")],
+            [("    imumon tui --connect tcp/HOST:7448", "accent")],
+            [("Nothing works?", "muted")],
+            [("    imumon doctor", "accent")],
+        ]
+    else:
+        wanted = f" of {scene.wanted}" if scene.wanted else ""
+        lines = [
+            [("A daemon is there.", "strong")],
+            [(f"Waiting for the first report{wanted}.", "muted")],
+        ]
+    inner = max(length(line) for line in lines)
+    left = max((width - inner) // 2, 0)
+    top = max((height - len(lines)) // 2, 0)
+    return [padded([], width) for _ in range(top)] + [
+        padded([(" " * left, "text"), *line], width) for line in lines
+    ]
