@@ -31,8 +31,8 @@ class Stop(Exception):
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line that names the nearest right word."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, allow_abbrev=False, **kwargs)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**({"allow_abbrev": False} | settings))
 
     def error(self, message: str) -> NoReturn:
         self.exit(USAGE, f"{self.prog}: {message.replace(chr(10), ' ')} (try {self.prog} --help)\n")
@@ -187,3 +187,225 @@ def _add_replay(parser: Parser) -> None:
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     add("--no-guards", action="store_true", help="cut nothing out: every valid sample counts")
     _add_endpoints(parser, listen=True)
+
+
+def _run(words: argparse.Namespace) -> int:
+    if words.port == "sim":
+        return _run_emulated(words)
+    if words.speed != 1.0 or words.seed is not None:
+        raise Stop("--speed and --seed are for --port sim", USAGE)
+    settings = _settings(words)
+    return _daemon(words, settings, settings.device.port or None, _state_directory(words.state or settings))
+
+
+def _run_emulated(words: argparse.Namespace) -> int:
+    """`run --port sim`: an emulator of its own, and a state that is thrown away unless one is asked for."""
+    import tempfile
+    from pathlib import Path
+
+    settings = _settings(words)
+    with (
+        _emulator(words.speed, words.seed) as sensor,
+        tempfile.TemporaryDirectory(prefix="imumon-") as scratch,
+    ):
+        directory = Path(words.state) if words.state else Path(scratch)
+        return _daemon(words, settings, sensor.path, directory)
+
+
+def _settings(words: argparse.Namespace) -> Any:
+    """Settings of the file with the flags on top."""
+    from imumon.config import ConfigError, load
+
+    baud = words.baud
+    overrides = {
+        "device.port": None if words.port == "sim" else words.port,
+        "device.baud": int(baud) if baud and baud != "auto" else baud,
+        "device.set_baud": words.set_baud,
+        "device.rate_hz": words.rate,
+        "device.listen_only": words.listen_only,
+        "device.stream": words.stream,
+        "device.id": words.id,
+        "zenoh.listen": words.listen,
+        "zenoh.connect": words.connect,
+        "state.directory": words.state,
+        "record.file": words.record,
+        "guards.enabled": False if words.no_guards else None,
+    }
+    try:
+        return load(words.config, overrides)
+    except ConfigError as error:
+        raise Stop(str(error), USAGE) from None
+
+
+def _state_directory(where: Any) -> Any:
+    """Where the statistics live: asked for, the service manager's, or the user's."""
+    from pathlib import Path
+
+    asked = where if isinstance(where, str) else where.state.directory
+    if asked:
+        return Path(asked)
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
+    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+    return Path(home) / "imumon"
+
+
+def _daemon(words: argparse.Namespace, settings: Any, path: str | None, directory: Any) -> int:
+    import signal
+
+    from imumon.bus import BusError
+    from imumon.checkpoint import StateError
+    from imumon.daemon import Daemon, Task
+    from imumon.daemon.link import NoSensor
+    from imumon.monitor import RateNeeded
+    from imumon.sensors.vn100.session import SessionError
+    from imumon.sources import SourceError
+
+    task = Task(
+        path=path,
+        state_directory=directory,
+        duration_s=words.duration,
+        fresh=words.fresh,
+        speed=words.speed,
+    )
+    try:
+        outcome = Daemon(settings, task).run()
+    except RateNeeded as error:
+        raise Stop(str(error), USAGE) from None
+    except (NoSensor, SessionError) as error:
+        raise Stop(str(error), NOTHING_THERE) from None
+    except SourceError as error:
+        raise Stop(str(error), NOTHING_THERE if "no such" in str(error).lower() else FAILED) from None
+    except (BusError, StateError) as error:
+        raise Stop(str(error)) from None
+    if outcome.report is not None and (words.duration or words.json):
+        _print(outcome.report, words.json)
+    return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
+
+
+def _print(made: Any, as_json: bool) -> None:
+    if as_json:
+        from imumon.report import to_json
+
+        print(to_json(made))
+    else:
+        from imumon.datasheet.text import table
+
+        print(table(made))
+
+
+def _emulator(speed: float, seed: int | None) -> Any:
+    """Emulator in a process of its own, a context that gives it."""
+    from dataclasses import replace
+
+    from imumon.emulator import EmulatorSettings, spawn
+
+    settings = EmulatorSettings(speed=speed)
+    return spawn(settings if seed is None else replace(settings, seed=seed))
+
+
+def _demo(words: argparse.Namespace) -> int:
+    """Daemon on the emulator in a process of its own, and the screen here; quitting ends all three."""
+    import subprocess
+    import tempfile
+
+    with tempfile.TemporaryDirectory(prefix="imumon-demo-") as scratch:
+        endpoint = f"unixsock-stream/{scratch}/bus"
+        command = [sys.executable, "-m", "imumon", "run", "--port", "sim", "--speed", f"{words.speed:g}"]
+        command += ["--listen", endpoint, "--state", scratch, "--id", "demo"]
+        command += [] if words.seed is None else ["--seed", str(words.seed)]
+        with open(f"{scratch}/log", "w+") as log:
+            daemon = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+            try:
+                return _screen([endpoint], "demo", words)
+            finally:
+                daemon.terminate()
+                try:
+                    daemon.wait(5)
+                except subprocess.TimeoutExpired:
+                    daemon.kill()
+
+
+def _tui(words: argparse.Namespace) -> int:
+    return _screen(words.connect, words.id, words)
+
+
+def _screen(
+    connect: list[str] | None, device: str | None, words: argparse.Namespace, watched: Any = None
+) -> int:
+    from imumon.tui import run
+
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise Stop("the screen needs a terminal; without one use: imumon status --json", USAGE)
+    from imumon.bus import BusError, Viewer
+
+    try:
+        with Viewer(connect) as feed:
+            return run(feed, id=device, ascii=words.ascii, theme=words.theme)
+    except BusError as error:
+        raise Stop(str(error)) from None
+
+
+def _status(words: argparse.Namespace) -> int:
+    from imumon.bus import BusError, Viewer
+
+    try:
+        with Viewer(words.connect) as feed:
+            made = feed.wait_report(words.id, 2.0)
+    except BusError as error:
+        raise Stop(str(error)) from None
+    if made is None:
+        who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
+        raise Stop(f"{who}: start one with imumon run, or name it with --connect", NOTHING_THERE)
+    _print(made, words.json)
+    return DONE
+
+
+def _sim(words: argparse.Namespace) -> int:
+    from imumon import emulator
+
+    try:
+        settings = emulator.from_arguments(words)
+    except ValueError as error:
+        raise Stop(str(error), USAGE) from None
+    return emulator.run(settings)
+
+
+def _replay(words: argparse.Namespace) -> int:
+    from imumon.monitor import RateNeeded
+    from imumon.replay import Replay, bar, replay
+    from imumon.sources import SourceError
+
+    if words.speed == "max":
+        speed = None
+    else:
+        try:
+            speed = _positive(words.speed)
+        except (ValueError, argparse.ArgumentTypeError):
+            raise Stop(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
+    task = Replay(path=words.file, rate_hz=words.rate, speed=speed, guarded=not words.no_guards)
+    try:
+        with _publisher(words) as bus:
+            made = replay(task, progress=bar(), bus=bus)
+    except RateNeeded as error:
+        raise Stop(str(error), USAGE) from None
+    except SourceError as error:
+        raise Stop(str(error)) from None
+    _print(made, words.json)
+    return DONE
+
+
+def _publisher(words: argparse.Namespace) -> Any:
+    from contextlib import nullcontext
+
+    if not words.publish:
+        return nullcontext()
+    from imumon.bus import BusError, Publisher
+
+    try:
+        return Publisher("replay", listen=words.listen, connect=words.connect)
+    except BusError as error:
+        raise Stop(str(error)) from None

@@ -27,6 +27,9 @@ FAR_TICKS_S = 60.0
 """A jump forward beyond this must be confirmed by the next sample: one damaged time stamp that passed
 its check must not put a year of holes into the record."""
 
+GAP_SLACK_S = 10.0
+"""How far the room's clock may differ from the sensor's over a gap."""
+
 BREAK = -1
 """Step of a sample behind a gap of unknown length."""
 
@@ -80,11 +83,20 @@ class Timeline:
         self._held: list[SampleBlock] = []
         self._suspect: SampleBlock | None = None
         self._unknown_gap = False
+        self._expected_s: float | None = None
 
-    def gap(self) -> None:
-        """The link was lost for an unknown time; an absolute clock tells how long by itself."""
+    def gap(self, length_s: float | None = None) -> None:
+        """The link was lost; how long, an absolute clock tells by itself.
+
+        Parameters
+        ----------
+        length_s : s, about how long by another clock, None where nobody knows. Where the sensor's clock
+            says something else, it was restarted meanwhile, and the gap is of unknown length.
+        """
         if self.clock in ("dt", "none"):
             self._unknown_gap = True
+        elif self._last is not None:
+            self._expected_s = length_s
 
     def place(self, block: SampleBlock, *, final: bool = False) -> list[Placed]:
         """Blocks with their steps; empty while the interval is being learned.
@@ -153,6 +165,7 @@ class Timeline:
         assert block.time_ns is not None
         assert self.interval_s is not None
         time, keep = block.time_ns, np.ones(len(block), dtype=bool)
+        anew = self._is_anew(int(time[0]))
         before = np.empty_like(time)
         before[1:] = time[:-1]
         before[0] = time[0] if self._last is None else self._last
@@ -167,12 +180,24 @@ class Timeline:
                 # the last sample stands out and nothing confirms it yet: wait for the next
                 self._suspect = _cut(block, len(block) - 1)
                 keep[-1] = False
+        if anew:
+            steps[0] = BREAK
         if keep.any():
             self._last = int(time[np.flatnonzero(keep)[-1]])
         if keep.all():
             return Placed(block.values, steps, block.saturated)
         saturated = None if block.saturated is None else block.saturated[keep]
         return Placed(block.values[keep], steps[keep], saturated)
+
+    def _is_anew(self, time: int) -> bool:
+        """Whether the first sample behind a lost link is not where another clock expects it."""
+        expected, self._expected_s = self._expected_s, None
+        if expected is None or self._last is None:
+            return False
+        if abs((time - self._last) * self._scale - expected) < GAP_SLACK_S + 0.02 * expected:
+            return False
+        self._last = None
+        return True
 
     def _settle(self, time: Ints, steps: Ints, keep: Bools, odd: Ints, far: int, final: bool) -> None:
         """Decide on samples that are not simply a few ticks on: duplicate, bad stamp, hole, restart."""

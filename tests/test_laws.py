@@ -35,7 +35,9 @@ def test_the_whole_tree_keeps(command: list[str]) -> None:
 
 
 def test_the_map_shows_every_module() -> None:
-    shown = {line.split()[0].rstrip("/") for line in (imumon.__doc__ or "").splitlines() if line.startswith("  ")}
+    shown = {
+        line.split()[0].rstrip("/") for line in (imumon.__doc__ or "").splitlines() if line.startswith("  ")
+    }
     package = ROOT / "imumon"
     real = {p.stem for p in package.glob("*.py")} | {p.parent.name for p in package.glob("*/__init__.py")}
     real -= {"__init__", "__main__"}

@@ -146,3 +146,12 @@ def test_restored_timeline_continues_on_the_sensors_clock() -> None:
     again = Timeline.restore("startup", line.save())
     steps, _ = place(again, block((np.arange(10) + 500) * TICK))
     assert steps == [401] + [1] * 9
+
+
+@pytest.mark.parametrize(("said", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
+def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | None, step: int) -> None:
+    line = Timeline("startup", 0.025)
+    place(line, block(np.arange(100) * TICK))
+    line.gap(said)
+    steps, _ = place(line, block((np.arange(10) + 500) * TICK))
+    assert steps == [step] + [1] * 9

@@ -1,0 +1,431 @@
+"""Daemon: read, feed, ask, publish, save.
+
+    Daemon      the loop                                          daemon/__init__.py
+    link        the sensor on its port, lost and found again      daemon/link.py
+    keeping     the state: taken up, saved, set aside             daemon/keeping.py
+    service     service manager and log                           daemon/service.py
+
+One thread does all of it but three things that may stall: draining the port, sending on the bus, and writing
+to disk. A report is due every period whatever the sensor does, so the duties run in a beat that goes
+on wherever the daemon waits for bytes.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+
+from imumon import report
+from imumon.bus import BusError, Publisher
+from imumon.config import Settings
+from imumon.daemon.keeping import Keeping
+from imumon.daemon.link import BEAT_S, Link, Stopped
+from imumon.daemon.service import Level, Log, Notifier
+from imumon.monitor import Monitor
+from imumon.monitor import Wanted as Watched
+from imumon.samples import SampleBlock, Stream
+from imumon.sensors.vn100.session import Facts, SensorChanged, SessionError, Wanted
+from imumon.sources import PortError, PortGone, Recorder, SourceError
+
+RETRY_S = 0.5
+STALE_S = 2.0
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+QUIET_KINDS = {"gap": "debug", "disturbance": "info"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What to run beside the settings.
+
+    Attributes
+    ----------
+    path : port; None: the one sensor that is found.
+    duration_s : s of the room until it stops by itself; None: never.
+    fresh : start anew, the old state kept aside.
+    speed : sensor seconds in one of the room; other than 1 for an emulator in time-lapse.
+    state_directory : where the accumulated statistics live.
+    """
+
+    path: str | None
+    state_directory: Path
+    duration_s: float | None = None
+    fresh: bool = False
+    speed: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How it ended: the final report, None when no sensor was ever known, and the signal that ended it."""
+
+    report: report.Report | None
+    signal: int | None
+
+
+class Daemon:
+    """One sensor, read and published until told to stop."""
+
+    def __init__(self, settings: Settings, task: Task) -> None:
+        device = settings.device
+        self.settings, self.task = settings, task
+        self.log = Log(settings.log.level, settings.log.format)
+        self._notifier = Notifier()
+        precision = settings.report
+        rate = device.rate_hz or None
+        self._monitor = Monitor(
+            Watched(
+                guarded=settings.guards.enabled,
+                precision={
+                    "N": precision.precision_n,
+                    "B": precision.precision_b,
+                    "K": precision.precision_k,
+                },
+                period_s=precision.period_s,
+            ),
+            rate_hz=rate,
+        )
+        wanted = Wanted(
+            stream=device.stream,
+            listen_only=device.listen_only,
+            baud=None if device.baud == "auto" else device.baud,
+            set_baud=device.set_baud or None,
+            rate_hz=rate,
+        )
+        self._link = Link(task.path, wanted, self._beat, self._progress, lossless=task.speed != 1.0)
+        self._facts: Facts | None = None
+        self._bus: Publisher | None = None
+        self._keeping: Keeping | None = None
+        self._recorder: Recorder | None = None
+        self._signal: int | None = None
+        self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
+        self._next_report = self._next_save = self._next_alive = 0.0
+        self._sample_at: float | None = None
+        self._lost_at: float | None = None
+        self._state: report.State = "starting"
+        self._started: str | None = None
+        self._streams: set[Stream] = set()
+
+    def run(self) -> Outcome:
+        """Read until a signal comes or the time is over.
+
+        Raises
+        ------
+        NoSensor, PortError, SessionError : there is no sensor to read at the start (under a service manager
+            it is waited for instead). BusError, StateError, SourceError : no place to publish or to keep.
+        RateNeeded : the stream has no clock and no rate was given.
+        """
+        final = None
+        with self._listening_to_signals():
+            try:
+                self._first()
+                while True:
+                    self._serve()
+            except Stopped:
+                pass
+            finally:
+                final = self._end()
+        return Outcome(final, self._signal)
+
+    # ------------------------------------------------------------------ getting there
+
+    def _first(self) -> None:
+        """Wait for the sensor where a service manager started us; else it must be there."""
+        complaint = ""
+        while True:
+            try:
+                self._meet(self._link.open())
+                return
+            except (PortError, PortGone, SessionError) as error:
+                if not self._notifier.listens:
+                    raise
+                if str(error) != complaint:
+                    complaint = str(error)
+                    self.log.say(f"waiting: {complaint}", "warning")
+                self._notifier.ready()
+                self._notifier.status(f"waiting: {complaint}")
+                self._pause(2.0)
+
+    def _meet(self, facts: Facts) -> None:
+        """The sensor is known for the first time: who it is decides the keys and the state."""
+        name = self.settings.device.id or facts.id
+        self._bus = Publisher(name, settings=self.settings.zenoh)
+        self._keeping = Keeping(self.task.state_directory, self._bus.id, facts, self._monitor, self.task)
+        for text in self._keeping.said:
+            self._tell("state", text, "warning")
+        self._started = self._keeping.started
+        assert self._link.session is not None
+        self._keeping.remember(self._link.session)
+        self._facts = self._link.session.configure()
+        self._record()
+        self.log.say(f"reading {self._who()} on {self._facts.port} at {self._facts.baud} baud")
+        self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
+        for remark in self._facts.remarks:
+            self._tell("remark", remark, "warning")
+        self._tell("connect", f"{self._who()} on {self._facts.port}", "debug")
+        self._next_save = time.monotonic() + self.settings.state.save_period_s
+
+    def _record(self) -> None:
+        """Begin the recording, if one is wanted."""
+        wanted, facts = self.settings.record, self._facts
+        if not wanted.file or facts is None:
+            return
+        header = {
+            "time": report.stamp(datetime.now(UTC)),
+            "model": facts.model,
+            "serial": facts.serial,
+            "firmware": facts.firmware,
+            "stream": facts.stream,
+            "rate_hz": facts.sample_rate_hz,
+            "alias_factor": facts.alias_factor,
+            "settings": dict(facts.settings),
+        }
+        self._recorder = Recorder(
+            wanted.file, header, rotate_bytes=int(wanted.rotate_mb * 1e6), compress=wanted.gzip
+        )
+
+    # ------------------------------------------------------------------ the loop
+
+    def _serve(self) -> None:
+        """Bytes to samples to statistics, until the port goes."""
+        session = self._link.session
+        if session is None:
+            self._reconnect()
+            return
+        try:
+            data = session.read(BEAT_S)
+            self._take(data)
+            for notice in session.tick():
+                self._facts = session.facts()
+                self._tell(notice.kind, notice.text, "warning")
+                self._monitor.gap()
+        except (PortGone, SensorChanged) as error:
+            self._lose(str(error))
+        self._duties()
+
+    def _take(self, data: bytes) -> None:
+        session = self._link.session
+        if not data or session is None:
+            return
+        if self._recorder is not None:
+            self._recorder.write(data)
+        for item in session.decode(data):
+            if not isinstance(item, SampleBlock):
+                continue
+            if item.stream not in self._streams:
+                self._streams.add(item.stream)
+                self._facts = session.facts()
+                if self._monitor.rate_hz is None:
+                    self._monitor.rate_hz = self._facts.sample_rate_hz
+            self._monitor.feed(item)
+        if self._monitor.samples and data:
+            self._arrived()
+
+    def _arrived(self) -> None:
+        if self._sample_at is None or self._state != "running":
+            self._next_report = 0.0  # the first numbers are published at once
+            self._notifier.ready()
+        self._sample_at = time.monotonic()
+        self._state = "running"
+        if self._started is None:
+            self._started = report.stamp(datetime.now(UTC))
+
+    def _lose(self, why: str) -> None:
+        self._lost_at = time.monotonic()
+        self._state = "waiting"
+        self._link.close()
+        self._monitor.flush()
+        self._tell("disconnect", why, "warning")
+
+    def _reconnect(self) -> None:
+        """Look for the sensor where it may be back."""
+        facts = self._link.open_again()
+        session = self._link.session
+        if facts is None or session is None or self._keeping is None:
+            self._pause(RETRY_S)
+            return
+        try:
+            self._keeping.remember(session)
+            self._facts = session.configure()
+        except (PortGone, SessionError) as error:
+            self._lose(str(error))
+            return
+        assert self._lost_at is not None
+        away = time.monotonic() - self._lost_at
+        self._monitor.gap(away * self.task.speed)
+        self._streams.clear()
+        self._tell("connect", f"{self._who()} is back on {self._facts.port} after {away:.1f} s", "info")
+
+    def _pause(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self._beat()
+            time.sleep(min(0.05, seconds))
+
+    # ------------------------------------------------------------------ the beat
+
+    def _beat(self) -> None:
+        """What must go on wherever the daemon waits; raises `Stopped` when it is to stop."""
+        now = time.monotonic()
+        if self._signal is not None or (self._deadline is not None and now >= self._deadline):
+            raise Stopped
+        self._duties()
+
+    def _duties(self) -> None:
+        now = time.monotonic()
+        if self._notifier.watchdog_s is not None and now >= self._next_alive:
+            self._notifier.alive()
+            self._next_alive = now + self._notifier.watchdog_s
+        if self._bus is not None and now >= self._next_report:
+            self._next_report = max(self._next_report + self.settings.report.period_s, now)
+            self._publish()
+        if self._keeping is not None and now >= self._next_save and self._monitor.samples:
+            self._next_save = now + self.settings.state.save_period_s
+            self._keeping.save(self._session(), self._started)
+
+    def _publish(self) -> report.Report:
+        assert self._bus is not None
+        if self._state == "running" and self._sample_at is not None:
+            rate = self._monitor.sample_rate_hz or 1.0
+            if time.monotonic() - self._sample_at > max(STALE_S, 5.0 / rate):
+                self._state = "waiting"
+                self._notifier.ready()
+        made = self._report()
+        self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
+        for found in self._monitor.events():
+            event = report.Event(
+                time=report.stamp(datetime.now(UTC)),
+                kind=found.kind,
+                text=found.text,
+                device=self._bus.id,
+                elapsed_s=found.elapsed_s,
+                channel=found.channel,
+                length_s=found.length_s,
+                size=found.size,
+            )
+            self._bus.event(event)
+            self.log.say(found.text, _level(found.kind), found.kind)
+        if self._recorder is not None and self._recorder.stopped:
+            self._tell("recording", self._recorder.stopped, "error")
+            self._recorder = None
+        if self._keeping is not None and (complaint := self._keeping.complaint()):
+            self._tell("state", complaint, "error")
+        self._notifier.status(_status(made))
+        return made
+
+    def _report(self) -> report.Report:
+        assert self._bus is not None
+        facts = self._facts
+        device = report.Device(id=self._bus.id)
+        if facts is not None:
+            device = report.Device(
+                id=self._bus.id,
+                model=facts.model,
+                serial=facts.serial,
+                firmware=facts.firmware,
+                port=facts.port,
+                baud=facts.baud,
+                stream=facts.stream,
+                sample_rate_hz=facts.sample_rate_hz,
+                alias_factor=facts.alias_factor,
+                source=facts.source,
+                clock=facts.clock,
+                settings=facts.settings,
+            )
+        return self._monitor.report(
+            datetime.now(UTC),
+            device,
+            self._state,
+            self._session(),
+            device_caveats=facts.caveats if facts else (),
+            speed=self.task.speed,
+        )
+
+    def _session(self) -> report.Session:
+        """Counters of the link, with those of the runs before."""
+        decoder = self._link.decoder
+        now = report.Session(
+            started=self._started,
+            discarded_bytes=decoder.discarded,
+            bad_checksums=decoder.bad_checksums,
+            received_bytes=decoder.fed,
+            overruns=self._link.overruns,
+        )
+        return self._keeping.added_up(now) if self._keeping else now
+
+    def _tell(self, kind: str, text: str, level: Level = "info") -> None:
+        """An event of the daemon's own, to the bus and the log."""
+        self.log.say(text, level, kind)
+        if self._bus is not None:
+            stamp = report.stamp(datetime.now(UTC))
+            self._bus.event(report.Event(time=stamp, kind=kind, text=text, device=self._bus.id))
+
+    def _progress(self, text: str) -> None:
+        self.log.say(text, "debug")
+
+    def _who(self) -> str:
+        facts = self._facts
+        if facts is None or facts.model is None:
+            return "the sensor"
+        return f"{facts.model} {facts.serial or ''}".strip()
+
+    # ------------------------------------------------------------------ the end
+
+    def _end(self) -> report.Report | None:
+        """Leave the sensor as it was, keep the state, say goodbye."""
+        self._notifier.stopping()
+        self._link.decoder.finish()
+        self._monitor.flush()
+        final = None
+        self._state = "stopped"
+        if self._bus is not None:
+            with suppress(BusError):
+                final = self._publish()
+        if self._keeping is not None:
+            self._keeping.close(self._session(), self._started)
+        self._put_back()
+        if self._recorder is not None:
+            self._recorder.close()
+        if self._bus is not None:
+            self._bus.close()
+        return final
+
+    def _put_back(self) -> None:
+        """Restore the sensor's settings; a beat would end it at once, so it goes without."""
+        session = self._link.session
+        if session is not None and self._keeping is not None:
+            self._link.still()
+            with suppress(PortGone, SessionError, SourceError):
+                if session.restore():
+                    self._keeping.forget()
+                else:
+                    self.log.say("the sensor did not take its settings back; the next start will", "warning")
+        self._link.close()
+
+    @contextmanager
+    def _listening_to_signals(self) -> Iterator[None]:
+        def note(number: int, frame: FrameType | None) -> None:
+            self._signal = number
+
+        before = {number: signal.signal(number, note) for number in SIGNALS}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _level(kind: str) -> Level:
+    return "debug" if kind == "gap" else "info"
+
+
+def _status(made: report.Report) -> str:
+    """One line for the service manager."""
+    if made.state != "running":
+        return f"{made.state}"
+    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
+    return f"running, {', '.join(grades) or 'no grade yet'}, {made.session.samples} samples"

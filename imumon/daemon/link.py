@@ -1,0 +1,196 @@
+"""Link: a sensor on a port, found, lost and found again.
+
+The session speaks the sensor's language over a port handed to it; this file owns the port. Whatever the
+session waits for, it waits in `Line.read`, which looks after the daemon's other duties a few times a second
+and leaves when the daemon is to stop.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+
+from imumon.sensors.vn100 import Decoder
+from imumon.sensors.vn100.session import Facts, Session, SessionError, Wanted
+from imumon.sources import PortError, PortInfo, SerialPort, find_again, find_ports
+
+BEAT_S = 0.2
+FIRST_BAUD = 115200
+
+
+class Stopped(Exception):
+    """The daemon is to stop."""
+
+
+class NoSensor(Exception):
+    """There is no port to read, or none that will do; the text lists what there is."""
+
+
+class Line:
+    """An open port as a session wants it, with a heart that beats while it waits.
+
+    Parameters
+    ----------
+    port : the open port.
+    beat : called at least every `BEAT_S` while waiting; raises `Stopped` to end it.
+    """
+
+    def __init__(self, port: SerialPort, beat: Callable[[], None]) -> None:
+        self.port = port
+        self.beat = beat
+
+    @property
+    def name(self) -> str:
+        return self.port.name
+
+    @property
+    def baud(self) -> int:
+        return self.port.baud
+
+    @property
+    def fixed_baud(self) -> bool:
+        return self.port.fixed_baud
+
+    def read(self, timeout: float) -> bytes:
+        deadline = time.monotonic() + timeout
+        while True:
+            self.beat()
+            left = deadline - time.monotonic()
+            data = self.port.read(max(0.0, min(left, BEAT_S)))
+            if data or left <= BEAT_S:
+                return data
+
+    def write(self, data: bytes) -> None:
+        self.port.write(data)
+
+    def set_baud(self, baud: int) -> bool:
+        try:
+            self.port.set_baud(baud)
+        except PortError:
+            return False
+        return True
+
+    def reopen(self) -> None:
+        self.port.reopen()
+
+
+class Link:
+    """The one sensor the daemon reads.
+
+    Parameters
+    ----------
+    path : port to open; None: the one VN-100 among the serial ports.
+    wanted : what to ask of the sensor.
+    beat : see `Line`.
+    progress : told what is being tried.
+    lossless : the far end is an emulator in time-lapse, which waits for its reader.
+
+    Attributes
+    ----------
+    session : None while there is no port.
+    decoder : goes through all connections, so that its counters are those of the record.
+    received_bytes, overruns : of all connections.
+    """
+
+    def __init__(
+        self,
+        path: str | None,
+        wanted: Wanted,
+        beat: Callable[[], None],
+        progress: Callable[[str], None],
+        *,
+        lossless: bool = False,
+    ) -> None:
+        self.path = path
+        self.wanted = wanted
+        self.decoder = Decoder()
+        self.session: Session | None = None
+        self._beat, self._progress, self._lossless = beat, progress, lossless
+        self._port: SerialPort | None = None
+        self._line: Line | None = None
+        self._seen: list[PortInfo] = []
+        self._serial: str | None = None
+        self._received = self._overruns = 0
+
+    @property
+    def received_bytes(self) -> int:
+        return self._received + (self._port.received_bytes if self._port else 0)
+
+    @property
+    def overruns(self) -> int:
+        return self._overruns + (self._port.overruns if self._port else 0)
+
+    def open(self) -> Facts:
+        """Open the port and know the sensor.
+
+        Raises
+        ------
+        NoSensor, PortError, PortGone, SessionError : it is not to be had.
+        """
+        if self.path is None:
+            self.path = self._search()
+        return self._open(self.path)
+
+    def open_again(self) -> Facts | None:
+        """Look for the sensor where it may be back; None while it is not."""
+        assert self.path is not None
+        for path in find_again(self.path, self._seen, find_ports()):
+            with contextlib.suppress(PortError, SessionError, OSError):
+                return self._open(path)
+        return None
+
+    def still(self) -> None:
+        """From now on waiting is only waiting: nothing else is looked after."""
+        if self._line is not None:
+            self._line.beat = lambda: None
+
+    def close(self) -> None:
+        """Let go of the port; what the session held back is settled."""
+        if self._port is not None:
+            self._received += self._port.received_bytes
+            self._port.close()
+            self._overruns += self._port.overruns
+        self._port = self.session = None
+
+    def _open(self, path: str) -> Facts:
+        port = SerialPort(path, self.wanted.baud or FIRST_BAUD, lossless=self._lossless)
+        line = Line(port, self._beat)
+        try:
+            session = Session(
+                line,
+                self.wanted,
+                time.monotonic,
+                decoder=self.decoder,
+                serial=self._serial,
+                progress=self._progress,
+            )
+            facts = session.connect()
+        except BaseException:
+            port.close()
+            raise
+        self._port, self._line, self.session, self.path = port, line, session, path
+        self._serial = facts.serial
+        self._seen = find_ports()
+        return facts
+
+    def _search(self) -> str:
+        """Path of the one VN-100 among the serial ports."""
+        ports = find_ports()
+        if not ports:
+            raise NoSensor("no serial port on this machine: plug the sensor in, or try --port sim")
+        found, tried = [], []
+        for info in ports:
+            try:
+                facts = self._open(info.path)
+            except (PortError, SessionError) as error:
+                tried.append(f"{info.path} ({info.description}): {error}")
+                continue
+            found.append(f"{info.path} ({facts.model or 'listening'} {facts.serial or ''})")
+            self.close()
+            self._serial = None
+        if len(found) == 1:
+            return found[0].partition(" ")[0]
+        if found:
+            raise NoSensor(f"several sensors, choose one with --port: {', '.join(found)}")
+        raise NoSensor(f"no VN-100 among the serial ports, name one with --port: {'; '.join(tried)}")

@@ -1,0 +1,100 @@
+"""Service manager and log: what the daemon says of itself.
+
+`sd_notify` is a datagram to ``$NOTIFY_SOCKET``; log lines go to stderr, with the journal's priorities where
+the journal reads them. Each thing is said once per change: the layers below only count.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+from datetime import UTC, datetime
+from typing import Literal, TypeAlias
+
+from imumon.report import stamp
+
+Level: TypeAlias = Literal["error", "warning", "info", "debug"]
+PRIORITY: dict[str, int] = {"error": 3, "warning": 4, "info": 6, "debug": 7}
+
+
+class Log:
+    """Lines for people or for the journal.
+
+    Parameters
+    ----------
+    level : least weight that is said.
+    format : ``text``, ``journal`` (priorities in front), ``json``, or ``auto``: journal under the service
+        manager, else text.
+    """
+
+    def __init__(self, level: str = "info", format: str = "auto") -> None:
+        self._limit = PRIORITY[level]
+        journal = format == "journal" or (format == "auto" and "JOURNAL_STREAM" in os.environ)
+        self._form = "journal" if journal else "json" if format == "json" else "text"
+
+    def say(self, text: str, level: Level = "info", kind: str = "") -> None:
+        """One line; never raises, for a full or closed stderr must not end the daemon."""
+        weight = PRIORITY[level]
+        if weight > self._limit:
+            return
+        if self._form == "journal":
+            line = f"<{weight}>{text}"
+        elif self._form == "json":
+            said = {"time": stamp(datetime.now(UTC)), "level": level, "kind": kind, "text": text}
+            line = json.dumps(said, ensure_ascii=False)
+        else:
+            line = f"{datetime.now():%H:%M:%S} {'' if level == 'info' else level + ': '}{text}"
+        try:
+            print(line, file=sys.stderr, flush=True)
+        except (OSError, ValueError):
+            return
+
+
+class Notifier:
+    """The service manager's ear; does nothing where there is none.
+
+    Attributes
+    ----------
+    watchdog_s : s, half of the time within which the manager wants a sign of life; None: it wants none.
+    """
+
+    def __init__(self) -> None:
+        self._path = os.environ.get("NOTIFY_SOCKET", "")
+        within = os.environ.get("WATCHDOG_USEC", "")
+        self.watchdog_s = int(within) / 2e6 if within.isdigit() and self._path else None
+        self._ready = False
+        self._status = ""
+
+    @property
+    def listens(self) -> bool:
+        """Whether a service manager started us."""
+        return bool(self._path)
+
+    def ready(self) -> None:
+        """Up: the first valid sample has come, or the first "waiting"."""
+        if not self._ready:
+            self._ready = True
+            self._send("READY=1")
+
+    def status(self, text: str) -> None:
+        if text != self._status:
+            self._status = text
+            self._send(f"STATUS={text}")
+
+    def alive(self) -> None:
+        self._send("WATCHDOG=1")
+
+    def stopping(self) -> None:
+        self._send("STOPPING=1")
+
+    def _send(self, text: str) -> None:
+        if not self._path:
+            return
+        address = "\0" + self._path[1:] if self._path.startswith("@") else self._path
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as ear:
+                ear.sendto(text.encode(), address)
+        except OSError:
+            return  # the manager is gone: nothing depends on being heard

@@ -1,0 +1,389 @@
+"""Monitor: samples in, Report out.
+
+    Monitor     chooses the stream, keeps its record, says what may be shown     monitor/__init__.py
+    grid        steps to dense blocks, holes and breaks                          monitor/grid.py
+    record      every accumulator of one stream                                  monitor/record.py
+    describe    results in the words of the report                               monitor/describe.py
+
+It touches no port, no clock and no log: time is handed in. When several streams are on the line, the best
+is characterised (deltas, else uncompensated, else compensated); a better one that turns up later
+starts the record anew, for nothing may be mixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
+from typing import Any
+
+import numpy.typing as npt
+
+from imumon.monitor import describe
+from imumon.monitor.record import Record
+from imumon.noise.fit import Estimator
+from imumon.noise.grade import LIMITS
+from imumon.report import Channel, Device, Report, SensorGrade, Session, Signal, State, stamp
+from imumon.samples import SampleBlock, Stream, sensor_of
+from imumon.timeline import BREAK, Placed, Timeline
+from imumon.units import duration
+
+GAP_TELL_S = 10.0
+"""Sensor seconds between two events that tell of gaps."""
+
+RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
+
+
+class RateNeeded(Exception):
+    """The stream has no clock and nobody told its rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An event without its time: the daemon knows the clock."""
+
+    kind: str
+    text: str
+    elapsed_s: float | None = None
+    channel: str | None = None
+    length_s: float | None = None
+    size: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """How to monitor.
+
+    Attributes
+    ----------
+    guarded : cut out disturbances, motion and warm-up.
+    precision : asked 95 % half-width by coefficient, as a share of its value.
+    period_s : s, between two reports.
+    """
+
+    guarded: bool = True
+    precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
+    period_s: float = 1.0
+
+
+class Monitor:
+    """Feed it sample blocks, ask it for a report.
+
+    Attributes
+    ----------
+    stream : the one that is characterised, None before the first sample.
+    refused : why a saved record could not be taken up, once it is known; None: it was, or there was none.
+    rate_hz : told from outside: by the sensor's registers or by the user; None where nobody knows.
+    """
+
+    def __init__(self, wanted: Wanted | None = None, *, rate_hz: float | None = None) -> None:
+        self.wanted = wanted or Wanted()
+        self.rate_hz = rate_hz
+        self.stream: Stream | None = None
+        self.restarts = 0
+        self._timeline: Timeline | None = None
+        self._record: Record | None = None
+        self._estimator: Estimator | None = None
+        self._events: list[Found] = []
+        self._grades: dict[str, SensorGrade] = {}
+        self._gaps_told = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
+        self._at_rest = True
+        self._resumed: tuple[Stream, Timeline, Record, int] | None = None
+        self.refused: str | None = None
+
+    def feed(self, block: SampleBlock) -> None:
+        """Take a block; those of other streams than the characterised one are passed over.
+
+        Raises
+        ------
+        RateNeeded : the stream has no clock and no rate was given.
+        """
+        if not len(block) or not self._chosen(block.stream):
+            return
+        assert self._timeline is not None
+        for placed in self._timeline.place(block):
+            self._take(placed)
+
+    def gap(self, length_s: float | None = None) -> None:
+        """The link was lost, about so long by the room's clock; the sensor's tells exactly, later."""
+        if self._timeline is not None:
+            self._timeline.gap(length_s)
+
+    def flush(self) -> None:
+        """The stream has ended or stands still: let nothing be held back."""
+        if self._timeline is not None:
+            for placed in self._timeline.finish():
+                self._take(placed)
+        if self._record is not None:
+            self._record.flush()
+            self._notice()
+
+    def events(self) -> list[Found]:
+        """What happened since the last call, in order."""
+        found, self._events = self._events, []
+        return found
+
+    @property
+    def samples(self) -> int:
+        return self._record.samples if self._record else 0
+
+    @property
+    def sample_rate_hz(self) -> float | None:
+        """Rate of the grid, None before it is known."""
+        return 1.0 / self._record.interval_s if self._record else None
+
+    def report(
+        self,
+        now: datetime,
+        device: Device,
+        state: State,
+        session: Session,
+        *,
+        device_caveats: tuple[str, ...] = (),
+        speed: float = 1.0,
+    ) -> Report:
+        """Everything known now.
+
+        Parameters
+        ----------
+        now : time of the report.
+        device, session : as the caller knows them (identity, link counters); the rest is filled in here.
+        device_caveats : from the stream and the sensor's settings, such as ``aliased``.
+        """
+        session = self._session(session)
+        device = self._device(device)
+        bare = Report(
+            time=stamp(now),
+            device=device,
+            state=state,
+            session=session,
+            period_s=self.wanted.period_s,
+            speed=speed,
+        )
+        if self._record is None:
+            return bare
+        channels, grades = self._channels(device_caveats)
+        self._note_grades(grades)
+        return replace(
+            bare,
+            grade=grades,
+            channels=channels,
+            caveats=tuple(dict.fromkeys((*device_caveats, *self._record_caveats()))),
+            limits=LIMITS,
+        )
+
+    def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
+        """What a signal view draws of some channels."""
+        return {}
+
+    def save(self) -> tuple[dict[str, Any], Mapping[str, npt.NDArray[Any]]]:
+        """State that `resume` continues from; only of a monitor that has samples."""
+        assert self.stream is not None
+        assert self._timeline is not None
+        assert self._record is not None
+        meta, arrays = self._record.save()
+        whole = {
+            "stream": asdict(self.stream),
+            "timeline": self._timeline.save(),
+            "record": meta,
+            "guarded": self.wanted.guarded,
+            "restarts": self.restarts,
+        }
+        return whole, arrays
+
+    def resume(self, meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], away_s: float) -> None:
+        """Take up a saved record, once the first samples show that the stream is the same.
+
+        Parameters
+        ----------
+        away_s : s of the sensor's time since it was saved, as far as the room's clock tells.
+
+        Raises
+        ------
+        KeyError, ValueError, TypeError : not a state of this version.
+        """
+        stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
+        timeline = Timeline.restore(stream.clock, dict(meta["timeline"]))
+        timeline.gap(away_s)
+        interval = timeline.interval_s
+        if interval is None:
+            raise ValueError("a record without its interval")
+        record = Record(stream.channels, interval, guarded=self.wanted.guarded)
+        record.resume(meta["record"], dict(arrays))
+        self._resumed = (stream, timeline, record, int(meta["restarts"]))
+
+    def _take_up(self, stream: Stream, interval: float | None) -> bool:
+        """Whether the saved record is one of this stream; else it is refused, with the reason."""
+        if self._resumed is None:
+            return False
+        saved, timeline, record, restarts = self._resumed
+        self._resumed = None
+        known = timeline.interval_s or 1.0
+        if saved != stream:
+            self.refused = f"of another stream, {saved.kind} from {saved.source}"
+        elif interval is not None and abs(interval / known - 1.0) > 1e-6:
+            self.refused = f"of another rate, {1.0 / known:g} Hz"
+        else:
+            self.stream, self._timeline, self.restarts = stream, timeline, restarts
+            self._begin(record)
+            self._gaps_told = (record.gaps, record.missing, 0.0)
+            return True
+        return False
+
+    def _chosen(self, stream: Stream) -> bool:
+        """Whether `stream` is the one to characterise; a better one starts a new record."""
+        now = self.stream
+        if now is not None:
+            if stream == now:
+                return True
+            if _rank(stream) <= _rank(now):
+                return False
+            self._events.append(
+                Found("restart", f"a better stream is on the line: {stream.kind}, {stream.source}")
+            )
+            self._record = self._estimator = None
+        interval = stream.interval_s
+        if interval is None and self.rate_hz is not None and stream.clock != "counter":
+            interval = 1.0 / self.rate_hz
+        if self._take_up(stream, interval):
+            return True
+        if stream.clock == "none" and interval is None:
+            raise RateNeeded(f"{stream.source} has no clock: give its sample rate with --rate")
+        self.stream = stream
+        self._timeline = Timeline(stream.clock, interval)
+        return True
+
+    def _take(self, placed: Placed) -> None:
+        """Samples with their place, into the record."""
+        assert self.stream is not None
+        assert self._timeline is not None
+        if self._record is None:
+            interval = self._timeline.interval_s
+            assert interval is not None
+            self._begin(Record(self.stream.channels, interval, guarded=self.wanted.guarded))
+        assert self._record is not None
+        breaks = int((placed.steps == BREAK).sum())
+        if breaks:
+            self.restarts += breaks
+            self._tell("restart", "the sensor's clock began anew: a gap of unknown length")
+        self._record.feed(placed)
+        self._notice()
+
+    def _begin(self, record: Record) -> None:
+        assert self.stream is not None
+        self._record = record
+        self._estimator = Estimator(
+            averaged=self.stream.kind == "deltas", precision=dict(self.wanted.precision)
+        )
+
+    def _notice(self) -> None:
+        """Turn what the record found into events."""
+        record = self._record
+        assert record is not None
+        for cut in record.found():
+            where = "" if cut.channel is None else f" on {record.channels[cut.channel]}"
+            length = cut.length * record.interval_s
+            self._events.append(
+                Found(
+                    "disturbance",
+                    f"{cut.kind}{where}: {duration(length) if length >= 1 else f'{length:.2g} s'} left out",
+                    elapsed_s=cut.start * record.interval_s,
+                    channel=None if cut.channel is None else record.channels[cut.channel],
+                    length_s=length,
+                    size=cut.size,
+                )
+            )
+        if record.at_rest != self._at_rest:
+            self._at_rest = record.at_rest
+            text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
+            self._tell("rest" if record.at_rest else "motion", text)
+
+    def _tell(self, kind: str, text: str, length_s: float | None = None) -> None:
+        elapsed = self._record.elapsed_s if self._record else None
+        self._events.append(Found(kind, text, elapsed_s=elapsed, length_s=length_s))
+
+    def _session(self, link: Session) -> Session:
+        """The caller's counters with those of the record."""
+        record, timeline = self._record, self._timeline
+        if record is None:
+            return link
+        self._note_gaps(record)
+        return replace(
+            link,
+            elapsed_s=record.elapsed_s,
+            samples=record.samples,
+            missing=record.missing,
+            gaps=record.gaps,
+            duplicates=timeline.duplicates if timeline else 0,
+            disturbances=record.disturbances,
+            excluded_s=record.excluded_s,
+            excluded_by=record.excluded_by,
+            restarts=link.restarts + self.restarts,
+        )
+
+    def _note_gaps(self, record: Record) -> None:
+        """Tell of gaps, those that came since the last telling in one line, ten seconds apart."""
+        new = record.gaps - self._gaps_told[0]
+        if not new or record.elapsed_s < self._gaps_told[2]:
+            return
+        missing = record.missing - self._gaps_told[1]
+        length = missing * record.interval_s
+        plural = "gap" if new == 1 else f"{new} gaps"
+        self._tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", length)
+        self._gaps_told = (record.gaps, record.missing, record.elapsed_s + GAP_TELL_S)
+
+    def _device(self, device: Device) -> Device:
+        """The caller's facts, filled in with what the samples themselves say."""
+        if self.stream is None:
+            return device
+        return replace(
+            device,
+            stream=self.stream.kind,
+            source=self.stream.source,
+            clock=self.stream.clock,
+            sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
+            alias_factor=1.0 if self.stream.kind == "deltas" else device.alias_factor,
+        )
+
+    def _channels(self, device_caveats: tuple[str, ...]) -> tuple[dict[str, Channel], dict[str, SensorGrade]]:
+        record, estimator = self._record, self._estimator
+        assert record is not None
+        assert estimator is not None
+        curve = record.curve()
+        fits = dict(zip(record.channels, estimator.fit(curve), strict=False))
+        running = record.running()
+        caveats = (*device_caveats, *self._record_caveats())
+        channels = {
+            name: describe.channel(name, column, running.channels[column], curve, fits.get(name), caveats)
+            for column, name in enumerate(record.channels)
+        }
+        grades = {}
+        for sensor in LIMITS:
+            axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
+            if not axes:
+                continue
+            grades[sensor] = (
+                describe.sensor_grade(sensor, axes) if record.at_rest else SensorGrade(reason="not at rest")
+            )
+        return channels, grades
+
+    def _record_caveats(self) -> tuple[str, ...]:
+        return () if self._at_rest else ("not_at_rest",)
+
+    def _note_grades(self, grades: Mapping[str, SensorGrade]) -> None:
+        """Tell when a headline changes."""
+        for sensor, grade in grades.items():
+            before = self._grades.get(sensor)
+            if grade.nearest != (before.nearest if before else None):
+                was = f" (was {before.nearest})" if before and before.nearest else ""
+                self._tell("grade", f"{sensor} is {grade.nearest or 'without a grade'}{was}")
+        self._grades = dict(grades)
+
+
+def _rank(stream: Stream) -> tuple[int, int, int]:
+    """Which of two streams is to be characterised: the greater."""
+    return (
+        RANK[stream.kind],
+        sum(name.startswith(("gyro", "accel")) for name in stream.channels),
+        len(stream.channels),
+    )
