@@ -35,8 +35,9 @@ from imumon.sources import PortError, PortGone, Recorder, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
+INTERRUPTED = ("reopened", "baud", "reconfigured", "found", "lost", "garbage", "silent")
+"""Notices of the session behind which a stream without a clock has a gap of unknown length."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-QUIET_KINDS = {"gap": "debug", "disturbance": "info"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +105,7 @@ class Daemon:
         self._signal: int | None = None
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
         self._next_report = self._next_save = self._next_alive = 0.0
-        self._sample_at: float | None = None
+        self._silent_since: float | None = None
         self._lost_at: float | None = None
         self._state: report.State = "starting"
         self._started: str | None = None
@@ -198,14 +199,30 @@ class Daemon:
             return
         try:
             data = session.read(BEAT_S)
+            self._heard(data)
             self._take(data)
             for notice in session.tick():
                 self._facts = session.facts()
                 self._tell(notice.kind, notice.text, "warning")
-                self._monitor.gap()
+                if notice.kind in INTERRUPTED:
+                    self._monitor.gap()
         except (PortGone, SensorChanged) as error:
             self._lose(str(error))
         self._duties()
+
+    def _heard(self, data: bytes) -> None:
+        """Whether the sensor is silent; it is not while the daemon itself is busy."""
+        now = time.monotonic()
+        if data or self._silent_since is None:
+            self._silent_since = None if data else now
+        elif self._state == "running" and now - self._silent_since > self._stale_s():
+            self._state = "waiting"
+            self._tell("silent", "nothing comes from the sensor", "warning")
+
+    def _stale_s(self) -> float:
+        """Silence that is longer than any sample takes to come."""
+        rate = self._monitor.sample_rate_hz or 1.0
+        return max(STALE_S, 5.0 / rate)
 
     def _take(self, data: bytes) -> None:
         session = self._link.session
@@ -226,10 +243,9 @@ class Daemon:
             self._arrived()
 
     def _arrived(self) -> None:
-        if self._sample_at is None or self._state != "running":
+        if self._state != "running":
             self._next_report = 0.0  # the first numbers are published at once
             self._notifier.ready()
-        self._sample_at = time.monotonic()
         self._state = "running"
         if self._started is None:
             self._started = report.stamp(datetime.now(UTC))
@@ -289,11 +305,8 @@ class Daemon:
 
     def _publish(self) -> report.Report:
         assert self._bus is not None
-        if self._state == "running" and self._sample_at is not None:
-            rate = self._monitor.sample_rate_hz or 1.0
-            if time.monotonic() - self._sample_at > max(STALE_S, 5.0 / rate):
-                self._state = "waiting"
-                self._notifier.ready()
+        if self._state == "waiting":
+            self._notifier.ready()
         made = self._report()
         self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
         for found in self._monitor.events():

@@ -1,0 +1,152 @@
+"""Replay: recordings through the whole pipeline, as a user runs it."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imumon.sensors.vn100 import ascii as sentences
+
+SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
+KIRAN = SHARED / "kiran_stat5min.vnymr.txt.gz"
+needs_recordings = pytest.mark.skipif(
+    not KIRAN.exists(), reason="the real recordings are not on this machine"
+)
+
+
+def imumon(*words: str | Path, code: int = 0) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    if code:
+        assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+        return done.stderr
+    return done.stdout
+
+
+@needs_recordings
+def test_real_recording_agrees_with_an_independent_tool() -> None:
+    made = json.loads(imumon("replay", KIRAN, "--rate", "40", "--json", "--no-guards"))
+    expected = json.loads(KIRAN.with_name("kiran_stat5min.oadev.json").read_text())["axes"]
+    assert made["session"]["samples"] == 13223
+    assert made["session"]["missing"] == 0
+    for key, axis in (("gyro", "g"), ("accel", "a")):
+        for letter in "xyz":
+            channel, truth = made["channels"][f"{key}/{letter}"], expected[axis + letter]
+            found = np.array(channel["allan"]["sigma"])
+            theirs = np.array(truth["oadev"][: len(found)])
+            np.testing.assert_allclose(found[:4], theirs[:4], rtol=1e-9)
+            # longer octaves see 98 % of the pairs: equal within a part of their own deviation
+            spread = 1.0 / np.sqrt(2.0 * np.array(channel["allan"]["edf"][4:]))
+            assert np.all(np.abs(found[4:] / theirs[4:] - 1.0) < 0.5 * spread + 0.01)
+            assert channel["mean"] == pytest.approx(truth["mean"], rel=1e-9)
+            assert channel["std"] == pytest.approx(truth["std_ddof1"], rel=1e-9)
+    assert made["grade"]["gyro"]["nearest"] == "industrial"
+    assert made["grade"]["accel"]["nearest"] == "industrial"
+
+
+def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
+    """A small recording of our own making: VNYMR sentences at rest."""
+    rng = np.random.default_rng(seed)
+    lines = []
+    for gyro, accel in zip(rng.normal(0, 7e-4, (n, 3)), rng.normal((0, 0, -9.8), 0.013, (n, 3)), strict=True):
+        numbers = [0.0, 0.0, 0.0, 0.2, 0.0, 0.4, *accel, *gyro]
+        forms = ["%+08.3f"] * 3 + ["%+08.4f"] * 3 + ["%+07.3f"] * 3 + ["%+010.6f"] * 3
+        body = "VNYMR," + ",".join(form % value for form, value in zip(forms, numbers, strict=True))
+        lines.append(sentences.encode(body))
+    data = b"".join(lines)
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a.txt.gz"])
+def test_report_is_the_contracts(tmp_path: Path, name: str) -> None:
+    made: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
+    assert made["schema"] == "imumon.report/1"
+    assert made["state"] == "stopped"
+    assert made["time"].endswith("Z")
+    assert {
+        "id",
+        "model",
+        "serial",
+        "firmware",
+        "port",
+        "baud",
+        "stream",
+        "sample_rate_hz",
+        "alias_factor",
+    } <= set(made["device"])
+    assert made["device"]["stream"] == "compensated"
+    assert made["device"]["alias_factor"] is None
+    session = made["session"]
+    assert session["samples"] == 400
+    assert session["elapsed_s"] == pytest.approx(10.0)
+    assert set(made["grade"]) == {"gyro", "accel"}
+    channel = made["channels"]["gyro/x"]
+    assert channel["unit"] == "rad/s"
+    assert channel["N"]["unit"] == "rad/s/sqrt(Hz)"
+    assert channel["N"]["readable"]["unit"] == "deg/sqrt(h)"
+    assert "compensated" in channel["caveats"]
+    lengths = {name: len(channel["allan"][name]) for name in channel["allan"]}
+    assert set(lengths) == {"tau_s", "sigma", "low", "high", "edf", "model", "used"}
+    assert len(set(lengths.values())) == 1
+    assert made["channels"]["mag/x"]["grade"] is None
+
+
+def test_table_names_every_channel(tmp_path: Path) -> None:
+    shown = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
+    for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveat compensated"):
+        assert name in shown
+
+
+def test_stream_without_a_clock_needs_its_rate(tmp_path: Path) -> None:
+    assert "--rate" in imumon("replay", capture(tmp_path / "a.txt"), code=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("notes.txt", b"shopping list\n" * 40),
+        ("noise.bin", bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8))),
+        ("empty.bin", b""),
+        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50),
+        ("cut.gz", gzip.compress(b"hello" * 1000)[:30]),
+    ],
+)
+def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert name in imumon("replay", path, "--rate", "40", code=1)
+
+
+def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:
+    assert "nowhere.bin" in imumon("replay", tmp_path / "nowhere.bin", code=1)
+    imumon("replay", tmp_path, code=1)
+
+
+def test_corruption_is_counted_and_takes_one_tick_each(tmp_path: Path) -> None:
+    path = capture(tmp_path / "a.txt")
+    data = bytearray(path.read_bytes())
+    size = len(data) // 400
+    for line in (50, 51, 200):
+        data[line * size + 40] ^= 0x01
+    path.write_bytes(data)
+    session = json.loads(imumon("replay", path, "--rate", "40", "--json"))["session"]
+    assert session["samples"] == 397
+    assert session["missing"] == 3
+    assert session["gaps"] == 2
+    assert session["bad_checksums"] == 3
+    assert session["discarded_bytes"] == 3 * size
