@@ -1,0 +1,264 @@
+"""Choice of octaves and terms: what of a curve the model describes, by a rule that does not flicker.
+
+Real sensors are not three-term models. Filters, vibration and quantisation bend the short octaves, a
+line some in the middle, a warm-up the long ones; an efficient fit would bend with them. The rule:
+
+1. White, flicker and random walk over all octaves stand unless chi-square says no (p < `REJECTED`).
+2. Quantisation and ramp are taken in where their score, given the other terms, exceeds `WANTED` standard
+   deviations, which noise of the three kinds alone does once in a thousand; a term once in stays above
+   `KEPT`.
+3. Still rejected: the cheapest description that passes (p >= `CURED`) is sought, an octave left out
+   costing 1 and a term 2. Octaves are left out from the short end or as one block; of equal cost, the best
+   p wins.
+4. Nothing passes at `DEAREST`: the best of it stays, and what is left over counts as an error of the model
+   that all octaves have, as large as makes chi-square its expectation. It widens every interval.
+
+The test itself allows a model to be wrong by `TOLERATED`: with 10^9 samples any sensor departs from any
+model, and no octave is given up for a part in a thousand; instead rule 4's error takes it in.
+
+A former choice stands while it passes and is given up for a larger one only where that is plainly fine
+(p >= `REGAINED`), so no octave jumps in and out with every report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from imumon.noise.covariance import TERMS
+from imumon.noise.intervals import score
+from imumon.noise.leastsquares import Problems, misfit, solve
+from imumon.noise.quantiles import chi2_tail
+from imumon.samples import Bools, Floats
+
+REJECTED = 1e-3
+CURED = 0.02
+REGAINED = 0.2
+WANTED = 3.1
+KEPT = 2.0
+TOLERATED = 2e-3  # of the Allan variance
+DEAREST = 14
+_ROUNDS = 8
+_BASE = np.arange(len(TERMS)) < 3
+QUANTISATION, RAMP = 3, 4
+FEWEST = 5  # octaves that must stay
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """What of a channel's curve is fitted, with what.
+
+    Attributes
+    ----------
+    used : (k,) octaves that count.
+    free : (5,) terms that may be there.
+    p : (5,) powers in units of tau0.
+    excess : 1, relative variance of the model itself.
+    chi2, dof, p_value : of the fit without that excess; None where there is nothing to test.
+    cured : whether what is left passes the test.
+    """
+
+    used: Bools
+    free: Bools
+    p: Floats
+    excess: float
+    chi2: float | None
+    dof: int
+    p_value: float | None
+    cured: bool
+
+
+def choose(problem: Problems, former: Choice | None) -> Choice:
+    """Choose octaves and terms of one channel.
+
+    Parameters
+    ----------
+    problem : one problem, all octaves that have data in use.
+    former : what was chosen before, on a shorter record.
+    """
+    everything = problem.used[0]
+    if former is not None:
+        again = _widened(former.used, everything), former.free
+        found = _tried(problem, *again)
+        if found.cured:
+            return _finished(problem, _regained(problem, found, everything))
+    found = _with_terms(problem, _tried(problem, everything, _BASE))
+    if not found.cured:
+        found = _sought(problem, found)
+    return _finished(problem, found)
+
+
+def _widened(used: Bools, available: Bools) -> Bools:
+    """Former choice on a curve that has grown: new octaves count."""
+    wide = np.ones(available.size, dtype=bool)
+    n = min(used.size, available.size)
+    wide[:n] = used[:n]
+    return wide & available
+
+
+def _tried(problem: Problems, used: Bools, free: Bools, start: Floats | None = None) -> Choice:
+    """The fit with these octaves and terms."""
+    return _all_tried(problem, used[None], free[None], None if start is None else start[None])[0]
+
+
+def _all_tried(problem: Problems, used: Bools, free: Bools, start: Floats | None = None) -> list[Choice]:
+    count = len(used)
+    batch = replace(
+        problem.take(np.zeros(count, dtype=np.int64)),
+        used=used,
+        free=free,
+        excess=np.full(count, TOLERATED**2),
+    )
+    p = solve(batch, start=start, rounds=_ROUNDS)
+    chi2, dof = misfit(batch, p)
+    choices = []
+    for row in range(count):
+        tested = bool(dof[row] > 0)
+        p_value = chi2_tail(float(chi2[row]), int(dof[row])) if tested else None
+        choices.append(
+            Choice(
+                used[row],
+                free[row],
+                p[row],
+                0.0,
+                float(chi2[row]) if tested else None,
+                int(dof[row]),
+                p_value,
+                p_value is None or p_value >= REJECTED,
+            )
+        )
+    return choices
+
+
+def _scores(problem: Problems, choice: Choice, terms: list[int]) -> list[float]:
+    """Scores of terms at zero, given the others."""
+    free = choice.free.copy()
+    free[terms] = True
+    batch = replace(
+        problem.take(np.zeros(len(terms), dtype=np.int64)),
+        used=np.repeat(choice.used[None], len(terms), axis=0),
+        free=np.repeat(choice.free[None], len(terms), axis=0),
+    )
+    batch.free[np.arange(len(terms)), terms] = True
+    start = np.repeat(choice.p[None], len(terms), axis=0)
+    z, _ = score(batch, np.array(terms), np.zeros(len(terms)), start)
+    return [float(value) for value in z]
+
+
+def _with_terms(problem: Problems, choice: Choice) -> Choice:
+    """The choice with quantisation or ramp where their scores want them and the fit then passes."""
+    terms = [term for term in (QUANTISATION, RAMP) if not choice.free[term]]
+    if choice.dof <= len(terms) or choice.used.sum() < FEWEST + 1:
+        return choice
+    wanted = [term for term, z in zip(terms, _scores(problem, choice, terms), strict=True) if z > WANTED]
+    sets = [wanted] if len(wanted) < 2 else [[wanted[0]], [wanted[1]], wanted]
+    for extra in sets:
+        if not extra:
+            continue
+        free = choice.free.copy()
+        free[extra] = True
+        found = _tried(problem, choice.used, free)
+        if found.cured and all(found.p[term] > 0.0 for term in extra):
+            return found
+    return choice
+
+
+def _regained(problem: Problems, choice: Choice, everything: Bools) -> Choice:
+    """The choice with an octave or a term back where that is plainly fine."""
+    out = np.flatnonzero(everything & ~choice.used)
+    extras = [term for term in (QUANTISATION, RAMP) if choice.free[term]]
+    if extras:
+        dropped = [
+            term
+            for term in extras
+            if choice.p[term] == 0.0
+            or _scores(problem, replace(choice, free=_without(choice.free, term)), [term])[0] < KEPT
+        ]
+        if dropped:
+            fewer = choice.free.copy()
+            fewer[dropped] = False
+            found = _tried(problem, choice.used, fewer)
+            if found.p_value is None or found.p_value >= REGAINED:
+                choice = found
+    if not out.size:
+        return _with_terms(problem, choice)
+    ends = {int(out[0]), int(out[-1])}
+    used = np.repeat(choice.used[None], len(ends) + 1, axis=0)
+    used[0] = everything
+    for row, octave in enumerate(sorted(ends), start=1):
+        used[row, octave] = True
+    free = np.repeat(choice.free[None], len(used), axis=0)
+    for found in _all_tried(problem, used, free):
+        if found.p_value is not None and found.p_value >= REGAINED:
+            return found
+    return choice
+
+
+def _without(free: Bools, term: int) -> Bools:
+    fewer = free.copy()
+    fewer[term] = False
+    return fewer
+
+
+def _sought(problem: Problems, rejected: Choice) -> Choice:
+    """The cheapest description that passes, or the best of those that do not."""
+    best = rejected
+    for cost in range(1, DEAREST + 1):
+        used, free = _candidates(problem.used[0], cost)
+        if not len(used):
+            continue
+        found = [c for c in _all_tried(problem, used, free) if np.all(c.p[3:][c.free[3:]] > 0.0)]
+        if not found:
+            continue
+        here = max(found, key=_quality)
+        if here.p_value is not None and here.p_value >= CURED:
+            return here
+        if _quality(here) > _quality(best):
+            best = here
+    return best
+
+
+def _quality(choice: Choice) -> float:
+    """Larger is better: minus chi-square per degree of freedom."""
+    return -np.inf if choice.chi2 is None else -choice.chi2 / choice.dof
+
+
+def _candidates(available: Bools, cost: int) -> tuple[Bools, Bools]:
+    """Octaves and terms of all descriptions of one cost: (n, k) and (n, 5)."""
+    index = np.flatnonzero(available)
+    used, free = [], []
+    for extra in ((), (QUANTISATION,), (RAMP,), (QUANTISATION, RAMP)):
+        left_out = cost - 2 * len(extra)
+        kept = index.size - left_out
+        if left_out < 0 or kept < FEWEST + len(extra):
+            continue
+        terms = _BASE.copy()
+        terms[list(extra)] = True
+        for begin in range(kept + 1 if left_out else 1):
+            mask = available.copy()
+            mask[index[begin : begin + left_out]] = False
+            used.append(mask)
+            free.append(terms)
+    return np.array(used, dtype=bool), np.array(free, dtype=bool)
+
+
+def _finished(problem: Problems, choice: Choice) -> Choice:
+    """The choice with chi-square without tolerance and the model's own error where that is rejected."""
+    one = replace(problem, used=choice.used[None], free=choice.free[None])
+    p = solve(one, start=choice.p[None])
+    chi2, dof = misfit(one, p)
+    if dof[0] <= 0:
+        return replace(choice, p=p[0], chi2=None, dof=0, p_value=None)
+    p_value = chi2_tail(float(chi2[0]), int(dof[0]))
+    excess = 0.0
+    if p_value < REJECTED:
+        low, high = 1e-5, 30.0  # of the Allan variance, one standard deviation
+        for _ in range(14):
+            excess = low * high
+            wide = replace(one, excess=np.array([excess]))
+            p = solve(wide, start=p, rounds=_ROUNDS)
+            left, _ = misfit(wide, p)
+            low, high = (excess**0.5, high) if left[0] > dof[0] else (low, excess**0.5)
+        p = solve(wide, start=p)
+    return replace(choice, p=p[0], excess=excess, chi2=float(chi2[0]), dof=int(dof[0]), p_value=p_value)

@@ -1,0 +1,235 @@
+"""Covariance of the octave Allan variances, exact, for white noise, flicker, random walk and quantisation.
+
+An Allan variance is half the mean square of second differences d of the phase x (the integral of the rate),
+s_i = 1/(2 M_i) sum d_i^2. For Gaussian noise (Isserlis) the covariance of two octaves is
+
+    Cov(s_i, s_j) = 1/(2 M_i M_j) sum_delta count(delta) r_ij(delta)^2,   (Greenhall 1991; NIST SP 1065, 5.4)
+
+r_ij(delta) being the covariance of two differences whose first clusters begin delta apart: nine terms of the
+generalised autocovariance S of the phase, each noise's own:
+
+    white  -|t|/2 N^2,   flicker  t^2 ln|t| / (2 pi) B^2,   random walk  |t|^3/12 K^2,   quantisation  Q^2
+    at 0.
+
+Since r is a sum over the kinds of noise, r = sum_a p_a r_a, the covariance is a quadratic form in the
+powers p = (N^2, B^2, K^2, Q^2): its tables depend on nothing but the length of the record and the octaves.
+
+Point samples differ from true averages at the shortest octaves: there S is that of the sampled process,
+(|k|^3 - |k|)/12 for the random walk and for flicker the one of (1 - z^-1)^(-1/2) (Kasdin 1995).
+
+Everything here is in units of tau0: p = (N^2/tau0, B^2, K^2 tau0, Q^2/tau0^2, R^2 tau0^2). The fifth term is
+a rate ramp, R^2 tau^2/2, which has no noise of its own but multiplies that of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from imumon.samples import Floats, Ints
+
+TERMS = ("N", "B", "K", "Q", "R")
+"""Order of the terms of the model: white, flicker, random walk, quantisation, rate ramp."""
+
+PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
+"""Pairs of noise types of which a table is kept."""
+
+REACH = 7  # octaves further apart than this: the shorter difference is a derivative beside the longer one
+TAIL = 8  # cluster lengths after which the covariance of two differences is neglected (flicker: lag^-2)
+_COARSE = 16  # lags taken together beyond that reach
+_SHARED = 5  # octaves from here on are taken as scaled copies of one another
+_LN2_PI = 2.0 * np.log(2.0) / np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tables:
+    """Covariance of the octaves of one record length, by pairs of noise types.
+
+    Attributes
+    ----------
+    span : samples, length of the record.
+    full : (k,) differences of an uninterrupted record.
+    pairs : (10, k, k) 1, tables of `PAIRS`; Cov(s_i, s_j) = sum over pairs of p_a p_b pairs[ab, i, j].
+    means : (4, k, k) 1, Cov of the mean differences at octaves i and j, by noise type.
+    design : (k, 5) 1, expectation of s by `TERMS`.
+    """
+
+    span: int
+    full: Ints
+    pairs: Floats
+    means: Floats
+    design: Floats
+
+    def covariance(self, p: Floats, thinning: Floats) -> Floats:
+        """Covariance of the Allan variances.
+
+        Parameters
+        ----------
+        p : (..., 5) powers in units of tau0, in the order of `TERMS`.
+        thinning : (..., k) sqrt(full differences / differences there are), 1 without gaps.
+
+        Returns
+        -------
+        (..., k, k) unit of p squared.
+        """
+        k = self.full.size
+        left = [a for a, _ in PAIRS]
+        right = [b for _, b in PAIRS]
+        products = p[..., left] * p[..., right]
+        total = (products @ self.pairs.reshape(len(PAIRS), k * k)).reshape(*p.shape[:-1], k, k)
+        ramp = p[..., 4]
+        if np.any(ramp > 0.0):
+            m = 2.0 ** np.arange(k)
+            means = (p[..., :4] @ self.means.reshape(4, k * k)).reshape(*p.shape[:-1], k, k)
+            total = total + ramp[..., None, None] * means * (m[:, None] * m)
+        return np.asarray(total * (thinning[..., :, None] * thinning[..., None, :]))
+
+
+def design(octaves: int, *, averaged: bool) -> Floats:
+    """Expectation of the Allan variance by terms.
+
+    IEEE Std 952 annex C for true averages; for point samples the discrete expectation.
+
+    Returns
+    -------
+    (k, 5) 1, columns of `TERMS` in units of tau0.
+
+    >>> design(2, averaged=True)[:, 1].round(4)
+    array([0.4413, 0.4413])
+    >>> (design(2, averaged=False)[:, 1] / design(2, averaged=True)[:, 1]).round(2)
+    array([1.44, 1.15])
+    """
+    m = 2.0 ** np.arange(octaves)
+    flicker = np.full(octaves, _LN2_PI)
+    walk = m / 3.0
+    if not averaged:
+        walk = walk * (1.0 + 0.5 / m**2)
+        short = min(octaves, 12)  # beyond, the difference is below 1e-7
+        phase = _sampled_flicker(2 << (short - 1))
+        lags = (1 << np.arange(short)).astype(np.int64)
+        flicker[:short] = (phase[2 * lags] - 4.0 * phase[lags]) / m[:short] ** 2
+    return np.column_stack([1.0 / m, flicker, walk, 3.0 / m**2, m**2 / 2.0])
+
+
+def octaves_in(span: int) -> int:
+    """Number of octaves that have a difference in so many samples."""
+    return max(0, int(span).bit_length() - 1)
+
+
+def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
+    """Tables for a record of so many samples, from a cache that a growing record refreshes every 3 %.
+
+    Parameters
+    ----------
+    span : samples, length of the time grid.
+    octaves : how many, from m = 1 on; at most `octaves_in(span)`.
+    averaged : true cluster averages, else point samples.
+    """
+    span = max(int(span), 1 << octaves)
+    step = max(0, span.bit_length() - 6)
+    return _tables(span >> step << step, octaves, averaged)
+
+
+@lru_cache(maxsize=24)
+def _tables(span: int, octaves: int, averaged: bool) -> Tables:
+    m = 1 << np.arange(octaves, dtype=np.int64)
+    stride = np.maximum(1, m // 8)
+    full = (span - 2 * m) // stride + 1
+    pairs = np.zeros((len(PAIRS), octaves, octaves))
+    means = np.zeros((4, octaves, octaves))
+    for i in range(octaves):
+        for j in range(i, octaves):
+            lags, r, each = _differences(i, j, averaged)
+            count = _counts(lags, int(stride[i]), int(stride[j]), int(full[i]), int(full[j]))
+            inside = count > 0
+            r = r[:, inside]
+            weighted = r * (count[inside] * each)
+            size = float(full[i]) * float(full[j])
+            gram = weighted @ r.T
+            for index, (a, b) in enumerate(PAIRS):
+                pairs[index, i, j] = pairs[index, j, i] = (0.5 if a == b else 1.0) * gram[a, b] / size
+            means[:, i, j] = means[:, j, i] = weighted.sum(axis=1) / size
+    return Tables(span, full, pairs, means, design(octaves, averaged=averaged))
+
+
+def _counts(lags: Ints, stride_i: int, stride_j: int, terms_i: int, terms_j: int) -> Ints:
+    """How many pairs of differences begin `lags` samples apart (octave j after octave i).
+
+    >>> _counts(np.array([-1, 0, 1]), 1, 1, 5, 3)
+    array([3, 3, 2])
+    """
+    first = np.maximum(0, -(-lags // stride_j))
+    last = np.minimum(terms_j - 1, (lags + (terms_i - 1) * stride_i) // stride_j)
+    return np.asarray(np.maximum(0, last - first + 1))
+
+
+def _differences(i: int, j: int, averaged: bool) -> tuple[Ints, Floats, float]:
+    """Covariance of differences at octaves i <= j by their lag.
+
+    Returns
+    -------
+    lags : (l,) samples, from the beginning of the one at octave i to that of the one at octave j.
+    r : (4, l) units of tau0, by noise type.
+    each : lags that each of these stands for.
+    """
+    near = max(i, j - REACH)
+    base = min(near, _SHARED)
+    steps, r = _base(base, j - near, averaged)
+    scale = 2.0 ** (near - base)
+    r = r * np.array([1.0 / scale, 1.0, scale, 1.0 / scale**2])[:, None]
+    lags = steps * (1 << (near - base))
+    if near == i:
+        return lags, r, 1.0
+    # So short a difference takes the derivative of a rate that the long one smooths: r goes with m_i. White
+    # noise and quantisation have none to speak of.
+    r = r[:, ::_COARSE] * np.array([0.0, 1.0, 1.0, 0.0])[:, None] / 2.0 ** (near - i)
+    stride_i, stride_near = max(1, (1 << i) // 8), max(1, (1 << near) // 8)
+    return lags[::_COARSE] + ((1 << i) - (1 << near)), r, _COARSE * stride_near / stride_i
+
+
+@lru_cache(maxsize=128)
+def _base(i: int, apart: int, averaged: bool) -> tuple[Ints, Floats]:
+    """`_differences` of the octaves that all others are scaled copies of."""
+    short = 1 << i
+    long = short << apart
+    stride = max(1, short // 8)
+    centre = short - long
+    lags = np.arange(centre - TAIL * long, centre + TAIL * long + 1, stride, dtype=np.int64)
+    phase = _phase(lags.max() + 2 * long + 2 * short, averaged)
+    r = np.zeros((4, lags.size))
+    for p, weight_p in enumerate((1.0, -2.0, 1.0)):
+        for q, weight_q in enumerate((1.0, -2.0, 1.0)):
+            r += weight_p * weight_q * phase[:, np.abs(lags + q * long - p * short)]
+    return lags, r / (float(short) * float(long))
+
+
+@lru_cache(maxsize=2)
+def _phase_table(size: int, averaged: bool) -> Floats:
+    lag = np.arange(size, dtype=np.float64)
+    phase = np.zeros((4, size))
+    phase[0] = -0.5 * lag
+    if averaged:
+        phase[1, 1:] = lag[1:] ** 2 * np.log(lag[1:]) / (2.0 * np.pi)
+        phase[2] = lag**3 / 12.0
+    else:
+        phase[1] = _sampled_flicker(size - 1)
+        phase[2] = (lag**3 - lag) / 12.0
+    phase[3, 0] = 1.0
+    return phase
+
+
+def _phase(reach: int, averaged: bool) -> Floats:
+    """(4, l) generalised autocovariance of the phase by lag, one row a noise type."""
+    return _phase_table(1 << int(reach).bit_length(), averaged)
+
+
+def _sampled_flicker(reach: int) -> Floats:
+    """(reach + 1,) generalised autocovariance of the running sum of sampled flicker, but for a lag^2.
+
+    That of (1 - z^-1)^(-1/2) w itself is -1/pi sum_{j=1..k} 1/(j - 1/2); it is summed twice.
+    """
+    rate = np.concatenate([[0.0], -np.cumsum(1.0 / (np.arange(1, reach + 1) - 0.5)) / np.pi])
+    slopes = -np.cumsum(rate[:reach])  # S(k+1) - S(k), S even
+    return np.concatenate([[0.0], np.cumsum(slopes)])

@@ -1,0 +1,401 @@
+"""Fit of N, B and K to an Allan curve: values, intervals, what they are worth and how long it still takes.
+
+    sigma^2(tau) = N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3  [+ 3 Q^2/tau^2 quantisation + R^2 tau^2/2 ramp]
+
+by generalised least squares with the exact covariance (`covariance`, `leastsquares`), over the octaves and
+terms that describe the channel (`choice`), with limits from score tests (`intervals`).
+
+The rules
+---------
+1. A coefficient is ``measured`` where its score at zero says at 98.5 % that it is there; then it has a
+   value and
+   two-sided 95 % limits. Else it is ``upper_bound``: no value, and the bound that a larger one would have
+   passed. The two levels (1.5 % and 4 %) make 95 % over all records, whichever of the two each is told to
+   be.
+2. ``pending``: too few octaves to tell the terms apart, or nothing to fit; the reason says which.
+3. Points are cheap and follow every call. Limits, choice and times are renewed when the record has grown by
+   2 %; in between limits move with their value.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from imumon.noise import intervals
+from imumon.noise.allan import AllanCurve
+from imumon.noise.choice import QUANTISATION, RAMP, Choice, choose
+from imumon.noise.covariance import TERMS, Tables, octaves_in, tables
+from imumon.noise.leastsquares import Problems, solve, weigh
+from imumon.noise.quantiles import chi2_quantile, normal_quantile
+from imumon.noise.readings import Readings, read_slopes
+from imumon.samples import Bools, Floats
+
+Status: TypeAlias = Literal["measured", "upper_bound", "pending"]
+
+PRECISION = {"N": 0.01, "B": 0.20, "K": 0.50}
+"""Asked 95 % half-widths relative to the value."""
+
+GROWTH = 1.02  # of the record between two renewals of the limits
+_SEEN = normal_quantile(0.985)
+_BOUND = -normal_quantile(0.96)
+_TWO_SIDED = normal_quantile(0.975)
+_NARROW = 0.002  # a bound never falls below what moves the score by this much: it is never zero
+_OCTAVES_N, _OCTAVES = 3, 5
+_YEAR = 3.15576e7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coefficient:
+    """N, B or K in SI with its 95 % limits; `value` is None unless measured."""
+
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    status: Status = "pending"
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeTo:
+    """Seconds of record still to come until the asked precision; None when it will not come."""
+
+    N: float | None = None
+    B: float | None = None
+    K: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChannelFit:
+    """What is known of one channel.
+
+    Attributes
+    ----------
+    N, B, K : channel unit times sqrt(s), 1, 1/sqrt(s).
+    quantisation : channel unit times s, Q; None unless the data demand it.
+    ramp : channel unit per s, R; None unless the data demand it.
+    chi2, dof, p_value : of the misfit; None while there is nothing to test.
+    model : (k,) channel unit, fitted Allan deviation; NaN-free, 0.0 where there is no fit.
+    used : (k,) octaves that the fit rests on.
+    low, high : (k,) channel unit, 95 % limits of the Allan deviation; 0.0 where there is no difference.
+    edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
+    time_to : s, still to record.
+    readings : classical slope readings.
+    caveats : words; ``misfit``, ``vibration``, ``filtered``, ``quantised``, ``ramp``.
+    """
+
+    N: Coefficient
+    B: Coefficient
+    K: Coefficient
+    quantisation: float | None = None
+    ramp: float | None = None
+    chi2: float | None = None
+    dof: int | None = None
+    p_value: float | None = None
+    model: Floats
+    used: Bools
+    low: Floats
+    high: Floats
+    edf: Floats
+    time_to: TimeTo = field(default_factory=TimeTo)
+    readings: Readings = field(default_factory=Readings)
+    caveats: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """What was worked out for a channel at the last renewal.
+
+    Attributes
+    ----------
+    span : samples, record then.
+    low, high : (3,) units of tau0, limits of the powers; the value then was `choice.p`.
+    status : (3,)
+    """
+
+    span: int
+    choice: Choice
+    low: Floats
+    high: Floats
+    status: tuple[Status, ...]
+    reasons: tuple[str | None, ...]
+    time_to: TimeTo
+
+
+class Estimator:
+    """Fits of a growing curve; remembers what need not be worked out again.
+
+    Parameters
+    ----------
+    averaged : the samples are true averages over their interval (delta angles), else point samples.
+    precision : asked 95 % half-widths by coefficient, for `time_to`.
+    """
+
+    def __init__(self, *, averaged: bool, precision: dict[str, float] | None = None) -> None:
+        self.averaged = averaged
+        self.precision = PRECISION | (precision or {})
+        self._known: dict[int, _Known] = {}
+
+    def fit(self, curve: AllanCurve, *, renew: bool | None = None) -> tuple[ChannelFit, ...]:
+        """Fit every channel of a curve.
+
+        Parameters
+        ----------
+        renew : work out limits, octaves, terms and times anew; default: where the record has grown by 2 %.
+        """
+        octaves = min(len(curve.m), octaves_in(curve.span))
+        if octaves == 0:
+            return tuple(_nothing(len(curve.m), "no difference yet") for _ in curve.valid)
+        table = tables(curve.span, octaves, averaged=self.averaged)
+        problems, reasons = _problems(curve, table)
+        for channel, reason in enumerate(reasons):
+            known = self._known.get(channel)
+            if reason is not None:
+                self._known.pop(channel, None)
+            elif known is None or (
+                curve.span >= known.span * GROWTH or known.span > curve.span if renew is None else renew
+            ):
+                self._known[channel] = self._renewed(
+                    problems.take(slice(channel, channel + 1)), curve.span, curve.tau0, known
+                )
+        return self._assembled(curve, problems, reasons)
+
+    def _renewed(self, problem: Problems, span: int, tau0: float, former: _Known | None) -> _Known:
+        choice = choose(problem, None if former is None else former.choice)
+        fitted = replace(
+            problem, used=choice.used[None], free=choice.free[None], excess=np.array([choice.excess])
+        )
+        low, high, status, reasons = _limits(fitted, choice.p)
+        times = _times(fitted, choice.p, low, high, span * tau0, self.precision)
+        return _Known(span, choice, low, high, status, reasons, times)
+
+    def _assembled(
+        self, curve: AllanCurve, problems: Problems, reasons: list[str | None]
+    ) -> tuple[ChannelFit, ...]:
+        rows = [channel for channel, reason in enumerate(reasons) if reason is None]
+        fits = [_nothing(len(curve.m), reason or "") for reason in reasons]
+        if not rows:
+            return tuple(fits)
+        known = [self._known[channel] for channel in rows]
+        part = problems.take(np.array(rows))
+        k = part.used.shape[1]
+        used = np.array([_fit_length(item.choice.used, k, True) for item in known]) & part.used
+        part = replace(
+            part,
+            used=used,
+            free=np.array([item.choice.free for item in known]),
+            excess=np.array([item.choice.excess for item in known]),
+        )
+        p = solve(part, start=np.array([item.choice.p for item in known]) + 0.0)
+        at = weigh(replace(part, excess=np.zeros(len(rows))), p)
+        variance = at.relative[:, np.arange(k), np.arange(k)]
+        for row, channel in enumerate(rows):
+            fits[channel] = _channel(
+                curve, channel, p[row], known[row], used[row], at.model[row], 2.0 / variance[row]
+            )
+        return tuple(fits)
+
+
+def fit_curve(curve: AllanCurve, *, averaged: bool) -> tuple[ChannelFit, ...]:
+    """Fit N, B and K to every channel of a curve, once.
+
+    Parameters
+    ----------
+    averaged : the samples are true averages over their interval (delta angles), else point samples.
+    """
+    return Estimator(averaged=averaged).fit(curve)
+
+
+def _problems(curve: AllanCurve, table: Tables) -> tuple[Problems, list[str | None]]:
+    """The curve as problems, one a channel, and why a channel has none."""
+    k = table.full.size
+    terms = curve.terms[:k].T
+    variance = curve.avar[:k].T
+    used = (terms > 0) & (variance > 0.0) & np.isfinite(variance)
+    thinning = np.sqrt(table.full / np.maximum(terms, 1))
+    reasons: list[str | None] = []
+    for row in range(len(used)):
+        seen = terms[row] > 0
+        if not seen.any():
+            reasons.append("no difference yet")
+        elif not used[row].any():
+            reasons.append("the channel is constant")
+        elif used[row].sum() < _OCTAVES_N:
+            reasons.append(f"{int(used[row].sum())} octaves, {_OCTAVES_N} are needed")
+        else:
+            reasons.append(None)
+    problems = Problems(
+        table,
+        np.where(used, variance, 1.0),
+        thinning,
+        used,
+        np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0),
+        np.zeros(len(used)),
+    )
+    return problems, reasons
+
+
+def _limits(
+    problem: Problems, p: Floats
+) -> tuple[Floats, Floats, tuple[Status, ...], tuple[str | None, ...]]:
+    """Limits of the powers of N, B and K of one channel, (3,) each, their status and why it is not known."""
+    three = problem.take(np.zeros(3, dtype=np.int64))
+    terms = np.arange(3)
+    start = np.repeat(p[None], 3, axis=0)
+    spread = intervals.deviations(problem, p[None])[0, :3]
+    told = np.isfinite(spread) & (problem.used.sum() >= np.array([_OCTAVES_N, _OCTAVES, _OCTAVES]))
+    zero, _ = intervals.score(three, terms, np.zeros(3), start)
+    seen = told & (zero > _SEEN) & (p[:3] > 0.0)
+    low, high = np.zeros(3), np.full(3, np.inf)
+    rows = np.flatnonzero(seen)
+    if rows.size:
+        target = np.full(rows.size, _TWO_SIDED)
+        low[rows] = intervals.limit(three.take(rows), rows, start[rows], spread[rows], target, upper=False)
+    rows = np.flatnonzero(told)
+    if rows.size:
+        target = np.where(seen, -_TWO_SIDED, np.minimum(_BOUND, zero - _NARROW))[rows]
+        begin = np.where(seen, p[:3], 0.0)
+        begin = np.where(seen[:, None] | (terms[:, None] != np.arange(len(TERMS))), start, 0.0)
+        high[rows] = intervals.limit(three.take(rows), rows, begin[rows], spread[rows], target, upper=True)
+    status: list[Status] = []
+    reasons: list[str | None] = []
+    count = int(problem.used.sum())
+    for term in range(3):
+        if told[term] and np.isfinite(high[term]):
+            status.append("measured" if seen[term] else "upper_bound")
+            reasons.append(None if seen[term] else "the record does not show it")
+        else:
+            status.append("pending")
+            need = _OCTAVES_N if term == 0 else _OCTAVES
+            reasons.append(
+                f"{count} octaves, {need} are needed"
+                if count < need
+                else "the record is too short to bound it"
+            )
+    return low, high, tuple(status), tuple(reasons)
+
+
+def _times(
+    problem: Problems, p: Floats, low: Floats, high: Floats, seconds: float, precision: dict[str, float]
+) -> TimeTo:
+    """Time still needed to the asked precision, from the covariance of a longer record.
+
+    A record 2^q times as long looks, at its long octaves, like this one with N^2 smaller and K^2 larger by
+    2^q: the tables serve again. The q shortest octaves are forgone, which costs nothing that counts.
+    """
+    k = problem.used.shape[1]
+    out = ~problem.used[0]
+    longest = max(0, math.ceil(math.log2(max(_YEAR / seconds, 1.0))))
+    steps = np.arange(min(longest, max(k - 4, 0)) + 1)
+    scale = 2.0 ** steps[:, None] ** np.ones(1)
+    powers = p * np.column_stack([1.0 / scale, scale**0, scale, 1.0 / scale**2, scale**2])
+    used = np.ones((steps.size, k), dtype=bool)
+    for row, step in enumerate(steps):
+        used[row, : k - step] &= ~out[step:]
+    longer = replace(problem.take(np.zeros(steps.size, dtype=np.int64)), used=used)
+    spread = intervals.deviations(longer, powers)[:, :3]
+    times: dict[str, float | None] = {}
+    for term, name in enumerate(TERMS[:3]):
+        value = math.sqrt(p[term])
+        asked = precision[name]
+        times[name] = None
+        if value == 0.0:
+            continue
+        if low[term] > 0.0 and math.sqrt(high[term]) - math.sqrt(low[term]) <= 2.0 * asked * value:
+            times[name] = 0.0
+            continue
+        width = _TWO_SIDED * spread[:, term] / (2.0 * np.where(powers[:, term] > 0.0, powers[:, term], 1.0))
+        reached = np.flatnonzero(width <= asked)
+        if not reached.size:
+            continue
+        at = int(reached[0])
+        step = float(at)
+        if at > 0 and np.isfinite(width[at - 1]) and 0.0 < width[at] < 0.999 * width[at - 1]:
+            step -= math.log(asked / width[at]) / math.log(width[at - 1] / width[at])
+        times[name] = seconds * max(2.0**step - 1.0, 0.0)
+    return TimeTo(**times)
+
+
+def _channel(
+    curve: AllanCurve, channel: int, p: Floats, known: _Known, used: Bools, model: Floats, edf: Floats
+) -> ChannelFit:
+    """Everything about one channel in SI."""
+    total, k = len(curve.m), model.size
+    tau0 = curve.tau0
+    unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0, tau0**2, 1.0 / tau0**2]))
+    there = curve.terms[:k, channel] > 0
+    sigma = curve.sigma[:k, channel]
+    low = np.where(there, sigma * np.sqrt(edf / chi2_quantile(0.975, edf)), 0.0)
+    high = np.where(there, sigma * np.sqrt(edf / chi2_quantile(0.025, edf)), 0.0)
+    choice = known.choice
+    clear = there & (sigma > 0.0)
+    return ChannelFit(
+        **{name: _coefficient(p, known, term, float(unit[term])) for term, name in enumerate(TERMS[:3])},
+        quantisation=float(math.sqrt(p[QUANTISATION]) * unit[QUANTISATION])
+        if p[QUANTISATION] > 0.0
+        else None,
+        ramp=float(math.sqrt(p[RAMP]) * unit[RAMP]) if p[RAMP] > 0.0 else None,
+        chi2=choice.chi2,
+        dof=choice.dof if choice.chi2 is not None else None,
+        p_value=choice.p_value,
+        model=_stretched(np.sqrt(model), total),
+        used=_fit_length(used, total, False),
+        low=_stretched(low, total),
+        high=_stretched(high, total),
+        edf=_stretched(np.where(there, edf, 0.0), total),
+        time_to=known.time_to,
+        readings=read_slopes(curve.tau[:k][clear], sigma[clear]),
+        caveats=_caveats(choice, used, there, sigma**2, model, edf),
+    )
+
+
+def _coefficient(p: Floats, known: _Known, term: int, unit: float) -> Coefficient:
+    """One coefficient in SI; its limits moved along with its value since they were worked out."""
+    status, then = known.status[term], known.choice.p[term]
+    if status == "pending":
+        return Coefficient(reason=known.reasons[term])
+    high = math.sqrt(known.high[term]) * unit
+    if status == "upper_bound":
+        return Coefficient(low=0.0, high=high, status=status, reason=known.reasons[term])
+    moved = math.sqrt(p[term] / then) if p[term] > 0.0 and then > 0.0 else 1.0
+    value = math.sqrt(then) * moved * unit
+    low = math.sqrt(known.low[term]) * unit
+    return Coefficient(value=value, low=min(low * moved, value), high=max(high * moved, value), status=status)
+
+
+def _caveats(
+    choice: Choice, used: Bools, there: Bools, found: Floats, model: Floats, edf: Floats
+) -> tuple[str, ...]:
+    words = []
+    if not choice.cured:
+        words.append("misfit")
+    out = there & ~used
+    if np.any(out):
+        z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
+        words.append("vibration" if z[np.argmax(np.abs(z))] > 0.0 else "filtered")
+    if choice.free[QUANTISATION]:
+        words.append("quantised")
+    if choice.free[RAMP]:
+        words.append("ramp")
+    return tuple(words)
+
+
+def _nothing(octaves: int, reason: str) -> ChannelFit:
+    nothing = Coefficient(reason=reason)
+    zeros = np.zeros(octaves)
+    none = np.zeros(octaves, dtype=bool)
+    return ChannelFit(
+        N=nothing, B=nothing, K=nothing, model=zeros, used=none, low=zeros, high=zeros, edf=zeros
+    )
+
+
+def _fit_length(used: Bools, octaves: int, rest: bool) -> Bools:
+    """(octaves,) a mask on a curve of another length."""
+    return np.asarray(np.concatenate([used, np.full(max(0, octaves - used.size), rest)])[:octaves])
+
+
+def _stretched(values: Floats, octaves: int) -> Floats:
+    return np.concatenate([values, np.zeros(octaves - values.size)])

@@ -1,0 +1,157 @@
+"""Confidence limits of the powers by inverting the efficient score test, skewness and boundary included.
+
+For a value x of one power, the others are fitted with it held, and the score
+
+    U(x) = w' (s - A_a x),    w = V^-1 A_a projected off the other terms (Neyman 1959; Cox & Hinkley 9.3)
+
+tells how far the data lie above (U > 0) or below. Since w has no part along the other terms, the
+limits do not lean on a neighbour that came out as zero and may not be. U is a sum of few squares at long
+averaging times, and skew: with the covariance V(mu) as variance function of a natural exponential family
+the third cumulant of w's is 2 sum_j w_j (V w)_j^2 / mu_j, exact for gamma variables. A shifted gamma of
+those three cumulants makes U a standard normal score z(x) (Wilson & Hilferty 1931), and the limits are
+where z passes the quantiles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from imumon.noise.leastsquares import Problems, T, solve, weigh
+from imumon.noise.quantiles import cube_root_score
+from imumon.samples import Bools, Floats, Ints
+
+_STEPS = 14  # halvings of a bracket
+_WIDENINGS = 24  # doublings in search of one
+
+
+def deviations(problems: Problems, p: Floats) -> Floats:
+    """Standard deviations of the powers around p, with every term of N, B, K in play.
+
+    Returns
+    -------
+    (b, 5) units of p; inf for a term that the octaves do not tell from the others.
+    """
+    at = weigh(problems, p)
+    inverse, known = _inverse(at.design.transpose(0, 2, 1) @ at.weight @ at.design, _in_play(problems.free))
+    spread = np.sqrt(np.maximum(np.einsum("bii->bi", inverse), 0.0))
+    return np.where(known, spread, np.inf)
+
+
+def score(problems: Problems, term: Ints, x: Floats, start: Floats) -> tuple[Floats, Floats]:
+    """Standard normal scores of the data if a power had the value x.
+
+    Parameters
+    ----------
+    term : (b,) index of the power.
+    x : (b,) its value, >= 0, units of tau0.
+    start : (b, 5) powers the others are sought from.
+
+    Returns
+    -------
+    z : (b,) 1, positive where the data ask for more than x.
+    p : (b, 5) powers with the one held.
+    """
+    rows = np.arange(len(x))
+    free = problems.free.copy()
+    free[rows, term] = False
+    held = np.zeros((len(x), T))
+    held[rows, term] = x
+    begin = start.copy()
+    begin[rows, term] = x
+    others = replace(problems, free=free)
+    p = solve(others, start=begin, held=held)
+    at = weigh(others, p)
+    inverse, _ = _inverse(at.design.transpose(0, 2, 1) @ at.weight @ at.design, _in_play(problems.free))
+    weights = (at.weight @ at.design @ inverse[rows, :, term][:, :, None])[:, :, 0]
+    rest = np.where(problems.used, problems.variance / at.model, 0.0) - at.design[rows, :, term] * x[:, None]
+    # w is orthogonal to the other terms, so that what they come to need not be taken off
+    spread = np.einsum("bij,bj->bi", np.where(problems.used[:, :, None], at.relative, 0.0), weights)
+    deviation = np.sqrt(np.maximum(np.einsum("bi,bi->b", weights, spread), 1e-300))
+    third = 2.0 * np.einsum("bi,bi->b", weights, spread**2)
+    t = np.einsum("bi,bi->b", weights, rest) / deviation
+    return gamma_score(t, third / deviation**3), p
+
+
+def gamma_score(t: Floats, skewness: Floats) -> Floats:
+    """Standard normal score of a standardised variable that is gamma distributed up to shift and sign.
+
+    Parameters
+    ----------
+    t : (b,) 1, (variable - mean) / standard deviation.
+    skewness : (b,) 1
+    """
+    sign = np.where(skewness < 0.0, -1.0, 1.0)
+    size = np.maximum(np.abs(skewness), 1e-6)
+    ratio = np.maximum(1.0 + sign * t * size / 2.0, 0.0)
+    return np.asarray(sign * cube_root_score(ratio, 8.0 / size**2))
+
+
+def limit(
+    problems: Problems, term: Ints, p: Floats, spread: Floats, target: Floats, *, upper: bool
+) -> Floats:
+    """Value of a power at which its score passes a quantile.
+
+    Parameters
+    ----------
+    term : (b,) index of the power.
+    p : (b, 5) fitted powers; spread : (b,) their standard deviation, the unit of the search.
+    target : (b,) score sought: negative for an upper limit, positive for a lower one.
+    upper : which side of p.
+
+    Returns
+    -------
+    (b,) units of tau0; inf (upper) where no value is excluded, 0 (lower) where zero is not.
+    """
+    rows = np.arange(len(term))
+    here = p[rows, term]
+    start = p.copy()
+    if upper:
+        inner, step, outer = here.copy(), spread.copy(), here + spread
+        found = np.zeros(len(term), dtype=bool)
+        for _ in range(_WIDENINGS):
+            todo = np.flatnonzero(~found)
+            z, start[todo] = score(problems.take(todo), term[todo], outer[todo], start[todo])
+            done = z <= target[todo]
+            found[todo[done]] = True
+            more = todo[~done]
+            if not more.size:
+                break
+            inner[more] = outer[more]
+            step[more] *= 2.0
+            outer[more] += step[more]
+        low, high = inner, outer
+    else:
+        low, high = np.zeros(len(term)), here.copy()
+        z, _ = score(problems, term, low, start)
+        found = z >= target
+    for _ in range(_STEPS):
+        todo = np.flatnonzero(found)
+        if not todo.size:
+            break
+        middle = (low + high) / 2.0
+        z, start[todo] = score(problems.take(todo), term[todo], middle[todo], start[todo])
+        above = np.zeros(len(term), dtype=bool)
+        above[todo] = z > target[todo]
+        low = np.where(found & above, middle, low)
+        high = np.where(found & ~above, middle, high)
+    missing = np.inf if upper else 0.0
+    return np.where(found, (low + high) / 2.0, missing)
+
+
+def _in_play(free: Bools) -> Bools:
+    """Terms whose value is unknown: N, B, K even where they came out as zero, the others where fitted."""
+    return np.asarray(free | (np.arange(T) < 3))
+
+
+def _inverse(normal: Floats, terms: Bools) -> tuple[Floats, Bools]:
+    """Inverse of the normal equations over some terms, zero elsewhere, and which terms have one."""
+    size = np.einsum("bii->bi", normal)
+    known = terms & (size > 0.0)
+    scale = 1.0 / np.sqrt(np.where(known, size, 1.0))
+    both = known[:, :, None] & known[:, None, :]
+    matrix = np.where(both, normal * scale[:, :, None] * scale[:, None, :], np.eye(T))
+    inverse = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
+    reached = np.einsum("bij,bji->bi", matrix, inverse) > 0.999
+    return np.where(both, inverse * scale[:, :, None] * scale[:, None, :], 0.0), known & reached
