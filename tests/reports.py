@@ -80,11 +80,19 @@ def coefficient(sensor: str, name: str, truth: float, spread: float) -> Coeffici
     """N, B or K known to a relative half-width of `spread`: measured, bounded or pending."""
     unit, shown = SI[(sensor, name)], READABLE[(sensor, name)]
 
-    def of(value: float | None, low: float | None, high: float | None, status: str, reason: str | None) -> Coefficient:
+    def of(
+        value: float | None, low: float | None, high: float | None, status: str, reason: str | None
+    ) -> Coefficient:
         scaled = [None if v is None else v * shown.factor for v in (value, low, high)]
         readable = Readable(value=scaled[0], low=scaled[1], high=scaled[2], unit=shown.unit)
         return Coefficient(
-            value=value, low=low, high=high, status=status, unit=unit, readable=readable, reason=reason  # type: ignore[arg-type]
+            value=value,
+            low=low,
+            high=high,
+            status=status,
+            unit=unit,
+            readable=readable,
+            reason=reason,  # type: ignore[arg-type]
         )
 
     if spread < 0.9:
@@ -123,9 +131,14 @@ def channel(name: str, elapsed_s: float, *, cut: int = 0, scale: float = 1.0) ->
         "B": 0.2 * math.sqrt(400.0 / max(elapsed_s, 1e-9)) * (n / b / 4.0),
         "K": 0.5 * math.sqrt(5000.0 / max(elapsed_s, 1e-9)) * (4e-7 * n / 1e-4 / k),
     }
-    parts = {part: coefficient(sensor, part, value, spreads[part]) for part, value in (("N", n), ("B", b), ("K", k))}
+    parts = {
+        part: coefficient(sensor, part, value, spreads[part])
+        for part, value in (("N", n), ("B", b), ("K", k))
+    }
     still = {
-        part: None if spread <= PRECISION[part] else max(elapsed_s, 1.0) * ((spread / PRECISION[part]) ** 2 - 1)
+        part: None
+        if spread <= PRECISION[part]
+        else max(elapsed_s, 1.0) * ((spread / PRECISION[part]) ** 2 - 1)
         for part, spread in spreads.items()
     }
     grade = None
@@ -133,7 +146,12 @@ def channel(name: str, elapsed_s: float, *, cut: int = 0, scale: float = 1.0) ->
         gn, gb = GRADES[name]
         known = parts["N"].status != "pending"
         grade = (
-            ChannelGrade(N=Grading(nearest=gn, meets="consumer"), B=Grading(nearest=gb, meets=gb), nearest=gn, meets="consumer")
+            ChannelGrade(
+                N=Grading(nearest=gn, meets="consumer"),
+                B=Grading(nearest=gb, meets=gb),
+                nearest=gn,
+                meets="consumer",
+            )
             if known
             else ChannelGrade()
         )
@@ -168,9 +186,15 @@ def report(
     speed: float = 1.0,
 ) -> Report:
     """Report of the sensor after so many seconds."""
-    channels = {name: channel(name, elapsed_s, cut=cut if name == "accel/y" else 0, scale=scale) for name in TRUTH}
-    channels["temperature"] = Channel(unit="degC", count=int(elapsed_s * RATE), mean=31.18, std=0.42, min=24.9, max=31.61, last=31.42)
-    channels["pressure"] = Channel(unit="kPa", count=int(elapsed_s * RATE), mean=101.32, std=0.011, min=101.28, max=101.36, last=101.33)
+    channels = {
+        name: channel(name, elapsed_s, cut=cut if name == "accel/y" else 0, scale=scale) for name in TRUTH
+    }
+    channels["temperature"] = Channel(
+        unit="degC", count=int(elapsed_s * RATE), mean=31.18, std=0.42, min=24.9, max=31.61, last=31.42
+    )
+    channels["pressure"] = Channel(
+        unit="kPa", count=int(elapsed_s * RATE), mean=101.32, std=0.011, min=101.28, max=101.36, last=101.33
+    )
     settled = elapsed_s > 600
     graded = elapsed_s > 20
     none = SensorGrade(reason="no coefficient is known well enough")
@@ -203,7 +227,11 @@ def signal(name: str = "gyro/x") -> Signal:
     rng = np.random.default_rng(7)
 
     def strip(span: float, columns: int, samples: int, *, hole: bool = False) -> Strip:
-        values = mean + std * rng.standard_normal((columns, samples)) + 0.6 * std * np.sin(np.arange(columns) / 31.0)[:, None]
+        values = (
+            mean
+            + std * rng.standard_normal((columns, samples))
+            + 0.6 * std * np.sin(np.arange(columns) / 31.0)[:, None]
+        )
         low, high = values.min(axis=1).tolist(), values.max(axis=1).tolist()
         if hole:
             low[70:82] = high[70:82] = [None] * 12
@@ -242,14 +270,17 @@ def events(id: str = ID) -> list[Event]:
         ("10:20:44", "gap", "13.1 s lost", None),
     )
     return [
-        Event(time=f"2026-03-01T{at}.000Z", kind=kind, text=text, device=id, channel=where) for at, kind, text, where in told
+        Event(time=f"2026-03-01T{at}.000Z", kind=kind, text=text, device=id, channel=where)
+        for at, kind, text, where in told
     ]
 
 
 class Recorded:
     """A feed set by hand: what the bus would have put into the slot."""
 
-    def __init__(self, *reports: Report, age: float = 0.0, alive: bool = True, connected: bool = True) -> None:
+    def __init__(
+        self, *reports: Report, age: float = 0.0, alive: bool = True, connected: bool = True
+    ) -> None:
         self.version = 1
         self.now = 1000.0
         self._reports = {r.device.id: (r, self.now - age) for r in reports}

@@ -46,20 +46,43 @@ PERIOD = 0.5
 POLL = 5.0
 """Seconds between two looks whether the terminal is still there."""
 
+_TEXT = ("text-primary", "text-secondary", "text-accent", "text-success", "text-warning", "text-error")
+
+
+def _theme(name: str, dark: bool, colours: str, texts: str) -> Theme:
+    """Theme of this screen: grounds and colours, and the same colours as they are written in."""
+    primary, secondary, success, warning, error, foreground, background, surface, panel = colours.split()
+    return Theme(
+        name=name,
+        dark=dark,
+        primary=primary,
+        secondary=secondary,
+        accent=primary,
+        success=success,
+        warning=warning,
+        error=error,
+        foreground=foreground,
+        background=background,
+        surface=surface,
+        panel=panel,
+        variables=dict(zip(_TEXT, texts.split(), strict=True)),
+    )
+
+
 THEMES = (
-    Theme(
-        name="imumon-dark", dark=True, primary="#6ea8fe", secondary="#b9a3e3", accent="#6ea8fe", foreground="#d5dae3",
-        background="#11151c", surface="#161b24", panel="#1d2430", success="#7fd1ae", warning="#f0b866", error="#f2777a",
-        variables={"text-primary": "#82b4ff", "text-secondary": "#c0a6f0", "text-accent": "#7cc4f5", "text-success": "#86d6b4",
-                   "text-warning": "#f0b866", "text-error": "#f58a8c"},
+    _theme(
+        "imumon-dark",
+        True,
+        "#6ea8fe #b9a3e3 #7fd1ae #f0b866 #f2777a #d5dae3 #11151c #161b24 #1d2430",
+        "#82b4ff #c0a6f0 #7cc4f5 #86d6b4 #f0b866 #f58a8c",
     ),
-    Theme(
-        name="imumon-light", dark=False, primary="#1f5fbf", secondary="#7448b5", accent="#1f5fbf", foreground="#20262e",
-        background="#fbfbf9", surface="#f3f3ef", panel="#e6e7e3", success="#14795a", warning="#9a5b00", error="#b3261e",
-        variables={"text-primary": "#1f5fbf", "text-secondary": "#7448b5", "text-accent": "#0f6e9c", "text-success": "#14795a",
-                   "text-warning": "#9a5b00", "text-error": "#b3261e"},
+    _theme(
+        "imumon-light",
+        False,
+        "#1f5fbf #7448b5 #14795a #9a5b00 #b3261e #20262e #fbfbf9 #f3f3ef #e6e7e3",
+        "#1f5fbf #7448b5 #0f6e9c #14795a #9a5b00 #b3261e",
     ),
-)  # fmt: skip
+)
 
 
 class Monitor(App[int]):
@@ -76,15 +99,15 @@ class Monitor(App[int]):
     CSS_PATH = "app.tcss"
     TITLE = "imumon"
     ENABLE_COMMAND_PALETTE = True
-    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]]] = [(0, "-narrow"), (132, "-wide")]
-    VERTICAL_BREAKPOINTS: ClassVar[list[tuple[int, str]]] = [(0, "-short"), (34, "-tall")]
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (132, "-wide")]  # noqa: RUF012
+    VERTICAL_BREAKPOINTS = [(0, "-short"), (34, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(str(k), f"view('{name}')", name) for k, name in enumerate(VIEWS, 1)),
         Binding("tab", "turn(1)", "next view", priority=True),
         Binding("shift+tab", "turn(-1)", "previous view", priority=True),
         Binding("n", "device(1)", "next sensor"),
-        Binding("u", "units", "units: readable, SI"),
-        Binding("f", "freeze", "freeze, and go on"),
+        Binding("u", "units", "readable units or SI"),
+        Binding("f", "freeze", "freeze, go on"),
         Binding("s", "save", "save what is seen"),
         Binding("t", "dark", "light or dark"),
         Binding("ctrl+p", "command_palette", "command palette"),
@@ -111,8 +134,13 @@ class Monitor(App[int]):
         self.feed = feed
         self.clock = clock
         self.scene = Scene(
-            wanted=id, notation=Notation(ascii=ascii), baseline=baseline, baseline_name="saved", endpoint=endpoint
+            wanted=id,
+            notation=Notation(ascii=ascii),
+            baseline=baseline,
+            baseline_name="saved",
+            endpoint=endpoint,
         )
+        self._built = False
         self._asked: tuple[str, str | None] | None = None
         self._seen: tuple[int, tuple[object, ...]] | None = None
 
@@ -127,9 +155,9 @@ class Monitor(App[int]):
         yield Paper(foot, id="foot")
 
     def on_mount(self) -> None:
+        self._built = True
         self.set_interval(PERIOD, self.look)
         self.look()
-        self.action_view("overview")
         if not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
             self.set_interval(POLL, self._leave_a_dead_terminal)
@@ -158,7 +186,10 @@ class Monitor(App[int]):
             return
         self._seen = seen
         scene = self.scene.after(
-            reports={name: arrived[name][0] for name in sorted(arrived)}, ages=ages, alive=alive, connected=connected
+            reports={name: arrived[name][0] for name in sorted(arrived)},
+            ages=ages,
+            alive=alive,
+            connected=connected,
         )
         self._show(_settled(scene))
 
@@ -171,13 +202,15 @@ class Monitor(App[int]):
                 self.feed.watch(*asked)
             signal = self.feed.signal()
             fits = signal is not None and signal[0].channel == scene.channel
-            scene = scene.after(events=tuple(self.feed.events(scene.id)), signal=signal[0] if signal and fits else None)
+            scene = scene.after(
+                events=tuple(self.feed.events(scene.id)), signal=signal[0] if signal and fits else None
+            )
         self.scene = scene
         self._spread()
 
     def _spread(self) -> None:
         """Hand the scene to the parts that are seen."""
-        if not self.is_mounted or not self.screen_stack:
+        if not self._built:
             return
         base = self.screen_stack[0]
         base.query_one("#status", Paper).show(self.scene)
@@ -186,6 +219,12 @@ class Monitor(App[int]):
         body = base.query_one("#body")
         body.set_class(not self.scene.situation().live and there, "stale")
         body.set_class(not there, "empty")
+        for view in base.query(View):
+            shown = there and view.id == self.scene.view
+            if view.display != shown:
+                view.display = shown
+                if shown and base is self.screen:
+                    view.focus()
         if there:
             base.query_one(f"#{self.scene.view}", View).show(self.scene)
         else:
@@ -217,7 +256,11 @@ class Monitor(App[int]):
         here = sensor_of(self.scene.channel)
         at = groups.index(here) + step if here in groups else 0
         wanted = f"{groups[at % len(groups)]}/{self.scene.channel[-1]}"
-        self.choose(channel=wanted if wanted in names else next(c for c in names if c.startswith(groups[at % len(groups)])))
+        self.choose(
+            channel=wanted
+            if wanted in names
+            else next(c for c in names if c.startswith(groups[at % len(groups)]))
+        )
 
     def step_device(self, step: int) -> None:
         names = list(self.scene.reports)
@@ -244,9 +287,6 @@ class Monitor(App[int]):
     # ------------------------------------------------------------------ keys
 
     def action_view(self, name: str) -> None:
-        for view in self.query(View):
-            view.display = view.id == name
-        self.query_one(f"#{name}", View).focus()
         self.change(view=name)
 
     def action_turn(self, step: int) -> None:
@@ -274,7 +314,7 @@ class Monitor(App[int]):
         self.exit(0)
 
     def action_help(self) -> None:
-        view = self.query_one(f"#{self.scene.view}", View)
+        view = self.screen_stack[0].query_one(f"#{self.scene.view}", View)
         lines = help_lines(view, list(self.BINDINGS), self.scene.notation.ascii)
         self.push_screen(Window(f"{view.title}: keys", lines, self.scene.notation))
 
@@ -299,7 +339,11 @@ class Monitor(App[int]):
             if form in ("svg", "png"):
                 target.write_text(self.export_screenshot(), encoding="utf-8")
                 made = save.png(target) if form == "png" else target
-                said = f"saved {made.name}" if made else f"saved {target.name} (no converter to PNG: apt install librsvg2-bin)"
+                said = (
+                    f"saved {made.name}"
+                    if made
+                    else f"saved {target.name} (no converter to PNG: apt install librsvg2-bin)"
+                )
             else:
                 target.write_text(save.text(self.scene, form), encoding="utf-8")
                 said = f"saved {target.name}"

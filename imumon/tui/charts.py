@@ -12,7 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.report import Allan, Channel, Histogram, Line as SpectralLine, Spectrum, Strip
+from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
+from imumon.report import Line as SpectralLine
 from imumon.samples import sensor_of
 from imumon.tui.plot import Canvas, Floats, Frame, Scale, linear, logarithmic
 from imumon.tui.scene import Scene
@@ -51,8 +52,7 @@ def allan(scene: Scene, width: int, height: int) -> list[Line]:
     canvas = Canvas(width, height - 1)
     frame = _allan_frame(scene, canvas, factor)
     _decades(frame, scene.notation)
-    if scene.limits:
-        _limits(frame, scene, channel, factor)
+    names = _limits(frame, scene, channel, factor) if scene.limits else []
     if scene.baseline is not None:
         _background(frame, scene.baseline.channels.get(channel), factor)
     if scene.overlay:
@@ -60,6 +60,8 @@ def allan(scene: Scene, width: int, height: int) -> list[Line]:
             _axis(frame, scene, name, factor)
     else:
         _curve(frame, scene.notation, chosen, sensor_of(channel), factor)
+    for column, row, grade in names:
+        canvas.text(column, row, grade, f"grade-{grade}")
     return [_allan_title(scene, channel, unit, width), *canvas.rows()]
 
 
@@ -73,7 +75,7 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
     else:
         legend = [
             [("▪ ", "point"), ("measured", "muted")],
-            [("▒ ", "bandkey"), ("95 %", "muted")],
+            [("██ ", "bandkey"), ("95 %", "muted")],
             [("━ ", "model"), ("model", "muted")],
         ]
         allan = scene.chosen.allan if scene.chosen is not None else None
@@ -90,7 +92,9 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
 def _allan_frame(scene: Scene, canvas: Canvas, factor: float) -> Frame:
     """Axes that hold every curve to be drawn, in half decades."""
     names = scene.siblings() if scene.overlay else (scene.channel or "",)
-    curves = [c.allan for name in names if scene.report and (c := scene.report.channels.get(name)) and c.allan]
+    curves = [
+        c.allan for name in names if scene.report and (c := scene.report.channels.get(name)) and c.allan
+    ]
     tau = np.concatenate([numbers(c.tau_s) for c in curves])
     sigma = np.concatenate([numbers((*c.sigma, *c.model), factor) for c in curves])
     edges = np.concatenate([numbers((*c.low, *c.high), factor) for c in curves])
@@ -98,7 +102,8 @@ def _allan_frame(scene: Scene, canvas: Canvas, factor: float) -> Frame:
     solid = sigma[np.isfinite(sigma) & (sigma > 0)]
     if len(solid):
         edges = np.clip(edges, solid.min() / 4.0, solid.max() * 4.0)
-        marks = [] if scene.overlay else [m * factor for m in _marks(scene.chosen) if m * factor > solid.min() / 25.0]
+        lowest = solid.min() / (25.0 if canvas.height >= 16 else 5.0)
+        marks = [] if scene.overlay else [m * factor for m in _marks(scene.chosen) if m * factor > lowest]
         sigma = np.concatenate((sigma, edges, marks))
     x = logarithmic(np.concatenate((tau, [1.0, 3.0])))
     bottom = 2 if canvas.height >= 14 else 1
@@ -134,20 +139,22 @@ def _decades(frame: Frame, notation: Notation) -> None:
             frame.canvas.text(int(at) // 2, row - 1, "┴", "axis")
 
 
-def _limits(frame: Frame, scene: Scene, channel: str, factor: float) -> None:
-    """Curve of a sensor that just meets each grade, faint, with the grade's name."""
+def _limits(frame: Frame, scene: Scene, channel: str, factor: float) -> list[tuple[int, int, str]]:
+    """Draw the curve of a sensor that just meets each grade; tell where the grade's name belongs."""
+    names = []
     limits = scene.report.limits.get(sensor_of(channel), {}) if scene.report is not None else {}
     tau = np.geomspace(frame.x.low, frame.x.high, 64)
     for grade, white in limits.get("N", {}).items():
         flat = FLICKER * limits.get("B", {}).get(grade, 0.0)
-        sigma = np.hypot(white / np.sqrt(tau), flat) * factor
+        sigma: Floats = np.asarray(np.hypot(white / np.sqrt(tau), flat) * factor, dtype=np.float64)
         frame.curve(tau, sigma, "limit", (1, 3))
         seen = np.flatnonzero((sigma > frame.y.low) & (sigma < frame.y.high))
         if len(seen):
             at = frame.cell(float(tau[seen[-1]]), float(sigma[seen[-1]]))
             if at is not None:
                 column = min(at[0], frame.left + frame.width) - len(grade)
-                frame.canvas.text(column, max(at[1] - 1, 0), grade, f"grade-{grade}")
+                names.append((column, max(at[1] - 1, 0), grade))
+    return names
 
 
 def _background(frame: Frame, channel: Channel | None, factor: float) -> None:
@@ -211,7 +218,10 @@ def strip(scene: Scene, width: int, height: int) -> list[Line]:
         title.append((f" {name} ", "tab" if name == scene.window else "muted"))
     title = padded(title, width)
     if found is None or not any(v is not None for v in found.low):
-        return [title, *message(["no signal yet" if scene.signal else "waiting for the signal"], width, height - 1)]
+        return [
+            title,
+            *message(["no signal yet" if scene.signal else "waiting for the signal"], width, height - 1),
+        ]
     low, high = numbers(found.low, factor), numbers(found.high, factor)
     canvas = Canvas(width, height - 1)
     span = found.column_s * len(low)
@@ -223,7 +233,10 @@ def strip(scene: Scene, width: int, height: int) -> list[Line]:
     frame.grid([-t for t in times], ticks)
     frame.beside([(t, _tick(t, ticks)) for t in ticks])
     frame.below(
-        [(-t, "now" if t == 0 and scene.situation().live else "end" if t == 0 else f"−{about(t)}") for t in reversed(times)],
+        [
+            (-t, "now" if t == 0 and scene.situation().live else "end" if t == 0 else f"−{about(t)}")
+            for t in reversed(times)
+        ],
         canvas.height - 1,
     )
     columns = 2 * frame.width
@@ -240,7 +253,27 @@ def strip(scene: Scene, width: int, height: int) -> list[Line]:
 
 def _times(span: float) -> list[float]:
     """Round times back from now, s, about five of them."""
-    steps = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, 86400, 172800)
+    steps = (
+        1,
+        2,
+        5,
+        10,
+        15,
+        30,
+        60,
+        120,
+        300,
+        600,
+        900,
+        1800,
+        3600,
+        7200,
+        14400,
+        21600,
+        43200,
+        86400,
+        172800,
+    )
     step = next((s for s in steps if span / s <= 6.0), 604800)
     return [float(k * step) for k in range(int(span / step + 1e-9) + 1)]
 
@@ -260,7 +293,16 @@ def histogram(scene: Scene, width: int, height: int) -> list[Line]:
     if found is None and scene.chosen is not None:
         found = scene.chosen.histogram
     factor, unit = scene.notation.scale(channel)
-    title = padded([(" ", "text"), ("distribution", "title"), (f"  [{unit}]", "muted"), ("   ━ ", "N"), ("Gaussian", "muted")], width)
+    title = padded(
+        [
+            (" ", "text"),
+            ("distribution", "title"),
+            (f"  [{unit}]", "muted"),
+            ("   ━ ", "N"),
+            ("Gaussian", "muted"),
+        ],
+        width,
+    )
     if found is None or not found.counts:
         return [title, *message(["no distribution yet"], width, height - 1)]
     canvas = Canvas(width, height - 1)
@@ -270,11 +312,13 @@ def histogram(scene: Scene, width: int, height: int) -> list[Line]:
     top = max(float(counts.max()), max(found.gaussian, default=0.0)) * 1.05
     frame = Frame(canvas, (1, 0, max(width - 2, 4), max(height - 2, 2)), edges, Scale(0.0, top))
     which = np.minimum(np.arange(frame.width) * len(counts) // frame.width, len(counts) - 1)
-    until = np.maximum(np.minimum((np.arange(frame.width) + 1) * len(counts) // frame.width, len(counts)), which + 1)
+    until = np.maximum(
+        np.minimum((np.arange(frame.width) + 1) * len(counts) // frame.width, len(counts)), which + 1
+    )
     mean = np.array([counts[a:b].mean() for a, b in zip(which, until, strict=True)])
     canvas.bars(1, frame.height - 1, mean / top * frame.height, "bar")
     centres = start + bin_width * (np.arange(len(counts)) + 0.5)
-    frame.curve(centres, numbers(found.gaussian), "N")
+    frame.curve(np.asarray(centres, dtype=np.float64), numbers(found.gaussian), "N")
     ticks = edges.ticks(max(width // 14, 2))
     frame.below([(t, _tick(t, ticks)) for t in ticks], canvas.height - 1)
     return [title, *canvas.rows()]
@@ -291,18 +335,24 @@ def spectrum(scene: Scene, width: int, height: int) -> list[Line]:
     title = padded([(" " * GUTTER, "text"), ("spectrum", "title"), (f"  [{unit}/{root}]", "muted")], width)
     if found is None or not any(f > 0 for f in found.frequency_hz):
         return [title, *message(["no spectrum yet"], width, height - 1)]
-    frequency, density = numbers(found.frequency_hz), np.sqrt(numbers(found.density)) * factor
+    frequency = numbers(found.frequency_hz)
+    density: Floats = np.asarray(np.sqrt(numbers(found.density)) * factor, dtype=np.float64)
     good = (frequency > 0) & (density > 0)
     frequency, density = frequency[good], density[good]
     canvas = Canvas(width, height - 1)
     x = Scale(float(frequency.min()), float(frequency.max()) * 1.02, log=True)
-    frame = Frame(canvas, (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2)), x, logarithmic(density))
+    frame = Frame(
+        canvas, (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2)), x, logarithmic(density)
+    )
     decades = x.decades()
     frame.grid([10.0**e for e in decades], [10.0**e for e in frame.y.decades()])
     frame.beside([(10.0**e, scene.notation.decade(e)) for e in frame.y.decades()])
     row = canvas.height - 1
     canvas.text(canvas.width - 4, row, "[Hz]", "text")
-    frame.below([(10.0**e, scene.notation.decade(e)) for e in decades], row)
+    ticks = [(10.0**e, scene.notation.decade(e)) for e in decades]
+    frame.below(
+        [t for t in ticks if int(frame.across(np.array([t[0]]))[0]) // 2 + len(t[1]) < canvas.width - 5], row
+    )
     frame.curve(frequency, density, "signal")
     for line in found.lines:
         _spectral_line(frame, line, frequency, density)
@@ -312,4 +362,6 @@ def spectrum(scene: Scene, width: int, height: int) -> list[Line]:
 def _spectral_line(frame: Frame, line: SpectralLine, frequency: Floats, density: Floats) -> None:
     """Mark on a line of the spectrum, with its frequency or its name."""
     near = int(np.argmin(np.abs(frequency - line.frequency_hz)))
-    frame.label(float(frequency[near]), float(density[near]), line.name or f"{line.frequency_hz:.3g} Hz", "warn", "◇")
+    frame.label(
+        float(frequency[near]), float(density[near]), line.name or f"{line.frequency_hz:.3g} Hz", "warn", "◇"
+    )

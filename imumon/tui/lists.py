@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.report import COEFFICIENTS, Drift, Event, Report
+from imumon.report import COEFFICIENTS, Channel, Drift, Event, Report
+from imumon.samples import sensor_of
 from imumon.tui.pages import GRADED, caveats_of
 from imumon.tui.scene import Scene
-from imumon.samples import sensor_of
-from imumon.tui.words import CELL, Line, about, clock, explain, length, number, padded, wrap
+from imumon.tui.words import CELL, Line, about, clock, explain, fitted, length, number, padded, wrap
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
     """One line of a card: a name, its value, and a remark."""
     text = "–" if value is None else str(value)
-    return [(f"  {name:<20}", "muted"), (text, "faint" if value is None else role), (f"   {note}" if note else "", "faint")]
+    return [
+        (f"  {name:<20}", "muted"),
+        (text, "faint" if value is None else role),
+        (f"   {note}" if note else "", "faint"),
+    ]
 
 
 def _title(text: str) -> Line:
@@ -26,7 +30,14 @@ def device(scene: Scene, width: int, height: int = 0) -> list[Line]:
     report = scene.report
     if report is None:
         return []
-    cards = [_identity(report), _stream(report), _settings(report), _link(report), _left_out(report), _notes(report, width)]
+    cards = [
+        _identity(report),
+        _stream(report),
+        _settings(report),
+        _link(report),
+        _left_out(report),
+        _notes(report, width),
+    ]
     if width < 110:
         return [padded(line, width) for card in cards if card for line in [*card, []]]
     half = width // 2
@@ -77,7 +88,10 @@ def _stream(report: Report) -> list[Line]:
 def _settings(report: Report) -> list[Line]:
     if not report.device.settings:
         return [_title("Settings that change the data"), [("  not read from the sensor", "faint")]]
-    return [_title("Settings that change the data"), *(_pair(k, v) for k, v in report.device.settings.items())]
+    return [
+        _title("Settings that change the data"),
+        *(_pair(k, v) for k, v in report.device.settings.items()),
+    ]
 
 
 def _link(report: Report) -> list[Line]:
@@ -92,7 +106,11 @@ def _link(report: Report) -> list[Line]:
         _pair("missing", f"{s.missing:,}", share, "warn" if s.missing else "text"),
         _pair("gaps", f"{s.gaps:,}", role="warn" if s.gaps else "text"),
         _pair("failed checksums", f"{s.bad_checksums:,}", role="warn" if s.bad_checksums else "text"),
-        _pair("discarded bytes", f"{s.discarded_bytes:,}", f"of {s.received_bytes:,}" if s.received_bytes else ""),
+        _pair(
+            "discarded bytes",
+            f"{s.discarded_bytes:,}",
+            f"of {s.received_bytes:,}" if s.received_bytes else "",
+        ),
         _pair("overruns", f"{s.overruns:,}", role="warn" if s.overruns else "text"),
         _pair("duplicates", f"{s.duplicates:,}"),
         _pair("restarts", f"{s.restarts:,}"),
@@ -118,7 +136,14 @@ def _notes(report: Report, width: int) -> list[Line]:
     return [_title("Caveats"), *lines] if lines else []
 
 
-_KINDS = {"disconnect": "bad", "gap": "warn", "disturbance": "warn", "connect": "good", "restart": "warn", "grade": "accent"}
+_KINDS = {
+    "disconnect": "bad",
+    "gap": "warn",
+    "disturbance": "warn",
+    "connect": "good",
+    "restart": "warn",
+    "grade": "accent",
+}
 
 
 def chosen_events(events: Sequence[Event], needle: str) -> list[Event]:
@@ -140,7 +165,11 @@ def events(scene: Scene, width: int, height: int = 0) -> list[Line]:
         role = next((r for kind, r in _KINDS.items() if kind in event.kind), "text")
         stem: Line = [(f" {event.time[:10]} {event.time[11:19]} ", "faint"), (f"{event.kind:<14}", role)]
         room = max(width - length(stem) - 1, 12)
-        text = event.text if event.channel is None or event.channel in event.text else f"{event.channel}: {event.text}"
+        text = (
+            event.text
+            if event.channel is None or event.channel in event.text
+            else f"{event.channel}: {event.text}"
+        )
         for k, part in enumerate(wrap(text, room)):
             lines.append([*(stem if not k else [(" " * length(stem), "text")]), (part, "text")])
     return [padded(line, width) for line in lines]
@@ -153,7 +182,10 @@ def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
     lines.append([(head, "muted")])
     for name, report in sorted(scene.reports.items()):
         now = scene.situation(name)
-        line: Line = [("▌" if name == scene.id else " ", "accent"), (f" {now.mark} {now.word:<14}"[:18], now.role)]
+        line: Line = [
+            ("▌" if name == scene.id else " ", "accent"),
+            (f" {now.mark} {now.word:<14}"[:18], now.role),
+        ]
         line = padded(line, 19)
         line.append((f"{name:<26}" if len(name) <= 25 else f"{name[:24]}… ", "strong"))
         for sensor in GRADED:
@@ -161,12 +193,25 @@ def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
             nearest = grade.nearest if grade is not None else None
             line.append((f"{nearest or '–':<12}", f"grade-{nearest}" if nearest else "faint"))
         line.append((f"{clock(report.session.elapsed_s):<12}", "text"))
-        tail = "compared" if name == scene.other else about(scene.ages.get(name, 0.0)) + " ago" if not now.live else ""
+        tail = (
+            "compared"
+            if name == scene.other
+            else about(scene.ages.get(name, 0.0)) + " ago"
+            if not now.live
+            else ""
+        )
         line.append((tail, "bound" if name == scene.other else "warn"))
         line = padded(line, width)
         lines.append([(t, f"{r.partition('/')[0]}/chosen") for t, r in line] if name == scene.id else line)
     if len(scene.reports) > 1:
-        lines += [[], [("   arrows choose", "faint"), (" · ", "faint"), ("c compares the chosen one with the next", "faint")]]
+        lines += [
+            [],
+            [
+                ("   arrows choose", "faint"),
+                (" · ", "faint"),
+                ("c compares the chosen one with the next", "faint"),
+            ],
+        ]
     return [padded(line, width) for line in [*lines, [], *comparison(scene, width)]]
 
 
@@ -204,39 +249,54 @@ def drift(scene: Scene, width: int, height: int = 0) -> list[Line]:
     if channel is None or name is None:
         return []
     factor, unit = scene.notation.scale(name)
-    lines: list[Line] = []
-    shape = channel.distribution
-    verdict = shape.verdict if shape is not None and shape.verdict else "not judged yet"
-    first: Line = [(" shape ", "muted"), (verdict, "text")]
-    if channel.skewness is not None and channel.excess_kurtosis is not None:
-        first.append((f"   skewness {channel.skewness:.2g}   excess kurtosis {channel.excess_kurtosis:.2g}", "muted"))
-    lines.append(first)
-    lines.append(_slope(channel.drift, factor, unit, scene.notation.about))
+    notation = scene.notation
+    lines = [_shape(channel, width), _slope(channel.drift, factor, unit, width)]
     degrees = scene.report.channels.get("temperature") if scene.report is not None else None
     if degrees is not None and degrees.last is not None:
-        line: Line = [(" heat  ", "muted"), (f"now {degrees.last:.2f} °C", "text")]
+        celsius = notation.unit("degC")
+        heat: list[Line] = [
+            [(_LABEL.format("temperature"), "muted"), (f"now {degrees.last:.2f} {celsius}", "text")]
+        ]
         if degrees.min is not None and degrees.max is not None:
-            line.append((f"   {degrees.min:.2f} to {degrees.max:.2f} °C since the start", "muted"))
-        lines.append(line)
+            heat.append([(f"   {degrees.min:.2f} to {degrees.max:.2f} {celsius} since the start", "muted")])
+        if channel.drift is not None and channel.drift.explained is not None:
+            heat.append([(f"   explains {100 * channel.drift.explained:.0f} % of the drift", "muted")])
+        lines.append(fitted(heat, width))
+    shape = channel.distribution
     if shape is not None and shape.recent_mean is not None and shape.recent_std is not None:
-        text = f"mean {number(shape.recent_mean * factor, 4)}  std {number(shape.recent_std * factor, 3)} {unit}"
-        lines.append([(" last minute ", "muted"), (text, "text")])
+        mean, std = number(shape.recent_mean * factor, 4), number(shape.recent_std * factor, 3)
+        text = f"mean {mean}   std {std} {unit}"
+        lines.append([(_LABEL.format("last minute"), "muted"), (text, "text")])
     return [padded(line, width) for line in lines[:height]]
 
 
-def _slope(found: Drift | None, factor: float, unit: str, about_sign: str) -> Line:
+_LABEL = " {:<13}"
+
+
+def _shape(channel: Channel, width: int) -> Line:
+    """Verdict on the distribution, with its third and fourth moment."""
+    shape = channel.distribution
+    verdict = shape.verdict if shape is not None and shape.verdict else "not judged yet"
+    parts: list[Line] = [[(_LABEL.format("shape"), "muted"), (verdict[: width - 15], "text")]]
+    if channel.skewness is not None:
+        parts.append([(f"   skewness {channel.skewness:.2g}", "muted")])
+    if channel.excess_kurtosis is not None:
+        parts.append([(f"   excess kurtosis {channel.excess_kurtosis:.2g}", "muted")])
+    return fitted(parts, width)
+
+
+def _slope(found: Drift | None, factor: float, unit: str, width: int) -> Line:
     """Drift over an hour and over a degree, with 95 % limits."""
-    line: Line = [(" drift ", "muted")]
+    label = (_LABEL.format("drift"), "muted")
     if found is None or found.per_hour is None:
-        return [*line, ("not known yet", "faint")]
-    line.append((f"{number(found.per_hour * factor, 3)} {unit} an hour", "text" if found.significant else "muted"))
+        return [label, ("not known yet", "faint")]
+    hour = f"{number(found.per_hour * factor, 3)} {unit} an hour"
+    parts: list[Line] = [[label, (hour, "text" if found.significant else "muted")]]
+    if found.significant is False:
+        parts.append([("   no more than noise", "muted")])
     if found.per_hour_low is not None and found.per_hour_high is not None:
         low, high = number(found.per_hour_low * factor, 2), number(found.per_hour_high * factor, 2)
-        line.append((f"  ({low} to {high})", "muted"))
-    if found.significant is False:
-        line.append(("  no more than the noise makes", "muted"))
+        parts.append([(f"   {low} to {high}", "muted")])
     if found.per_degC is not None:
-        line.append((f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text"))
-    if found.explained is not None:
-        line.append((f"   temperature explains {100 * found.explained:.0f} %", "muted"))
-    return line
+        parts.append([(f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text")])
+    return fitted(parts, width)

@@ -19,6 +19,7 @@ from imumon.tui.words import (
     about,
     clock,
     explain,
+    fitted,
     length,
     number,
     on,
@@ -50,7 +51,7 @@ def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
         line.append((f" {now.text}", "text"))
     report = scene.report
     if report is not None:
-        parts = _facts(report, len(scene.reports))
+        parts = _facts(report, len(scene.reports), scene.notation)
         for k, part in enumerate(parts):
             piece: Line = [(" · " if k or now.text else "  ", "faint"), *part]
             if length(line) + length(piece) > room - 1:
@@ -60,7 +61,7 @@ def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
     return [on(line, ground)]
 
 
-def _facts(report: Report, devices: int) -> list[Line]:
+def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
     """What the status line tells, the most important first."""
     device, session = report.device, report.session
     facts: list[Line] = [[(device.id, "strong")]]
@@ -71,7 +72,7 @@ def _facts(report: Report, devices: int) -> list[Line]:
     facts.append([_count(session.bad_checksums, "error")])
     degrees = report.channels.get("temperature")
     if degrees is not None and degrees.last is not None:
-        facts.append([(f"{degrees.last:.1f} °C", "text")])
+        facts.append([(f"{degrees.last:.1f} {notation.unit('degC')}", "text")])
     if device.port is not None:
         facts.append([(device.port, "muted")])
     if device.stream is not None:
@@ -101,18 +102,32 @@ def plates(scene: Scene, width: int, height: int) -> list[Line]:
         return _large(report, scene.notation, width)
     line: Line = []
     for sensor in GRADED:
-        line += [("  " if line else " ", "text"), *_small(sensor, report.grade.get(sensor))]
-    lines = [padded(line, width)]
+        line += [("   " if line else " ", "text"), *_small(sensor, report.grade.get(sensor))]
+    found = [caveat.replace("_", " ") for caveat, _ in caveats_of(report)]
+    lines = [_with_caveats(line, found, width)]
     return lines + _caveats(scene, width, height - 1) if height > 1 else lines
 
 
+def _with_caveats(line: Line, found: list[str], width: int) -> Line:
+    """The caveats by name at the end of a line, or their number where they do not fit."""
+    room = width - length(line) - 3
+    for text in (f"! {', '.join(found)} ", f"! {len(found)} caveats ", "! "):
+        if found and len(text) <= room:
+            return [*padded(line, width - len(text)), (text, "warn")]
+    return padded(line, width)
+
+
 def _small(sensor: str, grade: SensorGrade | None) -> Line:
-    """Headline grade in half a line of 80 cells."""
+    """Headline grade in a few words."""
     if grade is None or grade.nearest is None:
-        return padded([(f"{sensor} ", "muted"), ("not graded yet", "faint")], 38)
+        return [(f"{sensor} ", "muted"), ("not graded yet", "faint")]
     by = f" by {grade.decided_by.axis[-1]} {grade.decided_by.coefficient}" if grade.decided_by else ""
-    tail = " (for now)" if grade.provisional else ""
-    return padded([(f"{sensor} ", "muted"), (grade.nearest.upper(), f"grade-{grade.nearest}-strong"), (by + tail, "muted")], 38)
+    tail = ", for now" if grade.provisional else ""
+    return [
+        (f"{sensor} ", "muted"),
+        (grade.nearest.upper(), f"grade-{grade.nearest}-strong"),
+        (by + tail, "muted"),
+    ]
 
 
 def _large(report: Report, notation: Notation, width: int) -> list[Line]:
@@ -132,14 +147,24 @@ def _plate(sensor: str, grade: SensorGrade | None, notation: Notation, width: in
     if grade is None or grade.nearest is None:
         reason = (grade.reason if grade is not None else None) or "no coefficient is known well enough"
         text = [f"  {line}" for line in wrap(reason, width - 4)[:2]]
-        return [head, [], [("  not graded yet", "muted")], *([(line, "faint")] for line in [*text, ""][:2]), []]
+        return [
+            head,
+            [],
+            [("  not graded yet", "muted")],
+            *([(line, "faint")] for line in [*text, ""][:2]),
+            [],
+        ]
     if grade.provisional:
         head.append(("  for now", "warn"))
     role = f"grade-{grade.nearest}"
-    rows = [grade.nearest.upper().center(0), "", ""] if notation.ascii else headline(grade.nearest)
+    rows = ["", grade.nearest.upper(), ""] if notation.ascii else headline(grade.nearest)
     tail: Line = [("  ", "text")]
     if grade.decided_by is not None:
-        tail += [("decided by ", "faint"), (f"{grade.decided_by.axis[-1]} {grade.decided_by.coefficient}", "text"), (" · ", "faint")]
+        tail += [
+            ("decided by ", "faint"),
+            (f"{grade.decided_by.axis[-1]} {grade.decided_by.coefficient}", "text"),
+            (" · ", "faint"),
+        ]
     tail.append((f"meets {grade.meets}" if grade.meets else "meets none", "muted"))
     return [head, *([("  ", "text"), (row, role)] for row in rows), tail, []]
 
@@ -203,7 +228,9 @@ def _row(scene: Scene, name: str, channel: Channel) -> Line:
     if "/" not in name:
         last = "" if channel.last is None else f"now {number(channel.last * factor, 5)} {unit}"
         spread = f"mean {mean} {unit}   std {std}"
-        return padded([(mark, "accent"), (f"{label:<12}", "title"), (f"{last:<20}", "text"), (spread, "muted")], TABLE)
+        return padded(
+            [(mark, "accent"), (f"{label:<12}", "title"), (f"{last:<20}", "text"), (spread, "muted")], TABLE
+        )
     line: Line = [(mark, "accent"), (f"{label:<5}", "strong"), (f"{mean:>10}", "text"), (f"{std:>8}", "text")]
     for part in COEFFICIENTS:
         text, role = notation.coefficient(getattr(channel, part), remaining(channel.time_to, part))
@@ -224,12 +251,14 @@ def detail(scene: Scene, width: int, height: int) -> list[Line]:
         return []
     notation = scene.notation
     factor, unit = notation.scale(name)
-    lines: list[Line] = [[(f" {name.replace('/', ' ')}", "title"), *_mean(channel, notation, factor, unit)]]
+    lines: list[Line] = [
+        fitted([[(f" {name.replace('/', ' ')}", "title")], *_mean(channel, notation, factor, unit)], width)
+    ]
     for part in COEFFICIENTS:
         found = getattr(channel, part)
         if found is not None:
             lines.append(_limits(notation, sensor_of(name), part, found, channel))
-    lines.append(_quality(channel))
+    lines.append(_quality(channel, notation))
     shape = channel.distribution
     if shape is not None and shape.verdict:
         lines.append([("   shape ", "muted"), (shape.verdict, "text")])
@@ -239,22 +268,22 @@ def detail(scene: Scene, width: int, height: int) -> list[Line]:
     return [padded(line, width) for line in lines[:height]]
 
 
-def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> Line:
-    """Mean with what it is worth, and the last value."""
+def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> list[Line]:
+    """Mean with what it is worth, the last value, and the range."""
     if channel.mean is None:
-        return [("   no value yet", "faint")]
+        return [[("   no value yet", "faint")]]
     shape = channel.distribution
-    line: Line = [("   mean ", "muted"), (signed(channel.mean * factor, 5), "text")]
+    mean: Line = [("   mean ", "muted"), (signed(channel.mean * factor, 5), "text")]
     if shape is not None and shape.bias_low is not None and shape.bias_high is not None:
         half = 0.5 * (shape.bias_high - shape.bias_low) * factor
-        line.append((f" {notation.about} {number(half, 2)}", "text"))
-    line.append((f" {unit}", "muted"))
+        mean.append((f" {notation.about} {number(half, 2)}", "text"))
+    parts: list[Line] = [[*mean, (f" {unit}", "muted")]]
     if channel.last is not None:
-        line += [("   now ", "muted"), (signed(channel.last * factor, 5), "text")]
+        parts.append([("   now ", "muted"), (signed(channel.last * factor, 5), "text")])
     if channel.min is not None and channel.max is not None:
         span = f"{signed(channel.min * factor)} to {signed(channel.max * factor)}"
-        line += [("   range ", "muted"), (span, "text")]
-    return line
+        parts.append([("   range ", "muted"), (span, "text")])
+    return parts
 
 
 def _limits(notation: Notation, sensor: str, name: str, part: Coefficient, channel: Channel) -> Line:
@@ -273,22 +302,27 @@ def _limits(notation: Notation, sensor: str, name: str, part: Coefficient, chann
     else:
         line += [(f"{'–':>9} {unit:<12}", "faint"), (part.reason or "too short to say anything", "muted")]
     if seconds:
-        line = padded(line, 56) + [(f"{notation.about}{precision}% in {about(seconds)}", "muted")]
+        line = [*padded(line, 56), (f"{notation.about}{precision}% in {about(seconds)}", "muted")]
     return line
 
 
-def _quality(channel: Channel) -> Line:
+def _quality(channel: Channel, notation: Notation) -> Line:
     """How well the model fits, and how many octaves stand behind it."""
     line: Line = [("   fit ", "muted")]
     if channel.fit is None or channel.fit.chi2 is None or not channel.fit.dof:
         line.append(("not yet", "faint"))
     else:
-        line += [(f"χ²/dof {channel.fit.chi2 / channel.fit.dof:.2f}", "text")]
+        line += [(f"{notation.chi2} {channel.fit.chi2 / channel.fit.dof:.2f}", "text")]
         if channel.fit.p_value is not None:
             line.append((f"  p {channel.fit.p_value:.2g}", "muted"))
     allan = channel.allan
     if allan is not None and allan.tau_s:
-        line.append((f"   {sum(allan.used)} of {len(allan.tau_s)} octaves   longest {clock(allan.tau_s[-1])}", "muted"))
+        line.append(
+            (
+                f"   {sum(allan.used)} of {len(allan.tau_s)} octaves   longest {clock(allan.tau_s[-1])}",
+                "muted",
+            )
+        )
     return line
 
 
@@ -342,10 +376,13 @@ def welcome(scene: Scene, width: int, height: int) -> list[Line]:
             [],
             [("A VN-100 on this machine", "muted")],
             [("    imumon run", "accent")],
+            [],
             [("No sensor at hand: a simulated one", "muted")],
             [("    imumon demo", "accent")],
+            [],
             [("A daemon on another machine", "muted")],
             [("    imumon tui --connect tcp/HOST:7448", "accent")],
+            [],
             [("Nothing works?", "muted")],
             [("    imumon doctor", "accent")],
         ]

@@ -22,12 +22,14 @@ from imumon.tui.words import Line, plain
 Draw = Callable[[Scene, int, int], list[Line]]
 
 ROLES = (
-    "text band strong title muted faint good good-strong warn warn-strong bad bad-strong muted-strong accent bound "
-    "chip tab key N B K N-strong B-strong K-strong model point leftout baseline grid axis limit signal bar bandkey "
-    "axis-x axis-y axis-z paper grade-navigation grade-tactical grade-industrial grade-consumer "
-    "grade-navigation-strong grade-tactical-strong grade-industrial-strong grade-consumer-strong"
-).split()
-GROUNDS = "band chosen status alarm foot".split()
+    *("text", "strong", "title", "muted", "faint", "accent", "key", "tab", "chip", "bound", "paper"),
+    *("band", "bandkey", "bar", "signal", "grid", "axis", "limit", "model", "point", "leftout", "baseline"),
+    *("good", "warn", "bad", "good-strong", "warn-strong", "bad-strong", "muted-strong"),
+    *("N", "B", "K", "N-strong", "B-strong", "K-strong", "axis-x", "axis-y", "axis-z"),
+    *("grade-navigation", "grade-tactical", "grade-industrial", "grade-consumer"),
+    *("grade-navigation-strong", "grade-tactical-strong", "grade-industrial-strong", "grade-consumer-strong"),
+)
+GROUNDS = ("band", "bar", "chosen", "status", "alarm", "foot")
 
 
 class Palette:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -113,7 +114,7 @@ class Canvas:
         """Fill a cell from below; dots upon it stand on the fill where that is more than half."""
         if eighths >= 8:
             self.ground[row, column] = ink
-        elif eighths > 0:
+        elif eighths > 0 and not self.lettered[row, column]:
             self.glyph[row, column], self.glyph_ink[row, column] = ord(_EIGHTHS[eighths]), ink
             self.under[row, column] = ink if eighths >= 4 else 0
 
@@ -167,7 +168,7 @@ class Canvas:
             text = "".join(map(chr, glyph[row].tolist()))
             cuts = [0, *(np.flatnonzero(np.diff(key[row])) + 1).tolist(), self.width]
             line: Line = []
-            for a, b in zip(cuts, cuts[1:], strict=False):
+            for a, b in pairwise(cuts):
                 name, ground = self._roles[ink[row, a]], solid[row, a]
                 line.append((text[a:b], f"{name}/{self._roles[ground]}" if ground else name))
             lines.append(line)
@@ -245,9 +246,7 @@ class Frame:
     left, top, width, height : cells of the part inside the axes.
     """
 
-    def __init__(
-        self, canvas: Canvas, area: tuple[int, int, int, int], x: Scale, y: Scale
-    ) -> None:
+    def __init__(self, canvas: Canvas, area: tuple[int, int, int, int], x: Scale, y: Scale) -> None:
         self.canvas, self.x, self.y = canvas, x, y
         self.left, self.top, self.width, self.height = area
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from imumon.report import Strip, to_json
 from imumon.tui.lists import chosen_events
+from imumon.tui.pages import GRADED
 from imumon.tui.scene import Scene
 
 CONVERTERS = (
@@ -39,9 +40,13 @@ def png(svg: Path) -> Path | None:
     for program, command in CONVERTERS:
         if shutil.which(program):
             target = svg.with_suffix(".png")
-            run = subprocess.run([*command, str(target), str(svg)], capture_output=True, timeout=30, check=False)
+            run = subprocess.run(
+                [*command, str(target), str(svg)], capture_output=True, timeout=30, check=False
+            )
             if run.returncode:
-                raise OSError(run.stderr.decode(errors="replace").strip().partition("\n")[0] or f"{program} failed")
+                raise OSError(
+                    run.stderr.decode(errors="replace").strip().partition("\n")[0] or f"{program} failed"
+                )
             return target
     return None
 
@@ -64,20 +69,27 @@ def rows(scene: Scene) -> Iterable[Iterable[object]]:
         return _signal(scene)
     if scene.view == "events":
         head = ("time", "kind", "channel", "text")
-        return [head, *((e.time, e.kind, e.channel, e.text) for e in chosen_events(scene.events, scene.needle))]
+        return [
+            head,
+            *((e.time, e.kind, e.channel, e.text) for e in chosen_events(scene.events, scene.needle)),
+        ]
     if scene.view == "device":
         parts = ("device", report.device), ("session", report.session)
         return [("part", "name", "value"), *((p, n, getattr(o, n)) for p, o in parts for n in o.__slots__)]
     if scene.view == "sensors":
-        head = ("id", "state", "gyro", "accel", "elapsed_s")
-        found = ((i, r.state, *(r.grade[s].nearest if s in r.grade else None for s in ("gyro", "accel"))) for i, r in scene.reports.items())
-        return [head, *((*row, scene.reports[row[0]].session.elapsed_s) for row in found)]
+        out: list[Iterable[object]] = [("id", "state", "gyro", "accel", "elapsed_s")]
+        for name, r in scene.reports.items():
+            grades = (r.grade[sensor].nearest if sensor in r.grade else None for sensor in GRADED)
+            out.append((name, r.state, *grades, r.session.elapsed_s))
+        return out
     return _curves(scene)
 
 
 def _curves(scene: Scene) -> list[Iterable[object]]:
     """Coefficients and Allan deviations of every channel."""
-    out: list[Iterable[object]] = [("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")]
+    out: list[Iterable[object]] = [
+        ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
+    ]
     channels = scene.report.channels.items() if scene.report is not None else ()
     for name, channel in channels:
         a = channel.allan
@@ -106,8 +118,14 @@ def _signal(scene: Scene) -> list[Iterable[object]]:
     if found.histogram is not None:
         h = found.histogram
         out += [(), ("bin_start", "count", "gaussian")]
-        out += [(h.start + k * h.width, c, g) for k, (c, g) in enumerate(zip(h.counts, h.gaussian, strict=False))]
+        out += [
+            (h.start + k * h.width, c, g) for k, (c, g) in enumerate(zip(h.counts, h.gaussian, strict=False))
+        ]
     if found.spectrum is not None:
         s = found.spectrum
-        out += [(), ("frequency_hz", "density", "averages"), *zip(s.frequency_hz, s.density, s.averages, strict=False)]
+        out += [
+            (),
+            ("frequency_hz", "density", "averages"),
+            *zip(s.frequency_hz, s.density, s.averages, strict=False),
+        ]
     return out

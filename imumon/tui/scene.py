@@ -14,6 +14,7 @@ from imumon.report import Channel, Event, Report, Signal
 from imumon.samples import sensor_of
 from imumon.tui.words import Notation, about
 
+READABLE = Notation()
 VIEWS = ("overview", "signal", "device", "events", "sensors")
 WINDOWS = ("minute", "hour", "everything")
 MOVING = frozenset({"not_at_rest", "motion", "moving"})
@@ -60,7 +61,7 @@ class Scene:
     channel: str | None = None
     signal: Signal | None = None
     events: Sequence[Event] = ()
-    notation: Notation = Notation()
+    notation: Notation = READABLE
     view: str = "overview"
     window: str = "minute"
     limits: bool = False
@@ -101,14 +102,16 @@ class Scene:
             return _without(self)
         age = self.ages.get(id, 0.0)
         if report.state == "stopped":
-            return Situation("finished", "■", "finished", "the daemon has ended; this is its last report", "muted", True)
+            return Situation(
+                "finished", "■", "finished", "the daemon has ended; this is its last report", "muted", True
+            )
         patience = max(3.0, 3.0 * report.period_s)
         if age > patience:
-            ago = f"last data {about(age)} ago"
+            ago = f"no news for {about(age)}"
             if id in self.alive:
-                return Situation("stale", "○", "stale", f"{ago}; the daemon lives but says nothing", "warn", False)
+                return Situation("stale", "○", "stale", f"{ago}; the daemon lives", "warn", False)
             if self.connected:
-                return Situation("lost", "✕", "daemon gone", f"{ago}; waiting for it to come back", "bad", False)
+                return Situation("lost", "✕", "daemon gone", f"{ago}; waiting for it", "bad", False)
             return Situation("lost", "✕", "daemon lost", f"{ago}; reconnecting", "bad", False)
         return _present(report)
 
@@ -129,11 +132,13 @@ def _present(report: Report) -> Situation:
     caveats = set(report.caveats).union(*(channel.caveats for channel in report.channels.values()))
     if report.state == "waiting":
         port = report.device.port or "its port"
-        return Situation("waiting", "✕", "sensor gone", f"waiting for it at {port}; the statistics are kept", "bad", False)
+        return Situation("waiting", "✕", "sensor gone", f"waiting for {port}", "bad", False)
     if report.state == "starting":
         return Situation("starting", "◌", "starting", "looking for the sensor and its stream", "warn", True)
     if caveats & MOVING:
         return Situation("moving", "◐", "not at rest", "it moves: what moves is cut out", "warn", True)
     if caveats & WARMING:
-        return Situation("warming", "◐", "warming up", "the drift of the warm-up will be cut out", "warn", True)
+        return Situation(
+            "warming", "◐", "warming up", "the drift of the warm-up will be cut out", "warn", True
+        )
     return Situation("running", "●", "live", "", "good", True)

@@ -19,7 +19,8 @@ BASELINE = 18.5
 _TEXT = re.compile(r'<text class="([\w-]+-r\d+)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>\s*')
 _COLOUR = re.compile(r"\.([\w-]+-r\d+) \{ fill: (#\w+)")
 _RECT = re.compile(
-    r'<rect fill="(#\w+)" x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)" shape-rendering="crispEdges"\s*/>'
+    r'<rect fill="(#\w+)" x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)" '
+    r'shape-rendering="crispEdges"\s*/>'
 )
 _CLIP = re.compile(r'<clipPath id="[\w-]+-line-\d+">\s*<rect[^>]*/>\s*</clipPath>\s*')
 _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
@@ -54,7 +55,7 @@ def redrawn(svg: str) -> str:
         return _texts(name, "".join(rest), x, float(base))
 
     svg = _FONTS.sub("", _CLIP.sub("", svg))
-    svg = re.sub(r"font-family: Fira Code, monospace", 'font-family: "Fira Code", "DejaVu Sans Mono", monospace', svg)
+    svg = svg.replace("Fira Code, monospace", '"Fira Code", "DejaVu Sans Mono", monospace')
     svg = _TEXT.sub(replace, _grounds(svg))
     shapes = [f'<path class="{name}" d="{"".join(d)}"/>' for name, d in blocks.items()]
     for found, wide, cap in ((strokes, 1.2, "butt"), (dots, 3.6, "round")):
@@ -81,7 +82,10 @@ def _grounds(svg: str) -> str:
     sheet = max(areas, key=lambda colour: areas[colour])
     del paths[sheet]
     shapes = [f'<rect fill="{sheet}" x="0" y="1.5" width="{right:g}" height="{bottom - 1.5:g}"/>']
-    shapes += [f'<path fill="{colour}" shape-rendering="crispEdges" d="{"".join(d)}"/>' for colour, d in paths.items()]
+    shapes += [
+        f'<path fill="{colour}" shape-rendering="crispEdges" d="{"".join(d)}"/>'
+        for colour, d in paths.items()
+    ]
     return svg[: found[0].start()] + "".join(shapes) + _RECT.sub("", svg[found[0].start() :])
 
 
@@ -118,7 +122,7 @@ def _block(character: str, x: float, y: float) -> str:
     if character == "▀":
         return f"M{x:.1f} {y:.1f}h{WIDTH + 0.2:.1f}v{HEIGHT / 2 + 0.2:.1f}h-{WIDTH + 0.2:.1f}z"
     high = HEIGHT * (_EIGHTHS.index(character) + 1) / 8
-    return f"M{x:.1f} {y + HEIGHT - high:.1f}h{WIDTH + 0.2:.1f}v{high + 0.2:.1f}h-{WIDTH + 0.2:.1f}z"
+    return f"M{x:.1f} {y + HEIGHT - high:.1f}h{WIDTH + 0.2:.1f}v{high + 0.4:.1f}h-{WIDTH + 0.2:.1f}z"
 
 
 def _shorter(svg: str) -> str:

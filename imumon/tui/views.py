@@ -63,9 +63,9 @@ class Overview(ChannelView):
         Binding("right,l", "sensor(1)", "next group: gyro, accel, mag"),
         Binding("left,h", "sensor(-1)", "previous group"),
         Binding("z,enter", "zoom", "the chart alone, and back"),
-        Binding("o", "overlay", "all axes of the sensor over one another"),
+        Binding("o", "overlay", "all three axes in one chart"),
         Binding("g", "limits", "curves that just meet each grade"),
-        Binding("b", "baseline", "keep this curve and compare with it, and drop it"),
+        Binding("b", "baseline", "keep this curve behind the live one"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -217,7 +217,9 @@ class SensorsView(View):
 class Window(ModalScreen[str | None]):
     """A small window above the page, closed by any key that means nothing else."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,enter,question_mark,f1", "dismiss(None)", "close")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,enter,question_mark,f1", "dismiss(None)", "close")
+    ]
 
     def __init__(self, title: str, lines: list[Line], notation: Notation) -> None:
         super().__init__()
@@ -265,14 +267,17 @@ def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
 
 def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[Line]:
     """Help of the view that is seen: what it is, its keys, and the keys that work everywhere."""
-    own = [b for c in type(view).__mro__ if issubclass(c, View) for b in c.__dict__.get("BINDINGS", [])]
+    own = [
+        b for c in reversed(type(view).__mro__) if issubclass(c, View) for b in c.__dict__.get("BINDINGS", [])
+    ]
     lines: list[Line] = [[((type(view).__doc__ or "").strip().splitlines()[0], "text")], []]
     lines += [[(f"{keys:<12}", "key"), (text, "text")] for keys, text in keys_of(own, ascii)]
     lines += [[], [("everywhere", "title")]]
-    shown = keys_of(everywhere, ascii)
+    shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)
+    shown.insert(0, ("1 to 5", "views"))
     half = (len(shown) + 1) // 2
     for k in range(half):
-        line: Line = [(f"{shown[k][0]:<12}", "key"), (f"{shown[k][1]:<24}", "text")]
+        line: Line = [(f"{shown[k][0]:<12}", "key"), (f"{shown[k][1]:<22}", "text")]
         if k + half < len(shown):
             line += [(f"{shown[k + half][0]:<9}", "key"), (shown[k + half][1], "text")]
         lines.append(line)

@@ -7,6 +7,7 @@ table's columns are as wide as that. Readable units or SI, Unicode or ASCII is a
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from imumon.report import Coefficient, TimeTo
@@ -39,8 +40,8 @@ _ASCII = str.maketrans(
     {
         "●": "*", "○": "o", "◌": "o", "◐": "o", "■": "#", "▌": ">", "✕": "x", "◆": "#", "◇": "o", "│": "|",
         "─": "-", "┼": "+", "└": "+", "┴": "+", "├": "+", "┤": "+", "┌": "+", "┐": "+", "·": "-", "…": "~",
-        "×": "x", "▪": "#", "▒": "#", "━": "-", "┄": "-", "╌": "-", "•": "*", "−": "-", "–": "-", "▁": "_",
-        "▂": "_", "▃": "_", "▄": "#", "▅": "#", "▆": "#", "▇": "#", "█": "#", "↑": "^", "↓": "v", "❄": "*", "▸": ">",
+        "×": "x", "▪": "#", "▒": "#", "━": "-", "┄": "-", "╌": "-", "•": "*", "−": "-", "–": "-", "▁": " ",
+        "▂": " ", "▃": " ", "▄": " ", "▅": " ", "▆": " ", "▇": " ", "█": "#", "▀": "#",
     }
 )  # fmt: skip
 
@@ -70,9 +71,7 @@ def plain(text: str) -> str:
     if text.isascii():
         return text
     text = text.translate(_ASCII)
-    return "".join(
-        c if c.isascii() else _braille(c) if "\u2800" <= c <= "\u28ff" else "?" for c in text
-    )
+    return "".join(c if c.isascii() else _braille(c) if "\u2800" <= c <= "\u28ff" else "?" for c in text)
 
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -96,6 +95,10 @@ class Notation:
     @property
     def sigma(self) -> str:
         return "sigma(tau)" if self.ascii else "σ(τ)"
+
+    @property
+    def chi2(self) -> str:
+        return "chi2/dof" if self.ascii else "χ²/dof"
 
     @property
     def about(self) -> str:
@@ -265,6 +268,15 @@ def padded(line: Line, width: int, role: str = "text") -> Line:
         if room <= 0:
             break
     return [*out, ("…", "faint")] if width > 0 else []
+
+
+def fitted(parts: Sequence[Line], width: int) -> Line:
+    """As many parts as have room, the first always; a number is left out rather than cut."""
+    line: Line = []
+    for part in parts:
+        if not line or length(line) + length(part) <= width:
+            line = [*line, *part]
+    return line
 
 
 def on(line: Line, ground: str) -> Line:
