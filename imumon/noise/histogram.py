@@ -1,0 +1,392 @@
+"""Histogram: how the values of each channel are distributed, in bins that adapt to their range.
+
+Bins are equal and lie on a fixed lattice: the width is a power of two (times the step of a quantised channel,
+so that every bin holds the same number of levels and no comb appears), the edges are multiples of it. When a
+value falls outside, pairs of bins are merged until it fits. So counts stay exact, the number of bins stays
+bounded, and the result depends on the values alone, not on their order or chunking.
+
+The verdict is one of effect size. With a million samples every real distribution fails a significance test;
+what matters is whether treating the channel as Gaussian would mislead. Limits are on the Kolmogorov distance
+to the Gaussian of the same mean and deviation, on skewness and on excess kurtosis, each widened by its own
+sampling error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.samples import Bools, Floats, Ints
+
+BINS = 256
+LEARN = 256
+"""Samples from which the step of a quantised channel is read."""
+
+DISTANCE = 0.025
+"""Kolmogorov distance up to which a distribution counts as Gaussian: probabilities are right to 2.5 %."""
+SKEWNESS = 0.25
+KURTOSIS = 0.5
+"""|skewness| and |excess kurtosis| up to which it does."""
+COARSE = 1.5
+"""A channel whose deviation is below so many quantisation steps is told to be quantised."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Distribution of one channel.
+
+    Attributes
+    ----------
+    start, width : channel unit, lower edge of the first bin and width of each.
+    counts : samples in each bin, without empty bins at the ends.
+    gaussian : expected counts of a Gaussian with the same mean and deviation.
+    is_gaussian : None with fewer than `LEARN` samples.
+    verdict : in words.
+    modes : channel unit, the places of the maxima, highest first; one where the distribution is simple.
+    distance : Kolmogorov distance to the Gaussian.
+    skewness, excess_kurtosis : 1.
+    step : channel unit, quantisation step, or None.
+    """
+
+    start: float
+    width: float
+    counts: tuple[int, ...]
+    gaussian: tuple[float, ...]
+    is_gaussian: bool | None
+    verdict: str
+    modes: tuple[float, ...]
+    distance: float | None
+    skewness: float | None
+    excess_kurtosis: float | None
+    step: float | None
+
+
+class Histogram:
+    """Histograms of some channels.
+
+    Parameters
+    ----------
+    groups : group of each channel, 0 ... g-1: validity is told by group.
+    """
+
+    def __init__(self, groups: Sequence[int]) -> None:
+        self._groups = list(groups)
+        c = len(self._groups)
+        self._held: list[tuple[Floats, Bools | None]] = []
+        self._holding = 0
+        self._step = np.zeros(c)  # 0: not quantised
+        self._exponent = np.zeros(c, dtype=np.int64)  # width = unit * 2^exponent
+        self._unit = np.ones(c)
+        self._low = np.zeros(c, dtype=np.int64)  # lattice number of the first bin
+        self._counts = np.zeros((c, BINS), dtype=np.int64)
+        self._begun = np.zeros(c, dtype=bool)
+
+    def update(self, values: Floats, valid: Bools | None = None) -> None:
+        """Take samples.
+
+        Parameters
+        ----------
+        values : (n, c) channel unit, finite where valid.
+        valid : (n, g); None: all.
+        """
+        if self._holding < LEARN:
+            take = min(len(values), LEARN - self._holding)
+            self._held.append((np.array(values[:take]), None if valid is None else np.array(valid[:take])))
+            self._holding += take
+            if self._holding < LEARN:
+                return
+            self._learn()
+            values, valid = values[take:], None if valid is None else valid[take:]
+        self._add(values, valid)
+
+    def skip(self, n: int) -> None:
+        """Missing samples leave no trace here."""
+
+    def break_(self) -> None:
+        """Nor does a gap of unknown length."""
+
+    def _learn(self) -> None:
+        """Read the steps from what is held, and count it."""
+        held, self._held = self._held, []
+        for c, group in enumerate(self._groups):
+            x = np.concatenate([v[:, c] if ok is None else v[ok[:, group], c] for v, ok in held])
+            self._step[c] = quantum(x)
+            self._unit[c] = self._step[c] or 1.0
+        for values, ok in held:
+            self._add(values, ok)
+
+    def _add(self, values: Floats, valid: Bools | None) -> None:
+        if not len(values):
+            return
+        if valid is not None and not valid.all():
+            for group in sorted(set(self._groups)):
+                channels = np.array([c for c, g in enumerate(self._groups) if g == group])
+                rows = valid[:, group]
+                if rows.any():
+                    self._count(channels, np.ascontiguousarray(values[rows][:, channels].T))
+            return
+        self._count(np.arange(len(self._groups)), np.ascontiguousarray(values.T))
+
+    def _count(self, channels: Ints, x: Floats) -> None:
+        """Count (c, n) values of these channels."""
+        if not self._begun[channels].all():
+            self._make_room(channels, x.min(axis=1), x.max(axis=1))
+        bins = self._bins(channels, x)
+        if bins.min() < 0 or bins.max() >= BINS:
+            self._make_room(channels, x.min(axis=1), x.max(axis=1))
+            bins = np.clip(self._bins(channels, x), 0, BINS - 1)
+        # The base of each channel is added as an integer: a rounded sum could cross into the next channel.
+        bins += np.arange(len(channels))[:, None] * BINS
+        self._counts[channels] += np.bincount(bins.ravel(), minlength=len(channels) * BINS).reshape(-1, BINS)
+
+    def _bins(self, channels: Ints, x: Floats) -> Ints:
+        """(c, n) bin of each value, outside 0 ... BINS-1 where there is none."""
+        scale = np.ldexp(1.0 / self._unit[channels], -self._exponent[channels])
+        # A quantised value belongs in the middle of its level's bin.
+        offset = np.ldexp(self._shift(channels), -self._exponent[channels]) - self._low[channels]
+        place = x * scale[:, None]
+        place += offset[:, None]
+        return np.floor(place, out=place).astype(np.int64)
+
+    def _shift(self, channels: Ints) -> Floats:
+        return np.where(self._step[channels] > 0, 0.5, 0.0)
+
+    def _make_room(self, channels: Ints, low: Floats, high: Floats) -> None:
+        """Widen the bins of channels whose values would not fit.
+
+        Parameters
+        ----------
+        low, high : (c,) channel unit, least and greatest value.
+        """
+        low = low / self._unit[channels] + self._shift(channels)
+        high = high / self._unit[channels] + self._shift(channels)
+        for i, c in enumerate(channels.tolist()):
+            if not self._begun[c]:
+                self._begun[c] = True
+                # The finest lattice on which places are still exact integers in a float.
+                finest = math.frexp(max(abs(low[i]), abs(high[i]), 1e-300))[1] - 44
+                self._exponent[c] = 0 if self._step[c] else finest
+                self._low[c] = math.floor(math.ldexp(low[i], -int(self._exponent[c])))
+            while True:
+                e = int(self._exponent[c])
+                first, last = math.floor(math.ldexp(low[i], -e)), math.floor(math.ldexp(high[i], -e))
+                used = np.flatnonzero(self._counts[c])
+                if len(used):
+                    first = min(first, int(self._low[c] + used[0]))
+                    last = max(last, int(self._low[c] + used[-1]))
+                if last - first < BINS:
+                    self._place(c, first, last)
+                    break
+                self._merge(c)
+
+    def _place(self, c: int, first: int, last: int) -> None:
+        """Shift the bins of a channel so that lattice numbers first ... last are among them."""
+        if self._low[c] <= first and last < self._low[c] + BINS:
+            return
+        low = first - (BINS - 1 - (last - first)) // 2
+        moved = np.zeros(BINS, dtype=np.int64)
+        used = np.flatnonzero(self._counts[c])
+        moved[used + int(self._low[c]) - low] = self._counts[c, used]
+        self._counts[c], self._low[c] = moved, low
+
+    def _merge(self, c: int) -> None:
+        """Halve the resolution of a channel: pairs on the lattice become one bin."""
+        used = np.flatnonzero(self._counts[c])
+        numbers = (used + int(self._low[c])) >> 1
+        self._exponent[c] += 1
+        low = int(numbers[0]) if len(numbers) else int(self._low[c]) >> 1
+        merged = np.zeros(BINS, dtype=np.int64)
+        np.add.at(merged, numbers - low, self._counts[c, used])
+        self._counts[c], self._low[c] = merged, low
+
+    def result(self) -> list[Shape | None]:
+        """Shape of each channel; None where nothing came."""
+        shown = self
+        if self._held:
+            shown = Histogram(self._groups)
+            shown._held = list(self._held)
+            shown._learn()
+        return [shown._shape(c) for c in range(len(self._groups))]
+
+    def _shape(self, c: int) -> Shape | None:
+        used = np.flatnonzero(self._counts[c])
+        if not len(used):
+            return None
+        counts = self._counts[c, used[0] : used[-1] + 1]
+        width = math.ldexp(float(self._unit[c]), int(self._exponent[c]))
+        step = float(self._step[c]) or None
+        start = (int(self._low[c]) + int(used[0])) * width - (0.5 * step if step else 0.0)
+        return _judged(start, width, counts, step)
+
+    def save(self) -> dict[str, np.ndarray]:
+        """State as arrays."""
+        out = {
+            "step": self._step.copy(),
+            "unit": self._unit.copy(),
+            "exponent": self._exponent.copy(),
+            "low": self._low.copy(),
+            "counts": self._counts.copy(),
+            "begun": self._begun.copy(),
+            "holding": np.array(self._holding),
+            "groups": np.array(self._groups),
+        }
+        if self._held:
+            g = max(self._groups) + 1
+            out["held"] = np.concatenate([v for v, _ in self._held])
+            out["held_valid"] = np.concatenate(
+                [np.ones((len(v), g), dtype=bool) if ok is None else ok for v, ok in self._held]
+            )
+        return out
+
+    @classmethod
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> Histogram:
+        """Continue where `save` left off."""
+        self = cls(saved["groups"].tolist())
+        self._step, self._unit = saved["step"].copy(), saved["unit"].copy()
+        self._exponent, self._low = saved["exponent"].copy(), saved["low"].copy()
+        self._counts, self._begun = saved["counts"].copy(), saved["begun"].copy()
+        self._holding = int(saved["holding"])
+        self._held = [(saved["held"], saved["held_valid"])] if "held" in saved else []
+        return self
+
+
+def quantum(x: Floats) -> float:
+    """Step of a quantised channel, 0.0 where the values lie on no lattice; a constant has none.
+
+    Parameters
+    ----------
+    x : (n,) some values.
+
+    >>> quantum(np.array([0.3, 0.1, 0.7, 0.3])), quantum(np.array([2.0, 2.0]))
+    (0.2, 0.0)
+    """
+    levels = np.unique(x)
+    if len(levels) < 2:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(gaps[gaps > 1e-9 * np.abs(levels).max()].min(initial=np.inf))
+    if not math.isfinite(step):
+        return 0.0
+    for divisor in (1, 2, 3):  # the least gap seen may itself be some steps
+        fine = step / divisor
+        multiples = gaps / fine
+        if np.all(np.abs(multiples - np.rint(multiples)) < 0.02 + 1e-7 * multiples) and (
+            multiples.max() < 1e6 and (len(levels) > 8 or divisor == 1)
+        ):
+            # many steps measure one better than one does
+            total = (levels[-1] - levels[0]) / np.rint((levels[-1] - levels[0]) / fine)
+            return float(f"{total:.9g}")
+    return 0.0
+
+
+def _judged(start: float, width: float, counts: Ints, step: float | None) -> Shape:
+    """Shape from the counts of equal bins."""
+    n = int(counts.sum())
+    share = counts / n
+    centres = np.asarray(start + width * (np.arange(len(counts)) + 0.5), dtype=np.float64)
+    middle = float(centres[len(counts) // 2])
+    d = centres - middle
+    mean = float(share @ d)
+    d = d - mean
+    m2 = float(share @ d**2)
+    if n < 2 or m2 <= 0.0:
+        reason = "constant" if n >= LEARN else "too few samples"
+        return Shape(
+            start,
+            width,
+            tuple(counts.tolist()),
+            (float(n),) * len(counts),
+            None,
+            reason,
+            (mean + middle,),
+            None,
+            None,
+            None,
+            step,
+        )
+    # Grouping into bins adds width^2/12 to the variance (Sheppard), unless the bins are the levels
+    # themselves.
+    grouped = width if step is None or width > 1.5 * step else 0.0
+    variance = max(m2 - grouped**2 / 12.0, 0.25 * m2)
+    skewness = float(share @ d**3) / variance**1.5
+    kurtosis = (float(share @ d**4) - grouped**2 * m2 / 2.0 + 7.0 * grouped**4 / 240.0) / variance**2 - 3.0
+    edges = (start - middle - mean + width * np.arange(len(counts) + 1)) / math.sqrt(2.0 * variance)
+    phi = np.array([0.5 * math.erfc(-e) for e in edges.tolist()])
+    distance = float(np.abs(np.cumsum(share) - phi[1:]).max())
+    modes = _modes(counts, centres, math.sqrt(variance) / width)
+    faults = _faults(n, distance, skewness, kurtosis, len(modes))
+    coarse = step is not None and math.sqrt(variance) < COARSE * step
+    if coarse and step is not None:
+        faults = [f"quantised: {int(np.count_nonzero(counts))} levels"]
+    if n < LEARN:
+        verdict, gaussian = "too few samples", None
+    else:
+        verdict = f"not Gaussian: {', '.join(faults)}" if faults else "Gaussian"
+        gaussian = not faults
+    return Shape(
+        start,
+        width,
+        tuple(counts.tolist()),
+        tuple((n * np.diff(phi)).tolist()),
+        gaussian,
+        verdict,
+        modes,
+        distance,
+        skewness,
+        kurtosis,
+        step,
+    )
+
+
+def _faults(n: int, distance: float, skewness: float, kurtosis: float, modes: int) -> list[str]:
+    """What keeps a distribution from being Gaussian, in words; four standard errors are forgiven."""
+    faults = []
+    if modes > 1:
+        faults.append(f"{modes} modes")
+    if kurtosis > KURTOSIS + 4.0 * math.sqrt(24.0 / n):
+        faults.append("heavy tails")
+    elif kurtosis < -KURTOSIS - 4.0 * math.sqrt(24.0 / n) and modes == 1:
+        faults.append("light tails")
+    if abs(skewness) > SKEWNESS + 4.0 * math.sqrt(6.0 / n):
+        faults.append("skewed")
+    if not faults and distance > DISTANCE + 1.5 / math.sqrt(n):
+        faults.append("shape")
+    return faults
+
+
+def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
+    """Maxima of the smoothed counts, highest first: those that rise above the valleys beside them by a
+    tenth of the highest, and by four standard errors.
+
+    Parameters
+    ----------
+    counts : (k,)
+    centres : (k,) channel unit.
+    sigma : bins, deviation of the whole.
+    """
+    h = max(0.25 * sigma, 0.5)
+    reach = math.ceil(3.0 * h)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / h) ** 2)
+    kernel /= kernel.sum()
+    smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid")
+    error = math.sqrt(float(kernel @ kernel))
+    need = max(0.1 * float(smooth.max()), 0.0)
+    found: list[int] = []
+    top, bottom, rising = 0, 0, True
+    for i in range(len(smooth)):
+        if rising:
+            top = i if smooth[i] > smooth[top] else top
+            if smooth[top] - smooth[i] > max(need, 4.0 * error * math.sqrt(max(smooth[top], 1.0))):
+                found.append(top)
+                rising, bottom = False, i
+        else:
+            bottom = i if smooth[i] < smooth[bottom] else bottom
+            if smooth[i] - smooth[bottom] > max(need, 4.0 * error * math.sqrt(max(smooth[i], 1.0))):
+                rising, top = True, i
+    if rising and (not found or top not in found):
+        found.append(top)
+    found.sort(key=lambda i: -float(smooth[i]))
+    return tuple(float(centres[i]) for i in found)

@@ -1,0 +1,274 @@
+"""Reference: what a sensor's own noise looks like, learned robustly while it runs.
+
+To tell a knock from noise one must know the noise. Time is cut into *frames* of ten *parts*, about 1 s and
+0.1 s. Of every quiet frame four figures are kept for each channel: its mean, the deviation of the samples
+about it, that of the parts about it, and how far the mean lies from the level. Medians over the last
+`FRAMES` of them are the reference: half of those frames may be disturbed before it moves.
+
+The reference changes at fixed frame numbers only (2, 3, 4, 6, 8, 12, 16, then the level every `EPOCH` and the
+scales every `FRAMES`), so that decisions do not depend on how the samples were handed in. While few frames
+stand behind it, the thresholds are wider by the uncertainty of the scales themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.samples import Bools, Floats
+
+PARTS = 10
+FRAMES = 128
+EPOCH = 32
+SCHEDULE = (2, 3, 4, 6, 8, 12, 16)
+
+SAMPLE_SIGMA = 7.0
+PART_SIGMA = 7.0
+MEAN_SIGMA = 7.0
+SPREAD_SIGMA = 6.0
+LEAST_RATIO = 1.5
+"""A frame is called restless when its deviation exceeds the usual one by `SPREAD_SIGMA` of the usual scatter
+of its logarithm, and by this factor at least."""
+
+REST_LIMIT = {"gyro": 1.5e-3, "accel": 3e-2}
+"""Allan deviation at 1 s, rad/s and m/s^2, above which a sensor with a coloured spectrum is not at rest: two
+to three times what the consumer grade has; a parked car with its engine running stays below, a driven one
+does not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Figures of some frames, in channel units, one row a frame.
+
+    Attributes
+    ----------
+    mean : (k, c) about zero.
+    rms : (k, c) deviation of the samples about the frame's mean.
+    parts : (k, c) deviation of the parts' means about the frame's mean.
+    peak : (k, c) greatest distance of a sample from the frame's mean.
+    part_peak : (k, c) greatest distance of a part's mean from the frame's mean.
+    known : (k, c) enough samples are valid to say so.
+    """
+
+    mean: Floats
+    rms: Floats
+    parts: Floats
+    peak: Floats
+    part_peak: Floats
+    known: Bools
+
+    def __getitem__(self, rows: slice) -> Frames:
+        return Frames(*(getattr(self, name)[rows] for name in self.__slots__))
+
+    @classmethod
+    def joined(cls, frames: list[Frames]) -> Frames:
+        """Several in a row as one."""
+        return cls(*(np.concatenate([getattr(f, name) for f in frames]) for name in cls.__slots__))
+
+    @classmethod
+    def of(cls, d: Floats, seen: Bools | None, level: Floats) -> Frames:
+        """Figures of frames given as parts.
+
+        Parameters
+        ----------
+        d : (c, k, PARTS, part) channel unit, distance from `level`; 0.0 where not seen.
+        seen : (k, PARTS, part) samples that may be judged; None: all.
+        level : (c,) channel unit.
+        """
+        c, k, parts, part = d.shape
+        if seen is None:
+            means = (d.reshape(-1, part) @ np.full(part, 1.0 / part)).reshape(c, k, parts)
+            mean = means.mean(axis=2)
+            flat = d.reshape(c, k, parts * part)
+            square = np.einsum("ckf,ckf->ck", flat, flat) / (parts * part)
+            peak = np.maximum(flat.max(axis=2) - mean, mean - flat.min(axis=2))
+            means -= mean[:, :, None]
+            spread = np.einsum("ckp,ckp->ck", means, means) / parts
+            part_peak = np.abs(means).max(axis=2)
+            known = np.ones((k, c), dtype=bool)
+        else:
+            count = seen.sum(axis=2)  # (k, PARTS)
+            n = np.maximum(count.sum(axis=1), 1)
+            filled = np.maximum((count > 0).sum(axis=1), 1)
+            mean = d.sum(axis=(2, 3)) / n
+            square = np.einsum("ckpm,ckpm->ck", d, d) / n
+            peak = (np.abs(d - mean[:, :, None, None]) * seen).max(axis=(2, 3))
+            # A part with few samples scatters more: weighted so that full parts give the plain deviation.
+            means = d.sum(axis=3) / np.maximum(count, 1) - mean[:, :, None]
+            spread = (count * means**2).sum(axis=2) / n * (n / (filled * part))
+            part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
+            known = np.repeat((n >= 0.25 * parts * part)[:, None], c, axis=1)
+        rms = np.sqrt(np.maximum(square - mean**2, 0.0))
+        return cls((mean + level[:, None]).T, rms.T, np.sqrt(spread).T, peak.T, part_peak.T, known)
+
+
+class Reference:
+    """Level and scales of each channel at rest.
+
+    Parameters
+    ----------
+    sensors : sensor of each channel.
+    frame : samples of a frame, a multiple of `PARTS`.
+    rate_hz : Hz.
+
+    Attributes
+    ----------
+    frames : quiet frames learned from, in all.
+    rests : what was learned can be a sensor at rest.
+    level : (c,) channel unit; meaningful once `ready`.
+    sample, part, shift : (c,) channel unit, thresholds for a sample's distance from its frame's mean, a
+        part's
+        from it, and the frame's mean from the level.
+    """
+
+    def __init__(self, sensors: tuple[str, ...], frame: int, rate_hz: float) -> None:
+        c = len(sensors)
+        self._frame = frame
+        self._limit = np.array([REST_LIMIT.get(s, np.inf) for s in sensors])
+        # Behind the sensor's own filter of 5 ms, samples faster than 200 Hz are not independent.
+        self._white = np.sqrt(PARTS / frame * max(1.0, rate_hz / 200.0))
+        self._ring = np.full((FRAMES, 4, c), np.nan)  # mean, ln rms, ln parts, |mean - level|
+        self.frames = 0
+        self.level = np.zeros(c)
+        self._scale = np.zeros((2, c))  # ln rms, ln parts
+        self._scatter = np.zeros((2, c))
+        self.rests = True
+        self.sample = np.full(c, np.inf)
+        self.part = np.full(c, np.inf)
+        self.shift = np.full(c, np.inf)
+        self._step = np.full(c, np.inf)  # least peak of a frame other than 0: one step of a quantised channel
+        self._allowed = np.full((5, c), np.inf)
+
+    @property
+    def ready(self) -> bool:
+        return bool(self.frames >= SCHEDULE[0])
+
+    @property
+    def learned(self) -> bool:
+        """The last frame that was added changed the reference."""
+        return self.frames in SCHEDULE or (self.frames > 0 and self.frames % EPOCH == 0)
+
+    @property
+    def next_change(self) -> int:
+        """Frames until the reference changes."""
+        for at in SCHEDULE:
+            if self.frames < at:
+                return at - self.frames
+        return EPOCH - self.frames % EPOCH
+
+    def add(self, quiet: Frames) -> None:
+        """Learn from quiet frames."""
+        step = self.next_change
+        if len(quiet.mean) > step:
+            self.add(quiet[:step])
+            self.add(quiet[step:])
+            return
+        k = len(quiet.mean)
+        if not k:
+            return
+        tiny = np.finfo(np.float64).tiny
+        rows = np.stack(
+            (
+                quiet.mean,
+                np.log(np.maximum(quiet.rms, tiny)),
+                np.log(np.maximum(quiet.parts, tiny)),
+                np.abs(quiet.mean - self.level) if self.ready else np.full_like(quiet.mean, np.nan),
+            ),
+            axis=1,
+        )
+        rows[np.broadcast_to(~quiet.known[:, None, :], rows.shape)] = np.nan
+        self._ring[(self.frames + np.arange(k)) % FRAMES] = rows
+        before = self.next_change
+        self.frames += k
+        if k >= before:
+            self._change()
+
+    def _change(self) -> None:
+        n = min(self.frames, FRAMES)
+        latest = (self.frames - 1 - np.arange(min(n, 8))) % FRAMES
+        self.level = _median(self._ring[latest, 0], self.level)
+        if self.frames > SCHEDULE[-1] and self.frames % FRAMES and self.frames != EPOCH:
+            return
+        logs = self._ring[:n, 1:3]
+        self._scale = _median(logs, self._scale)
+        floor = np.array([[(2.0 * self._frame) ** -0.5], [(2.0 * PARTS - 2.0) ** -0.5]])
+        scatter = 1.4826 * _median(np.abs(logs - self._scale), np.zeros_like(self._scale))
+        self._scatter = np.minimum(np.maximum(scatter, floor), 3.0 * floor)
+        unsure = 1.0 + 4.0 * 1.25 * self._scatter / np.sqrt(n)
+        rms, parts = np.exp(self._scale)
+        self.sample = SAMPLE_SIGMA * unsure[0] * rms
+        self.part = PART_SIGMA * unsure[1] * parts
+        distances = np.isfinite(self._ring[:n, 3]).sum(axis=0)
+        shift = 1.4826 * _median(self._ring[:n, 3], np.zeros_like(rms))
+        # A frame's mean scatters by at least what white noise leaves of the parts; before the first
+        # distances are known, by no more than the parts themselves.
+        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (
+            1.0 + 3.0 * 1.2 / np.sqrt(np.maximum(distances, 1))
+        )
+        self.shift = MEAN_SIGMA * np.where(distances >= 8, known, np.maximum(parts, known))
+        self._allowed = self._limits()
+        self.rests = self._looks_like_rest(n)
+
+    def restless(self, frames: Frames) -> Bools:
+        """(k, c) Frames that are not this sensor's noise."""
+        least = np.where(frames.peak > 0.0, frames.peak, np.inf).min(axis=0, initial=np.inf)
+        if (least < self._step).any():
+            self._step = np.minimum(self._step, least)
+            self._allowed = self._limits()
+        if not self.ready:
+            return np.zeros(frames.mean.shape, dtype=bool)
+        allowed = self._allowed
+        odd = (frames.peak > allowed[0]) | (frames.part_peak > allowed[1])
+        odd |= np.abs(frames.mean - self.level) > allowed[2]
+        odd |= (frames.rms > allowed[3]) | (frames.parts > allowed[4])
+        return np.asarray(odd & frames.known, dtype=bool)
+
+    def _limits(self) -> Floats:
+        """(5, c) Thresholds for peak, part_peak, distance of the mean, rms and parts."""
+        rms, parts = np.exp(self._scale + np.maximum(SPREAD_SIGMA * self._scatter, np.log(LEAST_RATIO)))
+        limits = np.stack((self.sample, self.part, self.shift, rms, parts))
+        # A channel that mostly stands still and now and then moves by one step is not knocked by that step.
+        coarse = np.exp(self._scale[0]) < 0.3 * self._step
+        steps = np.array([3.0, 2.0, 2.0, 1.0, 1.0])[:, None] * np.where(coarse, self._step, 0.0)
+        return np.asarray(np.maximum(limits, steps), dtype=np.float64)
+
+    def _looks_like_rest(self, n: int) -> bool:
+        """By absolute measure, over the last `SCHEDULE[-1]` of `n` frames: see `REST_LIMIT`."""
+        k = min(n, SCHEDULE[-1])
+        if k < 4:
+            return True
+        rows = self._ring[(self.frames - k + np.arange(k)) % FRAMES]
+        nothing = np.zeros(rows.shape[2])
+        step = _median(np.abs(np.diff(rows[:, 0], axis=0)), nothing) * (1.4826 / np.sqrt(2.0))
+        rms, parts = np.exp(_median(rows[:, 1], nothing)), np.exp(_median(rows[:, 2], nothing))
+        coloured = (step > 2.0 * parts / np.sqrt(PARTS)) | (parts > 1.5 * self._white * rms)
+        return not bool(np.any((step > self._limit) & coloured))
+
+    def save(self) -> dict[str, np.ndarray]:
+        """State as arrays."""
+        return {n.strip("_"): getattr(self, n).copy() for n in _STATE} | {
+            "frames": np.array([self.frames, self.rests])
+        }
+
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Continue where `save` left off."""
+        for name in _STATE:
+            setattr(self, name, np.array(saved[name.strip("_")]))
+        self.frames, self.rests = int(saved["frames"][0]), bool(saved["frames"][1])
+
+
+_STATE = ("_ring", "level", "_scale", "_scatter", "sample", "part", "shift", "_step", "_allowed")
+
+
+def _median(rows: Floats, otherwise: Floats) -> Floats:
+    """Median over the first axis of what is finite; `otherwise` where nothing is."""
+    if not len(rows):
+        return otherwise
+    rows = np.sort(rows, axis=0)  # NaN last
+    if not np.isnan(rows[-1]).any():
+        return np.asarray(0.5 * (rows[(len(rows) - 1) // 2] + rows[len(rows) // 2]), dtype=np.float64)
+    count = np.isfinite(rows).sum(axis=0)
+    low = np.take_along_axis(rows, np.maximum((count - 1) // 2, 0)[None], axis=0)[0]
+    high = np.take_along_axis(rows, np.minimum(count // 2, len(rows) - 1)[None], axis=0)[0]
+    return np.where(count > 0, 0.5 * (low + high), otherwise)

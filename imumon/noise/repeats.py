@@ -1,0 +1,214 @@
+"""Repeats: samples that a source sends again instead of measuring.
+
+Two ways a source lies: a sensor is *stuck* (the same sample over and over), or a file is *replayed* in a
+loop. Neither adds information, and both ruin every statistic without looking odd. But some sensors repeat
+lawfully: a magnetometer that updates at 250 Hz and is read at 800 Hz, a quantised temperature, a constant
+channel. So the share of repeats p that is usual here is learned, and a run of r repeats counts as stuck only
+when p^r is beyond chance (`CHANCE`), and never before `LEAST` of them.
+
+Loops are found by content-selected fingerprints: about one row in eight is chosen by the value of its own
+hash, so a replay chooses the same rows again; when several of them in a row were last seen the same number
+of rows ago, that number is the period. Memory: the last `REMEMBERED` fingerprints, half an hour at 40 Hz.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from imumon.samples import Bools, Floats, Ints
+
+CHANCE = 1e-12
+LEAST = 5
+"""Fewest repeats in a row, or fingerprints at one distance, that may count."""
+
+REMEMBERED = 8192
+_SELECT = np.uint64(61)  # a row is a fingerprint when the bits of its hash from here up are zero
+_GOLDEN = 0x9E3779B97F4A7C15
+_MASK = (1 << 64) - 1
+
+
+class Repeats:
+    """Finds stuck groups of channels and replayed loops.
+
+    Parameters
+    ----------
+    groups : group of each channel, 0 ... g-1.
+    loops : channels whose rows are fingerprinted for loops.
+
+    Attributes
+    ----------
+    period : rows of the loop that is running, else None.
+    """
+
+    def __init__(self, groups: Sequence[int], loops: Sequence[int]) -> None:
+        self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
+        self._loops = list(loops)
+        keys = [(_GOLDEN * (2 * c + 3) * (2 * c + 3) | 1) & _MASK for c in range(len(groups))]
+        self._keys = np.array(keys, dtype=np.uint64)
+        g = len(self._channels) + 1  # the last one is the row of `loops`
+        self._previous = np.zeros(g, dtype=np.uint64)
+        self._started = np.zeros(g, dtype=bool)
+        self._run = np.zeros(g, dtype=np.int64)
+        self._repeats = np.zeros(g)
+        self._rows = np.zeros(g)
+        self._longest = np.full(g, np.iinfo(np.int64).max, dtype=np.int64)
+        self._frames = 0
+        self._seen: dict[int, int] = {}
+        self._row = 0
+        self._distance = 0
+        self._matches = 0
+        self.period: int | None = None
+
+    def update(self, values: Floats, valid: Bools) -> tuple[Bools, Bools]:
+        """Which rows are stuck, and which replayed.
+
+        Parameters
+        ----------
+        values : (n, c) channel unit.
+        valid : (n, g) rows of each group that were received.
+
+        Returns
+        -------
+        stuck : (n, g) row repeats the one before it, in a run too long for chance.
+        looped : (n,) row belongs to a loop that has been recognised.
+        """
+        stuck = np.zeros(valid.shape, dtype=bool)
+        bits = np.ascontiguousarray(values.T).view(np.uint64)
+        total = np.zeros(len(values), dtype=np.uint64)
+        received = np.ones(len(values), dtype=bool)
+        for g, channels in enumerate(self._channels):
+            mixed = np.zeros(len(values), dtype=np.uint64)
+            for c in channels:
+                mixed += bits[c] * self._keys[c]
+            if any(c in self._loops for c in channels):
+                total += mixed
+                received &= valid[:, g]
+            self._stuck(g, mixed, valid[:, g], stuck[:, g])
+        looped = np.zeros(len(values), dtype=bool)
+        if self._loops:
+            fresh = self._stuck(len(self._channels), total, received, np.zeros_like(looped))
+            self._looped(total, received, fresh, looped)
+        return stuck, looped
+
+    def learn(self, frames: int) -> None:
+        """So many frames have passed: now and then take the share of repeats as usual; older rows fade."""
+        before, self._frames = self._frames, self._frames + frames
+        if self._frames.bit_length() == before.bit_length() and self._frames // 32 == before // 32:
+            return
+        for g in range(len(self._rows)):
+            if self._rows[g] < 8:
+                continue
+            share = self._repeats[g] / self._rows[g]
+            self._longest[g] = _beyond_chance(share)
+            if self._rows[g] > 4096:
+                self._rows[g] *= 0.5
+                self._repeats[g] *= 0.5
+
+    def _stuck(self, g: int, mixed: np.ndarray, valid: Bools, out: Bools) -> Bools:
+        """Mark stuck rows of group g in `out`; returns which rows differ from the one before."""
+        index = None if valid.all() else np.flatnonzero(valid)
+        row = mixed if index is None else mixed[index]
+        if not len(row):
+            return np.zeros(len(mixed), dtype=bool)
+        same = np.empty(len(row), dtype=bool)
+        same[1:] = row[1:] == row[:-1]
+        same[0] = bool(self._started[g]) and row[0] == self._previous[g]
+        self._previous[g], self._started[g] = row[-1], True
+        ordinary = len(row)
+        repeats = int(same.sum())
+        if repeats:
+            place = np.arange(1, len(row) + 1)
+            since = np.maximum.accumulate(np.where(same, 0, place))
+            run = place - since
+            run[since == 0] += self._run[g]
+            self._run[g] = run[-1]
+            bad = run >= self._longest[g]
+            if bad.any():
+                ordinary -= int(bad.sum())
+                repeats -= int(bad.sum())
+                if index is None:
+                    out[:] = bad
+                else:
+                    out[index] = bad
+        else:
+            self._run[g] = 0
+        self._rows[g] += ordinary
+        self._repeats[g] += repeats
+        if index is None:
+            return ~same
+        fresh = np.zeros(len(mixed), dtype=bool)
+        fresh[index] = ~same
+        return fresh
+
+    def _looped(self, mixed: np.ndarray, received: Bools, fresh: Bools, out: Bools) -> None:
+        """Follow the fingerprints; marks rows of a recognised loop in `out`."""
+        chosen = np.flatnonzero(fresh & (mixed >> _SELECT == 0))
+        rows = np.cumsum(received)[chosen] if not received.all() else chosen + 1
+        begin = 0 if self.period else -1
+        needed = max(LEAST + 1, int(self._longest[-1]))
+        for i, key, row in zip(chosen.tolist(), mixed[chosen].tolist(), rows.tolist(), strict=True):
+            here = self._row + row
+            before = self._seen.pop(key, None)
+            self._seen[key] = here
+            distance = 0 if before is None else here - before
+            if distance and distance == self._distance:
+                self._matches += 1
+            else:
+                self._distance, self._matches = distance, int(distance > 0)
+                if self.period:
+                    out[begin:i] = True
+                    self.period, begin = None, -1
+            if not self.period and self._matches >= needed:
+                self.period, begin = self._distance, i
+        if begin >= 0:
+            out[begin:] = True
+        if len(self._seen) > 2 * REMEMBERED:
+            self._seen = dict(list(self._seen.items())[-REMEMBERED:])
+        self._row += int(received.sum())
+
+    def save(self) -> dict[str, np.ndarray]:
+        """State as arrays."""
+        keys = np.array(list(self._seen.keys()), dtype=np.uint64)
+        return {
+            "previous": self._previous.copy(),
+            "started": self._started.copy(),
+            "run": self._run.copy(),
+            "repeats": self._repeats.copy(),
+            "rows": self._rows.copy(),
+            "longest": self._longest.copy(),
+            "seen_key": keys,
+            "seen_row": np.array(list(self._seen.values()), dtype=np.int64),
+            "loop": np.array(
+                [self._row, self._distance, self._matches, self.period or 0, self._frames], dtype=np.int64
+            ),
+        }
+
+    def restore(self, saved: dict[str, np.ndarray]) -> None:
+        """Continue where `save` left off."""
+        self._previous = saved["previous"].astype(np.uint64)
+        self._started = saved["started"].astype(bool)
+        self._run = saved["run"].astype(np.int64)
+        self._repeats = saved["repeats"].astype(np.float64)
+        self._rows = saved["rows"].astype(np.float64)
+        self._longest = saved["longest"].astype(np.int64)
+        rows: Ints = saved["seen_row"]
+        self._seen = {int(k): int(r) for k, r in zip(saved["seen_key"], rows, strict=True)}
+        self._row, self._distance, self._matches = (int(v) for v in saved["loop"][:3])
+        self.period = int(saved["loop"][3]) or None
+        self._frames = int(saved["loop"][4])
+
+
+def _beyond_chance(share: float) -> int:
+    """Length of a run of repeats that chance does not make, when a repeat has this probability.
+
+    >>> _beyond_chance(0.0), _beyond_chance(0.69), _beyond_chance(1.0) > 10**12
+    (5, 75, True)
+    """
+    if share >= 0.999:
+        return int(np.iinfo(np.int64).max)
+    if share <= 0.0:
+        return LEAST
+    return max(LEAST, math.ceil(math.log(CHANCE) / math.log(share)))

@@ -1,0 +1,477 @@
+"""Spectrum: power spectral density from half the sampling rate down to one cycle a record, in bounded memory.
+
+A cascade: each stage averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), passes
+its signal through a half-band filter and hands every second sample to the next. Stage s resolves rate / 2^s /
+256, so resolution follows frequency, and memory grows with the logarithm of the record only.
+
+- A stage takes its first 1024 segments, then one in 2, from 2048 on one in 4 ...: 512 more each time the
+  record doubles. Beyond a thousand averages a bin is known to 3 %, and time is better spent elsewhere.
+- Missing samples are filled with the mean of their neighbourhood (128 samples); a segment of which more than
+  a tenth was filled is not counted. So a gap costs a segment at short periods and nothing at long ones.
+- A line is a bin that stands out of the bins on both sides of it by more than chance makes in a thousand
+  reports.
+- Density is one-sided: white noise of coefficient N (Allan variance N^2/tau) has density 2 N^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.samples import Bools, Floats, Ints
+
+SEGMENT = 256
+HOP = SEGMENT // 2
+BINS = HOP + 1
+STAGES = 30
+FULL = 0.9
+"""Share of valid samples in each half of a segment that counts."""
+
+WHOLE = 1 << 16
+"""A hole longer than this many samples starts the cascade anew (what is averaged stays)."""
+
+TAPS = np.array([-0.0026544081, 0.0082231405, -0.0198700275, 0.042431558, -0.0920067759, 0.3133644193])
+"""Outer half of the half-band filter's taps other than the middle one, 0.5: equiripple, 23 taps,
+flat to 0.1 % up to 0.18 and down by 59 dB from 0.32 of its input rate."""
+_REACH = 22  # samples of history the filter needs
+
+PASS = 0.36
+"""Share of its rate up to which a stage behind the filter is shown; the stage above begins at half of it."""
+
+ENOUGH = 4
+"""Averages a stage needs before it takes over the low frequencies from the one above."""
+
+CHANCE_SIGMA = 5.6
+"""Standard deviations (of the normalised bin) that a line stands out by: 1e-8 a bin."""
+PROMINENCE = 2.0
+"""A line's bin holds at least so many times the density beside it."""
+SIDE, GUARD = 11, 3
+"""Bins beside one that tell the level there, and those between that its own line may fill."""
+LOWEST = 12
+"""First bin in which a line is looked for: below, a drift looks like one."""
+MAINS_HZ = (50.0, 60.0)
+HARMONICS = 3
+MAINS_WANDER = 0.002
+"""Relative deviation of the mains frequency that is common."""
+
+LUMP = 8
+"""Hops that wait for one another, so that the work is done on arrays worth the name."""
+
+_WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
+
+
+@dataclass(frozen=True, slots=True)
+class SpectralLine:
+    """A line.
+
+    Attributes
+    ----------
+    frequency_hz : Hz, as it appears.
+    amplitude : channel unit, of the sinusoid.
+    aliases_hz : Hz, frequencies of mains and harmonics that would appear there.
+    name : what it may be, where one fits.
+    """
+
+    frequency_hz: float
+    amplitude: float
+    aliases_hz: tuple[float, ...]
+    name: str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Density:
+    """Power spectral densities of some channels.
+
+    Attributes
+    ----------
+    frequency_hz : (k,) Hz, rising.
+    density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
+    averages : (k, c) segments behind each value.
+    lines : lines of each channel, strongest first.
+    white : (c,) channel unit/sqrt(Hz), N read from the upper half of the band; NaN where unknown.
+    """
+
+    frequency_hz: Floats
+    density: Floats
+    averages: Ints
+    lines: tuple[tuple[SpectralLine, ...], ...]
+    white: Floats
+
+
+class _Stage:
+    """One rate of the cascade."""
+
+    def __init__(self, channels: int, groups: int) -> None:
+        self.power = np.zeros((channels, BINS))
+        self.averages = np.zeros(groups, dtype=np.int64)
+        self.segments = 0  # offered, taken or not
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what spans a gap."""
+        self.last: Floats | None = None  # (c, HOP) the hop before
+        self.last_share: Floats | None = None  # (g,) valid share of it
+        self.history: Floats | None = None  # (c, _REACH) inputs before the next hop
+        self.half: Floats | None = None  # (c, HOP/2) first half of a hop
+        self.half_share: Floats | None = None
+        self.waiting: list[tuple[Floats, Floats]] = []  # hops and their shares
+
+
+class Spectrum:
+    """Cascade of power spectra.
+
+    Parameters
+    ----------
+    groups : group of each channel, 0 ... g-1: validity is told by group.
+    rate_hz : Hz, sampling rate.
+    """
+
+    def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
+        self._groups = np.array(groups, dtype=np.int64)
+        self._g = int(self._groups.max()) + 1 if len(groups) else 0
+        self._rate = rate_hz
+        self._stages: list[_Stage] = []
+        self._rows: list[tuple[Floats, Bools | None]] = []  # less than a hop
+        self._n = 0
+        self._level = np.zeros(len(groups))
+
+    def update(self, values: Floats, valid: Bools | None = None) -> None:
+        """Take samples.
+
+        Parameters
+        ----------
+        values : (n, c) channel unit, finite where valid.
+        valid : (n, g); None: all.
+        """
+        ok = None if valid is None or valid.all() else valid
+        self._rows.append((values, ok))
+        self._n += len(values)
+        if self._n < HOP:
+            if ok is not None or len(self._rows) == 1:
+                self._rows[-1] = (values.copy(), None if ok is None else ok.copy())
+            return
+        x = np.concatenate([v for v, _ in self._rows]) if len(self._rows) > 1 else values
+        if any(o is not None for _, o in self._rows):
+            ok = np.concatenate(
+                [np.ones((len(v), self._g), dtype=bool) if o is None else o for v, o in self._rows]
+            )
+        hops = self._n // HOP
+        used = hops * HOP
+        self._rows = [(x[used:].copy(), None if ok is None else ok[used:].copy())]
+        self._n -= used
+        y = np.ascontiguousarray(x[:used].T).reshape(-1, hops, HOP)
+        share = np.ones((hops, self._g))
+        if ok is not None and not ok[:used].all():
+            y, share = self._filled(y, ok[:used].reshape(hops, HOP, self._g))
+        self._level = y[:, -1].mean(axis=1)
+        self._feed(0, y, share)
+
+    def skip(self, n: int) -> None:
+        """`n` samples are missing."""
+        if n > WHOLE:
+            self.break_()
+        elif n > 0:
+            blank = np.broadcast_to(self._level, (n, len(self._level)))
+            self.update(blank, np.zeros((n, self._g), dtype=bool))
+
+    def break_(self) -> None:
+        """A gap of unknown length: no segment spans it."""
+        self._rows, self._n = [], 0
+        self._settle()
+        for stage in self._stages:
+            stage.clear()
+
+    def _filled(self, y: Floats, ok: Bools) -> tuple[Floats, Floats]:
+        """Hops with what is missing replaced by their own mean, or the last one known; and the valid share.
+
+        Parameters
+        ----------
+        y : (c, hops, HOP) channel unit.
+        ok : (hops, HOP, g).
+        """
+        share = ok.mean(axis=1)
+        mask = ok[:, :, self._groups].transpose(2, 0, 1)
+        count = mask.sum(axis=2)
+        mean = np.where(mask, y, 0.0).sum(axis=2) / np.maximum(count, 1)
+        for h in range(mean.shape[1]):
+            before = self._level if h == 0 else mean[:, h - 1]
+            mean[:, h] = np.where(count[:, h] > 0, mean[:, h], before)
+        return np.where(mask, y, mean[:, :, None]), share
+
+    def _feed(self, s: int, y: Floats, share: Floats) -> None:
+        """Take hops into stage s and what is left of them into the next.
+
+        Parameters
+        ----------
+        y : (c, hops, HOP) channel unit.
+        share : (hops, g) valid share.
+        """
+        if s == len(self._stages):
+            self._stages.append(_Stage(len(y), self._g))
+        waiting = self._stages[s].waiting
+        waiting.append((y, share))
+        if sum(len(w) for _, w in waiting) >= LUMP:
+            self._work(s)
+
+    def _work(self, s: int) -> None:
+        """Use the hops that wait at stage s."""
+        stage = self._stages[s]
+        if not stage.waiting:
+            return
+        y = np.concatenate([w for w, _ in stage.waiting], axis=1)
+        share = np.concatenate([w for _, w in stage.waiting])
+        stage.waiting = []
+        self._average(stage, y, share)
+        stage.last, stage.last_share = y[:, -1].copy(), share[-1].copy()
+        if s + 1 >= STAGES:
+            return
+        half = _decimated(stage, y.reshape(len(y), -1)).reshape(len(y), -1, HOP // 2)
+        if stage.half is not None and stage.half_share is not None:
+            half = np.concatenate((stage.half[:, None], half), axis=1)
+            share = np.concatenate((stage.half_share[None], share))
+        pairs = half.shape[1] // 2
+        stage.half = stage.half_share = None
+        if half.shape[1] % 2:
+            stage.half, stage.half_share = half[:, -1].copy(), share[-1].copy()
+        if pairs:
+            whole = np.ascontiguousarray(half[:, : 2 * pairs]).reshape(len(y), pairs, HOP)
+            self._feed(s + 1, whole, share[: 2 * pairs].reshape(pairs, 2, -1).mean(axis=1))
+
+    def _settle(self) -> None:
+        """Use all that waits; what is averaged does not depend on when."""
+        s = 0
+        while s < len(self._stages):
+            self._work(s)
+            s += 1
+
+    def _average(self, stage: _Stage, y: Floats, share: Floats) -> None:
+        """Add the segments that these hops complete."""
+        if stage.last is not None and stage.last_share is not None:
+            y = np.concatenate((stage.last[:, None], y), axis=1)
+            share = np.concatenate((stage.last_share[None], share))
+        count = y.shape[1] - 1
+        numbers = stage.segments + np.arange(count)
+        stage.segments += count
+        stride = 1 << max(0, (stage.segments - 1).bit_length() - 10)
+        if stride > 1:
+            strides = np.left_shift(1, np.maximum(0, np.frexp(numbers.astype(np.float64))[1] - 10))
+            chosen = np.flatnonzero(numbers % strides == 0)
+        else:
+            chosen = np.arange(count)
+        if not len(chosen):
+            return
+        whole = np.minimum(share[chosen], share[chosen + 1]) >= FULL  # (k, g)
+        segments = np.concatenate((y[:, chosen], y[:, chosen + 1]), axis=2)
+        segments -= segments.mean(axis=2, keepdims=True)
+        segments *= _WINDOW
+        spectrum = np.fft.rfft(segments, axis=2)
+        if whole.all():
+            power = np.einsum("ckf,ckf->cf", spectrum.real, spectrum.real)
+            power += np.einsum("ckf,ckf->cf", spectrum.imag, spectrum.imag)
+        else:
+            take = whole[:, self._groups].T.astype(np.float64)
+            power = np.einsum("ckf,ck->cf", spectrum.real**2 + spectrum.imag**2, take)
+        stage.power += power
+        stage.averages += whole.sum(axis=0)
+
+    def result(self) -> Density:
+        """Density, lines and white level as they stand."""
+        self._settle()
+        stages = self._densities()
+        if not stages:
+            nothing = np.full((0, len(self._groups)), np.nan)
+            empty: tuple[tuple[SpectralLine, ...], ...] = ((),) * len(self._groups)
+            white = np.full(len(self._groups), np.nan)
+            return Density(np.zeros(0), nothing, np.zeros(nothing.shape, dtype=np.int64), empty, white)
+        frequency, density, averages = [], [], []
+        lines: list[list[SpectralLine]] = [[] for _ in self._groups]
+        for s, (rate, power, count) in reversed(list(enumerate(stages))):
+            low, high = _band(s, len(stages))
+            frequency.append(np.arange(low, high) * rate / SEGMENT)
+            density.append(power[:, low:high].T)
+            averages.append(np.broadcast_to(count, (high - low, len(count))))
+            beside = _beside(power)
+            for c in range(len(self._groups)):
+                if count[c] >= ENOUGH:
+                    lines[c] += _lines(
+                        power[c], beside[:, c], int(count[c]), rate, range(low, high), self._rate
+                    )
+        white = np.array([_white(stages[0][1][c], int(stages[0][2][c])) for c in range(len(self._groups))])
+        found = tuple(_distinct(each) for each in lines)
+        return Density(
+            np.concatenate(frequency), np.concatenate(density), np.concatenate(averages), found, white
+        )
+
+    def _densities(self) -> list[tuple[float, Floats, Ints]]:
+        """(rate Hz, (c, BINS) density, (c,) averages) of the stages that have something to show."""
+        out = []
+        for s, stage in enumerate(self._stages):
+            if stage.averages.max() < (ENOUGH if s else 1):
+                break
+            rate = self._rate / 2.0**s
+            count = stage.averages[self._groups]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                power = stage.power * (2.0 / (rate * float(_WINDOW @ _WINDOW))) / count[:, None]
+            power[:, 0] *= 0.5
+            power[:, -1] *= 0.5
+            power[count == 0] = np.nan
+            out.append((rate, power, count))
+        return out
+
+    def save(self) -> dict[str, np.ndarray]:
+        """State as arrays."""
+        self._settle()
+        rows = np.zeros((0, len(self._groups)))
+        valid = np.zeros((0, self._g), dtype=bool)
+        for v, ok in self._rows:
+            rows = np.concatenate((rows, v))
+            valid = np.concatenate((valid, np.ones((len(v), self._g), dtype=bool) if ok is None else ok))
+        out = {
+            "rows": rows,
+            "valid": valid,
+            "level": self._level.copy(),
+            "stages": np.array(len(self._stages)),
+            "groups": self._groups.copy(),
+            "rate": np.array(self._rate),
+        }
+        for s, stage in enumerate(self._stages):
+            for name, value in vars(stage).items():
+                if value is not None and name != "waiting":
+                    out[f"{s}.{name}"] = np.array(value)
+        return out
+
+    @classmethod
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> Spectrum:
+        """Continue where `save` left off."""
+        self = cls(saved["groups"].tolist(), float(saved["rate"]))
+        self._rows, self._n = [(saved["rows"], saved["valid"])], len(saved["rows"])
+        self._level = saved["level"].copy()
+        self._stages = [_Stage(len(self._groups), self._g) for _ in range(int(saved["stages"]))]
+        for s, stage in enumerate(self._stages):
+            for name in vars(stage):
+                if f"{s}.{name}" in saved:
+                    value = saved[f"{s}.{name}"]
+                    setattr(stage, name, int(value) if name == "segments" else value.copy())
+        return self
+
+
+def _decimated(stage: _Stage, x: Floats) -> Floats:
+    """(c, n/2) Half-band filtered, every second sample.
+
+    Parameters
+    ----------
+    x : (c, n) channel unit, n even.
+    """
+    if stage.history is None:
+        stage.history = np.repeat(x[:, :HOP].mean(axis=1, keepdims=True), _REACH, axis=1)
+    z = np.concatenate((stage.history, x), axis=1)
+    stage.history = z[:, -_REACH:].copy()
+    even, odd = np.ascontiguousarray(z[:, ::2]), z[:, 1::2]
+    n, last = x.shape[1] // 2, 2 * len(TAPS) - 1
+    out = 0.5 * odd[:, len(TAPS) - 1 : len(TAPS) - 1 + n]
+    pair = np.empty_like(out)
+    for u, tap in enumerate(TAPS.tolist()):
+        np.add(even[:, u : u + n], even[:, last - u : last - u + n], out=pair)
+        pair *= tap
+        out += pair
+    return np.asarray(out)
+
+
+def _band(s: int, stages: int) -> tuple[int, int]:
+    """Bins of stage s that are shown, from ... up to but not including."""
+    high = math.floor(PASS * SEGMENT) + 1 if s else BINS
+    low = 2 if s + 1 == stages else math.floor(0.5 * PASS * SEGMENT) + 1
+    return low, high
+
+
+def _beside(power: Floats) -> Floats:
+    """(2, c, BINS) Median density of the `SIDE` bins to the left and to the right of each, beyond a guard.
+
+    NaN where more than half of them are missing.
+    """
+    reach = GUARD + SIDE
+    padded = np.full((len(power), BINS + 2 * reach), np.nan)
+    padded[:, reach + 2 : reach + BINS] = power[:, 2:]
+    windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, SIDE, axis=1), axis=2)
+    known = np.isfinite(windows).sum(axis=2)
+    middle = np.maximum(known - 1, 0)[:, :, None] // 2
+    median = np.take_along_axis(windows, middle, axis=2)[:, :, 0]
+    median[known < SIDE // 2] = np.nan
+    right = reach + GUARD + 1
+    return np.stack((median[:, :BINS], median[:, right : right + BINS]))
+
+
+def _lines(
+    power: Floats, beside: Floats, averages: int, rate: float, band: range, sampling: float
+) -> list[SpectralLine]:
+    """Lines of one channel in a band of one stage.
+
+    Parameters
+    ----------
+    power : (BINS,) density.
+    beside : (2, BINS) medians left and right.
+    band : bins to look at.
+    """
+    df = rate / SEGMENT
+    nu = 1.89 * averages  # degrees of freedom of a bin: overlap costs 1 + 2 (1/6)^2 (Welch 1967)
+    to_mean = 1.0 / (1.0 - 2.0 / (9.0 * nu)) ** 3  # from the median of chi-square to its mean
+    unsure = 1.0 + 3.0 * 1.25 * math.sqrt(2.0 / nu / SIDE)
+    # Wilson-Hilferty quantile of chi-square over nu.
+    chance = (1.0 - 2.0 / (9.0 * nu) + CHANCE_SIGMA * math.sqrt(2.0 / (9.0 * nu))) ** 3
+    level = np.fmax(beside[0], beside[1]) * to_mean
+    out: list[SpectralLine] = []
+    bins = np.arange(band.start, band.stop)
+    high = bins[power[bins] > max(PROMINENCE, chance * unsure) * level[bins]]
+    for k in sorted(high.tolist(), key=lambda k: -float(power[k])):
+        if k < LOWEST or any(abs(line.frequency_hz - k * df) < 4.5 * df for line in out):
+            continue
+        around = np.arange(k - 2, min(k + 3, BINS))
+        excess = np.maximum(power[around] - float(np.nanmean(beside[:, k])) * to_mean, 0.0)
+        frequency = float(excess @ around / excess.sum()) * df
+        amplitude = math.sqrt(2.0 * float(excess.sum()) * df)
+        aliases, name = mains(frequency, sampling, 0.75 * df)
+        out.append(SpectralLine(frequency, amplitude, aliases, name))
+    return out
+
+
+def _distinct(lines: list[SpectralLine]) -> tuple[SpectralLine, ...]:
+    """Strongest first; one that two stages saw at their border is told once."""
+    out: list[SpectralLine] = []
+    for line in sorted(lines, key=lambda line: -line.amplitude):
+        if all(abs(line.frequency_hz - other.frequency_hz) > 0.03 * line.frequency_hz for other in out):
+            out.append(line)
+    return tuple(out)
+
+
+def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[float, ...], str | None]:
+    """Frequencies of mains and harmonics that appear at `frequency` when sampled, all in Hz; and the
+    likeliest.
+
+    >>> mains(10.0, 40.0, 0.1)
+    ((50.0, 150.0), '50 Hz mains')
+    >>> mains(7.3, 40.0, 0.1)
+    ((), None)
+    """
+    fits: list[tuple[int, float, float]] = []
+    for base in MAINS_HZ:
+        for order in range(1, HARMONICS + 1):
+            true = base * order
+            miss = abs(abs(true - round(true / sampling) * sampling) - frequency)
+            if miss <= tolerance + MAINS_WANDER * true:
+                fits.append((order, miss, base))
+    if not fits:
+        return (), None
+    order, _, base = min(fits)
+    name = f"{base:.0f} Hz mains" + (f", harmonic {order}" if order > 1 else "")
+    return tuple(sorted({b * o for o, _, b in fits})), name
+
+
+def _white(power: Floats, averages: int) -> float:
+    """N from the median density in the upper half of the band, unit/sqrt(Hz)."""
+    if averages < ENOUGH:
+        return math.nan
+    nu = 1.89 * averages
+    return math.sqrt(0.5 * float(np.median(power[BINS // 2 : BINS - 3])) / (1.0 - 2.0 / (9.0 * nu)) ** 3)
