@@ -325,6 +325,15 @@ def test_nothing_is_lost_before_the_first_sample() -> None:
     assert blocks(items)[0].lost.tolist() == [0]
 
 
+def test_what_was_lost_between_two_connections_is_not_guessed() -> None:
+    decoder = Decoder()
+    decoder.feed(_row(0) + b"\x85" * 1000 + _row(1)[:60])
+    decoder.finish()
+    (block,) = decoder.feed(_row(2) + _row(3))
+    assert isinstance(block, SampleBlock)
+    assert block.lost.tolist() == [0, 0]
+
+
 # --------------------------------------------------------------------------------------- the line
 
 

@@ -4,9 +4,9 @@ A sentence is ``$``, a body of printable characters, ``*``, the check (two hexad
 XOR of the body, four its CRC16), then LF or CR LF. Numbers are fixed width in one firmware and other
 widths in the next: they are read by field. To read them fast, sentences are sorted by *shape*: the
 body with every digit made 0 and every minus made plus. Sentences of one shape share their grammar, so it is
-checked once a shape, and their digits stand in the same columns: a product with a matrix of place
-values reads all numbers of all rows. A number of up to 15 digits is below 2^53 and its power of ten exact,
-so the one division rounds correctly: the result is the same float64 that reading the text gives.
+checked once a shape, and their digits stand in the same columns: times their place values and summed, they
+are all numbers of all rows. A number of up to 15 digits is below 2^53 and its power of ten exact, so the one
+division rounds correctly: the result is the same float64 that reading the text gives.
 
 This file knows neither where bytes come from nor what is done with samples.
 """
@@ -79,8 +79,7 @@ _LINE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[ -#%-~]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa
 
 _SHAPE = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
-_COUNT = re.compile(rb"T0{1,15}")
-_STATUS = re.compile(rb"S[0A-Fa-f]{4}")
+_APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")
 _MAX_DIGITS = 15
 _HEX = np.array([list(b"%02X" % value) for value in range(256)], np.uint8)
 
@@ -163,9 +162,9 @@ class Shape:
     Attributes
     ----------
     pattern : (b + 2,) the sentence up to its ``*``, every digit 0 and every sign plus.
-    place : (b, f) place value of each column's digit in each of the f numbers.
+    place : (b,) place value of each column's digit in its number; 0 where no number's digit stands.
+    start : (f,) first column of each of the f numbers; the column of its sign if it has one.
     divisor : (f,) power of ten that puts the decimal point.
-    sign : (f,) column of the number's sign; column 0, which is never a minus, where it has none.
     columns : where each quantity's numbers stand among the f.
     recipe : what they become; None when the message has no sensor in it.
     """
@@ -173,8 +172,8 @@ class Shape:
     message: str
     pattern: npt.NDArray[np.uint8]
     place: Floats
+    start: npt.NDArray[np.intp]
     divisor: Floats
-    sign: npt.NDArray[np.intp]
     columns: dict[str, slice]
     recipe: Recipe | None
 
@@ -204,9 +203,9 @@ class Shape:
         """Numbers of `count` sentences of `size` bytes each, (count, f)."""
         body = len(self.place)
         rows = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)[:, 1 : body + 1]
-        digits = (rows - np.uint8(ord("0"))).astype(np.float64)
-        read: Floats = (digits @ self.place) / self.divisor
-        return np.where(rows[:, self.sign] == ord("-"), -read, read)
+        digits = (rows - np.uint8(ord("0"))) * self.place
+        read: Floats = np.add.reduceat(digits, self.start, axis=1) / self.divisor
+        return np.where(rows[:, self.start] == ord("-"), -read, read)
 
     def quantity(self, values: Floats, name: str) -> npt.NDArray[Any]:
         """One quantity of what `read` gave."""
@@ -226,15 +225,9 @@ def _shape(body: bytes) -> Shape | None:
     appended: list[bytes] = []
     while fields and fields[-1][:1] in (b"S", b"T") and len(appended) < 2:
         appended.append(fields.pop())
-    count = [field for field in appended if _COUNT.fullmatch(field)]
-    status = [field for field in appended if _STATUS.fullmatch(field)]
+    marks = {field[:1] for field in appended if _APPENDED.fullmatch(field)}
     expected = sum(WIDTHS[q] for q in quantities)
-    if (
-        len(fields) != expected
-        or len(count) > 1
-        or len(status) > 1
-        or len(count) + len(status) != len(appended)
-    ):
+    if len(fields) != expected or len(marks) != len(appended):
         return None
     if not all(_NUMBER.fullmatch(field) and field.count(b"0") <= _MAX_DIGITS for field in fields):
         return None
@@ -243,25 +236,17 @@ def _shape(body: bytes) -> Shape | None:
     for quantity in quantities:
         columns[quantity] = slice(at, at + WIDTHS[quantity])
         at += WIDTHS[quantity]
-    if count:
+    starts = [i + 1 for i, byte in enumerate(body) if byte == ord(",")][:expected]
+    if b"T" in marks:
         columns["counter"] = slice(at, at + 1)
-    place, divisor, sign = _places(body, len(fields), b",T" in body)
-    pattern = np.frombuffer(b"$" + body + b"*", np.uint8)
-    return Shape(message, pattern, place, divisor, sign, columns, recipe(frozenset(columns), "$" + message))
-
-
-def _places(body: bytes, fields: int, counter: bool) -> tuple[Floats, Floats, npt.NDArray[np.intp]]:
-    """Place values, divisors and sign columns of the first `fields` numbers and of the count behind T."""
-    starts = [i + 1 for i, byte in enumerate(body) if byte == ord(",")][:fields]
-    if counter:
         starts.append(body.index(b",T") + 2)
-    place = np.zeros((len(body), len(starts)))
+    place = np.zeros(len(body))
     divisor = np.ones(len(starts))
-    sign = np.zeros(len(starts), np.intp)
     for number, start in enumerate(starts):
         text = body[start:].partition(b",")[0]
-        sign[number] = start if text[:1] == b"+" else 0
         digits = [start + i for i, byte in enumerate(text) if byte == ord("0")]
-        place[digits, number] = [float(10**power) for power in reversed(range(len(digits)))]
+        place[digits] = [float(10**power) for power in reversed(range(len(digits)))]
         divisor[number] = float(10 ** len(text.partition(b".")[2]))
-    return place, divisor, sign
+    found = recipe(frozenset(columns), "$" + message)
+    pattern = np.frombuffer(b"$" + body + b"*", np.uint8)
+    return Shape(message, pattern, place, np.array(starts), divisor, columns, found)

@@ -132,9 +132,16 @@ class Decoder:
         return self._scan(self._rest + data, final=False)
 
     def finish(self) -> list[Item]:
-        """Items among what is pending, now that nothing more will complete its beginning."""
-        return self._scan(self._rest, final=True)
+        """Items among what is pending, now that nothing more will complete its beginning.
 
+        What follows, if anything, is another connection: nothing is known of what was lost in between.
+        """
+        items = self._scan(self._rest, final=True)
+        self._ledger = Ledger()
+        self._sampled.clear()
+        return items
+
+    @np.errstate(all="ignore")  # what is not finite is taken out afterwards
     def _scan(self, data: bytes, final: bool) -> list[Item]:
         at, end = 0, len(data)
         while at < end:

@@ -89,30 +89,43 @@ class Recipe:
     flags: tuple[str, ...]
 
     def batch(self, get: Get, count: int) -> Batch:
-        """Samples from the quantities of `count` messages."""
+        """Samples from the quantities of `count` messages; floating-point errors are the caller's."""
         values = np.empty((count, len(self.stream.channels)))
-        with np.errstate(all="ignore"):
-            dt = get("dt").astype(np.float64) if self.timed else None
-            for part, columns in self.parts:
-                if dt is not None and part in _OVER_DT:
-                    values[:, columns] = get(part) / dt * _OVER_DT[part]
-                else:
-                    values[:, columns] = get(part)
-            usable: Bools = np.logical_and.reduce(np.isfinite(values), axis=1)
-        if dt is not None:
-            usable &= (dt[:, 0] > 0.0) & (dt[:, 0] < _LONGEST)
-        time = None
+        dt = get("dt").astype(np.float64) if self.timed else None
+        for part, columns in self.parts:
+            if dt is not None and part in _OVER_DT:
+                values[:, columns] = get(part) / dt * _OVER_DT[part]
+            else:
+                values[:, columns] = get(part)
+        time: Ints | None = None
         if self.stream.clock == "dt" and dt is not None:
-            time = np.rint(np.where(usable, dt[:, 0], 0.0) * 1e9).astype(np.int64)
+            time = _nanoseconds(dt[:, 0])
         elif self.stream.clock != "none":
             time = get(self.stream.clock)[:, 0].astype(np.int64)
-            usable &= time >= 0
-        saturated = None
+        saturated: Bools | None = None
         for flag in self.flags:
             word = get(flag)[:, 0]
             says = (word & _VPE_SATURATED if flag == "vpe" else word) != 0
             saturated = says if saturated is None else saturated | says
-        return Batch(values, time, saturated, None if usable.all() else usable)
+        return Batch(values, time, saturated, _usable(values, dt, time))
+
+
+def _nanoseconds(dt: Floats) -> Ints:
+    """Intervals, (n,) s, as whole ns; 0 for one that is none."""
+    return np.rint(np.where((dt > 0.0) & (dt < _LONGEST), dt, 0.0) * 1e9).astype(np.int64)
+
+
+def _usable(values: Floats, dt: Floats | None, time: Ints | None) -> Bools | None:
+    """(n,) which rows are samples; None for all, which is nearly always so and quickly seen."""
+    timed = dt is None or (dt.min() > 0.0 and dt.max() < _LONGEST)
+    if timed and (time is None or time.min() >= 0) and np.isfinite(values).all():
+        return None
+    usable: Bools = np.logical_and.reduce(np.isfinite(values), axis=1)
+    if dt is not None:
+        usable = usable & (dt[:, 0] > 0.0) & (dt[:, 0] < _LONGEST)
+    if time is not None:
+        usable = usable & (time >= 0)
+    return usable
 
 
 @lru_cache(maxsize=256)
