@@ -208,6 +208,7 @@ class OctaveCascade:
         """The curve so far; the cascade is left as it is."""
         if self._fill:
             whole = self.copy()
+            whole._scratch = self._scratch  # holds nothing from one call to the next
             whole._flush()
             return whole.result()
         seen = [bool(octave.terms.any()) for octave in self._octaves]
@@ -232,7 +233,8 @@ class OctaveCascade:
 
     def copy(self) -> OctaveCascade:
         """An independent cascade in the same state."""
-        other = copy.copy(self)  # shares the working space, which holds nothing from one call to the next
+        other = copy.copy(self)
+        other._scratch = []  # of its own: it may be asked in another thread
         other._octaves = [octave.copy() for octave in self._octaves]
         for name in ("_valid", "_offset", "_settled", "_pending", "_present"):
             setattr(other, name, getattr(self, name).copy())

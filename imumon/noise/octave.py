@@ -128,8 +128,11 @@ class Octave:
         """Add squares in groups that depend on the grid alone, so that chunks leave no trace."""
         c, n = difference.shape
         group = min(n, self.group)  # fewer only at the end of a segment
-        view = difference.reshape(c, n // group, group)
-        sums = (view[:, :, None, :] @ view[:, :, :, None])[:, :, 0, 0]
+        if group == 1:
+            sums = difference * difference
+        else:
+            view = difference.reshape(c, n // group, group)
+            sums = (view[:, :, None, :] @ view[:, :, :, None])[:, :, 0, 0]
         if n > group:
             sums[:, 0] += self.squares
             self.squares[:] = np.add.accumulate(sums, axis=1)[:, -1]
