@@ -14,31 +14,22 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import Future, wait
+from dataclasses import dataclass
 from typing import Any
 
 import zenoh
-from zenoh import ext
 
-from imumon.bus.session import (
-    LEASE_S,
-    BusError,
-    Options,
-    check_endpoint,
-    clean_id,
-    local_endpoints,
-    open_session,
-)
+from imumon.bus.link import EVENTS_KEPT, JSON, Link, open_local, open_uplink
+from imumon.bus.session import RETRY_S, BusError, Options, Unreachable, check_endpoint, clean_id
 from imumon.report import Event, Report, Signal, to_dict, to_json
 
-JSON = "application/json"
 BULKY = ("allan", "histogram", "spectrum")
 """Parts of a channel that its own key leaves out; the report has them."""
 
-_EVENTS_KEPT = 100
 _EVENTS_QUEUED = 1000
+_FIRST_ATTEMPT_S = 3.0  # a router that drops packets must not hold up the start for longer
 _CLOSE_S = 0.7  # a link that is stuck would hold `close` for seconds
-_DROP = zenoh.CongestionControl.DROP
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +50,8 @@ class Publisher:
     Parameters
     ----------
     id : name of the device; made fit for a key.
-    listen, connect : endpoints; None takes those of `settings`. No endpoint to listen on: the first free of
-        tcp/127.0.0.1:7448 to 7463.
+    listen : endpoints; none: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
+    connect : endpoints of routers, which may come and go; None: those of `settings`.
     settings : `Options`, or anything with attributes of the same names; None for the defaults.
 
     Attributes
@@ -86,8 +77,9 @@ class Publisher:
         connect = tuple(options.connect if connect is None else connect)
         self.id = clean_id(id)
         self._root = f"imumon/{self.id}"
-        self._session, self.endpoints = _open(options, listen, connect, self.id)
         self.last_error: str | None = None
+        for endpoint in connect:
+            check_endpoint(endpoint)
         self._wake = threading.Condition()
         self._slot: tuple[Report, Mapping[str, Signal] | None] | None = None
         self._queue: deque[Event] = deque()
@@ -95,25 +87,34 @@ class Publisher:
         self._reports = self._replaced = self._sent_events = self._dropped = self._errors = 0
         self._lock = threading.Lock()  # guards what a `get` reads
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
-        self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=_EVENTS_KEPT)
+        self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
         self._signals: dict[str, Signal] = {}
         self._asked: dict[str, float] = {}
         self._grade: str | None = None
-        self._publishers: dict[str, ext.AdvancedPublisher | zenoh.Publisher] = {
-            name: ext.declare_advanced_publisher(
-                self._session,
-                f"{self._root}/{name}",
-                encoding=JSON,
-                congestion_control=_DROP,
-                cache=ext.CacheConfig(kept),
-                publisher_detection=True,
-            )
-            for name, kept in (("report", 1), ("grade", 1), ("event", _EVENTS_KEPT))
-        }
-        self._queryable = self._session.declare_queryable(f"{self._root}/**", self._answer)
-        self._token = self._session.liveliness().declare_token(f"{self._root}/alive")
+        self._over = threading.Event()
+        self._faults: dict[str, str] = {}
+        self._uplinks: dict[str, Link] = {}
+        router = options.mode == "router"  # routers find their way among one another in one session
+        self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
+        self._sending = threading.Lock()  # a link that is added gets everything, each message once
+        self._links = [Link(self._session, self._root, self._answer)]
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
+        self._connect(options, () if router else connect)
+
+    def _connect(self, options: Options, endpoints: Sequence[str]) -> None:
+        """Connect to routers; those that are not there now are tried again for ever."""
+        attempts: list[Future[None]] = []
+        for endpoint in endpoints:
+            attempts.append(Future())
+            words = (options, endpoint, attempts[-1])
+            threading.Thread(target=self._link_up, args=words, name="imumon-uplink", daemon=True).start()
+        try:
+            for attempt in wait(attempts, _FIRST_ATTEMPT_S).done:
+                attempt.result()
+        except BusError:
+            self.close()
+            raise
 
     def publish(self, report: Report, signals: Mapping[str, Signal] | None = None) -> None:
         """Hand over the newest report, and by channel what a signal view draws; returns at once."""
@@ -142,6 +143,14 @@ class Publisher:
         with self._wake:
             return Counts(self._reports, self._replaced, self._sent_events, self._dropped, self._errors)
 
+    def uplinks(self) -> dict[str, str | None]:
+        """Why there is no connection to a router, by its endpoint; None where there is one."""
+        lost = {
+            endpoint: None if link.session.info.transports() else f"{endpoint}: connection lost; trying again"
+            for endpoint, link in self._uplinks.items()
+        }
+        return {**self._faults, **lost}
+
     def close(self) -> None:
         """Send what is pending and leave the bus; takes a second at most."""
         with self._wake:
@@ -149,14 +158,17 @@ class Publisher:
                 return
             self._closing = True
             self._wake.notify()
+        self._over.set()
         self._thread.join(_CLOSE_S)
         leave = threading.Thread(target=self._leave, name="imumon-bus-close", daemon=True)
         leave.start()
         leave.join(_CLOSE_S)
 
     def _leave(self) -> None:
-        self._token.undeclare()
-        self._session.close()
+        with self._sending:
+            links, self._links = self._links, []
+        for link in links:
+            link.close()
 
     def __enter__(self) -> Publisher:
         return self
@@ -192,7 +204,7 @@ class Publisher:
         text, stamp = to_json(event), self._session.new_timestamp()
         with self._lock:
             self._events.append((text, stamp))
-        self._publishers["event"].put(text, timestamp=stamp)
+        self._send("event", text, stamp)
         with self._wake:
             self._sent_events += 1
 
@@ -212,15 +224,46 @@ class Publisher:
             self._reports += 1
 
     def _put(self, name: str, text: str) -> None:
-        publisher = self._publishers.get(name)
-        if publisher is None:
-            publisher = self._publishers[name] = self._session.declare_publisher(
-                f"{self._root}/{name}", encoding=JSON, congestion_control=_DROP
-            )
         stamp = self._session.new_timestamp()
         with self._lock:
             self._last[name] = (text, stamp)
-        publisher.put(text, timestamp=stamp)
+        self._send(name, text, stamp)
+
+    def _send(self, name: str, text: str, stamp: zenoh.Timestamp) -> None:
+        with self._sending:
+            for link in self._links:
+                link.put(name, text, stamp)
+
+    def _link_up(self, options: Options, endpoint: str, first: Future[None]) -> None:
+        """Connect to a router as soon as it is there; lost again, Zenoh comes back by itself."""
+        while not self._over.is_set():
+            try:
+                session = open_uplink(options, endpoint, self.id)
+            except BusError as error:
+                self._faults[endpoint] = str(error)
+                if not first.done() and not isinstance(error, Unreachable):
+                    first.set_exception(error)
+                    return
+            else:
+                self._add(endpoint, Link(session, self._root, self._answer))
+            if not first.done():
+                first.set_result(None)
+            if endpoint in self._uplinks:
+                return
+            self._over.wait(RETRY_S)
+
+    def _add(self, endpoint: str, link: Link) -> None:
+        """Take a link in; what was published before is known there too."""
+        with self._sending:
+            with self._lock:
+                known = [*(("event", *e) for e in self._events), *((n, *v) for n, v in self._last.items())]
+            for name, text, stamp in known:
+                link.put(name, text, stamp)
+            self._uplinks[endpoint] = link
+            if self._over.is_set():
+                link.close()
+            else:
+                self._links.append(link)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Answer a ``get`` on any key of ours, wildcards too, with the last value."""
@@ -246,53 +289,3 @@ class Publisher:
 
 def _json(plain: Any) -> str:
     return json.dumps(plain, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-
-
-def _open(
-    options: Options, listen: Sequence[str], connect: Sequence[str], id: str
-) -> tuple[zenoh.Session, tuple[str, ...]]:
-    """Session of a daemon and where it listens, once nobody else has its name."""
-    for endpoint in connect:
-        check_endpoint(endpoint)
-    if listen:
-        _refuse_twins(options, connect, id)
-        return open_session(options, listen, connect, guarded=True), tuple(listen)
-    taken: list[str] = []
-    for endpoint in local_endpoints():
-        try:
-            session = open_session(options, [endpoint], connect, guarded=True)
-        except BusError as error:
-            if "taken" not in str(error):
-                raise
-            taken.append(endpoint)
-            continue
-        try:
-            _refuse_twins(options, (*taken, *connect), id)
-        except BusError:
-            session.close()
-            raise
-        return session, (endpoint,)
-    raise BusError("all of tcp/127.0.0.1:7448 to 7463 are taken; choose another with --listen")
-
-
-def _refuse_twins(options: Options, endpoints: Sequence[str], id: str) -> None:
-    """Refuse a name that a living daemon on these endpoints has.
-
-    One that just died may be remembered until its lease is over, so a twin is watched for longer than that.
-    """
-    if not endpoints:
-        return
-    with open_session(replace(options, mode="peer"), [], endpoints, guarded=False) as session:
-        tokens: set[str] = set()
-
-        def note(sample: zenoh.Sample) -> None:
-            (tokens.add if sample.kind == zenoh.SampleKind.PUT else tokens.discard)(str(sample.key_expr))
-
-        session.liveliness().declare_subscriber(f"imumon/{id}/alive", note, history=True)
-        start = time.monotonic()
-        while time.monotonic() - start < (LEASE_S + 0.5 if tokens else 0.15):
-            time.sleep(0.01)
-        if tokens:
-            raise BusError(
-                f'a daemon named "{id}" is running already; stop it or choose another name with --id'
-            )

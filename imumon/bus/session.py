@@ -27,6 +27,9 @@ PORTS = range(7448, 7464)
 LEASE_S = 2.0
 """A link that is silent for so long is dead."""
 
+RETRY_S = 2.0
+"""Longest wait before a lost connection is tried again."""
+
 _FIXED = ("mode", "listen", "connect", "access_control")  # have settings of their own
 _BIGGEST_MESSAGE = 16 * 1024 * 1024  # bytes; a report takes some tens of kB
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
@@ -37,6 +40,10 @@ class BusError(Exception):
     """One line: what is wrong with an address, a certificate or a name, and how to mend it."""
 
 
+class Unreachable(BusError):
+    """Nobody answers at an endpoint, or nobody who lets us in: there is no telling which."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """How to get on the bus and whom to let in; the settings of ``[zenoh]`` under the same names.
@@ -44,7 +51,7 @@ class Options:
     Attributes
     ----------
     listen, connect : endpoints such as ``tcp/127.0.0.1:7448``.
-    mode : ``peer`` or ``router``.
+    mode : ``peer`` or ``router``, and ``client`` for links of our own.
     user, password : to log in with; whoever knows them may connect to us as well.
     users_file : file of lines ``user:password``, who else may connect to us.
     certificate, key, ca : PEM files; with them links of ``tls/`` and ``quic/`` prove who they are on both
@@ -159,7 +166,8 @@ def open_session(
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
-            raise BusError(explain(error, (*listen, *connect))) from None
+            text = explain(error, (*listen, *connect))
+            raise (Unreachable if "nobody answers" in text else BusError)(text) from None
 
 
 def _config(
@@ -171,9 +179,13 @@ def _config(
         "mode": options.mode,
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
-        "connect/retry": {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 1.5},
-        "connect/timeout_ms": 0,
-        "connect/exit_on_failure": False,
+        "connect/retry": {
+            "period_init_ms": 500,
+            "period_max_ms": round(RETRY_S * 1000),
+            "period_increase_factor": 1.5,
+        },
+        "connect/timeout_ms": 0 if options.mode == "client" else -1,  # -1: for ever, in the background
+        "connect/exit_on_failure": options.mode == "client",
         "open/return_conditions/connect_scouted": False,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -260,12 +272,14 @@ def _users(options: Options, listens: bool) -> Iterator[str]:
 
 
 _CURES = {
+    "unable to connect to any": "nobody answers, or the password or certificate is not the right one",
     "address already in use": "is taken by another daemon or program; choose another with --listen",
     "cannot assign requested address": "is not an address of this machine",
     "permission denied": "no permission; a port above 1023, or a folder that you may write to",
     "no such file or directory": "no such file or folder",
     "failed to lookup address": "no such host",
     "usrpwd": "zenoh.users_file: must be lines of user:password",
+    "keymismatch": "zenoh.key: is not the private key of zenoh.certificate",
     "private key": "zenoh.key: is not the private key of zenoh.certificate, in PEM",
     "certificate": "zenoh.certificate or zenoh.ca: is not a certificate, in PEM",
 }

@@ -1,0 +1,264 @@
+"""Actors for the tests of the bus: a daemon, a viewer and a router, each in a process of its own.
+
+Run as ``python bus_actors.py ROLE JSON``; an actor prints one JSON object a line, the first when it is ready,
+and obeys the lines it is sent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from imumon.report import (
+    Allan,
+    Channel,
+    Coefficient,
+    Device,
+    Event,
+    Histogram,
+    Readable,
+    Report,
+    SensorGrade,
+    Session,
+    Signal,
+)
+
+CHANNELS = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
+UNIT = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss", "temperature": "degC"}
+TIME = "2026-01-02T03:04:05.678Z"
+
+
+def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial") -> Report:
+    """A report of the usual size; `number` is the count of samples, by which it is known again."""
+    readable = Readable(value=0.2, low=0.1, high=0.3, unit="deg/sqrt(h)")
+    noise = Coefficient(
+        value=1e-4, low=9e-5, high=2e-4, status="measured", unit="rad/s/sqrt(Hz)", readable=readable
+    )
+    curve = Allan(
+        tau_s=tuple(0.01 * 2.0**k for k in range(octaves)),
+        sigma=(1e-3,) * octaves,
+        low=(9e-4,) * octaves,
+        high=(None,) * octaves,
+        edf=(3.5,) * octaves,
+        model=(1e-3,) * octaves,
+        used=(True,) * octaves,
+    )
+    channels = {
+        name: Channel(unit=UNIT[name.partition("/")[0]], count=number, mean=0.5, N=noise, allan=curve)
+        for name in CHANNELS
+    }
+    channels["temperature"] = Channel(unit="degC", count=number, mean=25.0)
+    return Report(
+        time=TIME,
+        device=Device(id=id),
+        state="running",
+        session=Session(samples=number, started=TIME),
+        grade={"gyro": SensorGrade(nearest=grade), "accel": SensorGrade(nearest="consumer")},
+        channels=channels,
+    )
+
+
+def event(id: str, number: int) -> Event:
+    return Event(time=TIME, kind="gap", text=f"gap {number}", device=id)
+
+
+def view(channel: str, number: int) -> Signal:
+    shape = Histogram(start=0.0, width=1.0, counts=(number,), gaussian=(1.0,))
+    return Signal(channel=channel, unit=UNIT[channel.partition("/")[0]], histogram=shape)
+
+
+def say(**what: Any) -> None:
+    print(json.dumps(what), flush=True)
+
+
+def daemon(
+    id: str, listen: list[str], connect: list[str], period: float, octaves: int, **settings: Any
+) -> None:
+    """Publishes a report every `period` seconds, or one alone (0), until it is told to stop."""
+    from imumon.bus import BusError, Options, Publisher
+
+    try:
+        publisher = Publisher(id, listen=listen, connect=connect, settings=Options(**settings))
+    except BusError as error:
+        say(error=str(error))
+        return
+    stop = threading.Event()
+    longest, number = 0.0, 0
+
+    def publish() -> None:
+        nonlocal longest, number
+        number += 1
+        data, signals = report(id, number, octaves=octaves), {"gyro/x": view("gyro/x", number)}
+        start = time.perf_counter()
+        publisher.publish(data, signals)
+        longest = max(longest, time.perf_counter() - start)
+
+    def loop() -> None:
+        publish()
+        while period and not stop.wait(period):
+            publish()
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    say(ready=True, pid=os.getpid(), endpoints=publisher.endpoints)
+    for line in sys.stdin:
+        word, _, rest = line.strip().partition(" ")
+        if word == "events":
+            for index in range(int(rest)):
+                publisher.event(event(id, index))
+        elif word == "counts":
+            counts = publisher.counts
+            say(
+                reports=counts.reports,
+                events=counts.events,
+                longest=longest,
+                error=publisher.last_error,
+                uplinks=publisher.uplinks(),
+            )
+        elif word == "stop":
+            break
+    stop.set()
+    thread.join()
+    number = 10**6 - 1
+    publish()
+    start = time.perf_counter()
+    publisher.close()
+    say(closed_s=time.perf_counter() - start, longest=longest)
+
+
+def viewer(connect: list[str], **settings: Any) -> None:
+    """Prints each report it gets."""
+    from imumon.bus import Options, Viewer
+
+    with Viewer(connect, settings=Options(**settings)) as reader:
+        say(ready=True, pid=os.getpid())
+        threading.Thread(target=lambda: (sys.stdin.read(), os._exit(0)), daemon=True).start()
+        seen = -1
+        while True:
+            time.sleep(0.005)
+            if reader.version != seen:
+                seen = reader.version
+                numbers = {id: got.session.samples for id, (got, _) in reader.reports().items()}
+                say(numbers=numbers, at=time.monotonic())
+
+
+def router(port: int) -> None:
+    """A bare router, such as a site may have."""
+    import zenoh
+
+    config = zenoh.Config()
+    for path, value in {
+        "mode": "router",
+        "listen/endpoints": [f"tcp/127.0.0.1:{port}"],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+    }.items():
+        config.insert_json5(path, json.dumps(value))
+    with zenoh.open(config):
+        say(ready=True, pid=os.getpid())
+        sys.stdin.read()
+
+
+class Actor:
+    """A process that plays a role; what it says is read on a thread."""
+
+    def __init__(self, role: str, **words: Any) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, str(Path(__file__)), role, json.dumps(words)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+        self.said: list[dict[str, Any]] = []
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        assert self.process.stdout
+        for line in self.process.stdout:
+            self.said.append(json.loads(line))
+
+    def ready(self) -> Actor:
+        until(lambda: self.said or self.process.poll() is not None, 20)
+        assert self.said, self.process.stderr.read() if self.process.stderr else ""
+        return self
+
+    def tell(self, line: str) -> None:
+        assert self.process.stdin
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def ask(self, line: str) -> dict[str, Any]:
+        before = len(self.said)
+        self.tell(line)
+        until(lambda: len(self.said) > before, 20)
+        return self.said[-1]
+
+    def kill(self, number: int = signal.SIGKILL) -> None:
+        self.process.send_signal(number)
+        if number == signal.SIGKILL:
+            self.process.wait(10)
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(10)
+        self._thread.join(10)
+        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
+            if pipe:
+                with suppress(OSError):
+                    pipe.close()
+
+
+@contextmanager
+def stage() -> Iterator[Callable[..., Actor]]:
+    """Starts actors by their role; all are gone at the end."""
+    actors: list[Actor] = []
+
+    def start(role: str, **words: Any) -> Actor:
+        if role == "daemon":
+            words = {"id": "a", "listen": [], "connect": [], "period": 0.05, "octaves": 19} | words
+        actors.append(Actor(role, **words))
+        return actors[-1]
+
+    try:
+        yield start
+    finally:
+        for actor in actors:
+            actor.end()
+
+
+def until(condition: Callable[[], Any], timeout: float = 10.0) -> Any:
+    """What the condition gives as soon as it is true."""
+    end = time.monotonic() + timeout
+    while not (value := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+    return value
+
+
+def free_port() -> int:
+    """A port that was free just now, away from those of daemons."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def free() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+if __name__ == "__main__":
+    {"daemon": daemon, "viewer": viewer, "router": router}[sys.argv[1]](**json.loads(sys.argv[2]))

@@ -1,0 +1,298 @@
+"""The keys of the bus as anybody reads them, and the manners of both its ends."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pytest
+import zenoh
+from bus_actors import CHANNELS, Actor, event, free, free_port, report, stage, until, view
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.bus import BusError, Options, Publisher, Viewer, clean_id
+from imumon.bus.session import check_endpoint, explain, is_local
+from imumon.config import Zenoh
+from imumon.report import Event, Report, from_json, to_dict
+
+
+def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:
+    """A session as any other tool opens it, which knows nothing of this project."""
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    if mode == "peer":
+        config.insert_json5("listen/endpoints", "[]")
+    return zenoh.open(config)
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    """Where a daemon in another process publishes, 20 times a second."""
+    with stage() as start:
+        place = free()
+        actor = start("daemon", listen=[place]).ready()
+        actor.tell("events 120")
+        until(lambda: actor.ask("counts")["events"] == 120)
+        yield place
+
+
+def test_every_published_key_answers_a_get(endpoint: str) -> None:
+    with plain_session(endpoint) as session:
+
+        def get(key: str) -> list[zenoh.Sample]:
+            return [reply.ok for reply in session.get(f"imumon/a/{key}") if reply.ok]
+
+        until(lambda: get("report"))
+        (sample,) = get("report")
+        whole = from_json(Report, sample.payload.to_bytes())
+        assert str(sample.encoding) == "application/json"
+        assert sample.timestamp is not None
+        assert whole == report("a", whole.session.samples)
+        for name in (*CHANNELS, "temperature"):
+            (sample,) = get(name)
+            entry = json.loads(sample.payload.to_bytes())
+            expected = to_dict(report("a", entry["count"]).channels[name])
+            for bulky in ("allan", "histogram", "spectrum"):
+                del expected[bulky]
+            assert entry == expected
+        (sample,) = get("grade")
+        assert json.loads(sample.payload.to_bytes()) == to_dict(whole.grade)
+        (sample,) = get("event")
+        assert from_json(Event, sample.payload.to_bytes()) == event("a", 119)
+        (sample,) = get("signal/gyro/x")
+        assert json.loads(sample.payload.to_bytes())["histogram"]["counts"][0] > 0
+        assert {str(s.key_expr) for s in get("gyro/*")} == {f"imumon/a/gyro/{axis}" for axis in "xyz"}
+        assert {str(s.key_expr) for s in get("**")} == {
+            f"imumon/a/{name}"
+            for name in (*CHANNELS, "temperature", "report", "grade", "event", "signal/gyro/x")
+        }
+
+
+def test_a_subscriber_of_everything_sees_the_table_of_keys(endpoint: str) -> None:
+    seen: dict[str, str] = {}
+    with plain_session(endpoint) as session:
+        session.declare_subscriber(
+            "imumon/**", lambda s: seen.update({str(s.key_expr): s.payload.to_string()})
+        )
+        wanted = {f"imumon/a/{name}" for name in (*CHANNELS, "temperature", "report")}
+        until(lambda: set(seen) >= wanted)
+        assert set(seen) == wanted  # grade and event on change, signals when asked for
+        for text in seen.values():
+            json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_the_device_is_alive_as_long_as_its_daemon(endpoint: str) -> None:
+    with plain_session(endpoint) as session:
+        until(lambda: [str(r.ok.key_expr) for r in session.liveliness().get("imumon/*/alive") if r.ok])
+
+
+def test_late_viewer_gets_the_last_of_all_at_once(endpoint: str) -> None:
+    with stage() as start:
+        place = free()
+        start("daemon", id="once", listen=[place], period=0).ready()
+        with Viewer([place]) as quiet, Viewer([endpoint]) as busy:
+            begun = time.monotonic()
+            got = quiet.wait_report("once")  # published once, before this viewer was there
+            assert got == report("once", 1)
+            assert time.monotonic() - begun < 1.0
+            assert busy.wait_report()
+            until(lambda: len(busy.events("a")) == 100)
+            assert busy.events("a") == [event("a", n) for n in range(20, 120)]
+            until(lambda: busy.alive() == {"a"})
+            assert busy.connected()
+            assert busy.wait_report("nobody", timeout=0.2) is None
+
+
+def test_the_signal_of_one_channel_follows_the_reports(endpoint: str) -> None:
+    with Viewer([endpoint]) as viewer:
+        viewer.wait_report()
+        assert viewer.signal() is None
+        viewer.watch("a", "gyro/x")
+        first = until(viewer.signal)[0]
+        later = until(lambda: (s := viewer.signal()) and s[0] != first and s[0])
+        assert later.histogram.counts > first.histogram.counts
+        viewer.watch("a", "gyro/y")  # nothing is published of that one
+        assert viewer.signal() is None
+        viewer.watch("a", None)
+
+
+def test_two_daemons_and_one_viewer() -> None:
+    with stage() as start:
+        places = [free(), free()]
+        for id, place in zip(("left", "right"), places, strict=True):
+            start("daemon", id=id, listen=[place])
+        with Viewer(places) as viewer:  # both daemons come after it
+            until(lambda: viewer.alive() == {"left", "right"})
+            until(lambda: set(viewer.reports()) == {"left", "right"})
+            version = viewer.version
+            until(lambda: viewer.version > version)
+
+
+def test_default_addresses_are_local_and_found_without_words() -> None:
+    with stage() as start:
+        names = ("default-1", "default-2")
+        actors: list[Actor] = [start("daemon", id=id).ready() for id in names]
+        places = [actor.said[0]["endpoints"][0] for actor in actors]
+        assert len(set(places)) == 2
+        for place in places:
+            assert place.startswith("tcp/127.0.0.1:")
+            assert 7448 <= int(place.rpartition(":")[2]) <= 7463
+        with Viewer() as viewer:
+            for id in names:
+                assert viewer.wait_report(id, timeout=5.0)
+        twin = start("daemon", id=names[0]).ready()
+        assert twin.said[0]["error"].startswith('a daemon named "default-1" is running already; ')
+
+
+def test_what_was_handed_over_before_the_end_still_arrives() -> None:
+    with stage() as start:
+        places = [free() for _ in range(4)]
+        actors = [start("daemon", id=f"d{n}", listen=[place]) for n, place in enumerate(places)]
+        with Viewer(places) as viewer:
+            until(lambda: len(viewer.reports()) == 4)
+            for actor in actors:
+                actor.tell("stop")
+            until(lambda: not viewer.alive())
+            until(lambda: all(r.session.samples == 10**6 for r, _ in viewer.reports().values()), 2)
+        for actor in actors:
+            assert until(lambda actor=actor: actor.said[-1].get("closed_s", 0)) < 1.0
+
+
+def test_nothing_waits_and_nothing_is_lost_in_silence() -> None:
+    with Publisher("x", listen=[free()]) as publisher:
+        for number in range(5000):
+            publisher.event(event("x", number))
+        publisher.publish(report("x", 1))
+        counts = until(lambda: (c := publisher.counts) and c.reports == 1 and c)
+        assert counts.events + counts.events_dropped == 5000
+        bad = report("x", 2)
+        bad = Report(
+            **{**{f: getattr(bad, f) for f in ("time", "device", "session")}, "state": "running"},
+            speed=math.nan,
+        )
+        publisher.publish(bad)
+        until(lambda: publisher.counts.errors == 1)
+        assert "finite" in (publisher.last_error or "")
+        publisher.publish(report("x", 3))
+        until(lambda: publisher.counts.reports == 2)
+        assert publisher.last_error is None
+
+
+def test_signals_are_made_for_those_who_ask() -> None:
+    place = free()
+    with Publisher("x", listen=[place]) as publisher, plain_session(place) as session:
+        assert publisher.wanted() == frozenset()
+        list(session.get("imumon/x/signal/gyro/z"))
+        until(lambda: publisher.wanted() == {"gyro/z"})
+        publisher.publish(report("x", 1), {"gyro/z": view("gyro/z", 7)})
+        until(lambda: publisher.counts.reports)
+        (reply,) = session.get("imumon/x/signal/gyro/z")
+        assert json.loads(reply.ok.payload.to_bytes())["histogram"]["counts"] == [7]
+
+
+def test_grade_is_sent_on_change_alone() -> None:
+    place, seen = free(), []
+    with Publisher("x", listen=[place]) as publisher, plain_session(place) as session:
+        session.declare_subscriber("imumon/x/grade", lambda s: seen.append(json.loads(s.payload.to_bytes())))
+        until(lambda: session.info.transports())
+        for number, grade in enumerate(("industrial", "industrial", "tactical", "tactical"), 1):
+            publisher.publish(report("x", number, grade=grade))
+            until(lambda number=number: publisher.counts.reports == number)
+        until(lambda: seen and seen[-1]["gyro"]["nearest"] == "tactical")
+        assert len(seen) <= 2  # the first may have been sent before the subscription was known
+
+
+@pytest.mark.parametrize(
+    ("listen", "fault"),
+    [
+        ("tcp/0.0.0.0:7448", "everybody on the network could read along"),
+        ("tcp/[::]:7448", "everybody on the network could read along"),
+        ("tcp/192.0.2.1:7448", "everybody on the network could read along"),
+        ("tls/0.0.0.0:7448", "needs zenoh.certificate and zenoh.key"),
+        ("7448", "is not an endpoint; write tcp/HOST:PORT"),
+        ("localhost:7448", "is not an endpoint; write tcp/localhost:7448"),
+        ("tcp/127.0.0.1", "is not an endpoint"),
+        ("tcp/127.0.0.1:99999", "is not an endpoint"),
+        ("smtp/127.0.0.1:25", "is not an endpoint"),
+        ("unixsock-stream//no/such/folder/x", "no such file or folder"),
+    ],
+)
+def test_addresses_that_are_refused(listen: str, fault: str) -> None:
+    with pytest.raises(BusError, match=r"^[^\n]*$") as caught:
+        Publisher("x", listen=[listen])
+    assert str(caught.value).startswith(f"{listen}: ")
+    assert fault in str(caught.value)
+
+
+def test_address_in_use_foreign_address_and_files() -> None:
+    place = free()
+    with Publisher("x", listen=[place]):
+        with pytest.raises(BusError, match="is taken by another daemon or program"):
+            Publisher("y", listen=[place])
+        with pytest.raises(BusError, match='"x" is running already'):
+            Publisher("x", listen=[free()], connect=[place])
+    with pytest.raises(BusError, match="is not an address of this machine"):
+        Publisher("x", listen=["tcp/192.0.2.1:7448"], settings=Options(insecure=True))
+    with pytest.raises(BusError, match=r"^/none/users: cannot be read$"):
+        Publisher("x", listen=[free()], settings=Options(users_file="/none/users"))
+    with pytest.raises(BusError, match=r'zenoh.raw: "transport/lnk" = 1: unknown key$'):
+        Publisher("x", listen=[free()], settings=Options(raw={"transport/lnk": 1}))
+    with pytest.raises(BusError, match=r'zenoh.raw: "listen/endpoints" cannot be set there'):
+        Publisher("x", listen=[free()], settings=Options(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
+    with pytest.raises(BusError, match="use letters and digits"):
+        Publisher("//", listen=[free()])
+
+
+def test_open_listening_must_be_asked_for() -> None:
+    settings = Options(insecure=True)
+    with Publisher("x", listen=[f"tcp/0.0.0.0:{free_port()}"], settings=settings) as publisher:
+        assert publisher.endpoints[0].startswith("tcp/0.0.0.0:")
+
+
+def test_unix_socket(tmp_path_factory: pytest.TempPathFactory) -> None:
+    place = f"unixsock-stream/{tmp_path_factory.mktemp('bus')}/z"
+    with Publisher("x", listen=[place]) as publisher, Viewer([place]) as viewer:
+        publisher.publish(report("x", 1))
+        assert viewer.wait_report("x", timeout=5.0)
+
+
+def test_settings_of_the_file_are_the_options_of_the_bus() -> None:
+    assert Options.of(Zenoh()) == Options()
+    assert Options.of(Zenoh(user="ann", raw={"a": 1})) == Options(user="ann", raw={"a": 1})
+
+
+def test_viewer_finds_the_daemon_of_the_same_settings() -> None:
+    place = free()
+    settings = Zenoh(listen=(place,), user="ann", password="secret")
+    with Publisher("x", settings=settings) as publisher, Viewer(settings=settings) as viewer:
+        publisher.publish(report("x", 1))
+        assert viewer.wait_report("x", timeout=5.0)
+
+
+@given(st.text())
+def test_any_name_is_made_fit_for_a_key_or_refused(name: str) -> None:
+    try:
+        clean = clean_id(name)
+    except BusError:
+        return
+    assert set(clean) <= set("abcdefghijklmnopqrstuvwxyz0123456789_-")
+    assert clean_id(clean) == clean
+    zenoh.KeyExpr(f"imumon/{clean}/report")
+
+
+@given(st.text())
+def test_any_endpoint_is_understood_or_refused(text: str) -> None:
+    with suppress(BusError):
+        assert check_endpoint(text)
+        assert is_local(text) in (True, False)
+
+
+def test_errors_show_nothing_of_zenoh_itself() -> None:
+    error = zenoh.ZError("Boom [x]: odd at /root/.cargo/git/a.rs:12.] at /root/.cargo/git/b.rs:3.")
+    assert explain(error, ["tcp/h:1"]) == "tcp/h:1: Boom [x]: odd"
