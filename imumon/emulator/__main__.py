@@ -7,4 +7,8 @@ import sys
 from imumon.emulator import from_words, run
 
 if __name__ == "__main__":
-    sys.exit(run(from_words(sys.argv[1:])))
+    try:
+        settings = from_words(sys.argv[1:])
+    except ValueError as error:
+        sys.exit(f"imumon sim: {error}")
+    sys.exit(run(settings))

@@ -278,7 +278,7 @@ class Device:
         pace = {1: 1, 2: 1, 3: 2}.get(int(sync["out_mode"]), 0) * (int(sync["out_skip"]) + 1)
         pulses = (ticks // pace - self._sync_tick // pace) if pace else np.zeros(len(ticks), np.int64)
         counts: Mapping[str, Floats | Ints] = {
-            "timeStartup": (np.rint(age * 1e6).astype(np.int64) * 1000 + self._jump_ns)[:, None],
+            "timeStartup": np.maximum(np.rint(age * 1e6).astype(np.int64) * 1000 + self._jump_ns, 0)[:, None],
             "vpeStatus": np.full((len(ticks), 1), self._disturbed, np.int64),
             "syncInCnt": np.full((len(ticks), 1), self._sync_counts[0], np.int64),
             "syncOutCnt": (pulses + self._sync_counts[2])[:, None],

@@ -2,13 +2,15 @@
 
 `Uart` queues messages as a transmitter does: ten bits a byte at the baud, one message after the other.
 `Terminal` is the pseudo-terminal: raw, its master never blocking, its slave kept open so that a client
-that goes away takes nothing with it. Who sets another baud than the sensor's reads garbage, as on a real
-line.
+that goes away takes nothing with it. A client's claim to have it alone (TIOCEXCL) would outlive that client
+for the same reason, so it is withdrawn. Who sets another baud than the sensor's reads garbage, as on a
+real line.
 """
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import termios
 import tty
@@ -20,8 +22,8 @@ import numpy as np
 OUTPUT_BUFFER = 2048
 """Bytes that the sensor holds for a line that is still busy."""
 
-STAGED = 4096
-"""Bytes held for a terminal that is full, before messages are dropped."""
+STAGED, STAGED_LAPSE = 4096, 1 << 17
+"""Bytes held for a terminal that is full: then messages are dropped, or in time-lapse the sensor waits."""
 
 _SPEEDS = {
     getattr(termios, f"B{baud}"): baud
@@ -70,13 +72,19 @@ class Uart:
         """When the next message will have left."""
         return self._queue[0][0] if self._queue else None
 
-    def clear(self) -> None:
-        self._queue.clear()
-        self._free = float("-inf")
+    def __len__(self) -> int:
+        return len(self._queue)
 
 
 class Terminal:
     """Pseudo-terminal with the sensor behind it.
+
+    Parameters
+    ----------
+    baud : that the terminal is set to at first.
+    link : symbolic link to keep on it.
+    rng : of garbage.
+    drop : whether messages are lost when it is full.
 
     Attributes
     ----------
@@ -85,8 +93,9 @@ class Terminal:
     sent_bytes : bytes that were taken.
     """
 
-    def __init__(self, baud: int, link: str | None, rng: np.random.Generator) -> None:
-        self._rng, self._link = rng, link
+    def __init__(self, baud: int, link: str | None, rng: np.random.Generator, drop: bool = True) -> None:
+        self._rng, self._link, self._drop = rng, link, drop
+        self._room = STAGED if drop else STAGED_LAPSE
         self.sent = self.dropped = self.sent_bytes = 0
         self._staged = bytearray()
         self._open(baud)
@@ -110,24 +119,28 @@ class Terminal:
         """Baud that the client has set; None for one without a name."""
         return _SPEEDS.get(termios.tcgetattr(self._slave)[5])
 
+    def stay_open(self) -> None:
+        """Withdraw a client's exclusive claim; to be called now and then."""
+        fcntl.ioctl(self._slave, termios.TIOCNXCL)
+
     @property
     def full(self) -> bool:
-        return len(self._staged) >= STAGED
+        return len(self._staged) >= self._room
 
     @property
     def waiting(self) -> bool:
         """Whether bytes wait for the terminal to take them."""
         return bool(self._staged)
 
-    def write(self, messages: list[tuple[bytes, int]], *, drop: bool) -> None:
+    def write(self, messages: list[tuple[bytes, int]]) -> None:
         """Send messages, each garbled if the client listens at another baud than its own.
 
-        With `drop`, a message that finds the terminal full is lost whole, as nothing holds it back on a
-        serial line; else it waits.
+        A message that finds the terminal full is lost whole, as nothing holds it back on a serial line;
+        without `drop` it waits.
         """
         if messages:
             speed = self.speed()
-            if not drop:
+            if not self._drop:
                 self._staged += b"".join(self._heard(m, baud, speed) for m, baud in messages)
                 self.sent += len(messages)
             else:
@@ -180,5 +193,4 @@ class Terminal:
             with contextlib.suppress(OSError):
                 Path(self._link).unlink()
         for descriptor in (self.master, self._slave):
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
+            os.close(descriptor)

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.emulator.device import Device, Message
+from imumon.emulator.device import Device
 from imumon.emulator.faults import Faults
 from imumon.emulator.impostor import Impostor
 from imumon.emulator.line import Terminal, Uart
@@ -90,62 +90,54 @@ class Emulator:
         self._rng = np.random.default_rng(settings.seed)
         self._faults = settings.faults
         self._uart = Uart(self._device.baud, pacing=not settings.time_lapse)
-        self.terminal = Terminal(self._device.baud, settings.link, self._rng)
+        self.terminal = Terminal(self._device.baud, settings.link, self._rng, not settings.time_lapse)
         self._plugged = True
         self._pace = LOOP_RATE * settings.speed
         self._origin, self._last = now, now
         self._stalled = self._silent = float("-inf")
         self._cut_next = False
-        self.made = self.lost = 0
+        self.made = self.replied = self.duplicated = self.lost = 0
 
     def round(self, now: float) -> float:
         """Do what is due at `now` (s); returns when to come again unless something is read before."""
         uart, device = self._uart, self._device
-        if self._settings.time_lapse and (self.terminal.waiting or now < self._stalled):
+        if self._settings.time_lapse and (self.terminal.full or now < self._stalled):
             self._origin += now - self._last
         self._last = now
-        for reply in device.replies(now):
-            self._send(reply, now)
-        uart.baud = device.baud
         target = int((now - self._origin) * self._pace)
         if self._settings.time_lapse and target > device.tick + _LAPSE_TICKS:
             self._origin += (target - device.tick - _LAPSE_TICKS) / self._pace
             target = device.tick + _LAPSE_TICKS
+        messages = device.advance(target)
         if self._impostor is not None:
-            for message in self._impostor.messages(now):
-                uart.put(message, now)
-        else:
-            self._emit(device.advance(target), now)
+            messages = [(device.tick, message) for message in self._impostor.messages(now)]
+        self.made += len(messages)
+        self._emit([(self._origin + tick / self._pace, message) for tick, message in messages], now)
+        replies = device.replies(now)
+        self.replied += len(replies)
+        self._emit([(now, reply) for reply in replies], now)
+        uart.baud = device.baud
         due = [] if now < self._stalled else uart.due(now)
         if self._plugged:
-            self.terminal.write(due, drop=not self._settings.time_lapse)
+            self.terminal.stay_open()
+            self.terminal.write(due)
         else:
             self.lost += len(due)
         return self._next(now)
 
-    def _emit(self, messages: list[Message], now: float) -> None:
-        self.made += len(messages)
+    def _emit(self, messages: list[tuple[float, bytes]], now: float) -> None:
+        """Put messages, each with the time it was made at, on the line, or what the faults leave of them."""
         if now < self._silent:
             self.lost += len(messages)
             return
-        if not self._faults and not self._cut_next:
-            for tick, message in messages:
-                self._uart.put(message, self._origin + tick / self._pace)
-            return
-        for tick, message in messages:
-            self._damage(message, self._origin + tick / self._pace)
-
-    def _send(self, reply: bytes, now: float) -> None:
-        if now >= self._silent:
-            self._damage(reply, now)
-
-    def _damage(self, message: bytes, at: float) -> None:
-        if self._cut_next:
-            message, self._cut_next = message[: len(message) // 2], False
-        arriving = self._faults.apply(message, self._rng)
-        self.lost += not arriving
-        for each in arriving:
-            self._uart.put(each, at)
+        for at, message in messages:
+            if self._cut_next:
+                message, self._cut_next = message[: len(message) // 2], False
+            arriving = self._faults.apply(message, self._rng) if self._faults else [message]
+            self.lost += not arriving
+            self.duplicated += len(arriving) > 1
+            for each in arriving:
+                self._uart.put(each, at)
 
     def _next(self, now: float) -> float:
         soon = now + BATCH_S
@@ -166,19 +158,32 @@ class Emulator:
             return [], []
         return [self.terminal.master], [self.terminal.master] if self.terminal.waiting else []
 
+    def close(self) -> None:
+        """Take the terminal away."""
+        if self._plugged:
+            self.terminal.close()
+
     def counters(self) -> dict[str, object]:
-        """What was made, sent and lost so far, in messages unless it says otherwise."""
+        """What was made, sent and lost so far.
+
+        All but the last five are messages, and made + replies + duplicated = sent + lost + dropped +
+        overflowed + queued. ``lost`` are those that faults took, ``dropped`` those that found the terminal
+        full, ``overflowed`` those that the line was too slow for.
+        """
         return {
-            "path": self.terminal.path,
-            "ticks": self._device.tick,
-            "messages": self.made,
+            "made": self.made,
+            "replies": self.replied,
+            "duplicated": self.duplicated,
             "sent": self.terminal.sent,
             "lost": self.lost,
             "dropped": self.terminal.dropped,
             "overflowed": self._uart.overflowed,
+            "queued": len(self._uart),
             "bytes": self.terminal.sent_bytes,
+            "ticks": self._device.tick,
             "restarts": self._device.restarts,
             "baud": self._device.baud,
+            "path": self.terminal.path,
         }
 
     def command(self, text: str, now: float) -> dict[str, object]:
@@ -273,13 +278,13 @@ class Control:
 
 
 def run(settings: EmulatorSettings) -> int:
-    """Serve until SIGTERM, SIGINT or the end of the control input.
+    """Serve until SIGTERM, SIGINT or the end of the control input; returns the exit code.
 
     The terminal's path is the first line printed.
     """
-    stop = []
+    stop: list[int] = []
     for number in (signals.SIGTERM, signals.SIGINT, signals.SIGHUP):
-        signals.signal(number, lambda *_: stop.append(True))
+        signals.signal(number, lambda received, _: stop.append(received))
     try:
         emulator = Emulator(replace(settings), time.monotonic())
     except ValueError as error:
@@ -287,19 +292,24 @@ def run(settings: EmulatorSettings) -> int:
         return 2
     control = Control(settings.control)
     print(emulator.terminal.path, flush=True)
+    again, ready = 0.0, list[int]()
     try:
         while not stop and not control.ended:
-            again = emulator.round(time.monotonic())
+            now = time.monotonic()
+            if now >= again or ready:
+                again = emulator.round(now)
             readable, writable = emulator.wants
             timeout = max(0.0, again - time.monotonic())
-            ready, _, _ = select.select([*readable, *control.descriptors], writable, [], timeout)
+            ready, room, _ = select.select([*readable, *control.descriptors], writable, [], timeout)
             now = time.monotonic()
+            if room:
+                emulator.terminal.flush()
             if set(readable) & set(ready):
                 emulator.read(now)
             for line, answer in control.lines(ready):
                 with contextlib.suppress(OSError):
                     os.write(answer, json.dumps(emulator.command(line, now)).encode() + b"\n")
     finally:
-        emulator.terminal.close()
+        emulator.close()
         control.close()
-    return 0
+    return 130 if signals.SIGINT in stop else 0

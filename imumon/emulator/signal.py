@@ -18,6 +18,7 @@ from math import cos, pi, sqrt
 import numpy as np
 
 from imumon.emulator.settings import EmulatorSettings, Noise
+from imumon.noise.synthesis import NoiseStream
 from imumon.samples import Floats, Ints
 from imumon.sensors.vn100.registers import LOOP_RATE
 
@@ -41,6 +42,10 @@ def _tap(bandwidth: float) -> float:
 _TAPS = {GYRO.start: _tap(256.0), ACCEL.start: _tap(260.0)}
 
 
+def _stream(noise: Noise, rate: float, seed: np.random.SeedSequence) -> NoiseStream:
+    return NoiseStream(rate, noise.n, noise.b, noise.k, np.random.default_rng(seed))
+
+
 class Tape:
     """The sensor's elements at every tick, as running sums.
 
@@ -51,11 +56,11 @@ class Tape:
 
     def __init__(self, settings: EmulatorSettings) -> None:
         self._settings = settings
-        seeds = np.random.SeedSequence(settings.seed).spawn(5)
-        self._rng = np.random.default_rng(seeds[0])
-        self._gyro = _Source(settings.gyro, LOOP_RATE, seeds[1])
-        self._accel = _Source(settings.accel, LOOP_RATE, seeds[2])
-        self._mag = _Source(settings.mag, MAG_RATE, seeds[3])
+        seeds = np.random.SeedSequence(settings.seed).spawn(6)
+        self._gyro = _stream(settings.gyro, LOOP_RATE, seeds[0])
+        self._accel = _stream(settings.accel, LOOP_RATE, seeds[1])
+        self._mag = _stream(settings.mag, MAG_RATE, seeds[2])
+        self._thermometer, self._barometer, self._stamps = (np.random.default_rng(seed) for seed in seeds[3:])
         self._held = np.zeros((3, 1))
         self._sums = np.zeros((len(CONSTANT), HISTORY + 1))
         self._jitter = np.zeros(HISTORY)
@@ -67,16 +72,18 @@ class Tape:
         at = np.arange(self.end, self.end + ticks)
         new = np.empty((len(CONSTANT), ticks))
         warm = self._settings.warm_up * -np.exp(-at / (self._settings.warm_up_s * LOOP_RATE))
-        new[GYRO] = self._gyro.take(ticks) + self._settings.gyro_thermal * warm
-        new[ACCEL] = self._accel.take(ticks)
+        new[GYRO] = self._gyro.take(ticks).T + self._settings.gyro_thermal * warm
+        new[ACCEL] = self._accel.take(ticks).T
         new[MAG] = self._magnetic(at)
-        new[TEMPERATURE] = warm + 0.02 * self._rng.standard_normal(ticks)
-        new[PRESSURE] = 0.003 * self._rng.standard_normal(ticks)
+        new[TEMPERATURE] = warm + 0.02 * self._thermometer.standard_normal(ticks)
+        new[PRESSURE] = 0.003 * self._barometer.standard_normal(ticks)
         keep = self._sums[:, -(HISTORY + 1) :]
         self._sums = np.concatenate((keep, new), axis=1)
         sums = self._sums[:, HISTORY:]
         np.cumsum(sums, axis=1, out=sums)
-        self._jitter = np.concatenate((self._jitter[-HISTORY:], JITTER_S * self._rng.standard_normal(ticks)))
+        self._jitter = np.concatenate(
+            (self._jitter[-HISTORY:], JITTER_S * self._stamps.standard_normal(ticks))
+        )
         self._first = self.end - HISTORY
         self.end += ticks
 
@@ -84,7 +91,7 @@ class Tape:
         """Magnetometer at each tick, (3, n) gauss: the reading that was last taken."""
         reading = at * MAG_RATE // LOOP_RATE
         before = (at[0] - 1) * MAG_RATE // LOOP_RATE
-        fresh = self._mag.take(int(reading[-1] - before)) if reading[-1] > before else np.empty((3, 0))
+        fresh = self._mag.take(int(reading[-1] - before)).T
         if self._settings.hum:
             when = np.arange(before + 1, reading[-1] + 1) / MAG_RATE
             phase = 2.0 * pi * self._settings.hum_hz * when
@@ -117,22 +124,3 @@ class Tape:
     def jitter(self, ticks: Ints) -> Floats:
         """Error of the time stamp at each of `ticks`, (n,) s."""
         return self._jitter[ticks - self._first]
-
-
-class _Source:
-    """Noise of one sensor's three axes.
-
-    The stream of the coefficients stands in until `noise.synthesis` offers one.
-    """
-
-    def __init__(self, noise: Noise, rate: float, seed: np.random.SeedSequence) -> None:
-        self._rng = np.random.default_rng(seed)
-        self._white = np.array(noise.n)[:, None] * sqrt(rate)
-        self._walk = np.array(noise.k)[:, None] / sqrt(rate)
-        self._last = np.zeros((3, 1))
-
-    def take(self, count: int) -> Floats:
-        """Next samples, (3, n) channel unit."""
-        walk = self._last + np.cumsum(self._walk * self._rng.standard_normal((3, count)), axis=1)
-        self._last = walk[:, -1:]
-        return np.asarray(walk + self._white * self._rng.standard_normal((3, count)))
