@@ -260,7 +260,7 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     from imumon.daemon.link import NoSensor
     from imumon.monitor import RateNeeded
     from imumon.sensors.vn100.session import SessionError
-    from imumon.sources import SourceError
+    from imumon.sources import PortError, SourceError
 
     task = Task(
         path=path,
@@ -275,8 +275,11 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
         raise Stop(str(error), USAGE) from None
     except (NoSensor, SessionError) as error:
         raise Stop(str(error), NOTHING_THERE) from None
+    except PortError as error:
+        there = path is None or os.path.exists(path)
+        raise Stop(str(error), FAILED if there else NOTHING_THERE) from None
     except SourceError as error:
-        raise Stop(str(error), NOTHING_THERE if "no such" in str(error).lower() else FAILED) from None
+        raise Stop(str(error)) from None
     except (BusError, StateError) as error:
         raise Stop(str(error)) from None
     if outcome.report is not None and (words.duration or words.json):

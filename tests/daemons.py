@@ -1,0 +1,72 @@
+"""A real daemon in a process of its own, for tests: on an emulator, with its own endpoint and state."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from imumon.bus import Viewer
+from imumon.report import Report
+
+
+def free_endpoint() -> str:
+    """Endpoint on loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class Daemon:
+    """`imumon run` with the given words; end it with `stop`, or leave the context."""
+
+    def __init__(self, port: str, state: Path, *words: str, listen: str | None = None) -> None:
+        self.endpoint = listen or free_endpoint()
+        command = [sys.executable, "-m", "imumon", "run", "--port", port, "--state", str(state)]
+        self.process = subprocess.Popen(
+            [*command, "--listen", self.endpoint, *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+        )
+        self.viewer = Viewer([self.endpoint])
+
+    def wait(self, holds: Callable[[Report], bool], timeout: float = 20.0) -> Report:
+        """First report for which something holds."""
+        deadline = time.monotonic() + timeout
+        last: Report | None = None
+        while time.monotonic() < deadline:
+            for last, _ in self.viewer.reports().values():
+                if holds(last):
+                    return last
+            if self.process.poll() is not None:
+                break
+            time.sleep(0.02)
+        raise AssertionError(f"it did not come to it; last report: {last and (last.state, last.session)}")
+
+    def samples(self, count: int = 100) -> Report:
+        """First report with so many samples."""
+        return self.wait(lambda r: r.session.samples >= count)
+
+    def stop(self, how: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
+        """End it: exit code, stdout and stderr."""
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        out, err = self.process.communicate(timeout=20)
+        self.viewer.close()
+        assert "Traceback" not in err, err
+        return self.process.returncode, out, err
+
+    def __enter__(self) -> Daemon:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate(timeout=20)
+        self.viewer.close()

@@ -1,0 +1,187 @@
+"""The daemon as a user runs it: real emulator, real port, real bus."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from daemons import Daemon, free_endpoint
+
+from imumon.emulator import EmulatorSettings, spawn
+from imumon.report import Report
+
+ROOT = Path(__file__).parents[1]
+
+
+def adds_up(report: Report) -> None:
+    """The laws of the counters."""
+    session = report.session
+    rate = report.device.sample_rate_hz
+    assert rate is not None
+    assert round(session.elapsed_s * rate) == session.samples + session.missing
+
+
+def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        report = daemon.wait(lambda r: "gyro" in r.grade and r.grade["gyro"].nearest is not None)
+        assert report.state == "running"
+        assert report.device.stream == "deltas"
+        assert report.device.alias_factor == 1.0
+        assert report.device.serial == "0100056785"
+        assert report.session.missing == 0
+        adds_up(report)
+        n = report.channels["gyro/x"].N
+        assert n is not None
+        assert n.status == "measured"
+        assert n.low is not None
+        assert n.high is not None
+        assert 0.9 * n.low < 6.1e-5 < 1.1 * n.high
+        code, _, _ = daemon.stop()
+        assert code == 0
+        assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
+
+
+def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        with Daemon(sensor.path, tmp_path) as first:
+            before = first.samples(200)
+            code, _, _ = first.stop()
+            assert code == 0
+        time.sleep(1.0)
+        with Daemon(sensor.path, tmp_path) as second:
+            after = second.samples(before.session.samples + 200)
+            assert after.session.restarts == 1
+            assert after.session.gaps == 1
+            assert 50 < after.session.missing < 1500  # a few seconds at 100 Hz
+            assert after.session.started == before.session.started
+            adds_up(after)
+            second.stop()
+
+
+def test_kill_loses_no_more_than_a_save_period(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("[state]\nsave_period_s = 1.0\n")
+    with spawn(EmulatorSettings(seed=3)) as sensor:
+        with Daemon(sensor.path, tmp_path, "--config", str(config)) as first:
+            before = first.samples(400)
+            first.stop(signal.SIGKILL)
+        with Daemon(sensor.path, tmp_path, "--config", str(config)) as second:
+            after = second.samples(300)
+            assert after.session.restarts == 1
+            assert after.session.samples > before.session.samples - 300
+            adds_up(after)
+            code, _, _ = second.stop()
+            assert code == 0
+        # the kill left our stream behind; the second daemon has put the sensor's own back
+        with Daemon(sensor.path, tmp_path, "--listen-only", "--rate", "40", "--id", "look") as third:
+            seen = third.samples(10)
+            assert seen.device.source == "$VNYMR"
+
+
+def test_unplugged_and_back(tmp_path: Path) -> None:
+    link = tmp_path / "sensor"
+    with spawn(EmulatorSettings(seed=4, link=str(link))) as sensor, Daemon(str(link), tmp_path) as daemon:
+        before = daemon.samples(150)
+        sensor.ask("unplug")
+        daemon.wait(lambda r: r.state == "waiting")
+        sensor.ask("replug")
+        after = daemon.wait(
+            lambda r: r.state == "running" and r.session.samples > before.session.samples + 150
+        )
+        assert after.session.gaps >= 1
+        adds_up(after)
+        kinds = [event.kind for event in daemon.viewer.events("vn100-0100056785")]
+        assert "disconnect" in kinds
+        assert kinds.count("connect") >= 1
+        daemon.stop()
+
+
+def test_other_sensors_state_is_set_aside(tmp_path: Path) -> None:
+    words = ("--id", "lab")
+    with spawn(EmulatorSettings(seed=5)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
+        daemon.samples(150)
+        daemon.stop()
+    other = EmulatorSettings(seed=6, serial="0100099999")
+    with spawn(other) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
+        report = daemon.samples(150)
+        assert report.session.restarts == 0
+        _, _, err = daemon.stop()
+    assert "of another sensor" in err
+    assert len(list(tmp_path.glob("lab.other-sensor-*.state"))) == 1
+
+
+def test_duration_ends_with_a_report(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=7)) as sensor:
+        daemon = Daemon(sensor.path, tmp_path, "--duration", "3", "--json")
+        out, err = daemon.process.communicate(timeout=30)
+        daemon.viewer.close()
+        assert daemon.process.returncode == 0, err
+        made = json.loads(out)
+        assert made["state"] == "stopped"
+        assert made["session"]["samples"] > 100
+
+
+def run(*words: str, code: int) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", "run", *words],
+        capture_output=True,
+        text=True,
+        timeout=40,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr.strip().splitlines()[-1]
+
+
+def test_no_such_port(tmp_path: Path) -> None:
+    said = run("--port", "/dev/ttyNOWHERE", "--state", str(tmp_path), code=3)
+    assert "/dev/ttyNOWHERE" in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "word"), [("silent", "silent|nothing|no byte"), ("nmea", "NMEA|GPGGA"), ("garbage", "")]
+)
+def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
+    with spawn(EmulatorSettings(impostor=kind)) as device:
+        said = run("--port", device.path, "--state", str(tmp_path), code=3)
+        assert device.path in said
+        assert re.search(word, said)
+
+
+def test_second_daemon_on_the_same_port_or_endpoint(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=8)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(20)
+        said = run("--port", sensor.path, "--state", str(tmp_path / "b"), "--listen", free_endpoint(), code=1)
+        assert sensor.path in said
+        with spawn(EmulatorSettings(seed=9, serial="0100000009")) as other:
+            said = run(
+                "--port", other.path, "--state", str(tmp_path / "c"), "--listen", daemon.endpoint, code=1
+            )
+            assert daemon.endpoint.rpartition(":")[2] in said
+        daemon.stop()
+
+
+def test_readmes_subscriber_reads_what_the_daemon_says(tmp_path: Path) -> None:
+    program = re.search(
+        r"```python\n(import json\nimport zenoh.*?)```", (ROOT / "README.md").read_text(), re.S
+    )
+    assert program is not None
+    assert len(program[1].strip().splitlines()) <= 16
+    with spawn(EmulatorSettings(seed=10)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(50)
+        code = program[1].replace("tcp/127.0.0.1:7448", daemon.endpoint)
+        reader = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert reader.stdout is not None
+        line = reader.stdout.readline()
+        os.kill(reader.pid, signal.SIGKILL)
+        reader.communicate()
+        assert "deg/sqrt(h)" in line
+        daemon.stop()
