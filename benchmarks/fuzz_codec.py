@@ -23,7 +23,7 @@ with atheris.instrument_imports(include=["imumon"]):
     from imumon.sensors.vn100 import Decoder, ascii, binary, checksum
 
 NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
-SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3})((?:,[ -#%-~]*)?)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4})\r?\n")
+SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3})((?:,[^$\r\n\xfa]*)?)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4})\r?\n")
 SIZES = {"u1": 1, "<u2": 2, "<u4": 4, "<u8": 8, "<f4": 4, "<f8": 8}
 MESSAGES = [*ascii.MEASUREMENTS, "VNRRG", "VNERR", "VNGPS", "VNXYZ"]
 
@@ -98,8 +98,10 @@ def reference(data: bytes) -> list[tuple[bytes, list[float] | None]]:
             for byte in body:
                 right ^= byte
             if int(check, 16) == (right if len(check) == 2 else checksum.crc16(body)):
-                name, *fields = body.decode().split(",")
+                name, *fields = body.decode("latin1").split(",")
                 numbers = grammatical(name, fields) if name in ascii.MEASUREMENTS else []
+                if numbers == [] and not re.fullmatch(rb"[ -~]*", body):
+                    numbers = None
                 if name == "VNERR" and (len(fields) != 1 or not re.fullmatch("[0-9A-Fa-f]{1,2}", fields[0])):
                     numbers = None
                 if numbers is not None:

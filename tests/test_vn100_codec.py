@@ -320,6 +320,35 @@ def test_messages_cut_short_count_too() -> None:
     assert blocks(items)[0].lost.tolist() == [0, 1]
 
 
+@pytest.mark.parametrize("kind", ["packets", "sentences", "both"])
+def test_samples_and_lost_add_up_to_what_was_sent(kind: str) -> None:
+    layout = Layout.of({TIME: 0x0001, IMU: 0x00C0})
+    theta = np.full((1500, 4), 0.1)
+    packets = layout.encode({"timeStartup": np.arange(1500), "deltaTheta": theta})
+    sent = [packets[at : at + layout.length] for at in range(0, len(packets), layout.length)]
+    sent = [] if kind == "sentences" else sent
+    sent += [] if kind == "packets" else [_row(n % 9) for n in range(500)]
+    rng = np.random.default_rng(7)
+    rng.shuffle(sent)
+    line = bytearray(b"".join(sent))
+    for place in rng.integers(500, len(line) - 500, 60):
+        line[place] ^= 1 << rng.integers(8)
+    decoder, items = decode(bytes(line), 300)
+    lost = sum(int(block.lost.sum()) for block in blocks(items))
+    assert 40 <= lost <= 60
+    assert total(items) + lost == len(sent)
+    assert 0.7 * lost <= decoder.bad_checksums <= lost
+
+
+def test_a_character_that_is_none_fails_the_check() -> None:
+    sentence = _row(1).replace(b"0", b"\x81", 1)
+    decoder, items = decode(sentence + _row(2))
+    assert (decoder.messages, decoder.bad_checksums, decoder.discarded) == (1, 1, len(sentence))
+    body = b"VNRRG,00,\x81\x01"
+    decoder, items = decode(b"$" + body + b"*%02X\n" % checksum.xor8(body))
+    assert (decoder.messages, decoder.malformed, items) == (0, 1, [])
+
+
 def test_nothing_is_lost_before_the_first_sample() -> None:
     _, items = decode(_row(0)[30:] + _row(1).replace(b"1", b"2", 1) + _row(2)[:60] + _row(3))
     assert blocks(items)[0].lost.tolist() == [0]

@@ -71,11 +71,15 @@ ERRORS = {
 }  # fmt: skip
 """Meaning of the code of ``VNERR``."""
 
-SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[ -#%-~]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
-"""A whole sentence; there is no ``$`` inside one, so a cut one never swallows the next."""
+SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[^$\r\n\xfa]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
+"""Frame of a sentence. A beginning of another message ends it, so a cut one never swallows the next; what
+else the line has made of its characters is for the check to find."""
 
-_BEGUN = re.compile(rb"\$(?:V(?:N(?:[A-Z0-9]{1,2}|[A-Z0-9]{3}(?:[,*][ -#%-~]*\r?)?)?)?)?")
+_BEGUN = re.compile(rb"\$(?:V(?:N(?:[A-Z0-9]{1,2}|[A-Z0-9]{3}(?:[,*][^$\r\n\xfa]*\r?)?)?)?)?")
 _LINE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[ -#%-~]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|XXXX|XX)\r?\n?")
+
+PRINTABLE = re.compile(rb"[ -~]*")
+"""Characters of a body."""
 
 _SHAPE = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
@@ -123,7 +127,7 @@ def parse(line: bytes, *, bypass: bool = False) -> tuple[str, tuple[str, ...]] |
 
 
 def split(body: bytes) -> tuple[str, tuple[str, ...]]:
-    """Five letters and the fields behind them."""
+    """Five letters and the fields behind them, of a body in ASCII."""
     command, *fields = body.decode("ascii").split(",")
     return command, tuple(fields)
 

@@ -211,18 +211,25 @@ class Decoder:
         size = found.end() - at
         if body[:5] in ascii.SAMPLED:
             return self._measurements(data, at, body, size, len(check))
-        command, fields = ascii.split(body)
-        if command == "VNERR":
-            error = ascii.error(fields)
-            if error is None:
-                self.malformed += 1
-                return 0
-            self._items.append(error)
-        elif command not in ascii.FOREIGN:
-            self._items.append(Response(command, fields))
+        answer = self._answer(body)
+        if answer is None:
+            self.malformed += 1
+            return 0
+        self._items += answer
         self._ledger.close()
         self._count(size, 1)
         return size
+
+    @staticmethod
+    def _answer(body: bytes) -> list[Item] | None:
+        """Response or error in a sentence that is no measurement, if any; None when its grammar is wrong."""
+        if ascii.PRINTABLE.fullmatch(body) is None:
+            return None
+        command, fields = ascii.split(body)
+        if command == "VNERR":
+            error = ascii.error(fields)
+            return None if error is None else [error]
+        return [] if command in ascii.FOREIGN else [Response(command, fields)]
 
     def _measurements(self, data: bytes, at: int, body: bytes, size: int, check: int) -> int:
         """Bytes of the valid sentences of one shape that begin with this one; 0 when its grammar is wrong."""
