@@ -167,7 +167,7 @@ class Histogram:
             if not self._begun[c]:
                 self._begun[c] = True
                 # The finest lattice on which places are still exact integers in a float.
-                finest = math.frexp(max(abs(low[i]), abs(high[i]), 1e-300))[1] - 44
+                finest = math.frexp(max(abs(low[i]), abs(high[i]), 1e-30))[1] - 44
                 self._exponent[c] = 0 if self._step[c] else finest
                 self._low[c] = math.floor(math.ldexp(low[i], -int(self._exponent[c])))
             while True:

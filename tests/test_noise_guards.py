@@ -1,0 +1,319 @@
+"""Guards: what is no noise is cut, what is noise is not, however the samples are handed in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.noise.allan import OctaveCascade
+from imumon.noise.guards import Guard, Passed
+from imumon.noise.synthesis import synthesise
+from imumon.noise.watch import Disturbance
+from imumon.samples import Bools, Floats
+
+SENSORS = ("gyro",) * 3 + ("accel",) * 3 + ("mag",) * 3
+SIGMA = np.array([4e-4] * 3 + [1e-2] * 3 + [1e-3] * 3)
+LEVEL = np.array([0.01, 0.0, -0.02, 0.0, 0.1, -9.8, 0.2, 0.0, -0.4])
+
+
+def quiet(seconds: float, rate: float = 40.0, seed: int = 1) -> Floats:
+    """(n, 9) A sensor at rest: white noise about a level."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(LEVEL + SIGMA * rng.standard_normal((round(seconds * rate), 9)))
+
+
+def through(
+    guard: Guard, values: Floats, chunk: int = 1000, **kwargs: Bools
+) -> tuple[list[Passed], list[Disturbance]]:
+    pieces = []
+    for i in range(0, len(values), chunk):
+        pieces += guard.update(values[i : i + chunk], **{k: v[i : i + chunk] for k, v in kwargs.items()})
+    pieces += guard.flush()
+    return pieces, guard.events()
+
+
+def cuts(values: Floats, rate: float = 40.0, **kwargs: Bools) -> tuple[Guard, Bools, list[Disturbance]]:
+    """Guard after all, (n, 3) what it left valid, and its events."""
+    guard = Guard(SENSORS, rate)
+    pieces, events = through(guard, values, **kwargs)
+    assert np.array_equal(np.concatenate([p.values for p in pieces]), values)
+    return guard, np.concatenate([p.valid for p in pieces]), events
+
+
+@pytest.mark.parametrize("rate", [10.0, 40.0, 200.0])
+def test_noise_is_left_alone(rate: float) -> None:
+    """White, flicker and random walk: fewer than 1e-4 of the samples cut, sigma within 0.1 %."""
+    seconds = 3600.0 if rate < 100 else 900.0
+    values = quiet(seconds, rate)
+    wander = synthesise(len(values), rate, N=[6e-5] * 3, B=2.4e-5, K=1e-6, seed=2)
+    values[:, :3] += wander[: len(values)]
+    values[:, 3] += np.cumsum(np.random.default_rng(3).standard_normal(len(values))) * 1e-4
+    guard, valid, events = cuts(values, rate)
+    assert (~valid).mean(axis=0).max() < 1e-4
+    assert guard.at_rest
+    assert len(events) == guard.disturbances <= 1
+    left = values[valid[:, 0]][:, 0]
+    assert abs(left.std() / values[:, 0].std() - 1.0) < 1e-3
+
+
+def test_one_wrong_sample() -> None:
+    values = quiet(300)
+    values[6000, 1] += 1.0
+    guard, valid, events = cuts(values)
+    assert not valid[6000, 0]
+    assert not valid[6000, 1]
+    assert valid[6000, 2]
+    assert (~valid[:, 0]).sum() <= 12
+    (event,) = events
+    assert event.kind == "glitch"
+    assert event.channel == 1
+    assert event.size == pytest.approx(1.0, abs=0.01)
+    assert event.start <= 6000 < event.start + event.length
+    assert guard.excluded == {"glitch": event.length}
+
+
+def test_a_knock_is_cut_with_its_margins() -> None:
+    values = quiet(300)
+    rng = np.random.default_rng(5)
+    values[8000:8080, :3] += 0.1 * rng.standard_normal((80, 3))
+    guard, valid, events = cuts(values)
+    assert not valid[7990:8100, :2].any()
+    assert (~valid[:, 0]).sum() < 5 * 40
+    assert [e.kind for e in events] == ["knock"]
+    assert guard.at_rest
+    assert guard.excluded_samples == (~valid[:, 0]).sum()
+
+
+def test_a_small_knock_on_the_accelerometer_cuts_the_gyro_too() -> None:
+    values = quiet(300)
+    values[4000:4060, 4] += 0.06 * np.sin(np.arange(60.0))
+    _, valid, events = cuts(values)
+    assert not valid[4000:4060, :2].any()
+    assert valid[:, 2].all()
+    assert [e.kind for e in events] == ["knock"]
+
+
+def test_the_magnetometer_stands_alone() -> None:
+    values = quiet(300)
+    values[4000:4100, 7] += 0.1
+    guard, valid, events = cuts(values)
+    assert valid[:, :2].all()
+    assert not valid[4000:4100, 2].any()
+    assert [e.kind for e in events] == ["magnetic"]
+    assert guard.excluded_samples == 0
+    assert guard.excluded["magnetic"] >= 100
+
+
+def test_stuck() -> None:
+    values = quiet(400)
+    values[8000:10400] = values[7999]
+    guard, valid, events = cuts(values)
+    assert not valid[8000:10400].any()
+    assert (~valid[:, 0]).sum() < 2400 + 60
+    assert {e.kind for e in events} == {"stuck"}
+    assert guard.at_rest
+    assert events[0].size is None
+
+
+def test_lawful_repeats_are_not_stuck() -> None:
+    """A magnetometer read faster than it measures, a constant channel, and one of three levels."""
+    values = quiet(120, 800.0)
+    values[:, 6:9] = values[::3, 6:9].repeat(3, axis=0)[: len(values)]
+    guard, valid, _ = cuts(values, 800.0)
+    assert valid.all()
+    values = quiet(600)
+    values[:, 6:9] = 0.25
+    values[:, 3:6] = np.rint(values[:, 3:6] / 0.02) * 0.02
+    values[:, :3] = np.rint(values[:, :3] / 4e-4) * 4e-4
+    guard, valid, _ = cuts(values)
+    assert valid.mean() > 1 - 1e-4
+    assert guard.at_rest
+
+
+def test_a_channel_that_moves_by_one_step_now_and_then_is_not_knocked() -> None:
+    values = quiet(600)
+    rng = np.random.default_rng(8)
+    values[:, 6:9] = 0.25 + 0.001 * (rng.random((len(values), 3)) < 0.003)
+    _, valid, _ = cuts(values)
+    assert valid[:, 2].mean() > 0.999
+
+
+def test_a_replayed_loop_counts_once() -> None:
+    once = quiet(5)
+    values = np.tile(once, (20, 1))
+    _, valid, events = cuts(values)
+    assert (~valid[:, 0]).sum() > 0.9 * len(values)
+    assert valid[: len(once), 0].all()
+    assert [e.kind for e in events] == ["loop"]
+    values = np.concatenate((values, quiet(60, seed=9)))
+    _, valid, _ = cuts(values)
+    assert valid[-50 * 40 :].all()
+
+
+def test_clipping_that_the_sensor_tells() -> None:
+    values = quiet(100)
+    flags = np.zeros(len(values), dtype=bool)
+    flags[2000:2003] = True
+    _, valid, events = cuts(values, saturated=flags)
+    assert not valid[2000:2003, :2].any()
+    assert "clipped" in [e.kind for e in events]
+
+
+def drive(seconds: float, rate: float = 40.0, seed: int = 3) -> Floats:
+    """(n, 9) A car on its way: slow turns, rough road."""
+    values = quiet(seconds, rate, seed)
+    rng = np.random.default_rng(seed)
+    n = len(values)
+    rough = rng.standard_normal((n + 40, 9))
+    rough = sum(rough[i : i + n] for i in range(40)) / 40**0.5
+    values[:, :6] += rough[:, :6] * np.array([0.02] * 3 + [0.3] * 3)
+    return values
+
+
+def test_motion_suspends_the_statistics_and_rest_takes_them_up_again() -> None:
+    values = np.concatenate((quiet(60), drive(60), quiet(60, seed=7)))
+    guard = Guard(SENSORS, 40.0)
+    through(guard, values[: 100 * 40])
+    assert not guard.at_rest
+    guard, valid, events = cuts(values)
+    assert guard.at_rest
+    assert not valid[62 * 40 : 118 * 40, :2].any()
+    assert valid[: 58 * 40].all()
+    assert valid[-45 * 40 :].all()
+    assert "motion" in [e.kind for e in events]
+
+
+def test_a_record_that_begins_in_motion_is_not_at_rest() -> None:
+    guard, valid, _ = cuts(drive(120))
+    assert not guard.at_rest
+    assert valid[:, 0].mean() < 0.06
+
+
+def test_a_new_noise_becomes_the_reference() -> None:
+    """The engine is started and keeps running: disturbed rest counts after a while, behind a break."""
+    values = quiet(200)
+    t = np.arange(4000) / 40.0
+    values[4000:, 3:6] += 0.1 * np.sin(2 * np.pi * 10.02 * t)[:, None]
+    guard = Guard(SENSORS, 40.0)
+    pieces, _ = through(guard, values)
+    valid = np.concatenate([p.valid for p in pieces])
+    assert guard.at_rest
+    assert valid[-60 * 40 :].all()
+    assert sum(p.broken for p in pieces) == 1
+
+
+def test_a_tilt_breaks_the_record() -> None:
+    values = quiet(200)
+    values[4000:, 4] += 0.5
+    guard = Guard(SENSORS, 40.0)
+    pieces, _ = through(guard, values)
+    valid = np.concatenate([p.valid for p in pieces])
+    assert guard.at_rest
+    assert sum(p.broken for p in pieces) == 1
+    assert 10 * 40 < (~valid[:, 0]).sum() < 40 * 40
+
+
+def test_a_restless_beginning_does_not_spoil_the_rest() -> None:
+    values = quiet(200)
+    values[: 10 * 40, :6] += SIGMA[:6] * 3 * np.random.default_rng(2).standard_normal((400, 6))
+    values[6000:6040, 0] += 0.02
+    _, valid, _ = cuts(values)
+    assert valid[400:5900].mean() > 0.99
+    assert not valid[6000:6040, 0].any()
+
+
+def busy() -> tuple[Floats, Bools]:
+    """A record with some of everything, and what of it was received."""
+    values = np.concatenate((quiet(90), drive(30), quiet(60, seed=4)))
+    values[1000, 0] += 1.0
+    values[1500:1580, 1] += 0.1
+    values[2000:2200] = values[2000]
+    valid = np.random.default_rng(1).random((len(values), 3)) > 0.01
+    valid[:, 0] = valid[:, 1]
+    return values, valid
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_chunking_gives_the_same_cuts(seed: int) -> None:
+    values, received = busy()
+    rng = np.random.default_rng(seed)
+    results = []
+    for sizes in (np.full(20, 1000), rng.integers(1, 300, 10000)):
+        guard = Guard(SENSORS, 40.0)
+        pieces, begin = [], 0
+        for size in sizes.tolist():
+            pieces += guard.update(values[begin : begin + size], received[begin : begin + size])
+            begin += size
+            if begin >= len(values):
+                break
+        pieces += guard.flush()
+        events = [(e.kind, e.start, e.length) for e in guard.events()]
+        valid = np.concatenate([p.valid for p in pieces])
+        places = np.cumsum([len(p.values) for p in pieces])[[p.broken for p in pieces]]
+        results.append((valid, events, guard.excluded, guard.disturbances, places.tolist()))
+    assert np.array_equal(results[0][0], results[1][0])
+    assert results[0][1:] == results[1][1:]
+
+
+def test_save_and_restore_continue_identically() -> None:
+    values, received = busy()
+    whole = Guard(SENSORS, 40.0)
+    expected = through(whole, values, 500, valid=received)[0]
+    for cut in (500, 2100, 4100, 5000):
+        first = Guard(SENSORS, 40.0)
+        pieces = first.update(values[:cut], received[:cut])
+        second = Guard.restore(first.save())
+        pieces += second.update(values[cut:], received[cut:]) + second.flush()
+        assert np.array_equal(
+            np.concatenate([p.valid for p in pieces]), np.concatenate([p.valid for p in expected])
+        )
+        assert second.excluded == whole.excluded
+
+
+def test_the_grid_keeps_its_length() -> None:
+    """Samples in and missing = samples out and skipped, whatever the holes."""
+    guard = Guard(SENSORS, 40.0)
+    values = quiet(100)
+    pieces = guard.update(values[:777])
+    for i, hole in enumerate((1, 3, 39, 40, 123, 5000, 1)):
+        pieces += guard.skip(hole)
+        pieces += guard.update(values[777 + 123 * i : 900 + 123 * i])
+    pieces += guard.break_()
+    assert guard.held == 0
+    pieces += guard.update(values[-100:]) + guard.flush()
+    out = sum(len(p.values) + p.skipped for p in pieces)
+    assert out == 777 + 7 * 123 + 1 + 3 + 39 + 40 + 123 + 5000 + 1 + 100
+    assert sum(int(p.valid[:, 0].sum()) for p in pieces) == 777 + 7 * 123 + 100
+    assert [p.broken for p in pieces].count(True) == 1
+
+
+def test_memory_is_bounded() -> None:
+    guard = Guard(SENSORS, 40.0)
+    values = quiet(3600)
+    sizes = []
+    for _ in range(4):
+        through(guard, values, 4000)
+        sizes.append(sum(a.nbytes for a in guard.save().values()))
+    assert max(sizes) < 1_000_000
+    assert guard.held == 0
+
+
+def test_the_curve_is_that_of_the_undisturbed_record() -> None:
+    """One wrong sample, a knock and a stuck minute in five hours: N within 0.1 %, no bump at long times."""
+    rate, n = 40.0, 5 * 3600 * 40
+    clean = synthesise(n, rate, N=[6.1e-5] * 3, B=4.8e-6, K=1e-7, seed=11)
+    spoilt = clean.copy()
+    spoilt[100_000, 0] += 1.0
+    spoilt[300_000:300_080, 1] += 0.1
+    spoilt[500_000:502_400] = spoilt[500_000]
+    sigma = []
+    for values, guarded in ((clean, False), (spoilt, True), (spoilt, False)):
+        cascade = OctaveCascade(3, 1 / rate, groups=(0, 0, 0))
+        guard = Guard(("gyro",) * 3, rate)
+        pieces = through(guard, values, 8000)[0] if guarded else [Passed(values, np.ones((n, 1), dtype=bool))]
+        for piece in pieces:
+            cascade.update(piece.values, piece.valid)
+        sigma.append(cascade.result().sigma)
+    assert np.abs(sigma[1][:4] / sigma[0][:4] - 1).max() < 1e-3
+    assert np.abs(sigma[1][:14] / sigma[0][:14] - 1).max() < 0.1
+    assert np.abs(sigma[2][0] / sigma[0][0] - 1).max() > 1.0

@@ -1,0 +1,132 @@
+"""Histogram: exact counts in bounded bins, and a verdict of effect size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from imumon.noise.histogram import BINS, Histogram, Shape, quantum
+from imumon.noise.synthesis import synthesise
+from imumon.samples import Floats
+
+
+def shape(values: Floats, chunk: int = 5000) -> Shape:
+    histogram = Histogram((0,))
+    for i in range(0, len(values), chunk):
+        histogram.update(values[i : i + chunk, None])
+    (result,) = histogram.result()
+    assert result is not None
+    return result
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("n", [256, 3000, 100_000, 1_000_000])
+@pytest.mark.parametrize("level", [0.0, -9.8])
+def test_gaussian_noise_is_gaussian_at_any_length(n: int, level: float) -> None:
+    result = shape(level + 1e-2 * rng(n).standard_normal(n))
+    assert result.is_gaussian
+    assert result.verdict == "Gaussian"
+    assert len(result.modes) == 1
+    assert sum(result.counts) == n
+    assert sum(result.gaussian) == pytest.approx(n, rel=1e-2)
+
+
+def test_so_is_noise_with_flicker_and_random_walk_and_a_printed_resolution() -> None:
+    noise = synthesise(400_000, 40.0, N=6e-5, B=2.4e-5, K=1e-6, seed=3)[:, 0]
+    assert shape(noise).verdict == "Gaussian"
+    result = shape(np.rint(noise * 1e6) * 1e-6)
+    assert result.verdict == "Gaussian"
+    assert result.step == pytest.approx(1e-6)
+
+
+CASES: dict[str, tuple[Callable[[int], Floats], str]] = {
+    "laplace": (lambda n: rng().laplace(size=n), "heavy tails"),
+    "exponential": (lambda n: rng().exponential(size=n), "skewed"),
+    "uniform": (lambda n: rng().uniform(size=n), "light tails"),
+    "two": (lambda n: rng().standard_normal(n) + np.where(rng(2).random(n) < 0.4, 4.0, 0.0), "2 modes"),
+    "three": (lambda n: rng().standard_normal(n) + 6.0 * rng(2).integers(0, 3, n), "3 modes"),
+    "levels": (lambda n: np.rint(0.5 * rng().standard_normal(n)) * 0.001, "quantised"),
+    "knocked": (lambda n: rng().standard_normal(n) * np.where(rng(2).random(n) < 0.02, 6.0, 1.0), "heavy"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("n", [5000, 300_000])
+def test_what_is_not_gaussian_is_told_with_its_reason(case: str, n: int) -> None:
+    make, reason = CASES[case]
+    result = shape(np.asarray(make(n), dtype=np.float64))
+    assert result.is_gaussian is False
+    assert reason in result.verdict
+
+
+def test_modes_are_where_they_are() -> None:
+    values = np.concatenate(
+        (3.0 + 0.5 * rng().standard_normal(60_000), -2.0 + 0.5 * rng(2).standard_normal(30_000))
+    )
+    modes = shape(rng(3).permutation(values)).modes
+    assert modes == pytest.approx((3.0, -2.0), abs=0.15)
+
+
+def test_moments_from_the_bins() -> None:
+    result = shape(rng().gamma(9.0, size=500_000))
+    assert result.skewness == pytest.approx(2 / 3, abs=0.02)
+    assert result.excess_kurtosis == pytest.approx(6 / 9, abs=0.06)
+
+
+def test_little_or_nothing() -> None:
+    histogram = Histogram((0, 1))
+    assert histogram.result() == [None, None]
+    histogram.update(np.zeros((10, 2)), np.array([[True, False]] * 10))
+    first, second = histogram.result()
+    assert first is not None
+    assert first.is_gaussian is None
+    assert second is None
+    constant = shape(np.full(1000, 25.0))
+    assert constant.verdict == "constant"
+    assert constant.counts == (1000,)
+
+
+def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
+    values = rng().standard_normal((20_000, 3)) * [1.0, 1e-3, 5.0] + [0.0, 9.8, -3.0]
+    values[:, 2] = np.rint(values[:, 2] * 10) / 10
+    values[7000:, 0] *= 30.0
+    valid = rng(2).random((20_000, 2)) > 0.1
+    results = []
+    for chunk in (20_000, 977, 61):
+        histogram = Histogram((0, 0, 1))
+        for i in range(0, len(values), chunk):
+            histogram.update(values[i : i + chunk], valid[i : i + chunk])
+        results.append(histogram.result())
+    assert results[0] == results[1] == results[2]
+    for c, found in enumerate(results[0]):
+        assert found is not None
+        assert len(found.counts) <= BINS
+        edges = found.start + found.width * np.arange(len(found.counts) + 1)
+        counted, _ = np.histogram(values[valid[:, c // 2], c], edges)
+        assert found.counts == tuple(counted.tolist())
+
+
+def test_save_and_restore_continue_identically() -> None:
+    values = rng().standard_normal((5000, 2))
+    whole = Histogram((0, 1))
+    whole.update(values)
+    for cut in (0, 100, 256, 3000):
+        first = Histogram((0, 1))
+        first.update(values[:cut])
+        second = Histogram.restore(first.save())
+        second.update(values[cut:])
+        assert second.result() == whole.result()
+
+
+def test_steps_are_read_from_the_values() -> None:
+    x = rng().standard_normal(256)
+    assert quantum(x) == 0.0
+    assert quantum(x.astype(np.float32).astype(np.float64)) == 0.0
+    assert quantum(np.rint(x * 14) * 0.001 - 9.8) == pytest.approx(0.001)
+    assert quantum(25.0 + np.rint(x) * 0.1) == pytest.approx(0.1)
+    assert quantum(np.full(256, 25.0)) == 0.0

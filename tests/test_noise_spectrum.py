@@ -1,0 +1,171 @@
+"""Spectrum: the right density at every frequency, lines where there are some, none where there are none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.noise.spectrum import Density, Spectrum, mains
+from imumon.noise.synthesis import synthesise
+from imumon.samples import Floats
+
+RATE = 40.0
+
+
+def density(values: Floats, chunk: int = 4000, rate: float = RATE) -> Density:
+    spectrum = Spectrum((0,) * values.shape[1], rate)
+    for i in range(0, len(values), chunk):
+        spectrum.update(values[i : i + chunk])
+    return spectrum.result()
+
+
+def white(n: int, c: int = 1, seed: int = 1) -> Floats:
+    """(n, c) white noise of N = 1e-3."""
+    return np.asarray(1e-3 * np.sqrt(RATE) * np.random.default_rng(seed).standard_normal((n, c)))
+
+
+def test_white_noise_is_flat_at_twice_n_squared() -> None:
+    found = density(white(400_000, 4) + 9.8)
+    assert (np.diff(found.frequency_hz) > 0).all()
+    assert found.frequency_hz[0] < 0.01
+    assert found.frequency_hz[-1] == RATE / 2
+    level = found.density[:-1] / 2e-6
+    scatter = 1.0 / np.sqrt(found.averages[:-1] * 0.94)
+    z = (level - 1.0) / scatter
+    assert np.abs(z).max() < 6.0
+    assert abs(z.mean()) < 0.2
+    assert z.std() == pytest.approx(1.0, abs=0.1)
+    np.testing.assert_allclose(found.white, 1e-3, rtol=0.01)
+
+
+def test_flicker_and_random_walk_have_their_slopes() -> None:
+    """Flicker: B^2 / (2 pi f) two-sided; random walk: K^2 / (2 pi f)^2."""
+    n = 600_000
+    noise = np.concatenate(
+        (synthesise(n, RATE, B=[1e-4] * 3, seed=2), synthesise(n, RATE, K=[1e-5] * 3, seed=3)), axis=1
+    )
+    found = density(noise)
+    f = found.frequency_hz[:, None]
+    use = ((found.frequency_hz > 0.005) & (found.frequency_hz < 3.0))[:, None] & (found.averages >= 8)
+    for expected, columns in (
+        (2e-8 / (2 * np.pi * f), slice(0, 3)),
+        (2e-10 / (2 * np.pi * f) ** 2, slice(3, 6)),
+    ):
+        ratio = (found.density[:, columns] / expected)[use[:, columns]]
+        assert ratio.mean() == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize("frequency", [0.037, 0.37, 3.7, 7.3, 14.9, 19.9])
+def test_a_line_is_found_with_frequency_and_amplitude(frequency: float) -> None:
+    n = 400_000
+    values = white(n, 2)
+    amplitude = 2e-3 if frequency > 0.1 else 1e-3
+    values[:, 1] += amplitude * np.sin(2 * np.pi * frequency * np.arange(n) / RATE)
+    found = density(values)
+    assert found.lines[0] == ()
+    assert len(found.lines[1]) == 1
+    line = found.lines[1][0]
+    assert line.frequency_hz == pytest.approx(frequency, rel=0.01, abs=1e-3)
+    assert line.amplitude == pytest.approx(amplitude, rel=0.15)
+    assert found.white[1] == pytest.approx(1e-3, rel=0.02)
+
+
+def test_mains_is_named_where_it_folds_to() -> None:
+    n = 100_000
+    values = white(n)
+    values[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.02 * np.arange(n) / RATE)
+    (line,) = density(values).lines[0]
+    assert line.frequency_hz == pytest.approx(10.02, abs=0.05)
+    assert line.name == "50 Hz mains"
+    assert 50.0 in line.aliases_hz
+    assert mains(20.0, 40.0, 0.1)[1] == "60 Hz mains"
+    assert mains(60.0, 200.0, 0.1)[1] == "60 Hz mains"
+    assert mains(33.3, 200.0, 0.1) == ((), None)
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    """White, flicker, random walk and a boxcar's spectrum, asked at many lengths."""
+    reports = lines = 0
+    for seed in range(6):
+        values = np.concatenate(
+            (
+                white(60_000, 3, seed),
+                synthesise(60_000, RATE, N=[1e-4] * 2, B=1e-4, K=[1e-5, 1e-3], seed=seed),
+            ),
+            axis=1,
+        )
+        values[4:, 0] = sum(values[i : len(values) - 4 + i, 0] for i in range(4)) / 4
+        spectrum = Spectrum((0,) * 5, RATE)
+        for i in range(0, len(values), 2000):
+            spectrum.update(values[i : i + 2000])
+            reports += 1
+            lines += sum(len(found) for found in spectrum.result().lines)
+    assert reports == 180
+    assert lines == 0
+
+
+def test_any_chunking_gives_the_same() -> None:
+    values = white(30_000, 2)
+    valid = np.ones((len(values), 2), dtype=bool)
+    valid[5000:5100, 1] = False
+    results = []
+    for chunk in (30_000, 1000, 37):
+        spectrum = Spectrum((0, 1), RATE)
+        for i in range(0, len(values), chunk):
+            spectrum.update(values[i : i + chunk], valid[i : i + chunk])
+            if i % 5000 < chunk:
+                spectrum.result()  # to ask changes nothing
+        results.append(spectrum.result())
+    for other in results[1:]:
+        np.testing.assert_allclose(other.density, results[0].density, rtol=1e-9)
+        np.testing.assert_array_equal(other.averages, results[0].averages)
+    assert results[0].averages[-1, 1] < results[0].averages[-1, 0]
+
+
+def test_gaps_cost_a_segment_and_leave_the_level() -> None:
+    values = white(200_000) + 9.8
+    whole, holed = Spectrum((0,), RATE), Spectrum((0,), RATE)
+    whole.update(values)
+    for i in range(0, len(values), 10_000):
+        holed.update(values[i : i + 9_980])
+        holed.skip(20)
+    a, b = whole.result(), holed.result()
+    assert b.averages[-1, 0] > 0.9 * a.averages[-1, 0]
+    assert b.averages[0, 0] == a.averages[0, 0]
+    assert b.white[0] == pytest.approx(a.white[0], rel=0.02)
+    low = a.frequency_hz < 0.05
+    assert b.density[low].mean() == pytest.approx(a.density[low].mean(), rel=0.25)
+    holed.skip(10**9)
+    holed.break_()
+    holed.update(values[:1000])
+    assert np.isfinite(holed.result().density).all()
+
+
+def test_memory_grows_with_the_logarithm() -> None:
+    spectrum = Spectrum((0, 0, 0), RATE)
+    values = white(100_000, 3)
+    sizes = []
+    for _ in range(8):
+        spectrum.update(values)
+        sizes.append(sum(a.nbytes for a in spectrum.save().values()))
+    assert sizes[-1] - sizes[0] < 4 * 20_000
+    averages = spectrum.result().averages[-1, 0]
+    assert 1024 < averages < 5000
+
+
+def test_save_and_restore_continue_identically() -> None:
+    values = white(20_000, 2)
+    whole = Spectrum((0, 0), RATE)
+    whole.update(values)
+    first = Spectrum((0, 0), RATE)
+    first.update(values[:7777])
+    second = Spectrum.restore(first.save())
+    second.update(values[7777:])
+    np.testing.assert_allclose(second.result().density, whole.result().density, rtol=1e-9)
+
+
+def test_nothing_yet() -> None:
+    found = Spectrum((0, 1), RATE).result()
+    assert found.density.shape == (0, 2)
+    assert found.lines == ((), ())
+    assert np.isnan(found.white).all()
