@@ -54,8 +54,10 @@ class Zenoh:
     """The bus: where the daemon listens, whom it lets in"""
 
     listen: Annotated[tuple[str, ...], "endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463"] = ()
-    connect: Annotated[tuple[str, ...], "endpoints of routers or peers to connect to as well"] = ()
-    mode: Annotated[Literal["peer", "router"], "router: also passes on what others publish"] = "peer"
+    connect: Annotated[
+        tuple[str, ...], "endpoints of routers to publish through as well; they may come and go"
+    ] = ()
+    mode: Annotated[Literal["peer", "router"], "router: others may connect as to a router"] = "peer"
     user: Annotated[str, "name to log in with at the other side"] = ""
     password: Annotated[str, "and its password; keep the file readable by its owner alone"] = ""
     users_file: Annotated[str, "who may connect to us: a file of lines user:password; empty: everybody"] = ""
@@ -215,7 +217,10 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
 
 
 def render(settings: Settings, *, origins: bool = False) -> str:
-    """Settings as a TOML file, each under a comment: what it is or, asked so, where its value is from."""
+    """Settings as a TOML file, each under a comment: what it is or, asked so, where its value is from.
+
+    With `origins` it is for the eye: a password is not shown.
+    """
     out: list[str] = []
     if not origins:
         out += ["# Settings of imumon: all of them, with their defaults. Flags win over this file."]
@@ -231,7 +236,9 @@ def render(settings: Settings, *, origins: bool = False) -> str:
                 if origins
                 else _HINTS[part][f.name].__metadata__[-1]
             )
-            out += [f"# {note}", f"{f.name} = {_toml(getattr(getattr(settings, part), f.name))}"]
+            value = getattr(getattr(settings, part), f.name)
+            shown = "********" if origins and value and f.name == "password" else value
+            out += [f"# {note}", f"{f.name} = {_toml(shown)}"]
         out.append("")
     return "\n".join(out[:-1]) + "\n"
 

@@ -123,7 +123,10 @@ def test_flags_win_and_every_value_knows_where_it_is_from(tmp_path: Path) -> Non
     file = write(
         tmp_path, "[device]\nbaud = 9600\nport = 'sim'\n[zenoh.raw]\n'transport/link/tx/lease' = 3000\n"
     )
-    settings = load(file, {"device.baud": 921600, "device.rate_hz": None, "zenoh.connect": ["tcp/host:1"]})
+    login = {"zenoh.user": "ann", "zenoh.password": "secret"}
+    settings = load(
+        file, {"device.baud": 921600, "device.rate_hz": None, "zenoh.connect": ["tcp/host:1"], **login}
+    )
     assert (settings.device.baud, settings.device.port, settings.device.rate_hz) == (921600, "sim", 0.0)
     assert settings.zenoh.connect == ("tcp/host:1",)
     assert settings.zenoh.raw == {"transport/link/tx/lease": 3000}
@@ -134,6 +137,7 @@ def test_flags_win_and_every_value_knows_where_it_is_from(tmp_path: Path) -> Non
     shown = render(settings, origins=True)
     assert "# command line\nbaud = 921600\n" in shown
     assert f'# {file}:3\nport = "sim"\n' in shown
+    assert "secret" not in shown
     assert set(settings.origins) == set(config.NAMES)
 
 

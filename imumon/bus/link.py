@@ -49,9 +49,9 @@ class Link:
             )
         publisher.put(text, timestamp=stamp)
 
-    def close(self) -> None:
+    def say_goodbye(self) -> None:
+        """Be alive no more; the session closes in its own time."""
         self._token.undeclare()
-        self.session.close()
 
 
 def open_local(

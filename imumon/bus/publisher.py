@@ -167,8 +167,10 @@ class Publisher:
     def _leave(self) -> None:
         with self._sending:
             links, self._links = self._links, []
+        for link in links:  # all of them before the first that is stuck
+            link.say_goodbye()
         for link in links:
-            link.close()
+            link.session.close()
 
     def __enter__(self) -> Publisher:
         return self
@@ -261,7 +263,7 @@ class Publisher:
                 link.put(name, text, stamp)
             self._uplinks[endpoint] = link
             if self._over.is_set():
-                link.close()
+                link.session.close()
             else:
                 self._links.append(link)
 

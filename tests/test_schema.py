@@ -1,0 +1,176 @@
+"""docs/report.schema.json says what imumon.report does; ``python tests/test_schema.py`` writes it anew."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+from imumon import report
+from imumon.report import Channel, Event, Report, Signal, from_json, to_dict, to_json
+
+FILE = Path(__file__).parents[1] / "docs" / "report.schema.json"
+LEFT_OUT = ("allan", "histogram", "spectrum")  # of a channel on its own key
+PLAIN: dict[Any, str] = {str: "string", int: "integer", float: "number", bool: "boolean"}
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of a report and of the other messages, from the dataclasses and their comments."""
+    defs: dict[str, Any] = {}
+    for cls in (Report, Event, Signal):
+        define(cls, defs)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": report.SCHEMA,
+        "description": "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Event imumon/{id}/event, "
+        "Signal imumon/{id}/signal/{sensor}/{axis}. More fields may come.",
+        "$ref": "#/$defs/Report",
+        "$defs": dict(sorted(defs.items())),
+    }
+
+
+def define(cls: type, defs: dict[str, Any]) -> dict[str, Any]:
+    if cls.__name__ not in defs:
+        defs[cls.__name__] = {}  # holds the place while the fields are looked at
+        hints, notes = typing.get_type_hints(cls), comments(cls)
+        properties = {
+            name: shape(hint, defs) | ({"description": notes[name]} if name in notes else {})
+            for name, hint in hints.items()
+        }
+        required = [name for name in hints if not (cls is Channel and name in LEFT_OUT)]
+        about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
+        described = {"description": about} if not about.startswith(cls.__name__ + "(") else {}
+        defs[cls.__name__] = {"type": "object", **described, "properties": properties, "required": required}
+    return {"$ref": f"#/$defs/{cls.__name__}"}
+
+
+def comments(cls: type) -> dict[str, str]:
+    """What stands beside the fields in the source."""
+    found = re.findall(r"^    (\w+): [^#\n]*#\s*(.+)$", inspect.getsource(cls), re.MULTILINE)
+    return dict(found)
+
+
+def shape(hint: Any, defs: dict[str, Any]) -> dict[str, Any]:
+    origin, words = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        inner = shape(next(word for word in words if word is not type(None)), defs)
+        if "enum" in inner:
+            return {"enum": [*inner["enum"], None]}
+        if isinstance(inner.get("type"), str):
+            return inner | {"type": [inner["type"], "null"]}
+        return {"anyOf": [inner, {"type": "null"}]}
+    if origin is Literal:
+        return {"enum": list(words)}
+    if origin is tuple:
+        return {"type": "array", "items": shape(words[0], defs)}
+    if origin is Mapping:
+        return {"type": "object", "additionalProperties": shape(words[1], defs)}
+    return define(hint, defs) if is_dataclass(hint) else {"type": PLAIN[hint]}
+
+
+KINDS: dict[str, Any] = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "integer": int,
+    "number": (int, float),
+    "boolean": bool,
+    "null": type(None),
+}
+
+
+def faults(value: Any, rule: dict[str, Any], root: dict[str, Any], at: str = "$") -> list[str]:
+    """Where a value breaks the rules of a schema, as far as ours goes."""
+    if "$ref" in rule:
+        return faults(value, root["$defs"][rule["$ref"].rpartition("/")[2]], root, at)
+    if "anyOf" in rule:
+        tries = [faults(value, one, root, at) for one in rule["anyOf"]]
+        return [] if [] in tries else tries[0]
+    if "enum" in rule:
+        return [] if value in rule["enum"] else [f"{at}: {value!r}"]
+    kinds = [rule["type"]] if isinstance(rule["type"], str) else rule["type"]
+    if not any(isinstance(value, KINDS[k]) and (k == "boolean" or value is not True) for k in kinds):
+        return [f"{at}: {value!r} is not {kinds}"]
+    out = []
+    if isinstance(value, list):
+        for index, item in enumerate(value):
+            out += faults(item, rule["items"], root, f"{at}[{index}]")
+    if isinstance(value, dict):
+        out += [f"{at}.{name} is missing" for name in rule.get("required", ()) if name not in value]
+        for name, item in value.items():
+            inner = rule.get("properties", {}).get(name) or rule.get("additionalProperties")
+            out += faults(item, inner, root, f"{at}.{name}") if inner else []
+    return out
+
+
+def filled(hint: Any, *, empty: bool) -> Any:
+    """A value of this type: with everything in it, or with as little as there may be."""
+    origin, words = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        inner = next(word for word in words if word is not type(None))
+        return None if empty else filled(inner, empty=False)
+    if origin is Literal:
+        return words[-1]
+    if origin is tuple:
+        return () if empty else (filled(words[0], empty=False),) * 2
+    if origin is Mapping:
+        return {} if empty else {"gyro/x": filled(words[1], empty=False)}
+    if is_dataclass(hint):
+        hints = typing.get_type_hints(hint)
+        return hint(**{f.name: filled(hints[f.name], empty=empty) for f in fields(hint)})  # type: ignore[operator]
+    return {str: "°/√h", int: 3, float: 0.1, bool: True}[hint]
+
+
+def test_the_file_is_the_code() -> None:
+    assert json.loads(FILE.read_text("utf-8")) == schema(), "run python tests/test_schema.py"
+
+
+@pytest.mark.parametrize("cls", [Report, Event, Signal])
+@pytest.mark.parametrize("empty", [True, False])
+def test_every_message_keeps_the_schema_and_comes_back_the_same(cls: type, empty: bool) -> None:
+    message = filled(cls, empty=empty)
+    root = json.loads(FILE.read_text("utf-8"))
+    assert faults(json.loads(to_json(message)), {"$ref": f"#/$defs/{cls.__name__}"}, root) == []
+    assert from_json(cls, to_json(message)) == message
+
+
+def test_a_channel_on_its_own_key_keeps_it_too() -> None:
+    root = json.loads(FILE.read_text("utf-8"))
+    entry = {k: v for k, v in to_dict(filled(Channel, empty=False)).items() if k not in LEFT_OUT}
+    assert faults(entry, {"$ref": "#/$defs/Channel"}, root) == []
+    assert from_json(Channel, json.dumps(entry)).allan is None
+
+
+@pytest.mark.parametrize(
+    ("change", "read"),
+    [
+        ({"state": "asleep"}, True),  # a word that later versions may know
+        ({"session": {}}, True),
+        ({"state": 3}, False),
+        ({"time": None}, False),
+        ({"period_s": True}, False),
+        ({"channels": {"gyro/x": {"unit": "rad/s", "mean": "0"}}}, False),
+        ({"channels": []}, False),
+    ],
+)
+def test_faults_are_found(change: dict[str, Any], read: bool) -> None:
+    root = json.loads(FILE.read_text("utf-8"))
+    changed = json.loads(to_json(filled(Report, empty=False))) | change
+    assert faults(changed, root["$defs"]["Report"], root)
+    if read:
+        assert from_json(Report, json.dumps(changed))
+    else:
+        with pytest.raises(ValueError, match="not a report"):
+            from_json(Report, json.dumps(changed))
+
+
+if __name__ == "__main__":
+    FILE.write_text(json.dumps(schema(), indent=1, ensure_ascii=False) + "\n", "utf-8")
