@@ -141,8 +141,8 @@ def state_sizes() -> None:
 class ExactCascade:
     """The same octaves in integers: exact at any length.
 
-    A float64 between 8 and 16 is a whole number of 2^-49, as are all sums of such numbers; their squares are added
-    in two halves to integers of any size.
+    A float64 between 8 and 16 is a whole number of 2^-49, as are all sums of such numbers; their squares are
+    added in two halves to integers of any size.
     """
 
     def __init__(self, octaves: int) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import doctest
 import io
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise
+from types import ModuleType
 
 import allantools
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.noise import allan, moments, synthesis
 from imumon.noise.allan import AllanCurve, OctaveCascade
 
 GROUPS = (0, 0, 1)
@@ -339,13 +342,29 @@ def test_nothing_and_little() -> None:
     assert empty.avar.shape == (0, 2)
     cascade.update(np.zeros((0, 2)))
     cascade.skip(0)
-    cascade.update(np.full((400, 2), np.inf))
+    cascade.update(np.full((399, 2), np.inf))
+    cascade.update(np.array([[1e300, 0.0]]))
     cascade.skip(1000)
     missing = cascade.result()
     assert (len(missing.m), missing.span, missing.segments) == (0, 1400, 1)
     np.testing.assert_array_equal(missing.valid, [0, 0])
     cascade.update(np.array([[1.0, 2.0], [2.0, 5.0]]))
     np.testing.assert_array_equal(cascade.result().avar, [[0.5, 4.5]])
+
+
+def test_a_copy_goes_its_own_way() -> None:
+    one = OctaveCascade(3, 0.01, groups=GROUPS)
+    run(one, [("take", 900)], np.random.default_rng(1))
+    two, before = one.copy(), one.result()
+    run(two, [("take", 900)], np.random.default_rng(2))
+    same_bits(one.result(), before)
+    run(one, [("take", 900)], np.random.default_rng(2))
+    same_bits(one.result(), two.result())
+
+
+@pytest.mark.parametrize("module", [allan, moments, synthesis])
+def test_examples_of_the_docstrings(module: ModuleType) -> None:
+    assert doctest.testmod(module).failed == 0
 
 
 def test_a_hole_of_years_is_cheap_and_counts() -> None:

@@ -1,7 +1,7 @@
 """Groups: channels that share their validity, because they are axes of one sensor's sample.
 
-Rules: a sample counts for a whole group or not at all; the channels of a group lie side by side; what is not
-finite never counts.
+Rules: a sample counts for a whole group or not at all; the channels of a group lie side by side; what is no
+number, or too large for its fourth power to be one, never counts.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.samples import Bools, Floats
+
+LARGEST = 1e60
 
 
 class Groups:
@@ -63,18 +65,20 @@ class Groups:
         Returns
         -------
         values : (n, c) float64.
-        present : (n, g) which count: valid and finite; None: all.
+        present : (n, g) which count; None: all.
         """
         values = np.asarray(values, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != self.channels:
             raise ValueError(f"samples must come as (n, {self.channels}), not {values.shape}")
         with np.errstate(over="ignore", invalid="ignore"):
-            finite = bool(np.isfinite(values.sum()))  # one quick pass; only what is odd is looked at closely
-        if valid is None and finite:
+            ordinary = bool(
+                abs(values.sum()) < LARGEST
+            )  # one quick pass; only what is odd is looked at closely
+        if valid is None and ordinary:
             return values, None
         shape = (len(values), len(self))
         present = np.ones(shape, dtype=bool) if valid is None else np.array(valid, dtype=bool).reshape(shape)
-        if not finite:
+        if not ordinary:
             for group, members in enumerate(self.members):
-                present[:, group] &= np.isfinite(values[:, members]).all(axis=1)
+                present[:, group] &= (np.abs(values[:, members]) < LARGEST).all(axis=1)
         return values, None if present.all() else present

@@ -100,14 +100,13 @@ class Moments:
         valid : (n, g) which of them count, by group; None: all. What is not finite never counts.
         """
         values, present = self._groups.check(values, valid)
-        everything = slice(0, self._groups.channels)
         for start in range(0, len(values), BATCH):
             part = values[start : start + BATCH]
             if present is None:
-                self._take(part, everything)
+                self._take(part, self._groups.members)
                 continue
             for group, members in enumerate(self._groups.members):
-                self._take(part[present[start : start + BATCH, group]][:, members], members)
+                self._take(part[present[start : start + BATCH, group]][:, members], [members])
 
     def merge(self, other: Moments) -> None:
         """Join the statistics of another record, taken after this one."""
@@ -164,9 +163,10 @@ class Moments:
             last=float(self._last[c]),
         )
 
-    def _take(self, values: Floats, c: slice) -> None:
-        """Reduce samples (n, a) of the channels `c`, all valid, and join them."""
+    def _take(self, values: Floats, groups: list[slice]) -> None:
+        """Reduce samples (n, a) of the channels of neighbouring groups, all valid, and join them."""
         n, a = values.shape
+        c = slice(groups[0].start, groups[-1].stop)
         if n == 0:
             return
         if self._scratch.shape[1] < values.size:
@@ -183,7 +183,11 @@ class Moments:
         np.multiply(x, x, out=square)
         third = (square[:, None, :] @ x[:, :, None])[:, 0, 0]
         fourth = (square[:, None, :] @ square[:, :, None])[:, 0, 0]
-        self._join(c, n, mean + shift, x @ x.T, third, fourth)
+        comoment = np.zeros((a, a))
+        for group in groups:
+            own = slice(group.start - c.start, group.stop - c.start)
+            comoment[own, own] = x[own] @ x[own].T
+        self._join(c, n, mean + shift, comoment, third, fourth)
 
     def _move_origin(self, c: slice, first: Floats) -> Floats:
         """(a,) channel unit, what to add to a mean relative to `first` to make it relative to the origin."""
