@@ -149,9 +149,10 @@ class Moments:
             return ChannelMoments(0, None, None, None, None, None, None, None)
         square = float(self._comoment[c, c])
         skewness = kurtosis = None
-        if square > 0.0:
-            skewness = float(self._third[c] / n) / (square / n) ** 1.5
-            kurtosis = float(self._fourth[c] / n) / (square / n) ** 2 - 3.0
+        variance = square / n
+        if variance**2 > 0.0:
+            skewness = float(self._third[c] / n) / variance**1.5
+            kurtosis = float(self._fourth[c] / n) / variance**2 - 3.0
         return ChannelMoments(
             count=n,
             mean=float(self._origin[c] + self._mean[c]),
