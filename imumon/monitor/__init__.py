@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from imumon.monitor import describe
 from imumon.monitor.record import Record
-from imumon.noise.fit import Estimator
+from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grade import LIMITS
 from imumon.report import Channel, Device, Report, SensorGrade, Session, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream, sensor_of
@@ -173,8 +173,15 @@ class Monitor:
         )
 
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
-        """What a signal view draws of some channels."""
-        return {}
+        """What a signal view draws of some channels: strips; histogram and spectrum are in the report."""
+        record = self._record
+        if record is None:
+            return {}
+        return {
+            name: describe.signal(name, record.strip, record.channels.index(name), record.interval_s)
+            for name in channels
+            if name in record.channels
+        }
 
     def save(self) -> tuple[dict[str, Any], Mapping[str, npt.NDArray[Any]]]:
         """State that `resume` continues from; only of a monitor that has samples."""
@@ -349,23 +356,49 @@ class Monitor:
         record, estimator = self._record, self._estimator
         assert record is not None
         assert estimator is not None
-        curve = record.curve()
+        curve, running = record.cascade.result(), record.moments.result()
         fits = dict(zip(record.channels, estimator.fit(curve), strict=False))
-        running = record.running()
-        caveats = (*device_caveats, *self._record_caveats())
-        channels = {
-            name: describe.channel(name, column, running.channels[column], curve, fits.get(name), caveats)
-            for column, name in enumerate(record.channels)
-        }
+        shapes, density, recent = record.histogram.result(), record.spectrum.result(), record.strip.recent()
+        whole = (*device_caveats, *self._record_caveats())
+        channels = {}
+        for column, name in enumerate(record.channels):
+            sensor, fit = sensor_of(name), fits.get(name)
+            axes = [other for other in record.channels if sensor_of(other) == sensor]
+            made = describe.channel(name, running.channels[column])
+            made = replace(
+                made,
+                histogram=describe.histogram(shapes[column]),
+                distribution=describe.distribution(
+                    name,
+                    axes,
+                    shapes[column],
+                    (float(recent.mean[column]), float(recent.std[column])),
+                    None,
+                    running.covariance[record.groups[column]],
+                ),
+            )
+            if fit is not None:
+                made = describe.with_fit(made, sensor, curve, column, fit)
+                made = replace(
+                    made,
+                    spectrum=describe.spectrum(density, column),
+                    caveats=tuple(dict.fromkeys((*whole, *fit.caveats))),
+                )
+            channels[name] = made
+        return channels, self._sensor_grades(record, fits)
+
+    def _sensor_grades(self, record: Record, fits: Mapping[str, ChannelFit]) -> dict[str, SensorGrade]:
+        """Headlines; none while the sensor is not at rest."""
         grades = {}
         for sensor in LIMITS:
             axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
-            if not axes:
-                continue
-            grades[sensor] = (
-                describe.sensor_grade(sensor, axes) if record.at_rest else SensorGrade(reason="not at rest")
-            )
-        return channels, grades
+            if axes:
+                grades[sensor] = (
+                    describe.sensor_grade(sensor, axes)
+                    if record.at_rest
+                    else SensorGrade(reason="the sensor is not at rest")
+                )
+        return grades
 
     def _record_caveats(self) -> tuple[str, ...]:
         return () if self._at_rest else ("not_at_rest",)

@@ -5,7 +5,8 @@ Each function turns one result into one part of `imumon.report`; nothing is comp
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -15,9 +16,16 @@ from imumon import report
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS, grade_channel, grade_sensor
+from imumon.noise.histogram import Shape
 from imumon.noise.moments import ChannelMoments
+from imumon.noise.spectrum import Density
+from imumon.noise.strip import Columns
+from imumon.noise.strip import Strip as Strips
 from imumon.samples import UNITS, Floats, sensor_of
 from imumon.units import READABLE, SI
+
+BINS_SHOWN = 64
+POINTS_A_DECADE = 24
 
 
 class Estimated(Protocol):
@@ -97,24 +105,10 @@ def sensor_grade(sensor: str, fits: Mapping[str, ChannelFit]) -> report.SensorGr
     )
 
 
-def channel(
-    name: str,
-    column: int,
-    running: ChannelMoments,
-    curve: AllanCurve,
-    fit: ChannelFit | None,
-    caveats: tuple[str, ...],
-) -> report.Channel:
-    """Everything the report says of one channel.
-
-    Parameters
-    ----------
-    fit : None for a channel without an Allan curve.
-    caveats : those that hold for the whole record.
-    """
-    sensor = sensor_of(name)
-    whole = report.Channel(
-        unit=UNITS[sensor],
+def channel(name: str, running: ChannelMoments) -> report.Channel:
+    """Running statistics of one channel."""
+    return report.Channel(
+        unit=UNITS[sensor_of(name)],
         count=running.count,
         mean=running.mean,
         std=running.std,
@@ -124,10 +118,14 @@ def channel(
         excess_kurtosis=running.excess_kurtosis,
         last=running.last,
     )
-    if fit is None:
-        return whole
+
+
+def with_fit(
+    channel: report.Channel, sensor: str, curve: AllanCurve, column: int, fit: ChannelFit
+) -> report.Channel:
+    """The same with curve, coefficients and grade."""
     return replace(
-        whole,
+        channel,
         N=coefficient(sensor, "N", fit.N),
         B=coefficient(sensor, "B", fit.B),
         K=coefficient(sensor, "K", fit.K),
@@ -135,13 +133,134 @@ def channel(
         readings=report.Readings(N=fit.readings.N, B=fit.readings.B, K=fit.readings.K),
         time_to=report.TimeTo(N=fit.time_to.N, B=fit.time_to.B, K=fit.time_to.K),
         fit=report.FitQuality(chi2=fit.chi2, dof=fit.dof, p_value=fit.p_value),
-        caveats=tuple(dict.fromkeys((*caveats, *fit.caveats))),
         allan=allan(curve, column, fit),
     )
 
 
+def distribution(
+    channel: str,
+    axes: Sequence[str],
+    shape: Shape | None,
+    recent: tuple[float, float],
+    bias: tuple[float, float, float] | None,
+    covariance: Floats | None,
+) -> report.Distribution:
+    """Shape of a channel's values, beside its last minute and the sensor's other axes.
+
+    Parameters
+    ----------
+    axes : channels of the sensor, in the order of `covariance`, (a, a) (channel unit)^2.
+    recent : channel unit, mean and deviation of the last minute; NaN where unknown.
+    bias : channel unit, mean against rest with its 95 % limits.
+    """
+    return report.Distribution(
+        verdict=shape.verdict if shape else None,
+        gaussian=shape.is_gaussian if shape else None,
+        modes=shape.modes if shape else (),
+        recent_mean=number(recent[0]),
+        recent_std=number(recent[1]),
+        bias=bias[0] if bias else None,
+        bias_low=bias[1] if bias else None,
+        bias_high=bias[2] if bias else None,
+        correlation=correlations(channel, axes, covariance),
+    )
+
+
+def correlations(channel: str, axes: Sequence[str], covariance: Floats | None) -> dict[str, float]:
+    """Correlation of a channel with the other axes of its sensor."""
+    if covariance is None or len(axes) < 2:
+        return {}
+    spread = np.sqrt(np.diag(covariance))
+    row = axes.index(channel)
+    return {
+        other: float(covariance[row, column] / (spread[row] * spread[column]))
+        for column, other in enumerate(axes)
+        if column != row and spread[row] > 0.0 and spread[column] > 0.0
+    }
+
+
+def histogram(shape: Shape | None) -> report.Histogram | None:
+    """Bins of a channel, at most `BINS_SHOWN`: neighbours are put together in equal numbers."""
+    if shape is None:
+        return None
+    step = -(-len(shape.counts) // BINS_SHOWN)
+    return report.Histogram(
+        start=shape.start,
+        width=shape.width * step,
+        counts=tuple(sum(shape.counts[at : at + step]) for at in range(0, len(shape.counts), step)),
+        gaussian=tuple(
+            round(sum(shape.gaussian[at : at + step]), 2) for at in range(0, len(shape.gaussian), step)
+        ),
+    )
+
+
+def spectrum(density: Density, column: int) -> report.Spectrum | None:
+    """Spectrum of one channel, `POINTS_A_DECADE` points at most in each decade of frequency."""
+    rows = np.flatnonzero(density.averages[:, column] > 0)
+    if not len(rows):
+        return None
+    frequency = density.frequency_hz[rows]
+    power, averages = density.density[rows, column], density.averages[rows, column]
+    positive = frequency > 0.0
+    bins = np.floor(np.log10(np.where(positive, frequency, 1.0)) * POINTS_A_DECADE).astype(np.int64)
+    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
+    ends = np.append(starts[1:], len(bins))
+    white = number(float(density.white[column]))
+    return report.Spectrum(
+        frequency_hz=rounded(np.add.reduceat(frequency, starts) / (ends - starts)),
+        density=rounded(np.add.reduceat(power, starts) / (ends - starts)),
+        averages=tuple(int(n) for n in np.add.reduceat(averages, starts)),
+        lines=tuple(
+            report.Line(
+                frequency_hz=line.frequency_hz,
+                amplitude=line.amplitude,
+                aliases_hz=line.aliases_hz,
+                name=line.name,
+            )
+            for line in density.lines[column]
+        ),
+        white=white,
+    )
+
+
+def signal(name: str, strips: Strips, column: int, interval_s: float) -> report.Signal:
+    """What a signal view draws of one channel."""
+    return report.Signal(
+        channel=name,
+        unit=UNITS[sensor_of(name)],
+        minute=strip(strips.minute(), column, interval_s),
+        hour=strip(strips.hour(), column, interval_s),
+        everything=strip(strips.everything(), column, interval_s),
+    )
+
+
+def strip(columns: Columns, column: int, interval_s: float) -> report.Strip:
+    """Least and greatest values of one channel, in seconds."""
+    return report.Strip(
+        start_s=columns.start * interval_s,
+        column_s=columns.width * interval_s,
+        low=tuple(drawn(v) for v in columns.low[:, column]),
+        high=tuple(drawn(v) for v in columns.high[:, column]),
+    )
+
+
+def drawn(value: float) -> float | None:
+    """Finite number with the digits that a drawing needs, or None."""
+    return float(f"{value:.8g}") if math.isfinite(value) else None
+
+
+def number(value: float) -> float | None:
+    """Finite number, or None."""
+    return float(value) if math.isfinite(value) else None
+
+
 def numbers(values: Floats) -> tuple[float, ...]:
     return tuple(float(v) for v in values)
+
+
+def rounded(values: Floats) -> tuple[float, ...]:
+    """Numbers for drawing: five digits keep the message small."""
+    return tuple(float(f"{v:.5g}") for v in values)
 
 
 def known(values: Floats) -> tuple[float | None, ...]:
