@@ -117,7 +117,7 @@ class Device:
         }
         self.tick = 0
         self.restarts = 0
-        self._since_tick, self._since = 0, np.zeros(6)
+        self._since_tick, self._since = 0, self._integrals(np.array([0]))[0]
         self._start()
 
     # ------------------------------------------------------------------ registers
@@ -264,19 +264,20 @@ class Device:
     def _increments(self, events: Ints) -> Floats:
         """Time and integrals between one reset of the increments and the next, (n, 7) s and unit * s."""
         ends = events + 1
-        integrals = np.concatenate(
-            [self._tape.integral(ends, GYRO), self._tape.integral(ends, ACCEL)], axis=1
-        )
+        integrals = self._integrals(ends)
         before = np.concatenate((self._since[None, :], integrals[:-1]))
         spans = np.diff(ends, prepend=self._since_tick) / LOOP_RATE
         self._since_tick, self._since = int(ends[-1]), integrals[-1]
         return np.concatenate((spans[:, None], integrals - before), axis=1)
 
+    def _integrals(self, ticks: Ints) -> Floats:
+        return np.concatenate([self._tape.integral(ticks, GYRO), self._tape.integral(ticks, ACCEL)], axis=1)
+
     def _readout(self, ticks: Ints, since: Floats | None) -> Readout:
         age = (ticks - self._boot_tick + STARTUP_TICKS) / LOOP_RATE + self._tape.jitter(ticks)
         sync = REGISTERS[SYNC_CONTROL].parse(self.read(SYNC_CONTROL))
         pace = {1: 1, 2: 1, 3: 2}.get(int(sync["out_mode"]), 0) * (int(sync["out_skip"]) + 1)
-        pulses = (ticks // pace - self._sync_tick // pace) if pace else np.zeros(len(ticks), np.int64)
+        pulses = (ticks // pace - (self._sync_tick - 1) // pace) if pace else np.zeros(len(ticks), np.int64)
         counts: Mapping[str, Floats | Ints] = {
             "timeStartup": np.maximum(np.rint(age * 1e6).astype(np.int64) * 1000 + self._jump_ns, 0)[:, None],
             "vpeStatus": np.full((len(ticks), 1), self._disturbed, np.int64),

@@ -4,7 +4,8 @@ The tape holds what a perfect 800 Hz converter would give: constant parts, and o
 flicker and random walk of the coefficients that are asked for. It is kept as running sums, since all that
 a VN-100 makes of it are sums: boxcar means (register 85) and increments (DeltaTheta, DeltaVel). The
 elements' own bandwidth, 256 Hz for the gyro and 260 Hz for the accelerometer, is a symmetric filter of three
-taps with its -3 dB point there; increments are taken before it.
+taps with its -3 dB point there; increments are taken before it. The tape has a past when it starts: tick 0
+is no beginning of anything but the warm-up.
 
 The magnetometer is read 250 times a second and holds its value between readings, so 69 % of its values
 at 800 Hz are repeats, as on the real part. Ticks are counted from the first one ever made; what the
@@ -64,14 +65,14 @@ class Tape:
         self._held = np.zeros((3, 1))
         self._sums = np.zeros((len(CONSTANT), HISTORY + 1))
         self._jitter = np.zeros(HISTORY)
-        self._first = -HISTORY
-        self.end = 0
+        self._first, self.end = -2 * HISTORY, -HISTORY
+        self.extend(HISTORY)
 
     def extend(self, ticks: int) -> None:
         """Make so many ticks more, and forget what no output can reach any more."""
         at = np.arange(self.end, self.end + ticks)
         new = np.empty((len(CONSTANT), ticks))
-        warm = self._settings.warm_up * -np.exp(-at / (self._settings.warm_up_s * LOOP_RATE))
+        warm = self._settings.warm_up * -np.exp(-np.maximum(at, 0) / (self._settings.warm_up_s * LOOP_RATE))
         new[GYRO] = self._gyro.take(ticks).T + self._settings.gyro_thermal * warm
         new[ACCEL] = self._accel.take(ticks).T
         new[MAG] = self._magnetic(at)
