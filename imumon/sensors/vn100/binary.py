@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from struct import iter_unpack
 from typing import Any
 
 import numpy as np
@@ -197,13 +198,13 @@ class Layout:
 
     def count(self, data: bytes, at: int, most: int) -> int:
         """How many valid packets of this layout follow one another from `at` on."""
-        length, header = self.length, self.header
-        end = at + most * length
-        for begin in range(at, end, length):
-            if not data.startswith(header, begin) or crc16(data[begin + 1 : begin + length]):
-                end = begin
-                break
-        return (end - at) // length
+        header, begun = self.header, crc16(self.header[1:])
+        span = memoryview(data)[at : at + most * self.length]
+        packets = iter_unpack(f"{len(header)}s{self.length - len(header)}s", span)
+        for good, (head, rest) in enumerate(packets):
+            if head != header or crc16(rest, begun):
+                return good
+        return most
 
 
 class Incomplete(Exception):

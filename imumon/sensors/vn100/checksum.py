@@ -20,10 +20,12 @@ def xor8(data: bytes | memoryview) -> int:
     return int(np.bitwise_xor.reduce(np.frombuffer(data, np.uint8)))
 
 
-def crc16(data: bytes | memoryview) -> int:
+def crc16(data: bytes | memoryview, begun: int = 0) -> int:
     """CRC16-CCITT as XMODEM has it: polynomial 0x1021, start 0, no reflection, no final XOR.
+
+    `begun` is the CRC of what stands before `data`.
 
     >>> f"{crc16(b'123456789'):04X}"
     '31C3'
     """
-    return binascii.crc_hqx(data, 0)
+    return binascii.crc_hqx(data, begun)
