@@ -7,9 +7,9 @@ line some in the middle, a warm-up the long ones; an efficient fit would bend wi
 2. Quantisation and ramp are taken in where their score, given the other terms, exceeds `WANTED` standard
    deviations, which noise of the three kinds alone does once in a thousand; a term once in stays above
    `KEPT`.
-3. Still rejected: the cheapest description that passes (p >= `CURED`) is sought, an octave left out
-   costing 1 and a term 2. Octaves are left out from the short end or as one block; of equal cost, the best
-   p wins.
+3. Still rejected: the cheapest description that passes (p >= `CURED`) is sought. An octave left out costs
+   1, a term 2, and a block that does not begin with the shortest octave one more, or three where it
+   leaves a single octave below, on which N would then hang. Of equal cost, the best p wins.
 4. Nothing passes at `DEAREST`: the best of it stays, and what is left over counts as an error of the model
    that all octaves have, as large as makes chi-square its expectation. It widens every interval.
 
@@ -39,7 +39,11 @@ WANTED = 3.1
 KEPT = 2.0
 TOLERATED = 2e-3  # of the Allan variance
 DEAREST = 14
+TERM_COST = 2
+LONELY = 3
+SHORT = 2  # octaves left out at the short end beside a block
 _ROUNDS = 8
+_SEARCH_ROUNDS = 5
 _BASE = np.arange(len(TERMS)) < 3
 QUANTISATION, RAMP = 3, 4
 FEWEST = 5  # octaves that must stay
@@ -102,7 +106,9 @@ def _tried(problem: Problems, used: Bools, free: Bools, start: Floats | None = N
     return _all_tried(problem, used[None], free[None], None if start is None else start[None])[0]
 
 
-def _all_tried(problem: Problems, used: Bools, free: Bools, start: Floats | None = None) -> list[Choice]:
+def _all_tried(
+    problem: Problems, used: Bools, free: Bools, start: Floats | None = None, rounds: int = _ROUNDS
+) -> list[Choice]:
     count = len(used)
     batch = replace(
         problem.take(np.zeros(count, dtype=np.int64)),
@@ -110,7 +116,7 @@ def _all_tried(problem: Problems, used: Bools, free: Bools, start: Floats | None
         free=free,
         excess=np.full(count, TOLERATED**2),
     )
-    p = solve(batch, start=start, rounds=_ROUNDS)
+    p = solve(batch, start=start, rounds=rounds)
     chi2, dof = misfit(batch, p)
     choices = []
     for row in range(count):
@@ -165,40 +171,49 @@ def _with_terms(problem: Problems, choice: Choice) -> Choice:
 
 
 def _regained(problem: Problems, choice: Choice, everything: Bools) -> Choice:
-    """The choice with an octave or a term back where that is plainly fine."""
+    """The choice with an octave more or a term less, where that is cheaper and plainly fine."""
+    found = _with_terms(problem, choice)
+    if found is not choice:
+        return found
+    used = [everything]
     out = np.flatnonzero(everything & ~choice.used)
-    extras = [term for term in (QUANTISATION, RAMP) if choice.free[term]]
-    if extras:
-        dropped = [
-            term
-            for term in extras
-            if choice.p[term] == 0.0
-            or _scores(problem, replace(choice, free=_without(choice.free, term)), [term])[0] < KEPT
-        ]
-        if dropped:
-            fewer = choice.free.copy()
-            fewer[dropped] = False
-            found = _tried(problem, choice.used, fewer)
-            if found.p_value is None or found.p_value >= REGAINED:
-                choice = found
-    if not out.size:
-        return _with_terms(problem, choice)
-    ends = {int(out[0]), int(out[-1])}
-    used = np.repeat(choice.used[None], len(ends) + 1, axis=0)
-    used[0] = everything
-    for row, octave in enumerate(sorted(ends), start=1):
-        used[row, octave] = True
-    free = np.repeat(choice.free[None], len(used), axis=0)
-    for found in _all_tried(problem, used, free):
-        if found.p_value is not None and found.p_value >= REGAINED:
-            return found
+    for octave in out[[0, -1]] if out.size else ():
+        more = choice.used.copy()
+        more[octave] = True
+        used.append(more)
+    tries = [(mask, choice.free) for mask in used if out.size]
+    for term in np.flatnonzero(choice.free & ~_BASE):
+        fewer = choice.free.copy()
+        fewer[term] = False
+        tries.append((choice.used, fewer))
+    tries = [row for row in tries if _cost(*row) < _cost(choice.used, choice.free)]
+    if not tries:
+        return choice
+    for again in _all_tried(
+        problem, np.array([mask for mask, _ in tries]), np.array([free for _, free in tries])
+    ):
+        if again.p_value is not None and again.p_value >= REGAINED and _unwanted(problem, again, choice.free):
+            return again
     return choice
 
 
-def _without(free: Bools, term: int) -> Bools:
-    fewer = free.copy()
-    fewer[term] = False
-    return fewer
+def _unwanted(problem: Problems, choice: Choice, free: Bools) -> bool:
+    """Whether the terms that would be given up are not seen."""
+    gone = [int(term) for term in np.flatnonzero(free & ~choice.free)]
+    return not gone or max(_scores(problem, choice, gone)) < KEPT
+
+
+def _cost(used: Bools, free: Bools) -> int:
+    """What a description costs; see the rules above.
+
+    >>> _cost(np.array([False, True, True, False, True]), _BASE), _cost(np.array([True, False, True]), _BASE)
+    (3, 4)
+    """
+    out = np.flatnonzero(~used)
+    short = int(np.argmax(used))
+    further = out[out > short]
+    block = 0 if not further.size else LONELY if further[0] == short + 1 else 1
+    return int(out.size + block + TERM_COST * (free.sum() - _BASE.sum()))
 
 
 def _sought(problem: Problems, rejected: Choice) -> Choice:
@@ -208,7 +223,11 @@ def _sought(problem: Problems, rejected: Choice) -> Choice:
         used, free = _candidates(problem.used[0], cost)
         if not len(used):
             continue
-        found = [c for c in _all_tried(problem, used, free) if np.all(c.p[3:][c.free[3:]] > 0.0)]
+        found = [
+            c
+            for c in _all_tried(problem, used, free, rounds=_SEARCH_ROUNDS)
+            if np.all(c.p[3:][c.free[3:]] > 0.0)
+        ]
         if not found:
             continue
         here = max(found, key=_quality)
@@ -226,21 +245,39 @@ def _quality(choice: Choice) -> float:
 
 def _candidates(available: Bools, cost: int) -> tuple[Bools, Bools]:
     """Octaves and terms of all descriptions of one cost: (n, k) and (n, 5)."""
-    index = np.flatnonzero(available)
-    used, free = [], []
+    octaves = available.size
+    used: list[Bools] = []
+    free: list[Bools] = []
     for extra in ((), (QUANTISATION,), (RAMP,), (QUANTISATION, RAMP)):
-        left_out = cost - 2 * len(extra)
-        kept = index.size - left_out
-        if left_out < 0 or kept < FEWEST + len(extra):
-            continue
         terms = _BASE.copy()
         terms[list(extra)] = True
-        for begin in range(kept + 1 if left_out else 1):
+        for left_out in _left_out(octaves, cost - TERM_COST * len(extra)):
             mask = available.copy()
-            mask[index[begin : begin + left_out]] = False
-            used.append(mask)
-            free.append(terms)
-    return np.array(used, dtype=bool), np.array(free, dtype=bool)
+            mask[left_out] = False
+            if mask.sum() >= FEWEST + len(extra):
+                used.append(mask)
+                free.append(terms)
+    return np.array(used, dtype=bool).reshape(-1, octaves), np.array(free, dtype=bool).reshape(-1, len(TERMS))
+
+
+def _left_out(octaves: int, cost: int) -> list[list[int]]:
+    """Octaves to leave out at a cost: the shortest ones, a block further on, or both.
+
+    >>> _left_out(4, 2)
+    [[0, 1], [2], [3]]
+    """
+    if cost < 0:
+        return []
+    if cost == 0:
+        return [[]]
+    found = [list(range(cost))] if cost <= octaves else []
+    for short in range(min(cost, SHORT + 1)):
+        for begin in range(short + 1, octaves):
+            # what stays below the block carries N alone: one octave there is trusted less than two
+            length = cost - short - (LONELY if begin == short + 1 else 1)
+            if 1 <= length <= octaves - begin:
+                found.append([*range(short), *range(begin, begin + length)])
+    return found
 
 
 def _finished(problem: Problems, choice: Choice) -> Choice:

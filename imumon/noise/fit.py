@@ -84,7 +84,7 @@ class ChannelFit:
     edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
     time_to : s, still to record.
     readings : classical slope readings.
-    caveats : words; ``misfit``, ``vibration``, ``filtered``, ``quantised``, ``ramp``.
+    caveats : words; ``misfit``, ``vibration``, ``correlated``, ``quantised``, ``ramp``.
     """
 
     N: Coefficient
@@ -151,26 +151,39 @@ class Estimator:
             return tuple(_nothing(len(curve.m), "no difference yet") for _ in curve.valid)
         table = tables(curve.span, octaves, averaged=self.averaged)
         problems, reasons = _problems(curve, table)
+        due = []
         for channel, reason in enumerate(reasons):
             known = self._known.get(channel)
             if reason is not None:
                 self._known.pop(channel, None)
-            elif known is None or (
-                curve.span >= known.span * GROWTH or known.span > curve.span if renew is None else renew
-            ):
-                self._known[channel] = self._renewed(
-                    problems.take(slice(channel, channel + 1)), curve.span, curve.tau0, known
-                )
+            elif known is None or (_grown(known.span, curve.span) if renew is None else renew):
+                due.append(channel)
+        self._renew(problems, due, curve)
         return self._assembled(curve, problems, reasons)
 
-    def _renewed(self, problem: Problems, span: int, tau0: float, former: _Known | None) -> _Known:
-        choice = choose(problem, None if former is None else former.choice)
-        fitted = replace(
-            problem, used=choice.used[None], free=choice.free[None], excess=np.array([choice.excess])
-        )
-        low, high, status, reasons = _limits(fitted, choice.p)
-        times = _times(fitted, choice.p, low, high, span * tau0, self.precision)
-        return _Known(span, choice, low, high, status, reasons, times)
+    def _renew(self, problems: Problems, due: list[int], curve: AllanCurve) -> None:
+        """Work out choice, limits and times of some channels anew."""
+        if not due:
+            return
+        former = [self._known[channel].choice if channel in self._known else None for channel in due]
+        chosen = [
+            choose(problems.take(slice(channel, channel + 1)), before)
+            for channel, before in zip(due, former, strict=True)
+        ]
+        fitted = _as_chosen(problems.take(np.array(due)), chosen)
+        low, high, status, reasons = _limits(fitted, np.array([choice.p for choice in chosen]))
+        for row, channel in enumerate(due):
+            times = _times(
+                fitted.take(slice(row, row + 1)),
+                chosen[row].p,
+                low[row],
+                high[row],
+                curve.span * curve.tau0,
+                self.precision,
+            )
+            self._known[channel] = _Known(
+                curve.span, chosen[row], low[row], high[row], status[row], reasons[row], times
+            )
 
     def _assembled(
         self, curve: AllanCurve, problems: Problems, reasons: list[str | None]
@@ -182,13 +195,8 @@ class Estimator:
         known = [self._known[channel] for channel in rows]
         part = problems.take(np.array(rows))
         k = part.used.shape[1]
-        used = np.array([_fit_length(item.choice.used, k, True) for item in known]) & part.used
-        part = replace(
-            part,
-            used=used,
-            free=np.array([item.choice.free for item in known]),
-            excess=np.array([item.choice.excess for item in known]),
-        )
+        part = _as_chosen(part, [item.choice for item in known])
+        used = part.used
         p = solve(part, start=np.array([item.choice.p for item in known]) + 0.0)
         at = weigh(replace(part, excess=np.zeros(len(rows))), p)
         variance = at.relative[:, np.arange(k), np.arange(k)]
@@ -197,6 +205,10 @@ class Estimator:
                 curve, channel, p[row], known[row], used[row], at.model[row], 2.0 / variance[row]
             )
         return tuple(fits)
+
+
+def _grown(before: int, now: int) -> bool:
+    return now >= before * GROWTH or now < before
 
 
 def fit_curve(curve: AllanCurve, *, averaged: bool) -> tuple[ChannelFit, ...]:
@@ -238,44 +250,78 @@ def _problems(curve: AllanCurve, table: Tables) -> tuple[Problems, list[str | No
     return problems, reasons
 
 
+def _as_chosen(problems: Problems, choices: list[Choice]) -> Problems:
+    """The problems with the octaves and terms that were chosen for them."""
+    k = problems.used.shape[1]
+    return replace(
+        problems,
+        used=np.array([_fit_length(choice.used, k, True) for choice in choices]) & problems.used,
+        free=np.array([choice.free for choice in choices]),
+        excess=np.array([choice.excess for choice in choices]),
+    )
+
+
 def _limits(
-    problem: Problems, p: Floats
-) -> tuple[Floats, Floats, tuple[Status, ...], tuple[str | None, ...]]:
-    """Limits of the powers of N, B and K of one channel, (3,) each, their status and why it is not known."""
-    three = problem.take(np.zeros(3, dtype=np.int64))
-    terms = np.arange(3)
-    start = np.repeat(p[None], 3, axis=0)
-    spread = intervals.deviations(problem, p[None])[0, :3]
-    told = np.isfinite(spread) & (problem.used.sum() >= np.array([_OCTAVES_N, _OCTAVES, _OCTAVES]))
-    zero, _ = intervals.score(three, terms, np.zeros(3), start)
-    seen = told & (zero > _SEEN) & (p[:3] > 0.0)
-    low, high = np.zeros(3), np.full(3, np.inf)
-    rows = np.flatnonzero(seen)
-    if rows.size:
-        target = np.full(rows.size, _TWO_SIDED)
-        low[rows] = intervals.limit(three.take(rows), rows, start[rows], spread[rows], target, upper=False)
-    rows = np.flatnonzero(told)
-    if rows.size:
-        target = np.where(seen, -_TWO_SIDED, np.minimum(_BOUND, zero - _NARROW))[rows]
-        begin = np.where(seen, p[:3], 0.0)
-        begin = np.where(seen[:, None] | (terms[:, None] != np.arange(len(TERMS))), start, 0.0)
-        high[rows] = intervals.limit(three.take(rows), rows, begin[rows], spread[rows], target, upper=True)
-    status: list[Status] = []
-    reasons: list[str | None] = []
-    count = int(problem.used.sum())
-    for term in range(3):
-        if told[term] and np.isfinite(high[term]):
-            status.append("measured" if seen[term] else "upper_bound")
-            reasons.append(None if seen[term] else "the record does not show it")
-        else:
-            status.append("pending")
-            need = _OCTAVES_N if term == 0 else _OCTAVES
-            reasons.append(
-                f"{count} octaves, {need} are needed"
-                if count < need
-                else "the record is too short to bound it"
-            )
-    return low, high, tuple(status), tuple(reasons)
+    problems: Problems, p: Floats
+) -> tuple[Floats, Floats, list[tuple[Status, ...]], list[tuple[str | None, ...]]]:
+    """Limits of N^2, B^2 and K^2 of some channels, their status, and why they are not known.
+
+    Returns
+    -------
+    low, high : (c, 3) units of tau0.
+    status, reasons : one tuple of three a channel.
+    """
+    count = len(p)
+    channel = np.repeat(np.arange(count), 3)
+    term = np.tile(np.arange(3), count)
+    each = problems.take(channel)
+    octaves = each.used.sum(axis=1)
+    need = np.where(term == 0, _OCTAVES_N, _OCTAVES)
+    spread = intervals.deviations(problems, p)[:, :3].ravel()
+    told = np.isfinite(spread) & (octaves >= need)
+    zero = np.full(term.size, -np.inf)
+    zero[told] = intervals.score(each.take(told), term[told], np.zeros(int(told.sum())), p[channel][told])[0]
+    seen = told & (zero > _SEEN) & (p[:, :3].ravel() > 0.0)
+    begin = p[channel]
+    begin[~seen, term[~seen]] = 0.0
+    # one search for all limits: the lower ones of what is seen, and every upper one
+    rows = np.concatenate([np.flatnonzero(seen), np.flatnonzero(told)])
+    upper = np.arange(rows.size) >= seen.sum()
+    here = np.where(seen, 0.0, zero)[rows]
+    bound = np.where(seen, -_TWO_SIDED, np.minimum(_BOUND, zero - _NARROW))[rows]
+    found = intervals.limits(
+        each.take(rows),
+        term[rows],
+        begin[rows],
+        here,
+        spread[rows],
+        np.where(upper, bound, _TWO_SIDED),
+        upper,
+    )
+    low, high = np.zeros(term.size), np.full(term.size, np.inf)
+    low[rows[~upper]] = found[~upper]
+    high[rows[upper]] = found[upper]
+    bounded = told & np.isfinite(high)
+    status: list[Status] = [
+        ("measured" if s else "upper_bound") if b else "pending" for s, b in zip(seen, bounded, strict=True)
+    ]
+    reasons = [_reason(*row) for row in zip(status, octaves.tolist(), need.tolist(), strict=True)]
+    return (
+        low.reshape(count, 3),
+        high.reshape(count, 3),
+        [tuple(status[3 * row : 3 * row + 3]) for row in range(count)],
+        [tuple(reasons[3 * row : 3 * row + 3]) for row in range(count)],
+    )
+
+
+def _reason(status: Status, octaves: int, need: int) -> str | None:
+    if status == "measured":
+        return None
+    if status == "upper_bound":
+        return "the record does not show it"
+    if octaves < need:
+        return f"{octaves} octaves, {need} are needed"
+    return "the record is too short to bound it"
 
 
 def _times(
@@ -290,13 +336,17 @@ def _times(
     out = ~problem.used[0]
     longest = max(0, math.ceil(math.log2(max(_YEAR / seconds, 1.0))))
     steps = np.arange(min(longest, max(k - 4, 0)) + 1)
-    scale = 2.0 ** steps[:, None] ** np.ones(1)
+    scale = 2.0 ** steps[:, None]
     powers = p * np.column_stack([1.0 / scale, scale**0, scale, 1.0 / scale**2, scale**2])
     used = np.ones((steps.size, k), dtype=bool)
     for row, step in enumerate(steps):
         used[row, : k - step] &= ~out[step:]
     longer = replace(problem.take(np.zeros(steps.size, dtype=np.int64)), used=used)
-    spread = intervals.deviations(longer, powers)[:, :3]
+    spread = intervals.deviations(longer, powers)[:, :3] / np.where(
+        powers[:, :3] > 0.0, powers[:, :3], np.nan
+    )
+    if problem.excess[0] == 0.0:  # the same octaves alone gain with the length of the record
+        spread = np.fmin(spread, spread[0] / np.sqrt(scale))
     times: dict[str, float | None] = {}
     for term, name in enumerate(TERMS[:3]):
         value = math.sqrt(p[term])
@@ -307,7 +357,7 @@ def _times(
         if low[term] > 0.0 and math.sqrt(high[term]) - math.sqrt(low[term]) <= 2.0 * asked * value:
             times[name] = 0.0
             continue
-        width = _TWO_SIDED * spread[:, term] / (2.0 * np.where(powers[:, term] > 0.0, powers[:, term], 1.0))
+        width = _TWO_SIDED / 2.0 * spread[:, term]
         reached = np.flatnonzero(width <= asked)
         if not reached.size:
             continue
@@ -375,7 +425,7 @@ def _caveats(
     out = there & ~used
     if np.any(out):
         z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
-        words.append("vibration" if z[np.argmax(np.abs(z))] > 0.0 else "filtered")
+        words.append("vibration" if z[np.argmax(np.abs(z))] > 0.0 else "correlated")
     if choice.free[QUANTISATION]:
         words.append("quantised")
     if choice.free[RAMP]:

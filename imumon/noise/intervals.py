@@ -22,8 +22,10 @@ from imumon.noise.leastsquares import Problems, T, solve, weigh
 from imumon.noise.quantiles import cube_root_score
 from imumon.samples import Bools, Floats, Ints
 
-_STEPS = 14  # halvings of a bracket
-_WIDENINGS = 24  # doublings in search of one
+_TRIALS = 24
+_CLOSE = 4e-3  # standard deviations: as near to a quantile as a limit need be
+_FAR = 1e6  # times estimate and deviation: a bound out there says nothing
+_ROUNDS = 4  # of weighing the other terms anew: they start from those of a value nearby
 
 
 def deviations(problems: Problems, p: Floats) -> Floats:
@@ -61,7 +63,7 @@ def score(problems: Problems, term: Ints, x: Floats, start: Floats) -> tuple[Flo
     begin = start.copy()
     begin[rows, term] = x
     others = replace(problems, free=free)
-    p = solve(others, start=begin, held=held)
+    p = solve(others, start=begin, held=held, rounds=_ROUNDS)
     at = weigh(others, p)
     inverse, _ = _inverse(at.design.transpose(0, 2, 1) @ at.weight @ at.design, _in_play(problems.free))
     weights = (at.weight @ at.design @ inverse[rows, :, term][:, :, None])[:, :, 0]
@@ -88,56 +90,61 @@ def gamma_score(t: Floats, skewness: Floats) -> Floats:
     return np.asarray(sign * cube_root_score(ratio, 8.0 / size**2))
 
 
-def limit(
-    problems: Problems, term: Ints, p: Floats, spread: Floats, target: Floats, *, upper: bool
+def limits(
+    problems: Problems, term: Ints, p: Floats, here: Floats, spread: Floats, target: Floats, upper: Bools
 ) -> Floats:
-    """Value of a power at which its score passes a quantile.
+    """Values of powers at which their scores pass a quantile.
 
     Parameters
     ----------
     term : (b,) index of the power.
-    p : (b, 5) fitted powers; spread : (b,) their standard deviation, the unit of the search.
-    target : (b,) score sought: negative for an upper limit, positive for a lower one.
-    upper : which side of p.
+    p : (b, 5) fitted powers, in which the search begins; the power of `term` may be zero.
+    here : (b,) score at that value.
+    spread : (b,) standard deviation of the power.
+    target : (b,) score sought: below `here` for an upper limit, above it for a lower one.
+    upper : (b,) which of the two.
 
     Returns
     -------
     (b,) units of tau0; inf (upper) where no value is excluded, 0 (lower) where zero is not.
     """
     rows = np.arange(len(term))
-    here = p[rows, term]
-    start = p.copy()
-    if upper:
-        inner, step, outer = here.copy(), spread.copy(), here + spread
-        found = np.zeros(len(term), dtype=bool)
-        for _ in range(_WIDENINGS):
-            todo = np.flatnonzero(~found)
-            z, start[todo] = score(problems.take(todo), term[todo], outer[todo], start[todo])
-            done = z <= target[todo]
-            found[todo[done]] = True
-            more = todo[~done]
-            if not more.size:
-                break
-            inner[more] = outer[more]
-            step[more] *= 2.0
-            outer[more] += step[more]
-        low, high = inner, outer
-    else:
-        low, high = np.zeros(len(term)), here.copy()
-        z, _ = score(problems, term, low, start)
-        found = z >= target
-    for _ in range(_STEPS):
-        todo = np.flatnonzero(found)
+    begin = p[rows, term]
+    # g = score - target falls with x: the root lies between left (g > 0) and right (g < 0)
+    left = np.where(upper, begin, 0.0)
+    right = np.where(upper, np.inf, begin)
+    last_x, last_g = begin.copy(), here - target
+    x = np.maximum(begin - (target - here) * spread, np.where(upper, 0.0, 0.02 * begin))
+    start, found = p.copy(), np.full(len(term), np.nan)
+    for _ in range(_TRIALS):
+        todo = np.flatnonzero(np.isnan(found))
         if not todo.size:
             break
-        middle = (low + high) / 2.0
-        z, start[todo] = score(problems.take(todo), term[todo], middle[todo], start[todo])
-        above = np.zeros(len(term), dtype=bool)
-        above[todo] = z > target[todo]
-        low = np.where(found & above, middle, low)
-        high = np.where(found & ~above, middle, high)
-    missing = np.inf if upper else 0.0
-    return np.where(found, (low + high) / 2.0, missing)
+        z, start[todo] = score(problems.take(todo), term[todo], x[todo], start[todo])
+        g = z - target[todo]
+        here_x = x[todo]
+        left[todo] = np.where(g > 0.0, here_x, left[todo])
+        right[todo] = np.where(g > 0.0, right[todo], here_x)
+        done = (np.abs(g) < _CLOSE) | (right[todo] - left[todo] < 1e-6 * here_x)
+        found[todo[done]] = here_x[done]
+        x[todo] = _next(here_x, g, last_x[todo], last_g[todo], left[todo], right[todo])
+        last_x[todo], last_g[todo] = here_x, g
+        lost = todo[~done & (x[todo] > _FAR * (begin + spread)[todo])]
+        found[lost] = np.inf
+        lost = todo[~done & (right[todo] < 1e-9 * begin[todo])]
+        found[lost] = 0.0
+    return np.where(np.isnan(found), x, found)
+
+
+def _next(x: Floats, g: Floats, last_x: Floats, last_g: Floats, left: Floats, right: Floats) -> Floats:
+    """Where to look next: along the secant where that stays well inside the bracket, else halfway."""
+    slope = (g - last_g) / np.where(x == last_x, 1.0, x - last_x)
+    secant = x - g / np.where(slope < 0.0, slope, -1e-300)
+    open_ = np.isinf(right)
+    reach = np.where(open_, 4.0 * x - 3.0 * left + 1e-300, right)
+    reach = np.where(open_, np.maximum(reach, 4.0 * x), reach)
+    half = np.where(open_, reach, (left + np.where(open_, left, right)) / 2.0)
+    return np.where((slope < 0.0) & (secant > left) & (secant < reach), secant, half)
 
 
 def _in_play(free: Bools) -> Bools:
