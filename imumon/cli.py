@@ -48,8 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code."""
     # numpy's thread pool costs 64 MB of address space and helps nothing here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    parser, commands = _parser()
     words = list(sys.argv[1:] if argv is None else argv)
+    parser, commands = _parser(words[:1])
     if words and not words[0].startswith("-") and words[0] not in commands:
         close = difflib.get_close_matches(words[0], commands, 1, 0.5)
         hint = f"did you mean {close[0]}?" if close else "imumon --help lists them"
@@ -78,7 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return DONE
 
 
-def _parser() -> tuple[Parser, dict[str, Parser]]:
+def _parser(asked: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
+    """The whole command line; the options of `sim` only where it is `asked` for: they need the emulator."""
     parser = Parser(
         prog="imumon",
         description="Live noise figures of an inertial sensor: N, B, K and grade, with 95 % limits.",
@@ -98,7 +99,9 @@ def _parser() -> tuple[Parser, dict[str, Parser]]:
     _add_demo(command("demo", _demo, "emulated sensor, daemon and screen in one command"))
     _add_tui(command("tui", _tui, "the live screen"))
     _add_status(command("status", _status, "one report from a running daemon"))
-    _add_sim(command("sim", _sim, "an emulated VN-100 on a pseudo-terminal"))
+    sim = command("sim", _sim, "an emulated VN-100 on a pseudo-terminal")
+    if "sim" in asked:
+        _add_sim(sim)
     _add_replay(command("replay", _replay, "a recording through the same pipeline"))
     return parser, commands
 
