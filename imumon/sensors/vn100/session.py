@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from imumon.samples import Kind, SampleBlock, Stream
-from imumon.sensors.contract import Item, SensorError
+from imumon.sensors.contract import Item, Response, SensorError
 from imumon.sensors.vn100.decoder import Decoder
 from imumon.sensors.vn100.dialogue import BAUDS, Dialogue, NotAVn100, Port, SensorChanged, SessionError
 from imumon.sensors.vn100.facts import Facts, describe
@@ -52,6 +52,7 @@ PATIENT_S = 3.0  # with a stream whose rate is not known
 RETRY_S = 5.0
 RUBBISH = 64  # bytes; fewer may be the rest of a message
 
+_NEW_BAUD = "new baud"  # in the note that `remember` makes: what the baud is to be changed to
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
@@ -122,7 +123,7 @@ class Session:
         self._notices: list[Notice] = []
         self._ahead = b""
         self._rubbish, self._silences = 0, 0
-        self._trouble: str | None = None
+        self._troubles: set[str] = set()
         self._watch_from(clock())
 
     # ------------------------------------------------------------------ the way in and out
@@ -148,14 +149,17 @@ class Session:
         ----------
         saved : the answer of an earlier process that ended without `restore`, None when there was none.
         """
-        before = self._originals
-        if before is None and saved is not None:
-            before = {int(register): text for register, text in saved.items() if register.isdigit()}
         if self._wanted.listen_only:
             self._originals = {}
-        else:
-            self._originals = originals(self._dialogue.settings, before)
-        return {str(register): text for register, text in self._originals.items()}
+            return {}
+        new_baud = None if self._wanted.set_baud is None else str(self._wanted.set_baud)
+        before, written = self._originals, new_baud
+        if before is None and saved is not None:
+            before = {int(register): text for register, text in saved.items() if register.isdigit()}
+            written = saved.get(_NEW_BAUD)
+        self._originals = originals(self._dialogue.settings, before, written)
+        note = {str(register): text for register, text in self._originals.items()}
+        return note if new_baud is None else note | {_NEW_BAUD: new_baud}
 
     def configure(self) -> Facts:
         """Have the sensor stream what is wanted; in vain, take what it sends and say so.
@@ -177,6 +181,8 @@ class Session:
                 self._remarks.append(f"the sensor stays at {self._port.baud} baud, it refused the other")
             if not self._start_binary():
                 self._take_ascii()
+            elif self._divisor != divisors(self._wanted.stream, self._port.baud)[0]:
+                self._remarks.append("the sensor refused a higher rate at this baud")
         self._watch_from(self._clock())
         return self.facts()
 
@@ -293,14 +299,15 @@ class Session:
             return baud == before
         if not (self._port.set_baud(baud) and self._port.set_baud(before)):
             raise SessionError(f"the adapter of {self._port.name} cannot do {baud} baud: choose another")
-        if not talk.write(BAUD, str(baud)):
+        if not talk.write(BAUD, str(baud)) and talk.refusal is not None:
             return False
-        self._port.read(0.05)  # it has answered at the old baud, and switches now
+        self._port.read(0.05)  # it answers at the old baud, then switches; the answer may be lost
         self._port.set_baud(baud)
         talk.decoder = Decoder()
         if talk.read(1) is None:
-            talk.find(BAUDS)
+            talk.find(dict.fromkeys((baud, before, *BAUDS)))
             talk.ask("VNASY,0")
+        talk.settings[BAUD] = str(self._port.baud)
         return self._port.baud == baud
 
     def _start_binary(self) -> bool:
@@ -308,31 +315,34 @@ class Session:
         talk = self._dialogue
         if not talk.write(OUTPUT_TYPE, "0"):
             return False
-        # which of its two ports we are on, not every firmware tells: the one whose packets arrive
-        for mode in (1, 2):
+        for mode in self._ports():
             for register in BINARY_OUTPUTS[1:]:
                 if parse_output(text := talk.settings.get(register, OFF)) is not None:
                     talk.write(register, off_port(text, mode))
             divisor = self._write_output(mode)
-            if divisor is None:
-                return False
-            self._write_filter(divisor)
-            if self._flows(divisor):
-                self._divisor = divisor
-                return True
-            talk.ask("VNASY,0")
+            if divisor is not None:
+                self._write_filter(divisor)
+                if self._flows(divisor):
+                    self._divisor = divisor
+                    return True
+                talk.ask("VNASY,0")
         return False
+
+    def _ports(self) -> list[int]:
+        """The sensor's ports, the likelier one to be ours first: sentences are off on it now."""
+        off = []
+        for port in (1, 2):
+            answer = self._dialogue.ask(f"VNRRG,{OUTPUT_TYPE:02d},{port}")
+            if isinstance(answer, Response) and answer.fields[1:2] == ("0",):
+                off.append(port)
+        return sorted((1, 2), key=lambda port: port not in off)
 
     def _write_output(self, mode: int) -> int | None:
         """Set the binary output at the highest rate that the sensor takes; its divisor."""
         talk, register = self._dialogue, BINARY_OUTPUTS[0]
-        fitting = divisors(self._wanted.stream, self._port.baud)
-        for divisor in fitting:
+        for divisor in divisors(self._wanted.stream, self._port.baud):
             text = output(self._wanted.stream, divisor, mode)
             if talk.write(register, text) and same(talk.read(register) or "", text):
-                if divisor != fitting[0]:
-                    rate = LOOP_RATE // divisor
-                    self._remarks.append(f"the sensor takes no more than {rate} Hz at this baud")
                 return divisor
             if talk.refusal != BAUD_TOO_LOW:
                 break
@@ -378,14 +388,15 @@ class Session:
 
     def _watch_from(self, now: float) -> None:
         self._bytes_at = self._valid_at = self._sample_at = self._patience = now
-        self._rubbish, self._silences, self._trouble = 0, 0, None
+        self._rubbish, self._silences = 0, 0
 
     def _sampled(self, now: float) -> None:
         """A sample of the stream has come: all is well."""
-        if self._trouble is not None or self._silences:
+        if self._troubles or self._silences:
             silent = now - self._sample_at
             self._notices.append(Notice("resumed", f"samples come again, after {silent:.1f} s"))
-        self._sample_at, self._trouble, self._silences = now, None, 0
+        self._sample_at, self._silences = now, 0
+        self._troubles.clear()
 
     def _look_after(self, now: float) -> None:
         """What is wrong, if anything, and the cure for it."""
@@ -422,7 +433,7 @@ class Session:
         """Connect and configure once more; in vain, let a later tick try."""
         self.decoder.finish()
         self._ahead = b""
-        silences, trouble = self._silences, self._trouble
+        silences = self._silences
         try:
             self.connect()
             if self._originals is not None:
@@ -431,14 +442,15 @@ class Session:
         except SensorChanged:
             raise
         except SessionError as error:
-            self._silences, self._trouble = silences, trouble
+            self._silences = silences
             self._report("lost", str(error))
             self._patience = self._clock() + RETRY_S
         else:
             self._notices.append(Notice(kind, text))
+            self._troubles.clear()
 
     def _report(self, kind: str, text: str) -> None:
         """Say a trouble once, until samples come again."""
-        if self._trouble != kind:
+        if kind not in self._troubles:
             self._notices.append(Notice(kind, text))
-            self._trouble = kind
+            self._troubles.add(kind)

@@ -164,7 +164,7 @@ def alias_factors(kind: Kind, rate_hz: float | None, filtering: str | None) -> d
     return {s: max(1.0, math.sqrt(LOOP_RATE / (averaged[s] * rate_hz))) for s in ("gyro", "accel")}
 
 
-def originals(current: Texts, saved: Texts | None) -> dict[int, str]:
+def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) -> dict[int, str]:
     """What to put back at the end: the registers we may change, as they were before we ever came.
 
     A process of ours that was killed leaves our stream on and the ASCII output off. Its settings are told
@@ -175,6 +175,7 @@ def originals(current: Texts, saved: Texts | None) -> dict[int, str]:
     ----------
     current : registers as read now.
     saved : originals of an earlier process that did not end properly; None when there was none.
+    new_baud : what that process may have changed the baud to.
     """
     found = {
         r: current[r] for r in (BAUD, OUTPUT_TYPE, *BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER) if r in current
@@ -188,9 +189,14 @@ def originals(current: Texts, saved: Texts | None) -> dict[int, str]:
         OUTPUT_TYPE: found.get(OUTPUT_TYPE) == "0",
         DELTA_CONTROL: found.get(DELTA_CONTROL) == UNCOMPENSATED_DELTAS,
         IMU_FILTER: _is_windowed(found.get(IMU_FILTER, "")),
-        BAUD: bool(streaming),
-    } | {r: r in streaming for r in BINARY_OUTPUTS}
+        BAUD: found.get(BAUD) == new_baud,
+    } | {r: r in streaming or _is_taken_off(found.get(r, OFF), saved.get(r, OFF)) for r in BINARY_OUTPUTS}
     return {r: saved[r] if left[r] and r in saved else text for r, text in found.items()}
+
+
+def _is_taken_off(text: str, before: str) -> bool:
+    """Whether a binary output is what `off_port` makes of `before`."""
+    return parse_output(before) is not None and any(same(text, off_port(before, mode)) for mode in (1, 2))
 
 
 def _is_windowed(text: str) -> bool:

@@ -1,0 +1,749 @@
+"""Session: every way in, every mishap on the way, and a sensor left as it was found.
+
+Most tests drive the emulated device over a port in memory on a clock that only reading moves, so that ten
+seconds of scanning take none; the rest use the emulator's own process and a real terminal.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from imumon.emulator import EmulatorProcess, EmulatorSettings, spawn
+from imumon.emulator.device import Device
+from imumon.emulator.impostor import Impostor
+from imumon.emulator.serve import make_device
+from imumon.samples import SampleBlock
+from imumon.sensors.vn100.dialogue import BAUDS
+from imumon.sensors.vn100.session import NotAVn100, Notice, SensorChanged, Session, SessionError, Wanted
+from imumon.sensors.vn100.settings import DIVISORS, alias_factors, divisors, is_ours, output
+from imumon.sources import PortGone, SerialPort
+
+STEP_S = 0.005
+
+
+class Unplugged(Exception):
+    """What this port raises when it has vanished."""
+
+
+class Killed(BaseException):
+    """The process ends here."""
+
+
+class Bench:
+    """A device behind a port in memory; time passes only while somebody waits for bytes."""
+
+    name = "/dev/ttyBench"
+    fixed_baud = False
+
+    def __init__(self, device: Device | None = None, *, baud: int = 115200, **settings: object) -> None:
+        self.device = device or make_device(EmulatorSettings(seed=1, **settings))  # type: ignore[arg-type]
+        self.now = self.device.tick / 800
+        self.baud = baud
+        self.written: list[bytes] = []
+        self.adapter_can = set(BAUDS)
+        self.dead = self.deaf = self.garbling = self.vanished = False
+        self.cured_by_reopening = False
+        self.writes_left: int | None = None
+        self.impostor: Impostor | None = None
+        self.refuses = b""
+        self._line_baud = self.device.baud
+        self._noise = random.Random(1)
+        self._queue = bytearray()
+
+    def clock(self) -> float:
+        return self.now
+
+    def read(self, timeout: float) -> bytes:
+        self._live()
+        until = self.now + timeout
+        while not self._queue and self.now < until:
+            self.now = min(until, self.now + STEP_S)
+            self._live()
+        data = bytes(self._queue)
+        self._queue.clear()
+        return data
+
+    def _live(self) -> None:
+        """What the device has sent by now."""
+        if self.vanished:
+            raise Unplugged
+        sent = [message for _, message in self.device.advance(int(self.now * 800))]
+        sent += self.device.replies(self.now)
+        if self.impostor is not None:
+            sent = self.impostor.messages(self.now)
+        if self.dead:
+            return
+        for message in sent:
+            if self.baud != self._line_baud and self.impostor is None:
+                message = self._noise.randbytes(len(message))
+            elif self.garbling:
+                message = message[:-4] + bytes([message[-4] ^ 1]) + message[-3:]
+            self._queue += message
+        self._line_baud = self.device.baud  # an answer still goes at the baud it was asked at
+
+    def write(self, data: bytes) -> None:
+        if self.vanished:
+            raise Unplugged
+        if self.writes_left is not None:
+            if self.writes_left == 0:
+                raise Killed
+            self.writes_left -= 1
+        self.written.append(data)
+        if self.refuses and self.refuses in data:
+            self._queue += b"$VNERR,07*76\r\n"
+        elif self.baud == self.device.baud and not (self.deaf or self.dead or self.impostor):
+            self.device.receive(data, self.now)
+
+    def set_baud(self, baud: int) -> bool:
+        if baud not in self.adapter_can:
+            return False
+        self.baud = baud
+        self._queue.clear()
+        return True
+
+    def reopen(self) -> None:
+        self._queue.clear()
+        if self.cured_by_reopening:
+            self.garbling = False
+
+    def power_cut(self) -> None:
+        """The sensor starts anew from what its flash holds."""
+        self.device.restart(self.now)
+
+    def registers(self) -> dict[tuple[int, int], tuple[str, ...]]:
+        return dict(self.device._store)
+
+    def session(self, wanted: Wanted = Wanted(), **more: object) -> Session:  # noqa: B008
+        return Session(self, wanted, self.clock, **more)  # type: ignore[arg-type]
+
+    def streaming(self, wanted: Wanted = Wanted()) -> Session:  # noqa: B008
+        session = self.session(wanted)
+        session.connect()
+        session.remember()
+        session.configure()
+        return session
+
+    def run(self, session: Session, seconds: float) -> tuple[int, list[Notice]]:
+        """Samples of the wanted kind in so many seconds, and what was told."""
+        samples, notices, until = 0, [], self.now + seconds
+        while self.now < until:
+            for item in session.decode(session.read(0.05)):
+                if isinstance(item, SampleBlock) and item.stream.kind == session.facts().stream:
+                    samples += len(item)
+            notices += session.tick()
+        return samples, notices
+
+
+def kinds(notices: list[Notice]) -> list[str]:
+    return [notice.kind for notice in notices]
+
+
+# ---------------------------------------------------------------------- the way in
+
+
+RATE = {9600: 5.0, 19200: 10.0, 38400: 25.0}
+
+
+@pytest.mark.parametrize("baud", BAUDS)
+def test_first_plug_finds_every_baud_and_streams_what_fits(baud: int) -> None:
+    bench = Bench(make_device(EmulatorSettings(seed=1, baud=baud, rate=RATE.get(baud, 40.0))))
+    session = bench.session()
+    facts = session.connect()
+    assert bench.now < 10.0
+    assert (facts.id, facts.model, facts.serial) == ("vn100-0100056785", "VN-100T-CR", "0100056785")
+    assert (facts.firmware, facts.baud) == ("3.1.0.0", baud)
+    facts = session.configure()
+    assert bench.baud == baud, "the baud is never raised unasked"
+    assert (facts.stream, facts.alias_factor, facts.caveats) == ("deltas", 1.0, ())
+    assert facts.sample_rate_hz is not None
+    begun = bench.now
+    samples, notices = bench.run(session, 4.0)
+    assert notices == []
+    assert samples == pytest.approx((bench.now - begun) * facts.sample_rate_hz, abs=3)
+    assert facts.sample_rate_hz * 64 <= 0.6 * baud / 10
+
+
+def test_default_stream_is_a_hundred_hertz_at_the_factory_baud() -> None:
+    bench = Bench()
+    facts = bench.streaming().facts()
+    assert facts.sample_rate_hz == 100.0
+    assert (facts.source, facts.clock) == ("binary 05:0001,00F2", "startup")
+    assert facts.settings["75 binary output 1"] == "1,8,05,0001,00F2"
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0, 200.0])
+@pytest.mark.parametrize("firmware", ["2.1.0.0", "3.1.0.0"])
+def test_it_does_not_matter_what_the_sensor_streams_before(rate: float, firmware: str) -> None:
+    device = make_device(EmulatorSettings(seed=1, baud=460800, rate=rate, firmware=firmware))
+    bench = Bench(device)
+    samples, _ = bench.run(bench.streaming(), 1.0)
+    assert samples >= 395
+
+
+def test_a_sensor_left_paused_is_found_and_woken() -> None:
+    bench = Bench()
+    bench.write(b"$VNASY,0*XX\r\n")
+    bench.read(0.1)
+    assert bench.read(1.0) == b""
+    samples, _ = bench.run(bench.streaming(), 1.0)
+    assert samples >= 95
+
+
+def test_garbage_in_the_input_buffer_does_not_spoil_the_first_question() -> None:
+    bench = Bench(rate=0.0)
+    bench.write(b"\x00\xff$VNRRG,0")
+    assert bench.session().connect().model == "VN-100T-CR"
+
+
+def test_a_given_baud_is_the_only_one_tried() -> None:
+    bench = Bench()
+    with pytest.raises(NotAVn100, match=r"nothing valid at 9600 baud.*--baud"):
+        bench.session(Wanted(baud=9600)).connect()
+    assert bench.session(Wanted(baud=115200)).connect().baud == 115200
+
+
+def test_a_baud_that_the_adapter_cannot_do_is_skipped_or_said() -> None:
+    bench = Bench(baud=9600)
+    bench.adapter_can = {9600, 115200}
+    assert bench.session().connect().baud == 115200
+    with pytest.raises(SessionError, match="adapter of /dev/ttyBench cannot do 921600 baud"):
+        bench.session(Wanted(baud=921600)).connect()
+    session = bench.session(Wanted(set_baud=921600))
+    session.connect()
+    with pytest.raises(SessionError, match="cannot do 921600 baud"):
+        session.configure()
+    assert bench.device.baud == 115200
+
+
+@pytest.mark.parametrize("serial_port", [1, 2])
+def test_either_port_of_the_sensor_will_do(serial_port: int) -> None:
+    bench = Bench(serial_port=serial_port)
+    samples, _ = bench.run(bench.streaming(), 1.0)
+    assert samples >= 95
+    assert bench.device.read(75)[0] == str(serial_port)
+
+
+def test_the_other_port_keeps_its_stream() -> None:
+    bench = Bench()
+    bench.device.set(76, "3", "80", "01", "0001")
+    session = bench.streaming()
+    assert bench.device.read(76) == ("2", "80", "01", "0001")
+    assert session.restore()
+    assert bench.device.read(76) == ("3", "80", "01", "0001")
+
+
+def test_another_model_is_taken_and_said() -> None:
+    bench = Bench(model="VN-300T-CR")
+    facts = bench.streaming().facts()
+    assert facts.model == "VN-300T-CR"
+    assert any("VN-300T-CR" in remark for remark in facts.remarks)
+
+
+# ---------------------------------------------------------------------- what is no VN-100
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("silent", "is silent at every baud: check that the sensor has power"),
+        ("nmea", r"sends NMEA sentences \(\$GPGGA\): a GNSS receiver or the like; choose another port"),
+        ("garbage", "nothing valid at every baud: another device, another baud"),
+    ],
+)
+@pytest.mark.parametrize("listen_only", [False, True])
+def test_what_is_no_vn100_is_told_in_one_line(kind: str, said: str, listen_only: bool) -> None:
+    bench = Bench()
+    bench.impostor = Impostor(kind, 0.0)
+    tried: list[str] = []
+    with pytest.raises(NotAVn100, match=said) as refused:
+        bench.session(Wanted(listen_only=listen_only), progress=tried.append).connect()
+    assert "\n" not in str(refused.value)
+    assert bench.now < 13.0
+    assert tried
+    assert listen_only == (not bench.written)
+
+
+class Thermometer(Impostor):
+    """Ten readings a second, in words."""
+
+    def messages(self, now: float) -> list[bytes]:
+        first, self._count = self._count, int(now * 10)
+        return [b"temp=21.5C humidity=40% ok\r\n"] * (self._count - first)
+
+
+def test_other_text_is_shown() -> None:
+    bench = Bench()
+    bench.impostor = Thermometer("silent", 0.0)
+    with pytest.raises(NotAVn100, match=r"text that no VN-100 sends \('temp=21.5C humidity=40% ok'\)"):
+        bench.session().connect()
+
+
+def test_a_cut_transmit_wire_is_told_apart() -> None:
+    bench = Bench()
+    bench.deaf = True
+    with pytest.raises(NotAVn100, match=r"does not answer: connect the wire .* or use --listen-only"):
+        bench.session().connect()
+
+
+def test_a_port_that_vanishes_goes_through() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.vanished = True
+    with pytest.raises(Unplugged):
+        session.decode(session.read(0.1))
+
+
+# ---------------------------------------------------------------------- what is asked for
+
+
+@pytest.mark.parametrize("stream", ["uncompensated", "compensated"])
+@pytest.mark.parametrize("baud", [9600, 115200, 921600])
+def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> None:
+    bench = Bench(make_device(EmulatorSettings(seed=1, baud=baud, rate=RATE.get(baud, 40.0))))
+    session = bench.streaming(Wanted(stream=stream))  # type: ignore[arg-type]
+    facts = session.facts()
+    assert facts.stream == stream
+    assert facts.alias_factor == 1.0
+    assert facts.sample_rate_hz == {9600: 8.0, 115200: 100.0, 921600: 800.0}[baud]
+    assert (facts.caveats == ("compensated",)) == (stream == "compensated")
+    assert int(bench.device.read(85)[1]) == 800 / facts.sample_rate_hz
+    samples, notices = bench.run(session, 1.0)
+    assert samples >= facts.sample_rate_hz - 3
+    assert notices == []
+
+
+def test_compensated_deltas_are_switched_to_uncompensated() -> None:
+    bench = Bench()
+    bench.device.set(82, "0", "1", "1", "0", "0")
+    session = bench.streaming()
+    assert bench.device.read(82) == ("0", "0", "0", "0", "0")
+    assert session.restore()
+    assert bench.device.read(82) == ("0", "1", "1", "0", "0")
+
+
+def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
+    bench = Bench()
+    session = bench.streaming(Wanted(set_baud=921600))
+    assert bench.baud == bench.device.baud == 921600
+    assert session.facts().sample_rate_hz == 800.0
+    samples, _ = bench.run(session, 1.0)
+    assert samples >= 795
+    assert session.restore()
+    assert bench.baud == bench.device.baud == 115200
+
+
+def test_too_little_bandwidth_lowers_the_rate_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.sensors.vn100.settings.LOAD", 1.6)
+    bench = Bench()
+    session = bench.streaming()
+    facts = session.facts()
+    assert facts.sample_rate_hz == 160.0
+    assert "the sensor refused a higher rate at this baud" in facts.remarks
+    samples, _ = bench.run(session, 1.0)
+    assert samples >= 155
+
+
+def test_without_binary_outputs_the_sentences_are_taken() -> None:
+    for before, source in (("14", "$VNYMR"), ("0", "$VNIMU")):
+        bench = Bench()
+        bench.device.set(6, before)
+        bench.refuses = b"$VNWRG,75,1"
+        session = bench.streaming()
+        samples, _ = bench.run(session, 1.0)
+        facts = session.facts()
+        assert samples >= 38
+        assert (facts.source, facts.sample_rate_hz) == (source, 40.0)
+        assert facts.alias_factor == pytest.approx(5**0.5)
+        assert any("the binary stream does not come" in remark for remark in facts.remarks)
+
+
+@pytest.mark.parametrize(
+    ("binary", "stream"), [(None, "compensated"), (("1", "8", "06", "0001", "00C0"), "deltas")]
+)
+def test_listening_writes_nothing_and_knows_what_it_does_not_know(
+    binary: tuple[str, ...] | None, stream: str
+) -> None:
+    bench = Bench()
+    if binary is not None:
+        bench.device.set(75, *binary)
+    before = bench.registers()
+    session = bench.session(Wanted(listen_only=True, rate_hz=40.0 if binary is None else None))
+    assert session.connect().model is None
+    assert session.remember() == {}
+    session.configure()
+    samples, _ = bench.run(session, 1.0)
+    assert samples >= 38
+    facts = session.facts()
+    assert (facts.id, facts.stream) == ("vn100-ttybench", stream)
+    assert facts.alias_factor == (None if stream == "compensated" else 1.0)
+    assert any("only listened to" in remark for remark in facts.remarks)
+    assert any("aliasing" in remark for remark in facts.remarks) == (stream == "compensated")
+    assert facts.sample_rate_hz == (40.0 if binary is None else None)
+    assert session.restore()
+    assert bench.written == []
+    assert bench.registers() == before
+
+
+# ---------------------------------------------------------------------- mishaps
+
+
+def test_a_restarted_sensor_is_set_up_again() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.run(session, 1.0)
+    bench.power_cut()
+    samples, notices = bench.run(session, 5.0)
+    assert "reconfigured" in kinds(notices)
+    assert samples > 200
+    samples, notices = bench.run(session, 1.0)
+    assert samples >= 95
+    assert notices == []
+    assert session.restore()
+    assert bench.device.read(6) == ("14",)
+
+
+@pytest.mark.parametrize("flash", [9600, 460800])
+def test_another_baud_after_a_power_cut_is_found(flash: int) -> None:
+    bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
+    session = bench.streaming(Wanted(set_baud=115200))
+    assert bench.baud == 115200
+    bench.run(session, 0.5)
+    bench.power_cut()
+    samples, notices = bench.run(session, 14.0)
+    assert "found" in kinds(notices) or "reconfigured" in kinds(notices)
+    assert samples >= 95
+    assert bench.baud == 115200, "and raised again, as was asked for"
+
+
+def test_a_sensor_that_somebody_paused_is_woken() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.device.receive(b"$VNASY,0*XX\r\n", bench.now)
+    samples, notices = bench.run(session, 3.0)
+    assert samples >= 100
+    assert kinds(notices) == ["resumed"]
+
+
+def test_a_second_of_bad_checks_is_cured_by_opening_anew() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.garbling = bench.cured_by_reopening = True
+    samples, notices = bench.run(session, 4.0)
+    assert kinds(notices) == ["garbage", "resumed"]
+    assert samples >= 200
+
+
+def test_bad_checks_that_last_are_told_once_and_end_by_themselves() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.garbling = True
+    _, notices = bench.run(session, 40.0)
+    assert kinds(notices).count("garbage") <= 1
+    assert kinds(notices).count("lost") <= 1
+    bench.garbling = False
+    samples, notices = bench.run(session, 20.0)
+    assert samples > 100
+    assert bench.run(session, 1.0)[0] >= 95
+
+
+def test_silence_is_told_once_and_its_end_too() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.dead = True
+    _, notices = bench.run(session, 60.0)
+    assert kinds(notices).count("silent") == 1
+    bench.dead = False
+    _, notices = bench.run(session, 12.0)
+    assert bench.run(session, 1.0)[0] >= 95
+    assert {"resumed", "found"} & set(kinds(notices))
+
+
+def test_errors_of_the_sensor_are_told() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.device.receive(b"$VNXXX*XX\r\n", bench.now)
+    _, notices = bench.run(session, 0.5)
+    assert kinds(notices) == ["sensor_error"]
+    assert "invalid command" in notices[0].text
+
+
+def test_another_sensor_on_the_same_port_is_refused() -> None:
+    bench = Bench()
+    with pytest.raises(SensorChanged, match="is 0100056785, not 0100000001"):
+        bench.session(serial="0100000001").connect()
+    session = bench.streaming()
+    bench.device = make_device(EmulatorSettings(seed=2, serial="0100000002"))
+    bench.device.advance(int(bench.now * 800))
+    with pytest.raises(SensorChanged, match="is 0100000002, not 0100056785"):
+        bench.run(session, 5.0)
+
+
+def test_a_lossy_line_is_still_understood() -> None:
+    bench = Bench()
+    live, noise = bench._live, random.Random(3)
+
+    def lossy() -> None:
+        live()
+        for at in range(len(bench._queue)):
+            if noise.random() < 1e-3:
+                bench._queue[at] ^= 1 << noise.randrange(8)
+
+    bench._live = lossy  # type: ignore[method-assign]
+    session = bench.streaming()
+    assert session.facts().stream == "deltas"
+    assert bench.run(session, 4.0)[0] > 300
+
+
+def test_nothing_is_written_to_flash_and_nothing_reset() -> None:
+    bench = Bench()
+    session = bench.streaming(Wanted(set_baud=230400))
+    bench.run(session, 1.0)
+    bench.power_cut()
+    bench.run(session, 4.0)
+    session.restore()
+    allowed = {b"$VNRRG", b"$VNWRG", b"$VNASY"}
+    assert {command[:6] for command in bench.written} == allowed
+
+
+# ---------------------------------------------------------------------- as it was found
+
+
+def _owners_settings(dice: random.Random) -> Device:
+    """A device that its owner has set up in some way."""
+    baud = dice.choice((115200, 230400, 921600))
+    device = make_device(EmulatorSettings(seed=1, baud=baud, serial_port=dice.choice((1, 2))))
+    device.set(6, dice.choice(("0", "14", "19", "1")))
+    device.set(7, dice.choice(("1", "20", "40")))
+    device.set(82, "0", dice.choice("01"), dice.choice("01"), "0", "0")
+    device.set(
+        85,
+        "0",
+        *(dice.choice(("0", "1", "4", "20")) for _ in range(4)),
+        *(dice.choice("0123") for _ in range(5)),
+    )
+    for register in (75, 76, 77):
+        if dice.random() < 0.4:
+            device.set(register, dice.choice("0123"), dice.choice(("80", "40")), "01", "0129")
+    return device
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_restore_leaves_every_register_as_it_was(seed: int) -> None:
+    dice = random.Random(seed)
+    bench = Bench(_owners_settings(dice))
+    before = bench.registers()
+    stream = dice.choice(("deltas", "uncompensated", "compensated"))
+    session = bench.streaming(Wanted(stream=stream, set_baud=dice.choice((None, 460800))))  # type: ignore[arg-type]
+    assert bench.registers() != before
+    bench.run(session, 0.5)
+    assert session.restore()
+    assert bench.registers() == before
+    assert session.restore(), "a second time there is nothing to do"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_kill_at_any_moment_is_repaired_by_the_next_start(seed: int) -> None:
+    dice = random.Random(100 + seed)
+    original = _owners_settings(dice)
+    wanted = Wanted(stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((None, 460800)))  # type: ignore[arg-type]
+    before = Bench(original).registers()
+    for writes in range(100):
+        bench = Bench(original)
+        first = bench.session(wanted)
+        first.connect()
+        saved = first.remember()
+        bench.writes_left = writes
+        try:
+            first.configure()
+            finished = True
+        except Killed:
+            finished = False
+        bench.writes_left = None
+        second = bench.session(wanted)
+        second.connect()
+        second.remember(saved)
+        second.configure()
+        assert bench.run(second, 0.3)[0] > 10
+        assert second.restore()
+        assert bench.registers() == before, f"killed at command {writes}"
+        if finished:
+            return
+    raise AssertionError("the set-up never ended")
+
+
+def test_what_a_kill_left_is_known_without_a_note_of_it() -> None:
+    for stream in ("deltas", "uncompensated"):
+        bench = Bench()
+        before = bench.registers()
+        bench.streaming(Wanted(stream=stream))  # type: ignore[arg-type]
+        assert bench.registers() != before
+        second = bench.streaming()
+        assert second.restore()
+        assert bench.registers() == before, "the factory's settings, which these were"
+
+
+def test_an_old_note_does_not_undo_what_the_owner_has_changed_since() -> None:
+    bench = Bench()
+    saved = bench.session().connect() and {
+        "5": "9600",
+        "6": "19",
+        "75": "1,80,01,0129",
+        "85": "0,9,9,9,0,0,3,3,3,0",
+    }
+    bench.device.set(85, "0", "3", "5", "4", "0", "0", "3", "3", "3", "0")
+    before = bench.registers()
+    session = bench.session()
+    session.connect()
+    session.remember(saved)
+    session.configure()
+    assert session.restore()
+    assert bench.registers() == before
+
+
+def test_restore_gives_up_soon_on_a_sensor_that_is_gone() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.dead = True
+    begun = bench.now
+    assert not session.restore()
+    assert bench.now - begun < 1.0
+
+
+# ---------------------------------------------------------------------- numbers
+
+
+def test_alias_factors_are_those_of_the_definition() -> None:
+    factory = "0,4,4,4,0,0,3,3,3,0"
+    for rate, factor in {20.0: 10**0.5, 40.0: 5**0.5, 100.0: 2**0.5, 200.0: 1.0, 800.0: 1.0}.items():
+        for kind in ("compensated", "uncompensated"):
+            assert alias_factors(kind, rate, factory) == pytest.approx({"gyro": factor, "accel": factor})  # type: ignore[arg-type]
+        assert set(alias_factors("deltas", rate, factory).values()) == {1.0}
+    apart = alias_factors("uncompensated", 40.0, "0,20,4,4,0,0,3,3,3,0")
+    assert apart == pytest.approx({"accel": 1.0, "gyro": 5**0.5})
+    off = alias_factors("compensated", 40.0, "0,20,20,4,0,0,1,1,1,0")
+    assert off == pytest.approx({"accel": 20**0.5, "gyro": 20**0.5}), (
+        "the window is for uncompensated readings"
+    )
+    for rate, text in ((None, factory), (40.0, None), (40.0, "nonsense")):
+        assert set(alias_factors("compensated", rate, text).values()) == {None}
+
+
+def test_our_streams_fit_and_are_known_again() -> None:
+    for kind in ("deltas", "uncompensated", "compensated"):
+        assert all(is_ours(output(kind, divisor, mode)) for divisor in DIVISORS for mode in (1, 2))  # type: ignore[arg-type]
+        for baud in BAUDS:
+            fastest = divisors(kind, baud)[0]  # type: ignore[arg-type]
+            assert 60 * 800 / fastest <= 0.6 * baud / 10
+
+
+# ---------------------------------------------------------------------- the real thing
+
+
+@pytest.fixture
+def emulator() -> Iterator[EmulatorProcess]:
+    with spawn(EmulatorSettings(seed=1)) as running:
+        yield running
+
+
+def live(session: Session, seconds: float, enough: int) -> int:
+    """Samples until there are enough, or so long."""
+    count, until = 0, time.monotonic() + seconds
+    while count < enough and time.monotonic() < until:
+        for item in session.decode(session.read(0.1)):
+            count += len(item) if isinstance(item, SampleBlock) else 0
+        session.tick()
+    return count
+
+
+@pytest.mark.parametrize("baud", [115200, 921600, 230400])
+def test_first_plug_on_a_terminal(baud: int) -> None:
+    with spawn(EmulatorSettings(seed=1, baud=baud)) as running, SerialPort(running.path) as port:
+        session = Session(port, Wanted(), time.monotonic)
+        session.connect()
+        session.configure()
+        assert live(session, 3.0, 50) >= 50
+        fd = os.open(running.path, os.O_RDWR | os.O_NOCTTY)
+        assert termios.tcgetattr(fd)[5] == getattr(termios, f"B{baud}")
+        os.close(fd)
+        assert session.decoder.bad_checksums == session.decoder.discarded == 0
+        assert session.restore()
+
+
+def test_unplugged_and_back_under_another_name(tmp_path: Path) -> None:
+    link = tmp_path / "sensor"
+    with spawn(EmulatorSettings(seed=1, link=str(link))) as running:
+        with SerialPort(str(link)) as port:
+            session = Session(port, Wanted(), time.monotonic)
+            serial = session.connect().serial
+            saved = session.remember()
+            session.configure()
+            assert live(session, 3.0, 20) >= 20
+            first = os.path.realpath(link)
+            running.ask("unplug")
+            with pytest.raises(PortGone):
+                live(session, 5.0, 10**6)
+        keep = os.open("/dev/ptmx", os.O_RDWR | os.O_NOCTTY)  # so that the old name is taken
+        running.ask("replug")
+        assert os.path.realpath(link) != first
+        with SerialPort(str(link)) as port:
+            again = Session(port, Wanted(), time.monotonic, decoder=session.decoder, serial=serial)
+            again.connect()
+            again.remember(saved)
+            again.configure()
+            assert live(again, 3.0, 20) >= 20
+            assert again.restore()
+        os.close(keep)
+
+
+def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
+    with SerialPort(emulator.path) as port:
+        session = Session(port, Wanted(), time.monotonic)
+        session.connect()
+        session.configure()
+        assert live(session, 3.0, 20) >= 20
+        emulator.ask("reboot")
+        notices: list[Notice] = []
+        until = time.monotonic() + 8.0
+        while "reconfigured" not in kinds(notices) and time.monotonic() < until:
+            session.decode(session.read(0.1))
+            notices += session.tick()
+        assert "reconfigured" in kinds(notices)
+        assert live(session, 3.0, 50) >= 50
+
+
+def test_a_killed_process_is_cleaned_up_after(emulator: EmulatorProcess) -> None:
+    code = """
+import sys, time
+from imumon.sensors.vn100.session import Session, Wanted
+from imumon.sources import SerialPort
+session = Session(SerialPort(sys.argv[1]), Wanted(), time.monotonic)
+session.connect(); session.remember(); session.configure()
+print("streaming", flush=True)
+while True:
+    session.read(1.0)
+"""
+    command = [sys.executable, "-c", code, emulator.path]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as victim:
+        assert victim.stdout is not None
+        assert victim.stdout.readline() == b"streaming\n"
+        victim.send_signal(signal.SIGKILL)
+    with SerialPort(emulator.path) as port:
+        session = Session(port, Wanted(), time.monotonic)
+        assert session.connect().settings["6 async data output type"] == "0"
+        assert session.remember()["6"] == "14"
+        session.configure()
+        assert live(session, 3.0, 20) >= 20
+        assert session.restore()
+        after = Session(port, Wanted(), time.monotonic).connect()
+        assert after.settings["6 async data output type"] == "14"
+        assert after.settings["75 binary output 1"] == "0,0,00"
