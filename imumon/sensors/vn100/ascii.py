@@ -85,6 +85,7 @@ _SHAPE = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
 _APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")
 _MAX_DIGITS = 15
+_FEW = 8
 _HEX = np.array([list(b"%02X" % value) for value in range(256)], np.uint8)
 
 
@@ -165,7 +166,7 @@ class Shape:
 
     Attributes
     ----------
-    pattern : (b + 2,) the sentence up to its ``*``, every digit 0 and every sign plus.
+    body : b characters, every digit 0 and every sign plus.
     place : (b,) place value of each column's digit in its number; 0 where no number's digit stands.
     start : (f,) first column of each of the f numbers; the column of its sign if it has one.
     divisor : (f,) power of ten that puts the decimal point.
@@ -173,43 +174,66 @@ class Shape:
     recipe : what they become; None when the message has no sensor in it.
     """
 
-    message: str
-    pattern: npt.NDArray[np.uint8]
+    body: bytes
     place: Floats
     start: npt.NDArray[np.intp]
     divisor: Floats
     columns: dict[str, slice]
     recipe: Recipe | None
 
-    def equal(self, data: bytes, at: int, check: int, end: int, count: int) -> int:
-        """How many of `count` sentences from `at` on are valid and of this shape, before one that is not.
+    def run(self, data: bytes, at: int, check: int, end: int, most: int) -> int:
+        """How many valid sentences of this shape follow one another from `at` on.
 
-        `check` and `end` are the numbers of check digits and of line end characters.
+        `check` and `end` are the numbers of check digits and of line end characters; the first one is known
+        to be valid. Few are looked at one by one, many in arrays that double as long as all are good.
         """
-        body = len(self.place)
-        size = body + 2 + check + end
-        span = data[at : at + count * size]
-        rows = np.frombuffer(span, np.uint8).reshape(count, size)
-        shapes = np.frombuffer(span.translate(_SHAPE), np.uint8).reshape(count, size)
-        good = (shapes[:, : body + 2] == self.pattern).all(axis=1)
-        good &= (rows[:, -end:] == rows[0, -end:]).all(axis=1)
+        size = len(self.body) + 2 + check + end
+        count, step = 1, _FEW
+        while count < most and count < _FEW:
+            if not self._valid(data, at + count * size, size):
+                return count
+            count += 1
+        while count < most:
+            step = min(2 * step, most - count)
+            good = self._equal(data[at + count * size : at + (count + step) * size], check, end, step)
+            count += good
+            if good < step:
+                break
+        return count
+
+    def _valid(self, data: bytes, at: int, size: int) -> bool:
+        found = SENTENCE.match(data, at, at + size)
+        return (
+            found is not None
+            and found.end() == at + size
+            and found[1].translate(_SHAPE) == self.body
+            and intact(found[1], found[2])
+        )
+
+    def _equal(self, data: bytes, check: int, end: int, count: int) -> int:
+        """Of `count` sentences that fill `data`, those before one that is not valid or not of this shape."""
+        body = len(self.body)
+        pattern = np.frombuffer(b"$%s*" % self.body, np.uint8)
+        rows = np.frombuffer(data, np.uint8).reshape(count, -1)
+        shapes = np.frombuffer(data.translate(_SHAPE), np.uint8).reshape(count, -1)
+        good = (shapes[:, : body + 2] == pattern).all(axis=1)
+        good &= (rows[:, -end:] == list(b"\r\n"[-end:])).all(axis=1)
         if check == 2:
-            good &= (
-                _HEX[np.bitwise_xor.reduce(rows[:, 1 : body + 1], axis=1)] == rows[:, -end - 2 : -end]
-            ).all(axis=1)
+            sums = _HEX[np.bitwise_xor.reduce(rows[:, 1 : body + 1], axis=1)]
         else:
-            starts = range(0, count * size, size)
-            sums = [b"%04X" % crc16(span[i + 1 : i + 1 + body]) for i in starts]
-            good &= [span[i + body + 2 : i + body + 6] == crc for i, crc in zip(starts, sums, strict=True)]
+            crcs = (crc16(data[i + 1 : i + 1 + body]) for i in range(0, len(data), rows.shape[1]))
+            sums = np.frombuffer(b"".join(b"%04X" % crc for crc in crcs), np.uint8).reshape(count, 4)
+        good &= (rows[:, body + 2 : -end] == sums).all(axis=1)
         return count if good.all() else int(good.argmin())
 
     def read(self, data: bytes, at: int, size: int, count: int) -> Floats:
         """Numbers of `count` sentences of `size` bytes each, (count, f)."""
-        body = len(self.place)
+        body = len(self.body)
         rows = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)[:, 1 : body + 1]
         digits = (rows - np.uint8(ord("0"))) * self.place
         read: Floats = np.add.reduceat(digits, self.start, axis=1) / self.divisor
-        return np.where(rows[:, self.start] == ord("-"), -read, read)
+        np.negative(read, out=read, where=rows.take(self.start, axis=1) == ord("-"))
+        return read
 
     def quantity(self, values: Floats, name: str) -> npt.NDArray[Any]:
         """One quantity of what `read` gave."""
@@ -252,5 +276,4 @@ def _shape(body: bytes) -> Shape | None:
         place[digits] = [float(10**power) for power in reversed(range(len(digits)))]
         divisor[number] = float(10 ** len(text.partition(b".")[2]))
     found = recipe(frozenset(columns), "$" + message)
-    pattern = np.frombuffer(b"$" + body + b"*", np.uint8)
-    return Shape(message, pattern, place, np.array(starts), divisor, columns, found)
+    return Shape(body, place, np.array(starts), divisor, columns, found)

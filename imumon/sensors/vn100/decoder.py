@@ -32,8 +32,6 @@ _START = re.compile(rb"[$\xfa]")
 _TEXT = bytes(range(0x20, 0x7F)) + b"\r\n\t"
 _RUN = 1024
 """Most messages decoded as one array: they stay in the processor's cache."""
-_FIRST_RUN = 8
-"""Sentences first tried as one array; doubled as long as they all are equal."""
 
 
 class Ledger:
@@ -118,7 +116,6 @@ class Decoder:
         self._ledger = Ledger()
         self._sampled: set[bytes] = set()
         self._packets = False
-        self._run = _FIRST_RUN
         self._items: list[Item] = []
 
     @property
@@ -239,10 +236,8 @@ class Decoder:
             self.malformed += 1
             self._ledger.damaged(name)
             return 0
-        count, room = 1, min((len(data) - at) // size, self._run)
-        if room > 1 and data.startswith(data[at : at + 6], at + size):
-            count = max(1, shape.equal(data, at, check, size - len(body) - check - 2, room))
-            self._run = min(2 * self._run, _RUN) if count == room else _FIRST_RUN
+        most = min((len(data) - at) // size, _RUN)
+        count = shape.run(data, at, check, size - len(body) - check - 2, most)
         self._count(size, count)
         lost = self._ledger.valid(name, size, count)
         if shape.recipe is not None:
