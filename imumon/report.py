@@ -11,9 +11,10 @@ import json
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import UTC, datetime
+from functools import cache
 from typing import Any, Literal, TypeAlias
 
 SCHEMA = "imumon.report/1"
@@ -300,6 +301,9 @@ def stamp(moment: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
+_PLAIN = {str, int, bool, type(None)}
+
+
 def to_dict(part: Any) -> Any:
     """Plain dicts, lists and numbers of a report or any part of one.
 
@@ -307,17 +311,24 @@ def to_dict(part: Any) -> Any:
     ------
     ValueError : a number is not finite.
     """
+    kind: Any = type(part)
+    if kind in _PLAIN:
+        return part
     if isinstance(part, float):
         if not math.isfinite(part):
             raise ValueError("a report holds finite numbers or None")
         return part
-    if isinstance(part, str | int | None):
-        return part
-    if is_dataclass(part):
-        return {f.name: to_dict(getattr(part, f.name)) for f in fields(part)}
+    if names := _names(kind):
+        return {name: to_dict(getattr(part, name)) for name in names}
     if isinstance(part, Mapping):
         return {str(key): to_dict(value) for key, value in part.items()}
     return [to_dict(value) for value in part]
+
+
+@cache
+def _names(cls: type) -> tuple[str, ...]:
+    """Fields of a dataclass; none of anything else."""
+    return tuple(f.name for f in fields(cls)) if is_dataclass(cls) else ()
 
 
 def to_json(part: Any, *, indent: int | None = None) -> str:
@@ -344,38 +355,37 @@ def from_json(cls: type[T], text: str | bytes) -> T:
     ValueError : not JSON, or not of that shape.
     """
     try:
-        return typing.cast(T, _build(cls, json.loads(text)))
+        return typing.cast(T, _reader(typing.cast(Any, cls))(json.loads(text)))
     except (TypeError, AttributeError, KeyError, RecursionError) as error:
         raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {error}") from None
 
 
-_HINTS: dict[type, dict[str, Any]] = {}
-
-
-def _build(hint: Any, data: Any) -> Any:
-    """Value of type `hint` from plain JSON data."""
-    origin = typing.get_origin(hint)
+@cache
+def _reader(hint: Any) -> Callable[[Any], Any]:
+    """Function that makes a value of type `hint` of plain JSON data."""
+    origin, words = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return (
-            None
-            if data is None
-            else _build(next(a for a in typing.get_args(hint) if a is not type(None)), data)
-        )
+        inner = _reader(next(word for word in words if word is not type(None)))
+        return lambda data: None if data is None else inner(data)
     if isinstance(hint, type) and is_dataclass(hint):
-        hints = _HINTS.get(hint)
-        if hints is None:
-            hints = _HINTS[hint] = typing.get_type_hints(hint)
-        return hint(**{name: _build(hints[name], data[name]) for name in hints if name in data})
-    if origin is tuple and isinstance(data, list):
-        inner = typing.get_args(hint)[0]
-        return tuple(_build(inner, value) for value in data)
+        readers = {name: _reader(word) for name, word in typing.get_type_hints(hint).items()}
+        return lambda data: hint(**{n: readers[n](value) for n, value in data.items() if n in readers})
+    if origin is tuple:
+        inner = _reader(words[0])
+        return lambda data: tuple(map(inner, _checked(data, list)))
     if origin is Mapping:
-        return {key: _build(typing.get_args(hint)[1], value) for key, value in data.items()}
-    kind = type(data)
-    if kind is hint or (hint is float and kind is int) or (origin is Literal and kind is str):
-        if kind is float and not math.isfinite(data):
-            raise TypeError("a number is not finite")
+        inner = _reader(words[1])
+        return lambda data: {key: inner(value) for key, value in data.items()}
+    kind = str if origin is Literal else hint
+    return lambda data: data if type(data) is kind and kind is not float else _checked(data, kind)
+
+
+def _checked(data: Any, kind: Any) -> Any:
+    """Data of that type: a whole number may stand for a number and the other way round, NaN for none."""
+    if type(data) is kind and (kind is not float or math.isfinite(data)):
         return data
-    if hint is int and kind is float and data.is_integer():
+    if kind is float and type(data) is int:
+        return data
+    if kind is int and type(data) is float and data.is_integer():
         return int(data)
-    raise TypeError(f"{str(data)[:40]!r} where {getattr(hint, '__name__', hint)} belongs")
+    raise TypeError(f"{str(data)[:40]!r} where {kind.__name__} belongs")

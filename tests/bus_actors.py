@@ -142,10 +142,10 @@ def viewer(connect: list[str], **settings: Any) -> None:
 
     with Viewer(connect, settings=Options(**settings)) as reader:
         say(ready=True, pid=os.getpid())
-        threading.Thread(target=lambda: (sys.stdin.read(), os._exit(0)), daemon=True).start()
+        over = threading.Event()
+        threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()
         seen = -1
-        while True:
-            time.sleep(0.005)
+        while not over.wait(0.005):
             if reader.version != seen:
                 seen = reader.version
                 numbers = {id: got.session.samples for id, (got, _) in reader.reports().items()}

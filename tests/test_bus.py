@@ -162,6 +162,7 @@ def test_what_was_handed_over_before_the_end_still_arrives() -> None:
             until(lambda: all(r.session.samples == 10**6 for r, _ in viewer.reports().values()), 2)
         for actor in actors:
             assert until(lambda actor=actor: actor.said[-1].get("closed_s", 0)) < 1.0
+            assert actor.process.wait(5) == 0  # no thread of Zenoh meets the end of the interpreter
 
 
 def test_nothing_waits_and_nothing_is_lost_in_silence() -> None:

@@ -12,13 +12,23 @@ from dataclasses import replace
 
 import zenoh
 from zenoh import ext
+from zenoh.handlers import RingChannel
 
-from imumon.bus.session import LEASE_S, BusError, Options, Unreachable, local_endpoints, open_session
+from imumon.bus.session import (
+    LEASE_S,
+    BusError,
+    Options,
+    Unreachable,
+    listener,
+    local_endpoints,
+    open_session,
+)
 
 JSON = "application/json"
 EVENTS_KEPT = 100
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
+_QUESTIONS = 256  # that may wait; the oldest goes unanswered
 
 
 class Link:
@@ -38,7 +48,7 @@ class Link:
             )
             for name, kept in _CACHED.items()
         }
-        self._queryable = session.declare_queryable(f"{root}/**", answer)
+        self._answering = listener(session.declare_queryable(f"{root}/**", RingChannel(_QUESTIONS)), answer)
         self._token = session.liveliness().declare_token(f"{root}/alive")
 
     def put(self, name: str, text: str, stamp: zenoh.Timestamp) -> None:
@@ -52,6 +62,10 @@ class Link:
     def say_goodbye(self) -> None:
         """Be alive no more; the session closes in its own time."""
         self._token.undeclare()
+
+    def close(self) -> None:
+        self.session.close()
+        self._answering.join()
 
 
 def open_local(
@@ -105,16 +119,13 @@ def refuse_twins(options: Options, endpoints: Iterable[str], id: str) -> None:
     if not endpoints:
         return
     with open_session(options, (), endpoints, guarded=False) as session:
-        tokens: set[str] = set()
-
-        def note(sample: zenoh.Sample) -> None:
-            (tokens.add if sample.kind == zenoh.SampleKind.PUT else tokens.discard)(str(sample.key_expr))
-
-        session.liveliness().declare_subscriber(f"imumon/{id}/alive", note, history=True)
-        start = time.monotonic()
-        while time.monotonic() - start < (LEASE_S + 0.5 if tokens else 0.15):
+        news = session.liveliness().declare_subscriber(f"imumon/{id}/alive", RingChannel(8), history=True)
+        alive, start = False, time.monotonic()
+        while time.monotonic() - start < (LEASE_S + 0.5 if alive else 0.15):
+            while sample := news.try_recv():
+                alive = sample.kind == zenoh.SampleKind.PUT
             time.sleep(0.01)
-        if tokens:
+        if alive:
             raise BusError(f'a daemon named "{id}" is running already; stop it or choose another with --id')
 
 

@@ -9,6 +9,7 @@ are sent only when asked for.
 
 from __future__ import annotations
 
+import atexit
 import json
 import threading
 import time
@@ -100,6 +101,7 @@ class Publisher:
         self._links = [Link(self._session, self._root, self._answer)]
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
+        atexit.register(self.close)
         self._connect(options, () if router else connect)
 
     def _connect(self, options: Options, endpoints: Sequence[str]) -> None:
@@ -159,6 +161,7 @@ class Publisher:
             self._closing = True
             self._wake.notify()
         self._over.set()
+        atexit.unregister(self.close)
         self._thread.join(_CLOSE_S)
         leave = threading.Thread(target=self._leave, name="imumon-bus-close", daemon=True)
         leave.start()
@@ -170,7 +173,7 @@ class Publisher:
         for link in links:  # all of them before the first that is stuck
             link.say_goodbye()
         for link in links:
-            link.session.close()
+            link.close()
 
     def __enter__(self) -> Publisher:
         return self
@@ -263,7 +266,7 @@ class Publisher:
                 link.put(name, text, stamp)
             self._uplinks[endpoint] = link
             if self._over.is_set():
-                link.session.close()
+                link.close()
             else:
                 self._links.append(link)
 

@@ -14,10 +14,11 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import zenoh
 
@@ -34,6 +35,9 @@ _FIXED = ("mode", "listen", "connect", "access_control")  # have settings of the
 _BIGGEST_MESSAGE = 16 * 1024 * 1024  # bytes; a report takes some tens of kB
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _NET_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
+
+
+T = TypeVar("T")
 
 
 class BusError(Exception):
@@ -168,6 +172,23 @@ def open_session(
         except zenoh.ZError as error:
             text = explain(error, (*listen, *connect))
             raise (Unreachable if "nobody answers" in text else BusError)(text) from None
+
+
+def listener(source: Iterable[T], take: Callable[[T], None]) -> threading.Thread:
+    """Thread that takes what arrives, until the session closes.
+
+    Zenoh could call `take` from threads of its own, but those outlive the session a little: one that meets
+    the end of the interpreter aborts the process. This one can be waited for.
+    """
+
+    def run() -> None:
+        with suppress(zenoh.ZError):
+            for item in source:
+                take(item)
+
+    thread = threading.Thread(target=run, name="imumon-listener", daemon=True)
+    thread.start()
+    return thread
 
 
 def _config(

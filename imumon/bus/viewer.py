@@ -8,22 +8,25 @@ second reads twice a second. Whatever is not a report is counted and passed over
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 from zenoh import ext
+from zenoh.handlers import RingChannel
 
-from imumon.bus.session import Options, local_endpoints, open_session
+from imumon.bus.session import Options, listener, local_endpoints, open_session
 from imumon.report import Event, Report, Signal, from_json
 
 _EVENTS_KEPT = 100
 _MOST_DEVICES = 1000  # a stranger may invent names; memory is finite
-_REMOTE = zenoh.Locality.REMOTE
+_WAITING = 1024  # messages that may wait to be taken; the oldest give way
 
 T = TypeVar("T", Report, Event, Signal)
 
@@ -57,18 +60,28 @@ class Viewer:
         self._events: dict[str, deque[Event]] = {}
         self._watched: tuple[str, str] | None = None
         self._signal: tuple[Signal, float] | None = None
-        self._asked_at: float | None = None  # when the signal was asked for, while no answer has come
+        self._closed = False
+        self._ask = threading.Event()
         self._session = open_session(options, (), self.endpoints, guarded=False)
-        history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
-        events = ext.HistoryConfig(detect_late_publishers=True, max_samples=_EVENTS_KEPT)
-        self._subscribers = (
-            self._session.liveliness().declare_subscriber("imumon/*/alive", self._on_alive, history=True),
-            ext.declare_advanced_subscriber(
-                self._session, "imumon/*/report", self._on_report, history=history, allowed_origin=_REMOTE
-            ),
-            ext.declare_advanced_subscriber(
-                self._session, "imumon/*/event", self._on_event, history=events, allowed_origin=_REMOTE
-            ),
+        alive = self._session.liveliness().declare_subscriber(
+            "imumon/*/alive", RingChannel(_WAITING), history=True
+        )
+        self._threads = (
+            listener(alive, self._on_alive),
+            listener(self._subscribe("report", 1), self._on_report),
+            listener(self._subscribe("event", _EVENTS_KEPT), self._on_event),
+            threading.Thread(target=self._follow, name="imumon-signal", daemon=True),
+        )
+        self._threads[-1].start()
+        atexit.register(self.close)
+
+    def _subscribe(self, name: str, kept: int) -> Any:
+        """Subscription to one key of all devices, with the last that were published before."""
+        history = ext.HistoryConfig(detect_late_publishers=True, max_samples=kept)
+        key = f"imumon/*/{name}"
+        channel: RingChannel[Any] = RingChannel(_WAITING)
+        return ext.declare_advanced_subscriber(
+            self._session, key, channel, history=history, allowed_origin=zenoh.Locality.REMOTE
         )
 
     def reports(self) -> dict[str, tuple[Report, float]]:
@@ -98,8 +111,8 @@ class Viewer:
             watched = (id, channel) if channel else None
             if watched == self._watched:
                 return
-            self._watched, self._signal, self._asked_at = watched, None, None
-        self._ask()
+            self._watched, self._signal = watched, None
+        self._ask.set()
 
     def signal(self) -> tuple[Signal, float] | None:
         """Newest signal of the channel that is watched, with the monotonic time of its arrival."""
@@ -130,7 +143,12 @@ class Viewer:
         return self._news.wait_for(lambda: self.version != seen, timeout)
 
     def close(self) -> None:
+        atexit.unregister(self.close)
+        self._closed = True
+        self._ask.set()
         self._session.close()
+        for thread in self._threads:
+            thread.join(1.0)
 
     def __enter__(self) -> Viewer:
         return self
@@ -169,7 +187,7 @@ class Viewer:
             watched = self._watched is not None and self._watched[0] == id
             self._changed()
         if watched:
-            self._ask()
+            self._ask.set()
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         id = _device(sample)
@@ -182,26 +200,26 @@ class Viewer:
                 kept.append(event)
                 self._changed()
 
-    def _ask(self) -> None:
-        """Ask for the signal that is watched, unless an answer is still to come."""
-        with self._news:
-            now = time.monotonic()
-            if self._watched is None or (self._asked_at is not None and now - self._asked_at < 2.0):
+    def _follow(self) -> None:
+        """Ask for the signal that is watched, as often as its device reports."""
+        while True:
+            self._ask.wait()
+            self._ask.clear()
+            if self._closed:
                 return
-            self._asked_at = now
-            id, channel = self._watched
-        self._session.get(f"imumon/{id}/signal/{channel}", self._on_signal, timeout=2.0)
+            with self._news:
+                watched = self._watched
+            if watched is not None:
+                with suppress(zenoh.ZError):
+                    for reply in self._session.get("imumon/{}/signal/{}".format(*watched), timeout=2.0):
+                        self._on_signal(watched, reply)
 
-    def _on_signal(self, reply: zenoh.Reply) -> None:
-        sample = reply.ok
-        signal = None if sample is None else self._read(Signal, sample.payload.to_bytes())
+    def _on_signal(self, watched: tuple[str, str], reply: zenoh.Reply) -> None:
+        signal = self._read(Signal, reply.ok.payload.to_bytes()) if reply.ok else None
         with self._news:
-            self._asked_at = None
-            if signal is not None and sample is not None and self._watched is not None:
-                id, channel = self._watched
-                if str(sample.key_expr) == f"imumon/{id}/signal/{channel}":
-                    self._signal = (signal, time.monotonic())
-                    self._changed()
+            if signal is not None and watched == self._watched:
+                self._signal = (signal, time.monotonic())
+                self._changed()
 
 
 def _device(sample: zenoh.Sample) -> str:
