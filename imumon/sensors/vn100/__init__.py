@@ -1,5 +1,10 @@
 """VN-100: its line protocol, without the line.
 
+session   know it, have it stream what noise needs, leave it as it was
+dialogue  find its baud, ask it, write its registers
+facts     what a report says of it
+settings  what to ask it for, what that does to the noise, what to put back
+registers fields, factory values, what may be written
 decoder   bytes to samples, responses and errors
 ascii     sentences, read and written
 binary    packets, read and written
