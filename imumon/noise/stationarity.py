@@ -226,12 +226,13 @@ def changes(before: Behaviour, now: Behaviour, apart_s: float | None = 0.0) -> l
         if change is not None:
             found.append(change)
     if apart_s is not None and before.mean is not None and now.mean is not None:
-        # The noisier of the two fits: a change of noise is told as such, not as one of bias too.
-        steps = [w.step(before.length_s, now.length_s, apart_s) for w in (before.wander, now.wander) if w]
+        # The longer stretch knows best what the noise does in a long time.
+        wander = (before if before.length_s >= now.length_s else now).wander
         moved = now.mean - before.mean
-        if len(steps) == 2 and abs(moved) > SIGMA * max(steps):
-            sigma = abs(moved) / max(steps) if max(steps) > 0.0 else math.inf
-            found.append(Change("bias", before.mean, now.mean, None, min(sigma, 1e6)))
+        if wander is not None:
+            sigma = abs(moved) / max(wander.step(before.length_s, now.length_s, apart_s), 1e-300)
+            if sigma > SIGMA:
+                found.append(Change("bias", before.mean, now.mean, None, min(sigma, 1e6)))
     return found
 
 

@@ -1,0 +1,124 @@
+"""Drift: a slope is told when it is one, and a random walk is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.noise.drift import Drift, Trend
+from imumon.noise.synthesis import synthesise
+from imumon.noise.wander import Wander
+from imumon.samples import Floats
+
+RATE = 10.0
+NOISES = {
+    "white": (1e-4, 0.0, 0.0),
+    "flicker": (1e-4, 3e-5, 0.0),
+    "walk": (1e-4, 2e-5, 3e-6),
+    "flicker alone": (1e-5, 1e-4, 0.0),
+}
+
+
+def trends(values: Floats, wander: Wander, temperature: int | None = None) -> list[Trend]:
+    c = values.shape[1]
+    drift = Drift((0,) * c, RATE, temperature)
+    for i in range(0, len(values), 5000):
+        drift.update(values[i : i + 5000])
+    wanders = [None if i == temperature else wander for i in range(c)]
+    return [t for t in drift.result(wanders) if t is not None]
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_slopes_scatter_as_their_errors_say_and_none_is_invented(noise: str) -> None:
+    n, b, k = NOISES[noise]
+    z = []
+    for seed in range(2):
+        values = synthesise(20_000, RATE, N=[n] * 12, B=b, K=k, seed=seed)
+        found = trends(values + 9.8, Wander(n, b, k))
+        assert not any(t.time.significant for t in found)
+        z += [t.time.value / t.time.error for t in found]
+    assert np.std(z) == pytest.approx(1.0, abs=0.45)  # three standard errors of 24 values
+    assert abs(np.mean(z)) < 0.6
+
+
+def test_a_drift_is_told_with_its_limits() -> None:
+    slope = 2e-7  # 7.2e-4 in an hour
+    values = synthesise(36_000, RATE, N=[1e-4] * 12, B=2e-5, K=1e-7, seed=5)
+    values += slope * np.arange(len(values))[:, None] / RATE
+    found = [t.time for t in trends(values, Wander(1e-4, 2e-5, 1e-7))]
+    assert all(s.significant for s in found)
+    assert sum(s.low < slope < s.high for s in found) >= 9
+
+
+def test_temperature_explains_what_follows_it() -> None:
+    n = 36_000
+    hours = np.arange(n) / RATE / 3600
+    rng = np.random.default_rng(2)
+    degrees = 25.0 + 3.0 * np.sin(2 * np.pi * 2.3 * hours) + 0.01 * rng.standard_normal(n)
+    values = synthesise(n, RATE, N=[1e-4] * 2, B=2e-5, K=1e-7, seed=3)
+    values[:, 0] += 4e-4 * degrees
+    first, second = trends(np.column_stack((values, degrees)), Wander(1e-4, 2e-5, 1e-7), temperature=2)
+    assert first.temperature is not None
+    assert first.temperature.significant
+    assert first.temperature.value == pytest.approx(4e-4, abs=3 * first.temperature.error)
+    assert first.explained == pytest.approx(1.0, abs=0.02)
+    assert second.temperature is not None
+    assert not second.temperature.significant
+    assert abs(second.temperature.value) < 4 * second.temperature.error
+
+
+def test_a_constant_temperature_says_nothing() -> None:
+    values = synthesise(20_000, RATE, N=[1e-4], seed=3)
+    degrees = 25.0 + 0.1 * (np.arange(len(values)) % 2)
+    (found,) = trends(np.column_stack((values, degrees)), Wander(1e-4, 1e-6, 1e-8), temperature=1)
+    assert found.temperature is None
+    assert found.explained is None
+
+
+def test_too_short_or_unknown_noise_is_none() -> None:
+    drift = Drift((0, 0), RATE)
+    assert drift.result([Wander(1.0, 0.0, 0.0), None]) == [None, None]
+    drift.update(np.zeros((50, 2)))
+    assert drift.result([Wander(1.0, 0.0, 0.0), None]) == [None, None]
+
+
+def test_any_chunking_and_a_restored_state_give_the_same() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal((30_000, 2)) + 5.0
+    valid = rng.random((30_000, 1)) > 0.1
+    wander = Wander(0.3, 0.01, 1e-4)
+    slopes = []
+    for chunk in (30_000, 777, 64):
+        drift = Drift((0, 0), RATE)
+        for i in range(0, len(values), chunk):
+            drift.update(values[i : i + chunk], valid[i : i + chunk])
+            if i // 10_000 != (i + chunk) // 10_000:
+                drift = Drift.restore(drift.save())
+        slopes.append([t.time.value for t in drift.result([wander] * 2) if t])
+    np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-6)
+    np.testing.assert_allclose(slopes[0], slopes[2], rtol=1e-6)
+
+
+def test_holes_take_their_time() -> None:
+    slope = 1e-3
+    t = np.arange(20_000) / RATE
+    values = 1e-3 * np.random.default_rng(1).standard_normal((20_000, 1)) + slope * t[:, None]
+    drift = Drift((0,), RATE)
+    drift.update(values[:4000])
+    drift.skip(9000)
+    drift.update(values[13_000:])
+    (found,) = drift.result([Wander(1e-3 / np.sqrt(RATE), 0.0, 0.0)])
+    assert found is not None
+    assert found.time.value == pytest.approx(slope, rel=1e-3)
+    drift.skip(10**9)
+    assert drift.elapsed_s > 1e8
+    assert sum(a.nbytes for a in drift.save().values()) < 10_000
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_means_step_as_the_noise_says(noise: str) -> None:
+    n, b, k = NOISES[noise]
+    wander = Wander(n, b, k)
+    values = synthesise(12_000, RATE, N=[n] * 400, B=b, K=k, seed=7)
+    steps = values[8000:].mean(axis=0) - values[:6000].mean(axis=0)
+    assert np.std(steps) == pytest.approx(wander.step(600.0, 400.0, 200.0), rel=0.12)
