@@ -2,9 +2,9 @@
 
 `Uart` queues messages as a transmitter does: ten bits a byte at the baud, one message after the other.
 `Terminal` is the pseudo-terminal: raw, its master never blocking, its slave kept open so that a client
-that goes away takes nothing with it. A client's claim to have it alone (TIOCEXCL) would outlive that client
-for the same reason, so it is withdrawn. Who sets another baud than the sensor's reads garbage, as on a
-real line.
+that goes away takes nothing with it. What comes while no client is there is gone, as on a real line, and the
+next one finds neither old bytes nor an exclusive claim (TIOCEXCL) of the last. Who sets another baud than the
+sensor's reads garbage.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from collections import deque
 from pathlib import Path
 
 import numpy as np
+
+from imumon.emulator.presence import Presence
 
 OUTPUT_BUFFER = 2048
 """Bytes that the sensor holds for a line that is still busy."""
@@ -89,14 +91,15 @@ class Terminal:
     Attributes
     ----------
     path : of the slave, which clients open.
-    sent, dropped : messages that went into it, and that it had no room for.
+    sent, dropped, unheard : messages that went into it, that it had no room for, and that came while nobody
+        was there.
     sent_bytes : bytes that were taken.
     """
 
     def __init__(self, baud: int, link: str | None, rng: np.random.Generator, drop: bool = True) -> None:
         self._rng, self._link, self._drop = rng, link, drop
         self._room = STAGED if drop else STAGED_LAPSE
-        self.sent = self.dropped = self.sent_bytes = 0
+        self.sent = self.dropped = self.unheard = self.sent_bytes = 0
         self._staged = bytearray()
         self._open(baud)
 
@@ -108,6 +111,7 @@ class Terminal:
         settings[4] = settings[5] = _CODES.get(baud, termios.B115200)
         termios.tcsetattr(self._slave, termios.TCSANOW, settings)
         self.path = os.ttyname(self._slave)
+        self._presence = Presence(self.path)
         if self._link:
             link = Path(self._link)
             fresh = link.with_name(f"{link.name}.{os.getpid()}")
@@ -119,9 +123,22 @@ class Terminal:
         """Baud that the client has set; None for one without a name."""
         return _SPEEDS.get(termios.tcgetattr(self._slave)[5])
 
-    def stay_open(self) -> None:
-        """Withdraw a client's exclusive claim; to be called now and then."""
-        fcntl.ioctl(self._slave, termios.TIOCNXCL)
+    @property
+    def heard(self) -> bool:
+        """Whether any client is there."""
+        return self._presence.anyone
+
+    @property
+    def descriptors(self) -> list[int]:
+        """What to wait for: input, and clients that come and go."""
+        return [self.master, *([] if self._presence.descriptor is None else [self._presence.descriptor])]
+
+    def look(self) -> None:
+        """See who came and went; who went leaves nothing behind."""
+        if not all(self._presence.changes()):
+            self._staged.clear()
+            termios.tcflush(self._slave, termios.TCIFLUSH)
+            fcntl.ioctl(self._slave, termios.TIOCNXCL)
 
     @property
     def full(self) -> bool:
@@ -138,7 +155,9 @@ class Terminal:
         A message that finds the terminal full is lost whole, as nothing holds it back on a serial line;
         without `drop` it waits.
         """
-        if messages:
+        if not self.heard:
+            self.unheard += len(messages)
+        elif messages:
             speed = self.speed()
             if not self._drop:
                 self._staged += b"".join(self._heard(m, baud, speed) for m, baud in messages)
@@ -192,5 +211,6 @@ class Terminal:
         if self._link:
             with contextlib.suppress(OSError):
                 Path(self._link).unlink()
-        for descriptor in (self.master, self._slave):
-            os.close(descriptor)
+        self._presence.close()
+        os.close(self.master)
+        os.close(self._slave)

@@ -2,7 +2,7 @@
 
 The sensor's clock follows the room's: tick t is due at start + t / 800 s, whatever the loop did meanwhile,
 so nothing drifts. In time-lapse it runs faster, without pacing, and stands still as long as its reader has
-not taken what there is. Messages are made in batches of a few milliseconds.
+not taken what there is, or none is there. Messages are made in batches of a few milliseconds.
 """
 
 from __future__ import annotations
@@ -101,7 +101,10 @@ class Emulator:
     def round(self, now: float) -> float:
         """Do what is due at `now` (s); returns when to come again unless something is read before."""
         uart, device = self._uart, self._device
-        if self._settings.time_lapse and (self.terminal.full or now < self._stalled):
+        if self._plugged:
+            self.terminal.look()
+        waits = self.terminal.full or not self.terminal.heard or now < self._stalled
+        if self._settings.time_lapse and self._plugged and waits:
             self._origin += now - self._last
         self._last = now
         target = int((now - self._origin) * self._pace)
@@ -119,7 +122,6 @@ class Emulator:
         uart.baud = device.baud
         due = [] if now < self._stalled else uart.due(now)
         if self._plugged:
-            self.terminal.stay_open()
             self.terminal.write(due)
         else:
             self.lost += len(due)
@@ -156,7 +158,7 @@ class Emulator:
         """Descriptors to wait for: readable and writable ones."""
         if not self._plugged:
             return [], []
-        return [self.terminal.master], [self.terminal.master] if self.terminal.waiting else []
+        return self.terminal.descriptors, [self.terminal.master] if self.terminal.waiting else []
 
     def close(self) -> None:
         """Take the terminal away."""
@@ -166,9 +168,9 @@ class Emulator:
     def counters(self) -> dict[str, object]:
         """What was made, sent and lost so far.
 
-        All but the last five are messages, and made + replies + duplicated = sent + lost + dropped +
+        All but the last five are messages: made + replies + duplicated = sent + lost + dropped + unheard +
         overflowed + queued. ``lost`` are those that faults took, ``dropped`` those that found the terminal
-        full, ``overflowed`` those that the line was too slow for.
+        full, ``unheard`` those that found no client, ``overflowed`` those that the line was too slow for.
         """
         return {
             "made": self.made,
@@ -177,6 +179,7 @@ class Emulator:
             "sent": self.terminal.sent,
             "lost": self.lost,
             "dropped": self.terminal.dropped,
+            "unheard": self.terminal.unheard,
             "overflowed": self._uart.overflowed,
             "queued": len(self._uart),
             "bytes": self.terminal.sent_bytes,

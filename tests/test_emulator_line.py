@@ -1,0 +1,501 @@
+"""The emulator on its pseudo-terminal, as clients meet it."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+
+from imumon.emulator import EmulatorProcess, EmulatorSettings, Noise, spawn
+from imumon.emulator.faults import Faults
+from imumon.emulator.line import OUTPUT_BUFFER, Uart
+from imumon.samples import SampleBlock
+from imumon.sensors.vn100 import ascii
+from imumon.sensors.vn100.binary import Layout
+from imumon.sensors.vn100.decoder import Decoder
+from imumon.sensors.vn100.registers import BAUDS, REGISTERS
+
+WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
+TIME_AND_DELTAS = Layout.of({2: 0x0001, 3: 0x00C0})
+TIME_MAGPRES_DELTAS = Layout.of({1: 0x0C01})
+
+
+@contextlib.contextmanager
+def emulator(**settings: object) -> Iterator[EmulatorProcess]:
+    quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
+    with spawn(EmulatorSettings(**{**quick, **settings})) as process:  # type: ignore[arg-type]
+        yield process
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[EmulatorProcess]:
+    with emulator(rate=50) as process:
+        yield process
+
+
+@pytest.fixture
+def sensor(shared: EmulatorProcess) -> Iterator[EmulatorProcess]:
+    """A sensor as it comes from the factory, but at 50 Hz; put back afterwards."""
+    yield shared
+    shared.ask("fault")
+    with Client(shared.path) as client:
+        for command in ("VNWRG,75,0,0,00", "VNWRG,06,14", "VNASY,1"):
+            assert client.ask(command) == command
+
+
+class Client:
+    """A client as simple as they come: it sends lines and takes as reply what stands behind the last ``$``.
+
+    Parameters
+    ----------
+    check : how it checks its own commands: two digits, four, or none.
+    """
+
+    def __init__(self, path: str, baud: int = 115200, check: str = "xor") -> None:
+        self.port = serial.Serial(path, baud, timeout=0.02)
+        self._check = check
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.port.close()
+
+    def send(self, body: str) -> None:
+        line = b"$%s*XX\r\n" % body.encode() if self._check == "XX" else ascii.encode(body, self._check)  # type: ignore[arg-type]
+        self.port.write(line)
+
+    def ask(self, body: str, timeout: float = 1.0) -> str:
+        """Reply to a command, without its frame; whatever else comes meanwhile is thrown away."""
+        self.send(body)
+        answer = self.wait_for(
+            re.compile(rb"\$(%s(?:,[^*$]*)?|VNERR,..)\*\w+\r\n" % body[:5].encode()), timeout
+        )
+        return answer.group(1).decode()
+
+    def wait_for(self, pattern: re.Pattern[bytes], timeout: float) -> re.Match[bytes]:
+        heard, end = b"", time.monotonic() + timeout
+        while time.monotonic() < end:
+            heard += self.port.read(max(1, self.port.in_waiting))
+            found = pattern.search(heard)
+            if found:
+                return found
+        raise AssertionError(f"no answer in {timeout} s; heard {heard[-200:]!r}")
+
+    def collect(self, seconds: float) -> bytes:
+        heard, end = [], time.monotonic() + seconds
+        while time.monotonic() < end:
+            heard.append(self.port.read(max(1, self.port.in_waiting)))
+        return b"".join(heard)
+
+    def stream(self, *commands: str) -> None:
+        """Switch the ASCII output off and do what else is asked for; what was on the way is thrown away."""
+        for command in ("VNASY,0", "VNWRG,06,0", *commands):
+            assert not self.ask(command).startswith("VNERR")
+        time.sleep(0.02)
+        self.port.reset_input_buffer()
+        self.ask("VNASY,1")
+
+
+def packets(data: bytes, layout: Layout) -> np.ndarray:
+    """Whole packets of a capture that begins and ends anywhere, and holds nothing else."""
+    start = data.index(layout.header)
+    count = (len(data) - start) // layout.length
+    assert layout.count(data, start, count) == count
+    return layout.decode(data, start, count)
+
+
+def conserved(counters: dict[str, object]) -> bool:
+    came = sum(int(counters[name]) for name in ("made", "replies", "duplicated"))  # type: ignore[call-overload]
+    went = ("sent", "lost", "dropped", "unheard", "overflowed", "queued")
+    return came == sum(int(counters[name]) for name in went)  # type: ignore[call-overload]
+
+
+# ---------------------------------------------------------------- clients that nobody here wrote
+
+
+def test_a_client_that_scans_and_writes_back_every_register(sensor: EmulatorProcess) -> None:
+    # It sends unpadded ids with CRC16, has the streams paused, and counts the ports of registers 5-7 up until
+    # error 07.
+    with Client(sensor.path, check="crc") as client:
+        assert client.ask("VNASY,0") == "VNASY,0"
+        for number in range(256):
+            if number in (5, 6, 7):
+                answers = [client.ask(f"VNRRG,{number:02d},{port}") for port in (1, 2, 3)]
+                assert answers[2] == "VNERR,07"
+                assert [answer.split(",")[-1] for answer in answers[:2]] == ["1", "2"]
+                continue
+            answer = client.ask(f"VNRRG,{number}")
+            if answer == "VNERR,08":
+                continue
+            written = client.ask("VNWRG" + answer[5:])
+            assert written == ("VNWRG" + answer[5:] if REGISTERS[number].access == "setting" else "VNERR,09")
+        assert client.ask("VNASY,1") == "VNASY,1"
+        assert conserved(sensor.ask("counters"))
+
+
+@pytest.mark.parametrize("baud", [9600, 460800])
+def test_a_client_that_does_not_know_the_baud(baud: int) -> None:
+    with emulator(baud=baud, rate=1) as sensor, Client(sensor.path) as client:
+        found = None
+        for guess in (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600):
+            client.port.baudrate = guess
+            with contextlib.suppress(AssertionError):
+                client.ask("VNRRG,01", timeout=0.2)
+                found = guess
+                break
+        assert found == baud
+
+
+def test_another_baud_hears_garbage(sensor: EmulatorProcess) -> None:
+    with Client(sensor.path, 57600) as client:
+        data = client.collect(0.3)
+        assert data
+        assert b"$VN" not in data
+        decoder = Decoder()
+        decoder.feed(data)
+        assert decoder.messages == 0
+        client.port.baudrate = 115200
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+
+
+def test_changing_the_baud_answers_at_the_old_one() -> None:
+    with emulator() as sensor, Client(sensor.path) as client:
+        assert client.ask("VNWRG,05,921600") == "VNWRG,05,921600"
+        time.sleep(0.05)
+        client.port.baudrate = 921600
+        assert client.ask("VNRRG,05") == "VNRRG,05,921600"
+        assert sensor.ask("counters")["baud"] == 921600
+
+
+@pytest.mark.parametrize(
+    ("output", "layout", "rate"),
+    [
+        ("VNWRG,75,1,4,06,0001,00C0", TIME_AND_DELTAS, 200),
+        ("VNWRG,75,1,8,1,C01", TIME_MAGPRES_DELTAS, 100),
+    ],
+)
+def test_not_one_packet_is_lost_at_115200(
+    sensor: EmulatorProcess, output: str, layout: Layout, rate: int
+) -> None:
+    with Client(sensor.path, check="XX") as client:
+        client.stream(output)
+        before = sensor.ask("counters")
+        data = client.collect(1.5)
+        found = packets(data, layout)
+        assert len(found) == pytest.approx(1.5 * rate, abs=0.1 * rate)
+        name = next(name for name in layout.fields if name.endswith("timeStartup"))
+        steps = np.diff(found[name][:, 0].astype(np.int64))
+        assert (np.abs(steps - 1e9 / rate) < 50_000).all()
+        after = sensor.ask("counters")
+        assert (before["dropped"], before["overflowed"]) == (after["dropped"], after["overflowed"])
+
+
+def test_replies_stand_between_messages_and_come_soon(sensor: EmulatorProcess) -> None:
+    with Client(sensor.path) as client:
+        client.stream("VNWRG,75,1,4,06,0001,00C0")
+        captured = b""
+        for _ in range(20):
+            client.send("VNRRG,85")
+            captured += client.collect(0.05)
+        decoder = Decoder()
+        decoder.feed(captured[captured.index(TIME_AND_DELTAS.header) :])
+        assert decoder.discarded == 0
+        assert captured.count(b"$VNRRG,85,0,4,4,4,0,0,3,3,3,0*") == 20
+
+
+def test_the_older_library_asks_again_and_is_answered_twice(sensor: EmulatorProcess) -> None:
+    with Client(sensor.path) as client:
+        client.send("VNRRG,01")
+        client.send("VNRRG,01")
+        client.wait_for(re.compile(rb"\$VNRRG,01,.*\r\n.*\$VNRRG,01,[^\n]*\r\n", re.DOTALL), 0.5)
+
+
+def test_bytes_take_their_time_on_the_line() -> None:
+    with emulator(baud=9600, rate=0) as sensor, Client(sensor.path, 9600) as client:
+        start = time.monotonic()
+        for _ in range(8):
+            client.send("VNRRG,27")
+        client.wait_for(re.compile(rb"(\$VNRRG,27,.*\r\n.*){8}", re.DOTALL), 3.0)
+        assert time.monotonic() - start > 8 * 120 * 10 / 9600
+
+
+# ---------------------------------------------------------------- clients that come and go
+
+
+def test_clients_may_vanish_and_come_back(sensor: EmulatorProcess) -> None:
+    for _ in range(3):
+        fd = os.open(sensor.path, os.O_RDWR | os.O_NOCTTY)
+        fcntl.ioctl(fd, termios.TIOCEXCL)
+        os.write(fd, b"$VNRR")
+        time.sleep(0.02)
+        os.close(fd)
+    with Client(sensor.path) as client:
+        assert client.ask("VNRRG,03") == "VNRRG,03,0100056785"
+
+
+def test_a_client_that_does_not_read_loses_messages_and_nothing_hangs() -> None:
+    with emulator(baud=921600, rate=800) as sensor, Client(sensor.path, 921600) as client:
+        until(lambda: sensor.ask("counters")["dropped"] > 0, 10.0)
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+        assert conserved(sensor.ask("counters"))
+
+
+def test_a_new_client_hears_nothing_old() -> None:
+    with emulator(baud=460800, rate=400) as sensor:
+        until(lambda: sensor.ask("counters")["unheard"] > 100)
+        for _ in range(2):  # the first leaves while bytes come; the second hears none of them
+            age = sensor.ask("counters")["ticks"] / 800
+            fd = os.open(sensor.path, os.O_RDWR | os.O_NOCTTY)
+            heard = b""
+            while len(heard) < 1000:
+                heard += os.read(fd, 4096)
+            os.close(fd)
+            assert packets(heard, TIME_AND_DELTAS)["2.timeStartup"][0, 0] / 1e9 > age + 0.5
+            time.sleep(0.2)
+
+
+def test_the_sensor_keeps_the_rooms_time() -> None:
+    with emulator(rate=800, baud=921600) as sensor:
+        before, start = sensor.ask("counters")["ticks"], time.monotonic()
+        time.sleep(0.8)
+        after, end = sensor.ask("counters")["ticks"], time.monotonic()
+        assert (after - before) / 800 == pytest.approx(end - start, abs=0.1)
+
+
+def test_it_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
+    code = "import time; from imumon.emulator import spawn; print(spawn().pid, flush=True); time.sleep(60)"
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait()
+    until(
+        lambda: (
+            not Path(f"/proc/{child}").exists() or "Z" in Path(f"/proc/{child}/stat").read_text().split()[2]
+        )
+    )
+
+
+def until(condition: Callable[[], bool], timeout: float = 5.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
+def test_signals_end_it_and_the_link_goes(number: int, code: int, tmp_path: Path) -> None:
+    link = tmp_path / "vn100"
+    command = [
+        sys.executable,
+        "-m",
+        "imumon.emulator",
+        "--link",
+        str(link),
+        "--control",
+        str(tmp_path / "control"),
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    path = process.stdout.readline().strip()
+    assert os.readlink(link) == path
+    with socket.socket(socket.AF_UNIX) as control:
+        control.connect(str(tmp_path / "control"))
+        control.sendall(b"counters\nnonsense\n")
+        answers = _lines(control, 2)
+        assert answers[0]["path"] == path
+        assert "no command" in answers[1]["error"]
+    process.send_signal(number)
+    assert process.wait(5) == code
+    assert not link.is_symlink()
+    process.stdout.close()
+
+
+def _lines(control: socket.socket, count: int) -> list[dict[str, object]]:
+    held = b""
+    while held.count(b"\n") < count:
+        held += control.recv(4096)
+    return [json.loads(line) for line in held.splitlines()]
+
+
+def test_wrong_words_are_told_in_one_line() -> None:
+    for words in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
+        command = [sys.executable, "-m", "imumon.emulator", *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode != 0
+        assert done.stderr.startswith(f"imumon sim: --rate {words[1]}")
+        assert done.stderr.count("\n") == 1
+        assert done.stdout == ""
+
+
+# ---------------------------------------------------------------- time-lapse
+
+
+def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
+    with emulator(speed=200, rate=0) as sensor, Client(sensor.path) as client:
+        client.stream("VNWRG,75,1,8,06,0001,00C0")
+        time.sleep(0.5)  # the reader is away: the sensor's clock stands still once the terminal is full
+        data = client.collect(1.0)
+        found = packets(data, TIME_AND_DELTAS)
+        steps = np.diff(found["2.timeStartup"][:, 0].astype(np.int64))
+        assert (np.abs(steps - 10_000_000) < 50_000).all()
+        assert found["3.deltaTheta"][1:, 0] == pytest.approx(np.full(len(found) - 1, 0.01))
+        assert len(found) > 2000
+        counters = sensor.ask("counters")
+        assert counters["dropped"] == counters["overflowed"] == 0
+
+
+def test_time_lapse_takes_commands_all_the_while() -> None:
+    with emulator(speed=500, rate=50) as sensor, Client(sensor.path) as client:
+        time.sleep(0.3)
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+        assert client.ask("VNWRG,06,0") == "VNWRG,06,0"
+
+
+# ---------------------------------------------------------------- faults
+
+
+def test_faults_take_what_they_say() -> None:
+    rng = np.random.default_rng(5)
+    message = ascii.encode("VNYPR,+000.000,+000.000,+000.000")
+    count = 5_000
+
+    def arriving(**faults: float) -> list[bytes]:
+        return [each for _ in range(count) for each in Faults(**faults).apply(message, rng)]
+
+    assert len(arriving(drop=0.1)) == pytest.approx(0.9 * count, abs=5 * (0.09 * count) ** 0.5)
+    assert len(arriving(duplicate=0.1)) == pytest.approx(1.1 * count, abs=5 * (0.09 * count) ** 0.5)
+    assert all(ascii.parse(each) is None for each in arriving(crc=1.0))
+    assert {len(each) for each in arriving(cut=1.0)} == {len(message) // 2}
+    spoilt = sum(a != b for each in arriving(corrupt=0.01) for a, b in zip(each, message, strict=True))
+    assert spoilt == pytest.approx(0.01 * count * len(message), rel=0.05)
+
+
+def test_a_damaged_line_gives_no_wrong_sample_and_conserves_messages() -> None:
+    faults = Faults(drop=0.02, duplicate=0.02, cut=0.02, crc=0.02, corrupt=1e-4)
+    with emulator(rate=50, faults=faults, speed=60) as sensor, Client(sensor.path) as client:
+        data = client.collect(0.5)
+        sensor.ask("fault")
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+        counters = sensor.ask("counters")
+        assert conserved(counters)
+        assert counters["lost"]
+        assert counters["duplicated"]
+    decoder = Decoder()
+    items = [*decoder.feed(data), *decoder.finish()]
+    assert decoder.messages * 1.0 == pytest.approx(data.count(b"$VNYMR") * 0.95, rel=0.05)
+    for block in items:
+        if isinstance(block, SampleBlock):
+            accel = [i for i, name in enumerate(block.stream.channels) if name == "accel/z"]
+            assert block.values[:, accel] == pytest.approx(-9.79, abs=0.3)
+
+
+def test_every_check_wrong_for_a_while(sensor: EmulatorProcess) -> None:
+    with Client(sensor.path) as client:
+        sensor.ask("fault crc=1")
+        client.port.reset_input_buffer()
+        client.collect(0.05)
+        decoder = Decoder()
+        decoder.feed(client.collect(0.3))
+        assert decoder.messages == 0
+        assert decoder.bad_checksums > 5
+        sensor.ask("fault")
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+
+
+def startup_times(client: Client, seconds: float) -> np.ndarray:
+    return packets(client.collect(seconds), TIME_AND_DELTAS)["2.timeStartup"][:, 0].astype(np.int64)
+
+
+def test_a_silence_a_stall_a_leap_and_a_reboot() -> None:
+    with emulator(rate=100, baud=460800) as sensor, Client(sensor.path, 460800) as client:
+        client.stream("VNWRG,75,1,8,06,0001,00C0")
+        time.sleep(0.1)
+        sensor.ask("silence 0.3")
+        steps = np.diff(startup_times(client, 0.6))
+        assert 0.2e9 < steps.max() < 0.5e9
+        assert conserved(sensor.ask("counters"))
+
+        sensor.ask("stall 0.3")
+        assert (np.diff(startup_times(client, 0.6)) < 11_000_000).all()
+
+        time.sleep(0.1)
+        sensor.ask("jump 5")
+        assert 4.9e9 < np.diff(startup_times(client, 0.3)).max() < 5.1e9
+
+        sensor.ask("reboot")
+        client.wait_for(re.compile(rb"\$VNYMR"), 3.0)
+        assert sensor.ask("counters")["restarts"] == 1
+
+
+def test_a_message_cut_in_its_middle(sensor: EmulatorProcess) -> None:
+    with Client(sensor.path) as client:
+        client.collect(0.1)
+        sensor.ask("cut")
+        decoder = Decoder()
+        decoder.feed(client.collect(0.3))
+        assert decoder.discarded >= 61
+
+
+def test_the_cable_is_pulled_and_put_back_under_another_name(tmp_path: Path) -> None:
+    link = tmp_path / "vn100"
+    with emulator(link=str(link)) as sensor, Client(sensor.path) as client:
+        client.collect(0.05)
+        sensor.ask("unplug")
+        with pytest.raises((OSError, serial.SerialException)):
+            client.collect(1.0)
+        assert not link.is_symlink()
+        path = sensor.ask("replug")["path"]
+        assert path != sensor.path
+        assert os.readlink(link) == path
+        with Client(str(link)) as again:
+            assert again.ask("VNRRG,03") == "VNRRG,03,0100056785"
+        assert conserved(sensor.ask("counters"))
+
+
+@pytest.mark.parametrize(("kind", "pattern"), [("nmea", rb"\$GPGGA,"), ("garbage", rb"."), ("silent", None)])
+def test_what_is_no_vn100(kind: str, pattern: bytes | None) -> None:
+    with emulator(impostor=kind) as sensor, Client(sensor.path) as client:
+        client.send("VNRRG,01")
+        data = client.collect(0.4)
+        assert b"VN" not in data
+        assert bool(data) == (pattern is not None)
+        assert pattern is None or re.search(pattern, data)
+
+
+# ---------------------------------------------------------------- the transmitter
+
+
+@pytest.mark.parametrize("baud", BAUDS)
+def test_a_message_has_left_when_its_bits_have(baud: int) -> None:
+    uart = Uart(baud)
+    uart.put(b"x" * 100, 0.0)
+    uart.put(b"y" * 50, 0.0)
+    one, both = 1000 / baud, 1500 / baud
+    assert uart.due(one * 0.999) == []
+    assert [message[:1] for message, _ in uart.due(one * 1.001)] == [b"x"]
+    assert uart.next() == pytest.approx(both)
+    assert [message[:1] for message, _ in uart.due(both * 1.001)] == [b"y"]
+
+
+def test_the_transmitter_holds_two_kilobytes() -> None:
+    uart = Uart(9600)
+    for _ in range(100):
+        uart.put(b"z" * 100, 1.0)
+    assert uart.overflowed == 100 - len(uart)
+    assert len(uart) * 100 == pytest.approx(OUTPUT_BUFFER, abs=100)
