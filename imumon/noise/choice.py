@@ -5,23 +5,28 @@ line some in the middle, a warm-up the long ones; an efficient fit would bend wi
 
 1. White, flicker and random walk over all octaves stand unless chi-square says no (p < `REJECTED`).
 2. Quantisation and ramp are taken in where their score, given the other terms, exceeds `WANTED` standard
-   deviations, which noise of the three kinds alone does once in a thousand; a term once in stays above
-   `KEPT`.
+   deviations, which noise of the three kinds alone does once in a thousand, and the fit then passes.
 3. Still rejected: the cheapest description that passes (p >= `CURED`) is sought. An octave left out costs
-   1, a term 2, and a block that does not begin with the shortest octave one more, or three where it
-   leaves a single octave below, on which N would then hang. Of equal cost, the best p wins.
-4. Nothing passes at `DEAREST`: the best of it stays, and what is left over counts as an error of the model
+   1, a term 2. Octaves are left out from the short end or as a block further on, or both; a block costs one
+   less where octaves stay below it, since those are the most precise and agree, and three more where it is
+   a single one, on which N would then hang. Of equal cost the one that keeps more wins, then p.
+4. Where the shortest octaves are left out, what bent them has a tail: noise correlated over a short time
+   adds to N^2/tau a term that falls as 1/tau^2 once tau is longer, quantisation's shape with either
+   sign (for a boxcar that is exact). There the 1/tau^2 term is free and may be negative, so that N and its
+   limits do not lean on the first octave that happened to pass.
+5. Nothing passes at `DEAREST`: the best of it stays, and what is left over counts as an error of the model
    that all octaves have, as large as makes chi-square its expectation. It widens every interval.
 
 The test itself allows a model to be wrong by `TOLERATED`: with 10^9 samples any sensor departs from any
-model, and no octave is given up for a part in a thousand; instead rule 4's error takes it in.
+model, and no octave is given up for a part in a thousand; instead rule 5's error takes it in.
 
-A former choice stands while it passes and is given up for a larger one only where that is plainly fine
+A former choice stands while it passes and is given up for a cheaper one only where that is plainly fine
 (p >= `REGAINED`), so no octave jumps in and out with every report.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,15 +38,16 @@ from imumon.noise.quantiles import chi2_tail
 from imumon.samples import Bools, Floats
 
 REJECTED = 1e-3
-CURED = 0.02
+CURED = 0.1
 REGAINED = 0.2
 WANTED = 3.1
 KEPT = 2.0
 TOLERATED = 2e-3  # of the Allan variance
 DEAREST = 14
 TERM_COST = 2
-LONELY = 3
+LONELY, BESIDE = 3, -1  # what a block costs beyond its octaves
 SHORT = 2  # octaves left out at the short end beside a block
+STRETCH = 3  # octaves that stay between the two
 _ROUNDS = 8
 _SEARCH_ROUNDS = 5
 _BASE = np.arange(len(TERMS)) < 3
@@ -155,17 +161,16 @@ def _scores(problem: Problems, choice: Choice, terms: list[int]) -> list[float]:
 def _with_terms(problem: Problems, choice: Choice) -> Choice:
     """The choice with quantisation or ramp where their scores want them and the fit then passes."""
     terms = [term for term in (QUANTISATION, RAMP) if not choice.free[term]]
-    if choice.dof <= len(terms) or choice.used.sum() < FEWEST + 1:
+    if not terms or choice.used.sum() < FEWEST + len(terms):
         return choice
-    wanted = [term for term, z in zip(terms, _scores(problem, choice, terms), strict=True) if z > WANTED]
-    sets = [wanted] if len(wanted) < 2 else [[wanted[0]], [wanted[1]], wanted]
-    for extra in sets:
-        if not extra:
-            continue
+    scores = zip(terms, _scores(problem, choice, terms), strict=True)
+    wanted = [term for term, z in scores if (abs(z) if term == QUANTISATION else z) > WANTED]
+    for extra in [[term] for term in wanted] + ([wanted] if len(wanted) > 1 else []):
         free = choice.free.copy()
         free[extra] = True
         found = _tried(problem, choice.used, free)
-        if found.cured and all(found.p[term] > 0.0 for term in extra):
+        passes = found.p_value is None or found.p_value >= (REJECTED if choice.cured else CURED)
+        if passes and np.all(found.p[extra] != 0.0):
             return found
     return choice
 
@@ -175,17 +180,14 @@ def _regained(problem: Problems, choice: Choice, everything: Bools) -> Choice:
     found = _with_terms(problem, choice)
     if found is not choice:
         return found
-    used = [everything]
+    masks = [choice.used, everything]
     out = np.flatnonzero(everything & ~choice.used)
     for octave in out[[0, -1]] if out.size else ():
-        more = choice.used.copy()
-        more[octave] = True
-        used.append(more)
-    tries = [(mask, choice.free) for mask in used if out.size]
-    for term in np.flatnonzero(choice.free & ~_BASE):
-        fewer = choice.free.copy()
-        fewer[term] = False
-        tries.append((choice.used, fewer))
+        masks.append(choice.used.copy())
+        masks[-1][octave] = True
+    extras = np.flatnonzero(choice.free & ~_BASE).tolist()
+    fewer = [[term for term in extras if term != gone] for gone in extras]
+    tries = [(mask, _terms(mask, extra)) for mask in masks for extra in [extras, *fewer]]
     tries = [row for row in tries if _cost(*row) < _cost(choice.used, choice.free)]
     if not tries:
         return choice
@@ -203,38 +205,41 @@ def _unwanted(problem: Problems, choice: Choice, free: Bools) -> bool:
     return not gone or max(_scores(problem, choice, gone)) < KEPT
 
 
+def _terms(used: Bools, extra: Sequence[int]) -> Bools:
+    """(5,) terms that are free with these octaves."""
+    terms = _BASE.copy()
+    terms[list(extra)] = True
+    terms[QUANTISATION] |= not used[0]
+    return terms
+
+
 def _cost(used: Bools, free: Bools) -> int:
     """What a description costs; see the rules above.
 
-    >>> _cost(np.array([False, True, True, False, True]), _BASE), _cost(np.array([True, False, True]), _BASE)
-    (3, 4)
+    >>> used = np.array([False, True, True, False, True])
+    >>> _cost(used, _terms(used, [])), _cost(used[1:], _terms(used[1:], [RAMP]))
+    (2, 5)
     """
     out = np.flatnonzero(~used)
     short = int(np.argmax(used))
     further = out[out > short]
-    block = 0 if not further.size else LONELY if further[0] == short + 1 else 1
-    return int(out.size + block + TERM_COST * (free.sum() - _BASE.sum()))
+    block = 0 if not further.size else LONELY if further[0] == short + 1 else BESIDE
+    return int(out.size + block + TERM_COST * (free.sum() - _terms(used, []).sum()))
 
 
 def _sought(problem: Problems, rejected: Choice) -> Choice:
     """The cheapest description that passes, or the best of those that do not."""
     best = rejected
-    for cost in range(1, DEAREST + 1):
+    for cost in range(DEAREST + 1):
         used, free = _candidates(problem.used[0], cost)
         if not len(used):
             continue
-        found = [
-            c
-            for c in _all_tried(problem, used, free, rounds=_SEARCH_ROUNDS)
-            if np.all(c.p[3:][c.free[3:]] > 0.0)
-        ]
-        if not found:
-            continue
-        here = max(found, key=_quality)
-        if here.p_value is not None and here.p_value >= CURED:
-            return here
-        if _quality(here) > _quality(best):
-            best = here
+        found = _all_tried(problem, used, free, rounds=_SEARCH_ROUNDS)
+        found = [choice for choice in found if choice.p[RAMP] > 0.0 or not choice.free[RAMP]]
+        passed = [choice for choice in found if choice.p_value is not None and choice.p_value >= CURED]
+        if passed:
+            return max(passed, key=lambda choice: (choice.used.sum(), choice.p_value))
+        best = max([best, *found], key=_quality)
     return best
 
 
@@ -249,32 +254,26 @@ def _candidates(available: Bools, cost: int) -> tuple[Bools, Bools]:
     used: list[Bools] = []
     free: list[Bools] = []
     for extra in ((), (QUANTISATION,), (RAMP,), (QUANTISATION, RAMP)):
-        terms = _BASE.copy()
-        terms[list(extra)] = True
         for left_out in _left_out(octaves, cost - TERM_COST * len(extra)):
             mask = available.copy()
             mask[left_out] = False
-            if mask.sum() >= FEWEST + len(extra):
+            terms = _terms(mask, extra)
+            if mask.sum() >= FEWEST - 3 + terms.sum() and _cost(mask, terms) == cost:
                 used.append(mask)
                 free.append(terms)
     return np.array(used, dtype=bool).reshape(-1, octaves), np.array(free, dtype=bool).reshape(-1, len(TERMS))
 
 
 def _left_out(octaves: int, cost: int) -> list[list[int]]:
-    """Octaves to leave out at a cost: the shortest ones, a block further on, or both.
+    """Octaves that may be left out at a cost: the shortest ones, a block further on, or both.
 
-    >>> _left_out(4, 2)
-    [[0, 1], [2], [3]]
+    >>> _left_out(5, 1)
+    [[0], [2, 3], [3, 4], [0, 4]]
     """
-    if cost < 0:
-        return []
-    if cost == 0:
-        return [[]]
-    found = [list(range(cost))] if cost <= octaves else []
-    for short in range(min(cost, SHORT + 1)):
-        for begin in range(short + 1, octaves):
-            # what stays below the block carries N alone: one octave there is trusted less than two
-            length = cost - short - (LONELY if begin == short + 1 else 1)
+    found = [list(range(cost))] if 0 <= cost <= octaves else []
+    for short in range(SHORT + 1):
+        for begin in range(short + (STRETCH if short else 1), octaves):
+            length = cost - short - (LONELY if begin == 1 else BESIDE)
             if 1 <= length <= octaves - begin:
                 found.append([*range(short), *range(begin, begin + length)])
     return found

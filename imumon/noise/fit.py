@@ -29,7 +29,7 @@ from imumon.noise import intervals
 from imumon.noise.allan import AllanCurve
 from imumon.noise.choice import QUANTISATION, RAMP, Choice, choose
 from imumon.noise.covariance import TERMS, Tables, octaves_in, tables
-from imumon.noise.leastsquares import Problems, solve, weigh
+from imumon.noise.leastsquares import Problems, expected, solve, weigh
 from imumon.noise.quantiles import chi2_quantile, normal_quantile
 from imumon.noise.readings import Readings, read_slopes
 from imumon.samples import Bools, Floats
@@ -198,11 +198,13 @@ class Estimator:
         part = _as_chosen(part, [item.choice for item in known])
         used = part.used
         p = solve(part, start=np.array([item.choice.p for item in known]) + 0.0)
-        at = weigh(replace(part, excess=np.zeros(len(rows))), p)
+        whole = p * np.where(np.arange(len(TERMS)) == QUANTISATION, p > 0.0, 1.0)
+        at = weigh(replace(part, excess=np.zeros(len(rows))), whole)
         variance = at.relative[:, np.arange(k), np.arange(k)]
+        model = np.where(used, expected(part.tables, p), at.model)
         for row, channel in enumerate(rows):
             fits[channel] = _channel(
-                curve, channel, p[row], known[row], used[row], at.model[row], 2.0 / variance[row]
+                curve, channel, p[row], known[row], used[row], model[row], 2.0 / variance[row]
             )
         return tuple(fits)
 
@@ -382,10 +384,11 @@ def _channel(
     high = np.where(there, sigma * np.sqrt(edf / chi2_quantile(0.025, edf)), 0.0)
     choice = known.choice
     clear = there & (sigma > 0.0)
+    caveats = _caveats(replace(choice, p=p), used, there, sigma**2, model, edf)
     return ChannelFit(
         **{name: _coefficient(p, known, term, float(unit[term])) for term, name in enumerate(TERMS[:3])},
         quantisation=float(math.sqrt(p[QUANTISATION]) * unit[QUANTISATION])
-        if p[QUANTISATION] > 0.0
+        if "quantised" in caveats
         else None,
         ramp=float(math.sqrt(p[RAMP]) * unit[RAMP]) if p[RAMP] > 0.0 else None,
         chi2=choice.chi2,
@@ -398,7 +401,7 @@ def _channel(
         edf=_stretched(np.where(there, edf, 0.0), total),
         time_to=known.time_to,
         readings=read_slopes(curve.tau[:k][clear], sigma[clear]),
-        caveats=_caveats(choice, used, there, sigma**2, model, edf),
+        caveats=caveats,
     )
 
 
@@ -419,18 +422,24 @@ def _coefficient(p: Floats, known: _Known, term: int, unit: float) -> Coefficien
 def _caveats(
     choice: Choice, used: Bools, there: Bools, found: Floats, model: Floats, edf: Floats
 ) -> tuple[str, ...]:
-    words = []
-    if not choice.cured:
-        words.append("misfit")
+    words = [] if choice.cured else ["misfit"]
     out = there & ~used
+    below = choice.p[QUANTISATION] < 0.0
     if np.any(out):
         z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
-        words.append("vibration" if z[np.argmax(np.abs(z))] > 0.0 else "correlated")
-    if choice.free[QUANTISATION]:
+        below = bool(z[np.argmax(np.abs(z))] < 0.0)
+    if _quantised(choice, below):
         words.append("quantised")
+    elif np.any(out) or choice.p[QUANTISATION] != 0.0:
+        words.append("correlated" if below else "vibration")
     if choice.free[RAMP]:
         words.append("ramp")
     return tuple(words)
+
+
+def _quantised(choice: Choice, below: bool) -> bool:
+    """Whether the 1/tau^2 term is quantisation: seen alone, or beside octaves that rounding makes too low."""
+    return bool(choice.p[QUANTISATION] > 0.0 and (choice.used[0] or below))
 
 
 def _nothing(octaves: int, reason: str) -> ChannelFit:

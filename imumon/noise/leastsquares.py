@@ -8,6 +8,7 @@ octaves' variances are near to gamma distributed.
 All of it works on a batch of problems at once: channels, or one channel with different octaves left out, or
 with a term held fixed. Every problem has the same tables. Non-negative means: every subset of the free
 terms is solved, and of those without a negative power the one with the least misfit is the answer.
+The 1/tau^2 term alone may be negative.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from imumon.noise.quantiles import cube_root_score
 from imumon.samples import Bools, Floats, Ints
 
 T = len(TERMS)
+SIGNED = TERMS.index("Q")  # may be negative: the tail of short correlations, see `choice`
 _JITTER = 1e-12  # relative variance added to every octave: rounding
 _ROUNDS = 25
 _STILL = 1e-5  # relative change of the model at which it stands
@@ -80,11 +82,18 @@ class Weighing:
     relative: Floats
 
 
+def expected(tables: Tables, p: Floats) -> Floats:
+    """(..., k) unit^2, the model; without a negative 1/tau^2 term where that would leave nothing."""
+    model = p @ tables.design.T
+    positive = (p * np.where(np.arange(T) == SIGNED, p > 0.0, 1.0)) @ tables.design.T
+    return np.asarray(np.where(model > 0.01 * positive, model, positive))
+
+
 def weigh(problems: Problems, p: Floats) -> Weighing:
     """Weights of all problems at powers p, (b, 5)."""
     tables = problems.tables
     k = tables.full.size
-    model = p @ tables.design.T
+    model = expected(tables, p)
     relative = tables.covariance(p, problems.thinning) / (model[:, :, None] * model[:, None, :])
     relative[:, np.arange(k), np.arange(k)] += _JITTER + problems.excess[:, None]
     both = problems.used[:, :, None] & problems.used[:, None, :]
@@ -111,7 +120,7 @@ def misfit(problems: Problems, p: Floats) -> tuple[Floats, Ints]:
     z = np.where(problems.used, cube_root_score(problems.variance / at.model, 2.0 / variance), 0.0)
     z *= np.sqrt(variance)
     chi2 = np.einsum("bi,bij,bj->b", z, at.weight, z)
-    return chi2, np.asarray(problems.used.sum(axis=1) - (p > 0.0).sum(axis=1))
+    return chi2, np.asarray(problems.used.sum(axis=1) - (p != 0.0).sum(axis=1))
 
 
 def first_guess(problems: Problems) -> Floats:
@@ -170,7 +179,7 @@ def _solve(problems: Problems, start: Floats | None, held: Floats | None, rounds
         normal = at.design.transpose(0, 2, 1) @ weighted
         right = (weighted.transpose(0, 2, 1) @ target[:, :, None])[:, :, 0]
         answer = _nonnegative(normal, right, part.free, subsets) + fixed[open_]
-        model = answer @ part.tables.design.T
+        model = expected(part.tables, answer)
         empty = ~np.any((model > 0.0) & part.used, axis=1)
         answer[empty] = settled[open_][empty]
         model[empty] = at.model[empty]
@@ -199,7 +208,7 @@ def _nonnegative(normal: Floats, right: Floats, free: Bools, subsets: Bools) -> 
     target = np.where(inside, right[:, None], 0.0)
     found = np.linalg.solve(matrix, target[..., None])[..., 0]
     gain = np.einsum("bst,bst->bs", found, target)
-    gain = np.where((found >= 0.0).all(axis=2), gain, -1.0)
+    gain = np.where(((found >= 0.0) | (np.arange(T) == SIGNED)).all(axis=2), gain, -1.0)
     best = np.argmax(gain, axis=1)
     chosen = found[np.arange(len(found)), best]
     return np.asarray(np.where(gain.max(axis=1)[:, None] >= 0.0, chosen, 0.0) / scale)
