@@ -28,7 +28,7 @@ from imumon.sensors.vn100.session import NotAVn100, Notice, SensorChanged, Sessi
 from imumon.sensors.vn100.settings import DIVISORS, alias_factors, divisors, is_ours, output
 from imumon.sources import PortGone, SerialPort
 
-STEP_S = 0.005
+STEP_S = 0.02
 
 
 class Unplugged(Exception):
@@ -53,7 +53,7 @@ class Bench:
         self.adapter_can = set(BAUDS)
         self.dead = self.deaf = self.garbling = self.vanished = False
         self.cured_by_reopening = False
-        self.writes_left: int | None = None
+        self.steps_left: int | None = None  # reads and writes until the process is killed
         self.impostor: Impostor | None = None
         self.refuses = b""
         self._line_baud = self.device.baud
@@ -63,7 +63,14 @@ class Bench:
     def clock(self) -> float:
         return self.now
 
+    def _step(self) -> None:
+        if self.steps_left is not None:
+            if self.steps_left == 0:
+                raise Killed
+            self.steps_left -= 1
+
     def read(self, timeout: float) -> bytes:
+        self._step()
         self._live()
         until = self.now + timeout
         while not self._queue and self.now < until:
@@ -94,10 +101,7 @@ class Bench:
     def write(self, data: bytes) -> None:
         if self.vanished:
             raise Unplugged
-        if self.writes_left is not None:
-            if self.writes_left == 0:
-                raise Killed
-            self.writes_left -= 1
+        self._step()
         self.written.append(data)
         if self.refuses and self.refuses in data:
             self._queue += b"$VNERR,07*76\r\n"
@@ -447,7 +451,7 @@ def test_bad_checks_that_last_are_told_once_and_end_by_themselves() -> None:
     bench = Bench()
     session = bench.streaming()
     bench.garbling = True
-    _, notices = bench.run(session, 40.0)
+    _, notices = bench.run(session, 25.0)
     assert kinds(notices).count("garbage") <= 1
     assert kinds(notices).count("lost") <= 1
     bench.garbling = False
@@ -460,7 +464,7 @@ def test_silence_is_told_once_and_its_end_too() -> None:
     bench = Bench()
     session = bench.streaming()
     bench.dead = True
-    _, notices = bench.run(session, 60.0)
+    _, notices = bench.run(session, 25.0)
     assert kinds(notices).count("silent") == 1
     bench.dead = False
     _, notices = bench.run(session, 12.0)
@@ -552,30 +556,33 @@ def test_restore_leaves_every_register_as_it_was(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_kill_at_any_moment_is_repaired_by_the_next_start(seed: int) -> None:
+def test_an_end_at_any_moment_is_made_good(seed: int) -> None:
+    """By the same session when it was interrupted, by the next one when the process was killed."""
     dice = random.Random(100 + seed)
     original = _owners_settings(dice)
     wanted = Wanted(stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((None, 460800)))  # type: ignore[arg-type]
     before = Bench(original).registers()
-    for writes in range(100):
-        bench = Bench(original)
-        first = bench.session(wanted)
-        first.connect()
-        saved = first.remember()
-        bench.writes_left = writes
-        try:
-            first.configure()
-            finished = True
-        except Killed:
-            finished = False
-        bench.writes_left = None
-        second = bench.session(wanted)
-        second.connect()
-        second.remember(saved)
-        second.configure()
-        assert bench.run(second, 0.3)[0] > 10
-        assert second.restore()
-        assert bench.registers() == before, f"killed at command {writes}"
+    for steps in range(seed % 3, 1000, 3):
+        for killed in (True, False):
+            bench = Bench(original)
+            session = bench.session(wanted)
+            session.connect()
+            saved = session.remember()
+            bench.steps_left = steps
+            try:
+                session.configure()
+                finished = True
+            except Killed:
+                finished = False
+            bench.steps_left = None
+            if killed:
+                session = bench.session(wanted)
+                session.connect()
+                session.remember(saved)
+                session.configure()
+                assert bench.run(session, 0.3)[0] > 10
+            assert session.restore()
+            assert bench.registers() == before, f"ended at step {steps}"
         if finished:
             return
     raise AssertionError("the set-up never ended")

@@ -19,6 +19,7 @@ BAUDS = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """Bauds in the order they are tried."""
 LISTEN_S = 0.3
 ANSWER_S = 0.3
+TRIES = 5  # a line that spoils one byte in a hundred spoils every fourth answer
 
 _UNASKED = {0x01, 0x02, 0x03, 0x0A, 0x0B, 0xFF}  # not about what was asked, or worth asking again
 _NMEA = re.compile(rb"\$(G[A-Z][A-Z]{3}|P[A-Z]{3,8}),[ -~]*")
@@ -137,7 +138,7 @@ class Dialogue:
     def _send(self, body: str) -> None:
         self.port.write(encode(body))
 
-    def ask(self, body: str, tries: int = 3) -> Response | SensorError | None:
+    def ask(self, body: str, tries: int = TRIES) -> Response | SensorError | None:
         """Answer to a command, None when none came."""
         self.decoder.feed(self.port.read(0.0))  # late answers to what was asked before
         for _ in range(tries):
@@ -164,14 +165,19 @@ class Dialogue:
     def write(self, register: int, text: str) -> bool:
         """Write a register unless it holds just that; what the sensor then holds is in `settings`."""
         self.refusal = None
-        if self.settings.get(register) == text:
+        before = self.settings.get(register)
+        if before == text:
             return True
         self.touched.add(register)
+        self.settings.pop(register, None)  # not known until it is confirmed, which may never be
         answer = self.ask(f"VNWRG,{register:02d},{text}")
         if isinstance(answer, Response):
             self.settings[register] = ",".join(answer.fields[1:])
             return True
-        self.refusal = None if answer is None else answer.code
+        if answer is not None:
+            self.refusal = answer.code
+            if before is not None:
+                self.settings[register] = before
         return False
 
 

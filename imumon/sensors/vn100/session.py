@@ -187,12 +187,19 @@ class Session:
         return self.facts()
 
     def restore(self) -> bool:
-        """Put the settings back as they were found; True when the sensor has confirmed each."""
+        """Put the settings back as they were found; True when the sensor has confirmed each.
+
+        It may be called at any moment, also after `configure` was interrupted.
+        """
         talk, before = self._dialogue, self._originals or {}
         changed = [r for r, text in before.items() if r in talk.touched or talk.settings.get(r) != text]
         if not changed:
             return True
-        done = talk.ask("VNASY,0", tries=2) is not None
+        done = talk.ask("VNASY,0", tries=3) is not None
+        if not done and BAUD in talk.touched:  # interrupted while the baud was being changed
+            for baud in (int(before[BAUD]), self._wanted.set_baud or self._port.baud):
+                if not done and self._port.set_baud(baud) and talk.is_here():
+                    done = talk.ask("VNASY,0") is not None
         for register in (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE):
             if done and register in changed:
                 done = talk.write(register, before[register])
@@ -276,7 +283,8 @@ class Session:
         settings = self._dialogue.settings
         self._identity.clear()
         settings.clear()
-        for register in (1, 3, 4, *CHANGE_THE_DATA):
+        # the output type early: a sensor may be set to switch its output off at the first error
+        for register in dict.fromkeys((1, 3, 4, OUTPUT_TYPE, *CHANGE_THE_DATA)):
             text = self._dialogue.read(register)
             if text is None and register == 1:
                 raise NotAVn100(
