@@ -231,6 +231,19 @@ class OctaveCascade:
             ratio=self.ratio,
         )
 
+    def settle(self) -> None:
+        """Send what waits for a full block through the octaves: nothing further will come."""
+        self._flush()
+
+    def sums(self) -> tuple[Floats, Ints, Ints, int]:
+        """Sums of what has been through the octaves: (k, c) squared differences, (k, c) their number, (c,)
+        valid samples, and segments begun."""
+        members = self._groups.of
+        k = len(self._octaves)
+        squares = np.array([o.squares for o in self._octaves]).reshape(k, self.channels)
+        terms = np.array([o.terms[members] for o in self._octaves], dtype=np.int64).reshape(k, self.channels)
+        return squares, terms, self._valid[members], self._segments + (self._position > 0)
+
     def copy(self) -> OctaveCascade:
         """An independent cascade in the same state."""
         other = copy.copy(self)

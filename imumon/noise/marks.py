@@ -1,0 +1,236 @@
+"""Marks: the same cascade, asked for what came since a moment, or between two, at no cost a sample.
+
+A warm-up is recognised long after it has passed, and an hour is compared with the hours before it. Running a
+cascade from every moment that may matter would cost as often as there are moments. But the sums of a cascade
+only grow: the sum of octave m over what came after a mark at p is the sum now, less the sum at p + 2m, where
+the last difference that reaches back over the mark has gone in. So a mark is a set of small snapshots, one an
+octave, each taken when its moment comes; and the difference of two sets is a `Stretch`, which adds up with
+others as merged cascades do.
+
+The mark lies on the cascade's blocks of 256 samples, and so do the snapshots: any chunking gives the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.noise.allan import AllanCurve, OctaveCascade
+from imumon.noise.octave import BLOCK
+from imumon.samples import Bools, Floats, Ints
+
+OCTAVES = 48
+"""Room for octaves in a mark: 2^47 samples are 5,000 years at 800 Hz."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """Sums of a part of the record.
+
+    Attributes
+    ----------
+    squares : (k, c) (channel unit)^2, sums of squared differences by octave.
+    terms : (k, c) how many they are.
+    valid : (c,) valid samples.
+    span : samples of the grid.
+    segments : parts with breaks between them.
+    """
+
+    squares: Floats
+    terms: Ints
+    valid: Ints
+    span: int
+    segments: int
+
+    def __add__(self, other: Stretch) -> Stretch:
+        """Both together, as behind a break of unknown length."""
+        k = max(len(self.squares), len(other.squares))
+        return Stretch(
+            _tall(self.squares, k) + _tall(other.squares, k),
+            _tall(self.terms, k) + _tall(other.terms, k),
+            self.valid + other.valid,
+            self.span + other.span,
+            self.segments + other.segments,
+        )
+
+    def curve(self, tau0: float, ratio: int) -> AllanCurve:
+        """The Allan curve of these sums."""
+        seen = np.flatnonzero((self.terms > 0).any(axis=1))
+        k = int(seen[-1]) + 1 if len(seen) else 0
+        m = np.left_shift(1, np.arange(k, dtype=np.int64))
+        terms = self.terms[:k]
+        scale = 2.0 * m[:, None].astype(np.float64) ** 2 * np.maximum(terms, 1)
+        avar = np.where(terms > 0, np.maximum(self.squares[:k], 0.0) / scale, 0.0)
+        stride = np.maximum(1, m // ratio)
+        return AllanCurve(tau0, m, avar, terms, stride, self.span, self.valid, self.segments, ratio)
+
+
+@dataclass(slots=True, eq=False)
+class Mark:
+    """A moment of the record.
+
+    Attributes
+    ----------
+    start : samples of the grid before it, on a block.
+    valid : (c,) valid samples before it.
+    segments : segments that ended before it.
+    squares, terms : (`OCTAVES`, c) sums of each octave when nothing that comes reaches over the mark; the
+        first `taken` of them are there.
+    """
+
+    start: int
+    valid: Ints
+    segments: int
+    squares: Floats
+    terms: Ints
+    taken: int = 0
+
+
+class MarkedCascade:
+    """A cascade that can be asked for parts of its record.
+
+    Parameters
+    ----------
+    cascade : the cascade; from now on it is fed here.
+    """
+
+    def __init__(self, cascade: OctaveCascade) -> None:
+        self.cascade = cascade
+        self._marks: list[Mark] = []
+        self._segment = 0  # samples of the grid before this segment
+        self._position = 0  # samples of the grid so far
+
+    @property
+    def position(self) -> int:
+        """Samples of the grid so far."""
+        return self._position
+
+    def update(self, values: Floats, valid: Bools | None = None) -> None:
+        """Take samples; see `OctaveCascade.update`."""
+        done = 0
+        while done < len(values):
+            stop = min(len(values), done + self._until_due())
+            self.cascade.update(values[done:stop], None if valid is None else valid[done:stop])
+            self._move(stop - done)
+            done = stop
+
+    def skip(self, n: int) -> None:
+        """Move the grid on; see `OctaveCascade.skip`."""
+        while n > 0:
+            part = min(n, self._until_due())
+            self.cascade.skip(part)
+            self._move(part)
+            n -= part
+
+    def break_(self) -> None:
+        """A gap of unknown length: no difference to come reaches over any mark."""
+        self.cascade.break_()
+        self._segment = self._position
+        for mark in self._marks:
+            self._take(mark, OCTAVES)
+
+    def mark(self) -> Mark:
+        """Mark this moment, or rather the last end of a block before it."""
+        behind = (self._position - self._segment) % BLOCK
+        squares, _, valid, begun = self.cascade.sums()
+        made = Mark(
+            self._position - behind,
+            valid,
+            begun - (self._position > self._segment),
+            np.zeros((OCTAVES, squares.shape[1])),
+            np.zeros((OCTAVES, squares.shape[1]), dtype=np.int64),
+        )
+        self._marks.append(made)
+        if made.start == self._segment:
+            self._take(made, OCTAVES)  # nothing lies before it in this segment
+        return made
+
+    def forget(self, mark: Mark) -> None:
+        """The mark is of no more use."""
+        self._marks = [m for m in self._marks if m is not mark]
+
+    def since(self, mark: Mark) -> Stretch:
+        """What came since a mark."""
+        whole = self.cascade.copy()
+        whole.settle()
+        return self._between(mark, *whole.sums(), self._position)
+
+    def ended(self, mark: Mark) -> Stretch:
+        """What came since a mark up to the last end of a block."""
+        behind = (self._position - self._segment) % BLOCK
+        return self._between(mark, *self.cascade.sums(), self._position - behind)
+
+    def _between(
+        self, mark: Mark, squares: Floats, terms: Ints, valid: Ints, segments: int, position: int
+    ) -> Stretch:
+        k = min(len(squares), mark.taken)
+        return Stretch(
+            squares[:k] - mark.squares[:k],
+            terms[:k] - mark.terms[:k],
+            valid - mark.valid,
+            position - mark.start,
+            max(1, segments - mark.segments),
+        )
+
+    def _until_due(self) -> int:
+        """Samples until the next snapshot, at least one."""
+        due = [self._due(mark, mark.taken) for mark in self._marks if mark.taken < OCTAVES]
+        return max(1, min(due, default=1 << 62) - self._position)
+
+    def _due(self, mark: Mark, octave: int) -> int:
+        """Where an octave of a mark is to be taken: at the first end of a block behind start + 2m."""
+        wanted = mark.start + (2 << octave) - self._segment
+        return self._segment - (-wanted // BLOCK) * BLOCK
+
+    def _move(self, n: int) -> None:
+        self._position += n
+        for mark in self._marks:
+            reached = mark.taken
+            while reached < OCTAVES and self._position >= self._due(mark, reached):
+                reached += 1
+            if reached > mark.taken:
+                self._take(mark, reached)
+
+    def _take(self, mark: Mark, upto: int) -> None:
+        """Snapshots of the octaves up to `upto` (not included) that are still wanting."""
+        squares, terms, _, _ = self.cascade.sums()
+        rows = slice(mark.taken, min(upto, len(squares)))
+        if rows.start < rows.stop:
+            mark.squares[rows], mark.terms[rows] = squares[rows], terms[rows]
+        mark.taken = max(mark.taken, upto)
+
+    def save(self) -> dict[str, np.ndarray]:
+        """State as arrays; the marks in the order they were made."""
+        out = {f"cascade.{name}": array for name, array in self.cascade.save().items()}
+        out["numbers"] = np.array([self._segment, self._position, len(self._marks)], dtype=np.int64)
+        for number, mark in enumerate(self._marks):
+            k = len(self.cascade.sums()[0])
+            out[f"mark{number}.numbers"] = np.array([mark.start, mark.segments, mark.taken], dtype=np.int64)
+            out[f"mark{number}.valid"] = mark.valid
+            out[f"mark{number}.squares"] = mark.squares[:k].copy()
+            out[f"mark{number}.terms"] = mark.terms[:k].copy()
+        return out
+
+    @classmethod
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> MarkedCascade:
+        """Continue where `save` left off."""
+        own = {k.removeprefix("cascade."): v for k, v in saved.items() if k.startswith("cascade.")}
+        self = cls(OctaveCascade.restore(own))
+        self._segment, self._position, count = (int(v) for v in saved["numbers"])
+        for number in range(count):
+            start, segments, taken = (int(v) for v in saved[f"mark{number}.numbers"])
+            squares, terms = (_tall(saved[f"mark{number}.{name}"], OCTAVES) for name in ("squares", "terms"))
+            valid = saved[f"mark{number}.valid"]
+            self._marks.append(Mark(start, valid, segments, squares, terms, taken))
+        return self
+
+    @property
+    def marks(self) -> Sequence[Mark]:
+        return tuple(self._marks)
+
+
+def _tall(rows: np.ndarray, k: int) -> np.ndarray:
+    """(k, c) with zeros below."""
+    return np.concatenate([rows, np.zeros((k - len(rows), rows.shape[1]), dtype=rows.dtype)])

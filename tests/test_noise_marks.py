@@ -1,0 +1,136 @@
+"""Laws of marks: what came since a mark is what a cascade begun there would have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imumon.noise.allan import OctaveCascade
+from imumon.noise.marks import MarkedCascade
+from imumon.noise.octave import BLOCK
+
+RNG = np.random.default_rng(11)
+
+
+def marked() -> MarkedCascade:
+    return MarkedCascade(OctaveCascade(2, 0.01))
+
+
+def test_since_a_mark_is_a_cascade_begun_there() -> None:
+    x = np.cumsum(RNG.normal(size=(40_000, 2)), axis=0) + 100.0
+    whole = marked()
+    whole.update(x[: 7 * BLOCK])
+    mark = whole.mark()
+    whole.update(x[7 * BLOCK :])
+    found = whole.since(mark).curve(0.01, 8)
+    alone = OctaveCascade(2, 0.01)
+    alone.update(x[7 * BLOCK :])
+    expected = alone.result()
+    k = len(expected.m)
+    assert len(found.m) == k
+    assert found.span == expected.span
+    # a block's worth of differences may be missing at each octave, no more, and none is added
+    lost = expected.terms - found.terms[:k]
+    assert np.all(lost >= 0)
+    assert np.all(lost <= BLOCK / expected.stride[:, None])
+    np.testing.assert_allclose(found.avar[:8], expected.avar[:8], rtol=0.05)
+
+
+def test_early_ramp_leaves_no_trace_behind_its_mark() -> None:
+    x = RNG.normal(size=(60_000, 2))
+    ramp = x.copy()
+    ramp[: 20 * BLOCK] += np.linspace(1e3, 0, 20 * BLOCK)[:, None]
+    curves = []
+    for series in (x, ramp):
+        one = marked()
+        one.update(series[: 20 * BLOCK])
+        mark = one.mark()
+        one.update(series[20 * BLOCK :])
+        curves.append(one.since(mark).curve(0.01, 8))
+    np.testing.assert_allclose(curves[0].avar, curves[1].avar, rtol=1e-6)
+    np.testing.assert_array_equal(curves[0].terms, curves[1].terms)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(1, 9_000), max_size=5), st.integers(0, 12_000))
+def test_any_chunking_gives_the_same(cuts: list[int], at: int) -> None:
+    x = np.random.default_rng(5).normal(size=(14_000, 2))
+    found = []
+    for pieces in ([], cuts):
+        one = marked()
+        done, mark = 0, None
+        for stop in sorted({*(c for c in pieces if c < 14_000), at, 14_000}):
+            one.update(x[done:stop])
+            done = stop
+            if stop == at:
+                mark = one.mark()
+        if mark is None:
+            mark = one.mark()
+        found.append(one.since(mark))
+    np.testing.assert_array_equal(found[0].terms, found[1].terms)
+    np.testing.assert_array_equal(found[0].squares, found[1].squares)
+
+
+def test_stretches_add_up_to_merged_cascades() -> None:
+    x = RNG.normal(size=(30 * BLOCK, 2))
+    one = marked()
+    parts = []
+    for start in range(0, len(x), 10 * BLOCK):
+        mark = one.mark()
+        one.update(x[start : start + 10 * BLOCK])
+        parts.append(one.ended(mark))
+        one.forget(mark)
+    total = (parts[0] + parts[1] + parts[2]).curve(0.01, 8)
+    merged = OctaveCascade(2, 0.01)
+    for start in range(0, len(x), 10 * BLOCK):
+        piece = OctaveCascade(2, 0.01)
+        piece.update(x[start : start + 10 * BLOCK])
+        merged.merge(piece)
+    expected = merged.result()
+    assert total.span == expected.span
+    assert total.segments == expected.segments
+    np.testing.assert_allclose(total.avar[:6], expected.avar[:6], rtol=0.15)
+
+
+def test_holes_and_breaks_are_kept() -> None:
+    x = RNG.normal(size=(20_000, 2))
+    one = marked()
+    one.update(x[:3000])
+    mark = one.mark()
+    one.update(x[3000:6000])
+    one.break_()
+    one.update(x[6000:9000])
+    one.skip(10**6)
+    one.update(x[9000:])
+    found = one.since(mark)
+    assert found.span == 20_000 + 10**6 - mark.start
+    assert found.valid[0] == 20_000 - mark.start
+    assert found.segments == 2
+    assert np.all(found.squares >= -1e-9)
+
+
+def test_saved_marks_continue() -> None:
+    x = RNG.normal(size=(50_000, 2))
+    one = marked()
+    one.update(x[:5000])
+    one.mark()
+    one.update(x[5000:20_000])
+    again = MarkedCascade.restore(one.save())
+    for each in (one, again):
+        each.update(x[20_000:])
+    a, b = one.since(one.marks[0]), again.since(again.marks[0])
+    np.testing.assert_array_equal(a.squares, b.squares)
+    np.testing.assert_array_equal(a.terms, b.terms)
+
+
+def test_a_mark_at_the_start_is_everything() -> None:
+    x = RNG.normal(size=(5000, 2))
+    one = marked()
+    mark = one.mark()
+    one.update(x)
+    expected = one.cascade.result()
+    found = one.since(mark).curve(0.01, 8)
+    np.testing.assert_array_equal(found.terms, expected.terms)
+    assert found.avar == pytest.approx(expected.avar)
