@@ -76,7 +76,7 @@ def test_every_register_can_be_written_back_exactly_as_read(firmware: str) -> No
     for number in range(256):
         answer = ask(device, f"VNRRG,{number}")
         register = REGISTERS.get(number)
-        if register is None or not register.in_generation(device._generation):
+        if register is None or not register.in_generation(device.memory.generation):
             assert answer == "VNERR,08"
             continue
         assert answer.startswith(f"VNRRG,{number:02d},")
@@ -352,7 +352,7 @@ def test_every_binary_field_is_sent(group: int) -> None:
     for bit, entry in GROUPS[group].items():
         assert ask(device, f"VNWRG,76,1,80,{1 << (group - 1):02X},{1 << bit:04X}").startswith("VNWRG,76")
         layout = Layout.of({group: 1 << bit})
-        messages = device.advance(device.tick + 800)
+        messages = device.advance(device.sensor.tick + 800)
         assert len(messages) == 10
         packets = layout.decode(b"".join(message for _, message in messages), count=10)
         assert layout.count(b"".join(message for _, message in messages), 0, 10) == 10
@@ -422,7 +422,7 @@ def test_appended_fields_and_checks() -> None:
     assert {len(message) for message in messages} == {122 + 12 + 6 + 2}
     ask(device, "VNWRG,33,0,0,0")
     assert ask(device, "VNRRG,33") == "VNRRG,33,0,0,0"
-    device.advance(device.tick + 100)
+    device.advance(device.sensor.tick + 100)
     assert ask(device, "VNRRG,33") == "VNRRG,33,0,0,100"
 
 
@@ -526,7 +526,7 @@ def test_calibrations_act_on_uncompensated_outputs_too() -> None:
     layout = Layout.of({3: 0xCE})
 
     def means(seconds: int) -> dict[str, Floats]:
-        data = b"".join(message for _, message in device.advance(device.tick + seconds * LOOP_RATE))
+        data = b"".join(message for _, message in device.advance(device.sensor.tick + seconds * LOOP_RATE))
         packets = layout.decode(data, count=len(data) // layout.length)[1:]
         return {name: packets[name].astype(float).mean(axis=0) for name in layout.fields}
 
@@ -595,4 +595,4 @@ def test_a_full_set_of_outputs_is_refused_before_it_is_sent() -> None:
     for number in BINARY_OUTPUTS:
         answer = ask(device, f"VNWRG,{number},1,400,01,0739")
         assert answer.startswith(("VNWRG", "VNERR,0C"))
-    assert device.load() <= 960
+    assert device.sensor.load() <= 960

@@ -68,7 +68,7 @@ def make_device(settings: EmulatorSettings) -> Device:
             device.set(BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS)
         else:
             device.set(OUTPUT_TYPE, "0")
-        if device.load() <= baud / 10:
+        if device.sensor.load() <= baud / 10:
             return device
     raise ValueError(
         f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}: give a higher baud or a lower rate"
@@ -108,12 +108,12 @@ class Emulator:
             self._origin += now - self._last
         self._last = now
         target = int((now - self._origin) * self._pace)
-        if self._settings.time_lapse and target > device.tick + _LAPSE_TICKS:
-            self._origin += (target - device.tick - _LAPSE_TICKS) / self._pace
-            target = device.tick + _LAPSE_TICKS
+        if self._settings.time_lapse and target > device.sensor.tick + _LAPSE_TICKS:
+            self._origin += (target - device.sensor.tick - _LAPSE_TICKS) / self._pace
+            target = device.sensor.tick + _LAPSE_TICKS
         messages = device.advance(target)
         if self._impostor is not None:
-            messages = [(device.tick, message) for message in self._impostor.messages(now)]
+            messages = [(device.sensor.tick, message) for message in self._impostor.messages(now)]
         self.made += len(messages)
         self._emit([(self._origin + tick / self._pace, message) for tick, message in messages], now)
         replies = device.replies(now)
@@ -143,7 +143,7 @@ class Emulator:
 
     def _next(self, now: float) -> float:
         soon = now + BATCH_S
-        times = [now + IDLE_S, self._origin + (self._device.next_tick() + 1) / self._pace]
+        times = [now + IDLE_S, self._origin + (self._device.sensor.next_tick() + 1) / self._pace]
         times += [t for t in (self._uart.next(), self._device.due()) if t is not None]
         return max(soon, min(times))
 
@@ -183,7 +183,7 @@ class Emulator:
             "overflowed": self._uart.overflowed,
             "queued": len(self._uart),
             "bytes": self.terminal.sent_bytes,
-            "ticks": self._device.tick,
+            "ticks": self._device.sensor.tick,
             "restarts": self._device.restarts,
             "baud": self._device.baud,
             "path": self.terminal.path,
@@ -205,7 +205,7 @@ class Emulator:
             elif word == "silence":
                 self._silent = now + float(rest)
             elif word == "jump":
-                self._device.jump(float(rest))
+                self._device.sensor.jump(float(rest))
             elif word == "cut":
                 self._cut_next = True
             elif word == "reboot":
