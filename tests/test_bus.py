@@ -188,13 +188,18 @@ def test_nothing_waits_and_nothing_is_lost_in_silence() -> None:
 def test_signals_are_made_for_those_who_ask() -> None:
     place = free()
     with Publisher("x", listen=[place]) as publisher, plain_session(place) as session:
-        assert publisher.wanted() == frozenset()
-        list(session.get("imumon/x/signal/gyro/z"))
-        until(lambda: publisher.wanted() == {"gyro/z"})
-        publisher.publish(report("x", 1), {"gyro/z": view("gyro/z", 7)})
+        publisher.publish(report("x", 1), {})
         until(lambda: publisher.counts.reports)
-        (reply,) = session.get("imumon/x/signal/gyro/z")
+        list(session.get("imumon/x/**"))
+        assert publisher.wanted() == frozenset()
+        question = session.get("imumon/x/signal/gyro/*")  # waits for the next report
+        until(lambda: publisher.wanted() == {"gyro/x", "gyro/y", "gyro/z"})
+        publisher.publish(report("x", 2), {"gyro/z": view("gyro/z", 7)})
+        (reply,) = question
         assert json.loads(reply.ok.payload.to_bytes())["histogram"]["counts"] == [7]
+        (reply,) = session.get("imumon/x/signal/gyro/z")
+        assert str(reply.ok.key_expr) == "imumon/x/signal/gyro/z"
+        assert list(session.get("imumon/x/nothing")) == []
 
 
 def test_grade_is_sent_on_change_alone() -> None:

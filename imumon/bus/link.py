@@ -14,18 +14,16 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
+from imumon.bus.answers import EVENTS_KEPT, JSON
 from imumon.bus.session import (
     LEASE_S,
     BusError,
     Options,
-    Unreachable,
     listener,
     local_endpoints,
     open_session,
 )
 
-JSON = "application/json"
-EVENTS_KEPT = 100
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
 _QUESTIONS = 256  # that may wait; the oldest goes unanswered
@@ -102,7 +100,7 @@ def open_uplink(options: Options, endpoint: str, id: str) -> zenoh.Session:
 
     Raises
     ------
-    Unreachable : nobody answers there now.
+    imumon.bus.session.Unreachable : nobody answers there now.
     BusError : it cannot be had, or a living daemon has the name there already.
     """
     options = replace(options, mode="client")
@@ -127,6 +125,3 @@ def refuse_twins(options: Options, endpoints: Iterable[str], id: str) -> None:
             time.sleep(0.01)
         if alive:
             raise BusError(f'a daemon named "{id}" is running already; stop it or choose another with --id')
-
-
-__all__ = ["EVENTS_KEPT", "JSON", "Link", "Unreachable", "open_local", "open_uplink", "refuse_twins"]

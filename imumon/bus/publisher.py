@@ -12,7 +12,6 @@ from __future__ import annotations
 import atexit
 import json
 import threading
-import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -21,7 +20,8 @@ from typing import Any
 
 import zenoh
 
-from imumon.bus.link import EVENTS_KEPT, JSON, Link, open_local, open_uplink
+from imumon.bus.answers import Answers
+from imumon.bus.link import Link, open_local, open_uplink
 from imumon.bus.session import RETRY_S, BusError, Options, Unreachable, check_endpoint, clean_id
 from imumon.report import Event, Report, Signal, to_dict, to_json
 
@@ -86,11 +86,7 @@ class Publisher:
         self._queue: deque[Event] = deque()
         self._closing = False
         self._reports = self._replaced = self._sent_events = self._dropped = self._errors = 0
-        self._lock = threading.Lock()  # guards what a `get` reads
-        self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
-        self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
-        self._signals: dict[str, Signal] = {}
-        self._asked: dict[str, float] = {}
+        self._answers = Answers(self._root)
         self._grade: str | None = None
         self._over = threading.Event()
         self._faults: dict[str, str] = {}
@@ -136,9 +132,7 @@ class Publisher:
 
     def wanted(self, within_s: float = 5.0) -> frozenset[str]:
         """Channels whose signal somebody asked for lately: only these are worth making."""
-        since = time.monotonic() - within_s
-        with self._lock:
-            return frozenset(channel for channel, moment in self._asked.items() if moment >= since)
+        return self._answers.wanted(within_s)
 
     @property
     def counts(self) -> Counts:
@@ -206,18 +200,13 @@ class Publisher:
                 self._errors += 1
 
     def _send_event(self, event: Event) -> None:
-        text, stamp = to_json(event), self._session.new_timestamp()
-        with self._lock:
-            self._events.append((text, stamp))
-        self._send("event", text, stamp)
+        self._put("event", to_json(event))
         with self._wake:
             self._sent_events += 1
 
     def _send_report(self, report: Report, signals: Mapping[str, Signal] | None) -> None:
         plain = to_dict(report)
-        if signals is not None:
-            with self._lock:
-                self._signals = dict(signals)
+        self._answers.show(signals or {})
         self._put("report", _json(plain))
         for name, channel in plain["channels"].items():
             self._put(name, _json({key: value for key, value in channel.items() if key not in BULKY}))
@@ -230,12 +219,8 @@ class Publisher:
 
     def _put(self, name: str, text: str) -> None:
         stamp = self._session.new_timestamp()
-        with self._lock:
-            self._last[name] = (text, stamp)
-        self._send(name, text, stamp)
-
-    def _send(self, name: str, text: str, stamp: zenoh.Timestamp) -> None:
         with self._sending:
+            self._answers.keep(name, text, stamp)
             for link in self._links:
                 link.put(name, text, stamp)
 
@@ -260,9 +245,7 @@ class Publisher:
     def _add(self, endpoint: str, link: Link) -> None:
         """Take a link in; what was published before is known there too."""
         with self._sending:
-            with self._lock:
-                known = [*(("event", *e) for e in self._events), *((n, *v) for n, v in self._last.items())]
-            for name, text, stamp in known:
+            for name, text, stamp in self._answers.known():
                 link.put(name, text, stamp)
             self._uplinks[endpoint] = link
             if self._over.is_set():
@@ -271,25 +254,10 @@ class Publisher:
                 self._links.append(link)
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Answer a ``get`` on any key of ours, wildcards too, with the last value."""
-        with query:
-            asked = query.key_expr
-            with self._lock:
-                values = [(f"{self._root}/{name}", *value) for name, value in self._last.items()]
-                values += [(f"{self._root}/event", *value) for value in self._events]
-                signals = [(f"{self._root}/signal/{name}", name, s) for name, s in self._signals.items()]
-                prefix = f"{self._root}/signal/"
-                if str(asked).startswith(prefix):
-                    self._asked[str(asked).removeprefix(prefix)] = time.monotonic()
-            try:
-                for key, text, stamp in values:
-                    if asked.intersects(key):
-                        query.reply(key, text, encoding=JSON, timestamp=stamp)
-                for key, _, signal in signals:
-                    if asked.intersects(key):
-                        query.reply(key, to_json(signal), encoding=JSON)
-            except (zenoh.ZError, ValueError) as error:
-                self.last_error = f"{type(error).__name__}: {error}"
+        try:
+            self._answers.answer(query)
+        except (zenoh.ZError, ValueError) as error:
+            self.last_error = f"{type(error).__name__}: {error}"
 
 
 def _json(plain: Any) -> str:
