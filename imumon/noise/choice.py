@@ -218,7 +218,7 @@ def _cost(used: Bools, free: Bools) -> int:
 
     >>> used = np.array([False, True, True, False, True])
     >>> _cost(used, _terms(used, [])), _cost(used[1:], _terms(used[1:], [RAMP]))
-    (2, 5)
+    (1, 2)
     """
     out = np.flatnonzero(~used)
     short = int(np.argmax(used))

@@ -8,7 +8,7 @@ tells how far the data lie above (U > 0) or below. Since w has no part along the
 limits do not lean on a neighbour that came out as zero and may not be. U is a sum of few squares at long
 averaging times, and skew: with the covariance V(mu) as variance function of a natural exponential family
 the third cumulant of w's is 2 sum_j w_j (V w)_j^2 / mu_j, exact for gamma variables. A shifted gamma of
-those three cumulants makes U a standard normal score z(x) (Wilson & Hilferty 1931), and the limits are
+those cumulants, and a normal variable beside it, make U a standard normal score z(x), and the limits are
 where z passes the quantiles.
 """
 
@@ -19,10 +19,14 @@ from dataclasses import replace
 import numpy as np
 
 from imumon.noise.leastsquares import Problems, T, solve, weigh
-from imumon.noise.quantiles import cube_root_score
+from imumon.noise.quantiles import cube_root_score, normal_cdf, normal_quantile
 from imumon.samples import Bools, Floats, Ints
 
 _TRIALS = 24
+_NODES = np.linspace(-5.0, 5.0, 81)  # normal scores of the gamma part
+_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
+_SMOOTH = 0.05  # least normal share of the variance: what the nodes resolve
+_SKEWEST = 2.8  # a single square
 _CLOSE = 4e-3  # standard deviations: as near to a quantile as a limit need be
 _FAR = 1e6  # times estimate and deviation: a bound out there says nothing
 _ROUNDS = 4  # of weighing the other terms anew: they start from those of a value nearby
@@ -71,23 +75,50 @@ def score(problems: Problems, term: Ints, x: Floats, start: Floats) -> tuple[Flo
     # w is orthogonal to the other terms, so that what they come to need not be taken off
     spread = np.einsum("bij,bj->bi", np.where(problems.used[:, :, None], at.relative, 0.0), weights)
     deviation = np.sqrt(np.maximum(np.einsum("bi,bi->b", weights, spread), 1e-300))
-    third = 2.0 * np.einsum("bi,bi->b", weights, spread**2)
     t = np.einsum("bi,bi->b", weights, rest) / deviation
-    return gamma_score(t, third / deviation**3), p
+    both = weights * spread
+    third = 2.0 * np.einsum("bi,bi->b", both, spread)
+    fourth = 2.0 * np.einsum("bi,bi->b", both, spread**2) + 4.0 * np.einsum(
+        "bi,bij,bj->b", both, at.relative, both
+    )
+    return normal_score(t, third / deviation**3, fourth / deviation**4), p
 
 
-def gamma_score(t: Floats, skewness: Floats) -> Floats:
-    """Standard normal score of a standardised variable that is gamma distributed up to shift and sign.
+def normal_score(t: Floats, skewness: Floats, kurtosis: Floats) -> Floats:
+    """Standard normal score of a standardised variable that is a gamma variable and a normal one together.
+
+    The gamma part, up to shift and sign, has the share of the variance and the skewness that give the sum
+    its third and fourth cumulant: of squares that are weighed with both signs, the few that dominate are
+    skew and the many others are not.
 
     Parameters
     ----------
     t : (b,) 1, (variable - mean) / standard deviation.
-    skewness : (b,) 1
+    skewness, kurtosis : (b,) 1, the latter in excess of the normal one.
     """
     sign = np.where(skewness < 0.0, -1.0, 1.0)
     size = np.maximum(np.abs(skewness), 1e-6)
-    ratio = np.maximum(1.0 + sign * t * size / 2.0, 0.0)
-    return np.asarray(sign * cube_root_score(ratio, 8.0 / size**2))
+    z = _gamma_score(sign * t, size)
+    mixed = np.flatnonzero((size > 0.05) & (np.abs(t) < 8.0))
+    if mixed.size:
+        share = np.clip(
+            np.sqrt(1.5 * size[mixed] ** 2 / np.maximum(kurtosis[mixed], 1e-12)), 0.02, 1.0 - _SMOOTH
+        )
+        skew = np.minimum(size[mixed] / share**1.5, _SKEWEST)
+        shape = 8.0 / skew**2
+        h = 2.0 / (9.0 * shape)
+        node = np.maximum(1.0 - h[:, None] + _NODES * np.sqrt(h)[:, None], 0.0) ** 3
+        gamma = (node - 1.0) * np.sqrt(shape / 2.0)[:, None]
+        distance = ((sign * t)[mixed, None] - np.sqrt(share)[:, None] * gamma) / np.sqrt(1.0 - share)[:, None]
+        below = normal_cdf(distance) @ _WEIGHTS
+        exact = np.array([normal_quantile(float(p)) for p in np.clip(below, 1e-9, 1.0 - 1e-9)])
+        z[mixed] = np.where(np.abs(exact) < 5.5, exact, z[mixed])
+    return np.asarray(sign * z)
+
+
+def _gamma_score(t: Floats, skewness: Floats) -> Floats:
+    """Score of a gamma variable of positive skewness."""
+    return cube_root_score(np.maximum(1.0 + t * skewness / 2.0, 0.0), 8.0 / skewness**2)
 
 
 def limits(
