@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from imumon.emulator import EmulatorSettings, Noise
 from imumon.emulator.device import BOOTING_S, SAVING_S, Device
@@ -32,10 +34,10 @@ ON_VN100 = (1, 2, 3, 5)
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 
 
-def make(**settings: object) -> Device:
+def make(**words: object) -> Device:
     """Device with white noise only, which is made quickly, unless told otherwise."""
     quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
-    return make_device(EmulatorSettings(**{**quick, **settings}))  # type: ignore[arg-type]
+    return make_device(EmulatorSettings(**{**quick, **words}))  # type: ignore[arg-type]
 
 
 def ask(device: Device, body: str, check: str = "crc", now: float = 0.0) -> str:
@@ -233,6 +235,35 @@ def test_error_modes() -> None:
     assert ask(device, "VNRRG,06") == "VNRRG,06,0"
 
 
+FIELD = st.one_of(
+    st.sampled_from(["", "0", "1", "3", "75", "85", "115200", "?", "XX", "1e9", "nan", "inf", "FF"]),
+    st.integers(-5, 300).map(str),
+    st.text("0123456789abcdefABCDEF.+-e?", max_size=6),
+)
+COMMAND = st.sampled_from(
+    ["VNRRG", "VNWRG", "VNASY", "VNBOM", "VNSIH", "VNKMD", "VNSGB", "VNTAR", "VNCMD", "VNXYZ", "VN"]
+)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(
+    commands=st.lists(st.tuples(COMMAND, st.lists(FIELD, max_size=14)), max_size=8),
+    noise=st.binary(max_size=40),
+)
+def test_whatever_the_host_sends_the_answers_are_sentences(
+    commands: list[tuple[str, list[str]]], noise: bytes
+) -> None:
+    device = make(baud=921600, rate=100)
+    device.receive(noise + b"\r\n", 0.0)
+    for command, fields in commands:
+        device.receive(ascii.encode(",".join((command, *fields))), 0.0)
+    for reply in device.replies(0.0):
+        parsed = ascii.parse(reply)
+        assert reply[:1] == b"\xfa" or parsed is not None
+    assert device.sensor.load() <= device.baud / 10
+    device.advance(device.sensor.tick + 40)
+
+
 # ---------------------------------------------------------------- memory and resets
 
 
@@ -319,11 +350,11 @@ def test_a_rate_that_cannot_be() -> None:
 def test_settings_survive_the_command_line() -> None:
     from imumon.emulator import from_words
 
-    settings = EmulatorSettings(
+    told = EmulatorSettings(
         rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,
         hum=0.01, model="VN-200", impostor="nmea", faults=Faults.parse("drop=0.25,crc=1e-3"),
     )  # fmt: skip
-    assert from_words(settings.arguments()) == settings
+    assert from_words(told.arguments()) == told
     assert from_words([]) == EmulatorSettings()
 
 
@@ -435,8 +466,8 @@ def relative(sigma: Floats, truth: float, count: int) -> float:
 
 
 def test_the_boxcar_aliases_and_the_increments_do_not() -> None:
-    settings = {"warm_up": 0.0}
-    uncompensated = make(rate=40, **settings)
+    still = {"warm_up": 0.0}
+    uncompensated = make(rate=40, **still)
     ask(uncompensated, "VNWRG,06,19")
     gyro = columns(uncompensated.advance(600 * LOOP_RATE), "gyro")
     # The element's own band limit takes a part of the 5 ms average's variance.
@@ -446,7 +477,7 @@ def test_the_boxcar_aliases_and_the_increments_do_not() -> None:
     assert abs(relative(gyro.std(axis=0), seen, len(gyro))) < 4.0
     assert seen / math.sqrt(40) / 6.1e-5 == pytest.approx(math.sqrt(5), rel=0.06)
 
-    deltas = make(rate=0, **settings)
+    deltas = make(rate=0, **still)
     ask(deltas, "VNWRG,75,1,20,06,0001,00C0")
     gyro = columns(deltas.advance(600 * LOOP_RATE), "gyro")[1:]
     assert abs(relative(gyro.std(axis=0), 6.1e-5 * math.sqrt(40), len(gyro))) < 4.0

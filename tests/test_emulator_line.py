@@ -333,6 +333,18 @@ def _lines(control: socket.socket, count: int) -> list[dict[str, object]]:
     return [json.loads(line) for line in held.splitlines()]
 
 
+def test_a_link_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    kept.write_text("mine")
+    for words in (["--link", str(kept)], ["--control", str(kept)]):
+        command = [sys.executable, "-m", "imumon.emulator", *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 2
+        assert str(kept) in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert kept.read_text() == "mine"
+
+
 def test_wrong_words_are_told_in_one_line() -> None:
     for words in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
         command = [sys.executable, "-m", "imumon.emulator", *words]

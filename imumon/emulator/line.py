@@ -114,6 +114,8 @@ class Terminal:
         self._presence = Presence(self.path)
         if self._link:
             link = Path(self._link)
+            if link.exists() and not link.is_symlink():
+                raise ValueError(f"--link {link}: something else is there; give another path")
             fresh = link.with_name(f"{link.name}.{os.getpid()}")
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(self.path)

@@ -16,7 +16,6 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +59,7 @@ def make_device(settings: EmulatorSettings) -> Device:
     candidates = [settings.baud] if settings.baud else [b for b in BAUDS if b >= FACTORY_BAUD and b != 128000]
     for baud in candidates:
         device.set(BAUD, str(baud))
-        if int(settings.rate) in ASCII_RATES:
+        if settings.rate in ASCII_RATES:
             device.set(OUTPUT_RATE, str(int(settings.rate)))
         elif settings.rate:
             device.set(OUTPUT_TYPE, "0")
@@ -237,7 +236,8 @@ class Control:
         if where == "-":
             self._inputs[sys.stdin.fileno()] = (sys.stdout.fileno(), bytearray())
         elif where is not None:
-            Path(where).unlink(missing_ok=True)
+            if Path(where).is_socket():
+                Path(where).unlink()
             self._server = socket.socket(socket.AF_UNIX)
             self._server.bind(where)
             self._server.listen()
@@ -289,11 +289,14 @@ def run(settings: EmulatorSettings) -> int:
     for number in (signals.SIGTERM, signals.SIGINT, signals.SIGHUP):
         signals.signal(number, lambda received, _: stop.append(received))
     try:
-        emulator = Emulator(replace(settings), time.monotonic())
+        control = Control(settings.control)
+        emulator = Emulator(settings, time.monotonic())
     except ValueError as error:
         print(f"imumon sim: {error}", file=sys.stderr)
         return 2
-    control = Control(settings.control)
+    except OSError as error:
+        print(f"imumon sim: {settings.link or settings.control}: {error.strerror}", file=sys.stderr)
+        return 2
     print(emulator.terminal.path, flush=True)
     again, ready = 0.0, list[int]()
     try:

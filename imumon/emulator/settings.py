@@ -162,7 +162,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--serial-port", type=int, choices=(1, 2), default=1, help="port of the sensor (default 1)"
     )
 
-    noise = parser.add_argument_group("the noise", "one number for all axes, or x,y,z")
+    noise = parser.add_argument_group(
+        "the noise",
+        "one number for all axes, or x,y,z; the magnetometer's is that of its 250 readings a second",
+    )
     for sensor, unit in _UNITS.items():
         for letter, dimension in (("n", f"{unit}/sqrt(Hz)"), ("b", unit), ("k", f"{unit}*sqrt(Hz)")):
             default: Axes = getattr(getattr(standard, sensor), letter)
@@ -176,7 +179,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     noise.add_argument("--hum-hz", type=float, default=50.0, metavar="HZ", help="its frequency (default 50)")
     noise.add_argument(
-        "--warm-up", type=float, default=standard.warm_up, metavar="K",
+        "--warm-up", type=float, default=standard.warm_up, metavar="DEGC",
         help=f"degC by which the sensor heats up after power-up (default {standard.warm_up:g})",
     )  # fmt: skip
     noise.add_argument(
@@ -184,7 +187,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"time constant of that (default {standard.warm_up_s:g})",
     )  # fmt: skip
     noise.add_argument(
-        "--gyro-thermal", type=float, default=standard.gyro_thermal, metavar="C",
+        "--gyro-thermal", type=float, default=standard.gyro_thermal, metavar="CHANGE",
         help=f"rad/s by which the gyro's bias follows a degC (default {standard.gyro_thermal:g})",
     )  # fmt: skip
 
@@ -203,7 +206,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     identity.add_argument(
         "--control", metavar="PATH",
-        help="take commands on a socket there, or on standard input (-), whose end then ends the emulator",
+        help="take commands on a socket there, or on standard input (-), whose end then ends the emulator: "
+        "counters, fault NAME=P, stall S, silence S, jump S, cut, reboot, unplug, replug",
     )  # fmt: skip
 
 
