@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -110,14 +110,19 @@ def curve(n: float, b: float, k: float, elapsed_s: float, rng: np.random.Generat
     edf = np.maximum(1.5 * elapsed_s / tau - 1.0, 0.8)
     half = 1.0 / np.sqrt(2.0 * edf)
     sigma = model * np.exp(half * rng.standard_normal(octaves) * 0.8)
-    for j in range(cut):
+    for j in range(min(cut, octaves)):
         sigma[j] *= 1.0 + 0.6 * 0.5**j
     low, high = sigma / (1 + 2.2 * half), sigma * (1 + 2.6 * half + 3.0 * half**3)
     used = [j >= cut for j in range(octaves)]
     return Allan(
-        tau_s=tuple(tau.tolist()), sigma=tuple(sigma.tolist()), low=tuple(low.tolist()), high=tuple(high.tolist()),
-        edf=tuple(edf.tolist()), model=tuple(model.tolist()), used=tuple(used),
-    )  # fmt: skip
+        tau_s=tuple(tau.tolist()),
+        sigma=tuple(sigma.tolist()),
+        low=tuple(low.tolist()),
+        high=tuple(high.tolist()),
+        edf=tuple(edf.tolist()),
+        model=tuple(model.tolist()),
+        used=tuple(used),
+    )
 
 
 def channel(name: str, elapsed_s: float, *, cut: int = 0, scale: float = 1.0) -> Channel:
@@ -144,7 +149,7 @@ def channel(name: str, elapsed_s: float, *, cut: int = 0, scale: float = 1.0) ->
     grade = None
     if name in GRADES:
         gn, gb = GRADES[name]
-        known = parts["N"].status != "pending"
+        known = elapsed_s > 20
         grade = (
             ChannelGrade(
                 N=Grading(nearest=gn, meets="consumer"),
@@ -159,19 +164,40 @@ def channel(name: str, elapsed_s: float, *, cut: int = 0, scale: float = 1.0) ->
     unit = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss"}[sensor]
     allan = curve(n, b, k, elapsed_s, rng, cut=cut)
     return Channel(
-        unit=unit, count=int(elapsed_s * RATE), mean=mean, std=std, min=mean - 4.1 * std, max=mean + 4.3 * std,
-        skewness=0.012, excess_kurtosis=-0.031, last=mean + 0.7 * std, **parts, grade=grade,
-        readings=Readings(N=n * 1.01, B=None, K=None), time_to=TimeTo(**still),
+        unit=unit,
+        count=int(elapsed_s * RATE),
+        mean=mean,
+        std=std,
+        min=mean - 4.1 * std,
+        max=mean + 4.3 * std,
+        skewness=0.012,
+        excess_kurtosis=-0.031,
+        last=mean + 0.7 * std,
+        **parts,
+        grade=grade,
+        readings=Readings(N=n * 1.01, B=None, K=None),
+        time_to=TimeTo(**still),
         fit=FitQuality(chi2=11.3, dof=12, p_value=0.5) if len(allan.tau_s) > 5 else None,
-        caveats=("vibration",) if cut else (), allan=allan,
+        caveats=("vibration",) if cut else (),
+        allan=allan,
         distribution=Distribution(
-            verdict="Gaussian", gaussian=True, recent_mean=mean, recent_std=std, bias=mean, bias_low=mean - half, bias_high=mean + half
+            verdict="Gaussian",
+            gaussian=True,
+            recent_mean=mean,
+            recent_std=std,
+            bias=mean,
+            bias_low=mean - half,
+            bias_high=mean + half,
         ),
         drift=Drift(
-            per_hour=1.4 * half, per_hour_low=-0.3 * half, per_hour_high=3.1 * half, significant=False, per_degC=0.8 * half,
+            per_hour=1.4 * half,
+            per_hour_low=-0.3 * half,
+            per_hour_high=3.1 * half,
+            significant=False,
+            per_degC=0.8 * half,
             explained=0.12,
         ),
-    )  # fmt: skip
+    )
 
 
 def report(
@@ -199,28 +225,61 @@ def report(
     graded = elapsed_s > 20
     none = SensorGrade(reason="no coefficient is known well enough")
     grade = {
-        "gyro": SensorGrade(nearest="industrial", meets="consumer", decided_by=DecidedBy(axis="gyro/y", coefficient="N"), provisional=not settled),
-        "accel": SensorGrade(nearest="industrial", meets="consumer", decided_by=DecidedBy(axis="accel/z", coefficient="N"), provisional=not settled),
-    }  # fmt: skip
+        "gyro": SensorGrade(
+            nearest="industrial",
+            meets="consumer",
+            decided_by=DecidedBy(axis="gyro/y", coefficient="N"),
+            provisional=not settled,
+        ),
+        "accel": SensorGrade(
+            nearest="industrial",
+            meets="consumer",
+            decided_by=DecidedBy(axis="accel/z", coefficient="N"),
+            provisional=not settled,
+        ),
+    }
     hours, rest = divmod(int(elapsed_s), 3600)
     return Report(
         time=f"2026-03-01T{8 + hours % 12:02d}:{rest // 60:02d}:{rest % 60:02d}.000Z",
         device=Device(
-            id=id, model="VN-100T-CR", serial=id.rpartition("-")[2], firmware="2.1.0.0", port="/dev/ttyUSB0", baud=115200,
-            stream="uncompensated", sample_rate_hz=RATE, alias_factor=2.236, source="binary 01:0739", clock="startup",
+            id=id,
+            model="VN-100T-CR",
+            serial=id.rpartition("-")[2],
+            firmware="2.1.0.0",
+            port="/dev/ttyUSB0",
+            baud=115200,
+            stream="uncompensated",
+            sample_rate_hz=RATE,
+            alias_factor=2.236,
+            source="binary 01:0739",
+            clock="startup",
             settings={"IMU filter": "window 4, mode 3", "VPE": "on", "async output": "off"},
         ),
         state=state,  # type: ignore[arg-type]
         session=Session(
-            started="2026-03-01T08:00:00.000Z", elapsed_s=elapsed_s, samples=int(elapsed_s * RATE) - 61, missing=61 if gaps else 0, gaps=gaps,
-            discarded_bytes=118, bad_checksums=2, disturbances=1, excluded_s=12.5, warmup_s=310.0, restarts=1,
-            received_bytes=int(elapsed_s * RATE * 62), excluded_by={"disturbance": 12.5},
+            started="2026-03-01T08:00:00.000Z",
+            elapsed_s=elapsed_s,
+            samples=int(elapsed_s * RATE) - 61,
+            missing=61 if gaps else 0,
+            gaps=gaps,
+            discarded_bytes=118,
+            bad_checksums=2,
+            disturbances=1,
+            excluded_s=12.5,
+            warmup_s=310.0,
+            restarts=1,
+            received_bytes=int(elapsed_s * RATE * 62),
+            excluded_by={"disturbance": 12.5},
         ),
         grade=grade if graded else {"gyro": none, "accel": none},
-        channels=channels, caveats=caveats, limits=LIMITS, speed=speed,
-    )  # fmt: skip
+        channels=channels,
+        caveats=caveats,
+        limits=LIMITS,
+        speed=speed,
+    )
 
 
+@cache
 def signal(name: str = "gyro/x") -> Signal:
     """Signal of a channel: strips, histogram and a spectrum with one line."""
     _, _, _, mean, std = TRUTH[name]
@@ -246,15 +305,32 @@ def signal(name: str = "gyro/x") -> Signal:
     peak = int(np.argmin(np.abs(frequency - 9.8)))
     density[peak] *= 40.0
     return Signal(
-        channel=name, unit="rad/s",
-        minute=strip(60.0, 240, 10), hour=strip(3600.0, 240, 600, hole=True), everything=strip(10801.0, 240, 1800),
-        histogram=Histogram(start=mean - 4 * std, width=width, counts=tuple(counts.tolist()), gaussian=tuple(gaussian.tolist())),
+        channel=name,
+        unit="rad/s",
+        minute=strip(60.0, 240, 10),
+        hour=strip(3600.0, 240, 600, hole=True),
+        everything=strip(10801.0, 240, 1800),
+        histogram=Histogram(
+            start=mean - 4 * std,
+            width=width,
+            counts=tuple(counts.tolist()),
+            gaussian=tuple(gaussian.tolist()),
+        ),
         spectrum=Spectrum(
-            frequency_hz=tuple(frequency.tolist()), density=tuple(density.tolist()), averages=(64,) * 160,
-            lines=(Line(frequency_hz=float(frequency[peak]), amplitude=2e-4, aliases_hz=(9.8, 30.2, 49.8), name="50 Hz mains?"),),
+            frequency_hz=tuple(frequency.tolist()),
+            density=tuple(density.tolist()),
+            averages=(64,) * 160,
+            lines=(
+                Line(
+                    frequency_hz=float(frequency[peak]),
+                    amplitude=2e-4,
+                    aliases_hz=(9.8, 30.2, 49.8),
+                    name="50 Hz mains?",
+                ),
+            ),
             white=TRUTH[name][0],
         ),
-    )  # fmt: skip
+    )
 
 
 def events(id: str = ID) -> list[Event]:
@@ -325,5 +401,11 @@ class Recorded:
         return self._connected
 
 
-def with_state(report: Report, state: str) -> Report:
-    return replace(report, state=state)  # type: ignore[arg-type]
+def nothing_yet() -> Report:
+    """What a daemon says before its sensor is found."""
+    return Report(
+        time="2026-03-01T08:00:00.000Z",
+        device=Device(id="vn100", port="/dev/ttyUSB0"),
+        state="starting",
+        session=Session(),
+    )

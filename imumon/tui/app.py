@@ -6,7 +6,6 @@ scene and hands it to the view that is seen. Threads of the bus never call in he
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -25,7 +24,7 @@ from imumon.samples import sensor_of
 from imumon.tui import save, terminal
 from imumon.tui.feed import Feed
 from imumon.tui.pages import status, welcome
-from imumon.tui.paint import Paper
+from imumon.tui.paint import Inks, Paper
 from imumon.tui.scene import VIEWS, Scene
 from imumon.tui.svg import redrawn
 from imumon.tui.views import (
@@ -108,7 +107,7 @@ class Monitor(App[int]):
         Binding("n", "device(1)", "next sensor"),
         Binding("u", "units", "readable units or SI"),
         Binding("f", "freeze", "freeze, go on"),
-        Binding("s", "save", "save what is seen"),
+        Binding("s", "save", "save this view"),
         Binding("t", "dark", "light or dark"),
         Binding("ctrl+p", "command_palette", "command palette"),
         Binding("question_mark,f1", "help", "this help"),
@@ -147,6 +146,7 @@ class Monitor(App[int]):
     # ------------------------------------------------------------------ life
 
     def compose(self) -> ComposeResult:
+        yield Inks()
         yield Paper(status, id="status")
         with Container(id="body"):
             yield Paper(welcome, id="welcome")
@@ -160,12 +160,7 @@ class Monitor(App[int]):
         self.look()
         if not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
-            self.set_interval(POLL, self._leave_a_dead_terminal)
-
-    def _leave_a_dead_terminal(self) -> None:
-        """Nobody can see or hear us any more: end at once, with nothing written."""
-        if terminal.vanished():
-            os._exit(129)
+            terminal.watch(POLL)
 
     def on_resize(self) -> None:
         self._spread()
@@ -215,9 +210,9 @@ class Monitor(App[int]):
         base = self.screen_stack[0]
         base.query_one("#status", Paper).show(self.scene)
         base.query_one("#foot", Paper).show(self.scene)
-        there = self.scene.report is not None
+        there = bool(self.scene.channels)
         body = base.query_one("#body")
-        body.set_class(not self.scene.situation().live and there, "stale")
+        body.set_class(there and not self.scene.situation().live, "stale")
         body.set_class(not there, "empty")
         for view in base.query(View):
             shown = there and view.id == self.scene.view

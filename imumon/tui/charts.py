@@ -82,7 +82,7 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
         if allan is not None and not all(allan.used):
             legend.append([("▪ ", "leftout"), ("left out", "muted")])
     if scene.baseline is not None:
-        legend.append([("━ ", "baseline"), (scene.baseline_name, "muted")])
+        legend.insert(1, [("━ ", "baseline"), (scene.baseline_name, "muted")])
     for item in legend:
         if length(title) + length(item) + 3 <= width:
             title += [("   ", "text"), *item]

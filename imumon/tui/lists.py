@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from imumon.report import COEFFICIENTS, Channel, Drift, Event, Report
 from imumon.samples import sensor_of
-from imumon.tui.pages import GRADED, caveats_of
+from imumon.tui.pages import caveats_of
 from imumon.tui.scene import Scene
+from imumon.tui.table import GRADED
 from imumon.tui.words import CELL, Line, about, clock, explain, fitted, length, number, padded, wrap
 
 
@@ -178,7 +179,7 @@ def events(scene: Scene, width: int, height: int = 0) -> list[Line]:
 def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
     """Every device: state, grades, elapsed; and two of them side by side."""
     lines: list[Line] = [padded([(" sensors ", "title"), (str(len(scene.reports)), "muted")], width), []]
-    head = f"   {'state':<16}{'name':<26}{'gyro':<12}{'accel':<12}{'elapsed':<12}"
+    head = f"   {'state':<16}{'name':<24}{'gyro':<12}{'accel':<12}{'elapsed':<12}"
     lines.append([(head, "muted")])
     for name, report in sorted(scene.reports.items()):
         now = scene.situation(name)
@@ -187,7 +188,7 @@ def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
             (f" {now.mark} {now.word:<14}"[:18], now.role),
         ]
         line = padded(line, 19)
-        line.append((f"{name:<26}" if len(name) <= 25 else f"{name[:24]}… ", "strong"))
+        line.append((f"{name:<24}" if len(name) < 24 else f"{name[:22]}… ", "strong"))
         for sensor in GRADED:
             grade = report.grade.get(sensor)
             nearest = grade.nearest if grade is not None else None

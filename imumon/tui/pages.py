@@ -1,8 +1,4 @@
-"""Pages: the overview's text, from a scene and a size to lines.
-
-The table's columns have fixed widths, each as wide as the longest number that can stand in it: a cut
-number is a wrong number.
-"""
+"""Pages: status line, headline grades, the chosen channel in full, and what to do when nobody answers."""
 
 from __future__ import annotations
 
@@ -12,8 +8,8 @@ from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrad
 from imumon.samples import sensor_of
 from imumon.tui.letters import headline
 from imumon.tui.scene import Scene, Situation
+from imumon.tui.table import GRADED
 from imumon.tui.words import (
-    CELL,
     Line,
     Notation,
     about,
@@ -25,15 +21,9 @@ from imumon.tui.words import (
     on,
     padded,
     remaining,
-    short,
     signed,
     wrap,
 )
-
-TABLE = 80
-"""Cells the table takes."""
-GRADED = ("gyro", "accel")
-
 
 # ---------------------------------------------------------------------------- status line
 
@@ -111,7 +101,7 @@ def plates(scene: Scene, width: int, height: int) -> list[Line]:
 def _with_caveats(line: Line, found: list[str], width: int) -> Line:
     """The caveats by name at the end of a line, or their number where they do not fit."""
     room = width - length(line) - 3
-    for text in (f"! {', '.join(found)} ", f"! {len(found)} caveats ", "! "):
+    for text in (f"! {', '.join(found)} ", f"! {len(found)} caveats ", f"! {len(found)} "):
         if found and len(text) <= room:
             return [*padded(line, width - len(text)), (text, "warn")]
     return padded(line, width)
@@ -137,7 +127,7 @@ def _large(report: Report, notation: Notation, width: int) -> list[Line]:
     for sensor in GRADED:
         for line, part in zip(lines, _plate(sensor, report.grade.get(sensor), notation, half), strict=True):
             line += padded(part, half)
-    return lines
+    return [padded(line, width) for line in lines]
 
 
 def _plate(sensor: str, grade: SensorGrade | None, notation: Notation, width: int) -> list[Line]:
@@ -169,78 +159,6 @@ def _plate(sensor: str, grade: SensorGrade | None, notation: Notation, width: in
     return [head, *([("  ", "text"), (row, role)] for row in rows), tail, []]
 
 
-# ---------------------------------------------------------------------------- table
-
-
-def table(scene: Scene, width: int, height: int) -> list[Line]:
-    """All channels, grouped by sensor, moved so that the chosen one is seen."""
-    return [padded(line, width) for line, _ in table_rows(scene, height)]
-
-
-def table_rows(scene: Scene, height: int) -> list[tuple[Line, str | None]]:
-    """Lines of the table that are seen, each with its channel; None for a heading."""
-    rows = rows_of(scene, airy=True)
-    if len(rows) > height:
-        rows = rows_of(scene)
-    at = next((k for k, (_, channel) in enumerate(rows) if channel == scene.channel), 0)
-    first = min(max(at - height + 2, 0), max(len(rows) - height, 0))
-    return rows[first : first + height]
-
-
-def rows_of(scene: Scene, *, airy: bool = False) -> list[tuple[Line, str | None]]:
-    """Every line of the table; airy: an empty one before each group."""
-    report = scene.report
-    if report is None:
-        return []
-    rows: list[tuple[Line, str | None]] = []
-    last = None
-    for name, channel in report.channels.items():
-        group = sensor_of(name) if "/" in name else "surroundings"
-        if group != last:
-            if airy and rows:
-                rows.append(([], None))
-            if "/" in name:
-                rows.append((_heading(scene.notation, group), None))
-        last = group
-        line = _row(scene, name, channel)
-        rows.append((on(line, "chosen") if name == scene.channel else line, name))
-    return rows
-
-
-def _heading(notation: Notation, sensor: str) -> Line:
-    """Names and units of the columns, for one sensor."""
-    _, unit = notation.scale(f"{sensor}/x")
-    line: Line = [(f" {sensor:<5}", "title"), (f"mean {unit}".rjust(10), "muted"), ("std".rjust(8), "muted")]
-    for name in COEFFICIENTS:
-        text = f"{name} {notation.coefficient_unit(sensor, name)}"
-        line += [(" " + " " * (CELL - len(text)), "text"), (name, name), (text[1:], "muted")]
-    return [*line, (" grade" if sensor in GRADED else "", "muted")]
-
-
-def _row(scene: Scene, name: str, channel: Channel) -> Line:
-    """One channel: 80 cells."""
-    notation = scene.notation
-    factor, unit = notation.scale(name)
-    mark = "▌" if name == scene.channel else " "
-    label = f"  {name[-1]}" if "/" in name else name
-    mean = "–" if channel.mean is None else signed(channel.mean * factor)
-    std = "–" if channel.std is None else short(channel.std * factor)
-    if "/" not in name:
-        last = "" if channel.last is None else f"now {number(channel.last * factor, 5)} {unit}"
-        spread = f"mean {mean} {unit}   std {std}"
-        return padded(
-            [(mark, "accent"), (f"{label:<12}", "title"), (f"{last:<20}", "text"), (spread, "muted")], TABLE
-        )
-    line: Line = [(mark, "accent"), (f"{label:<5}", "strong"), (f"{mean:>10}", "text"), (f"{std:>8}", "text")]
-    for part in COEFFICIENTS:
-        text, role = notation.coefficient(getattr(channel, part), remaining(channel.time_to, part))
-        line += [(" " + " " * (CELL - len(text)), "text"), (text, role)]
-    nearest = channel.grade.nearest if channel.grade is not None else None
-    blank = "–" if sensor_of(name) in GRADED else ""
-    line.append((f" {nearest or blank}", f"grade-{nearest}" if nearest else "faint"))
-    return padded(line, TABLE)
-
-
 # ---------------------------------------------------------------------------- the chosen channel
 
 
@@ -258,7 +176,8 @@ def detail(scene: Scene, width: int, height: int) -> list[Line]:
         found = getattr(channel, part)
         if found is not None:
             lines.append(_limits(notation, sensor_of(name), part, found, channel))
-    lines.append(_quality(channel, notation))
+    if channel.allan is not None:
+        lines.append(_quality(channel, notation))
     shape = channel.distribution
     if shape is not None and shape.verdict:
         lines.append([("   shape ", "muted"), (shape.verdict, "text")])
@@ -386,11 +305,19 @@ def welcome(scene: Scene, width: int, height: int) -> list[Line]:
             [("Nothing works?", "muted")],
             [("    imumon doctor", "accent")],
         ]
-    else:
+    elif scene.report is None:
         wanted = f" of {scene.wanted}" if scene.wanted else ""
         lines = [
             [("A daemon is there.", "strong")],
             [(f"Waiting for the first report{wanted}.", "muted")],
+        ]
+    else:
+        lines = [
+            [(f"{scene.report.device.id}: {now.word}.", "strong")],
+            [(f"{now.text}.".capitalize(), "muted")],
+            [],
+            [("What stands in the way?", "muted")],
+            [("    imumon doctor", "accent")],
         ]
     inner = max(length(line) for line in lines)
     left = max((width - inner) // 2, 0)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from imumon.report import Strip, to_json
 from imumon.tui.lists import chosen_events
-from imumon.tui.pages import GRADED
 from imumon.tui.scene import Scene
+from imumon.tui.table import GRADED
 
 CONVERTERS = (
     ("rsvg-convert", ("rsvg-convert", "--zoom", "1.5", "-o")),

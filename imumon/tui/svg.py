@@ -60,7 +60,7 @@ def redrawn(svg: str) -> str:
     shapes = [f'<path class="{name}" d="{"".join(d)}"/>' for name, d in blocks.items()]
     for found, wide, cap in ((strokes, 1.2, "butt"), (dots, 3.6, "round")):
         for name, d in found.items():
-            line = f'fill="none" stroke="{colours.get(name, "#888")}" stroke-width="{wide}" stroke-linecap="{cap}"'
+            line = f'fill="none" stroke="{colours[name]}" stroke-width="{wide}" stroke-linecap="{cap}"'
             shapes.append(f'<path {line} d="{"".join(d)}"/>')
     head, end, tail = svg.rpartition("</g>\n    </g>")
     return _shorter(head + "\n".join(shapes) + "\n" + end + tail)

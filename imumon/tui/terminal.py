@@ -11,6 +11,9 @@ import asyncio
 import os
 import signal
 import sys
+import termios
+import threading
+import time
 from collections.abc import Callable
 
 ADVICE = "the screen needs a terminal; use `imumon status` or `imumon status --json` instead"
@@ -33,12 +36,26 @@ def missing() -> str | None:
 def vanished() -> bool:
     """Whether the terminal has gone away under a running screen."""
     try:
-        if not os.isatty(sys.__stdin__.fileno() if sys.__stdin__ is not None else 0):
-            return True
-        os.tcgetpgrp(sys.__stdin__.fileno() if sys.__stdin__ is not None else 0)
-    except (OSError, ValueError):
+        termios.tcgetattr(0)
+    except (termios.error, OSError):
         return True
     return False
+
+
+def watch(period: float) -> None:
+    """End the process once its terminal has gone away, looking every so many seconds.
+
+    From a thread of its own: with the terminal gone, the event loop may wait for ever to write to it,
+    while the reader of the keys turns on a line that is always ready. Nobody can see or hear us, so
+    nothing is put in order.
+    """
+
+    def look() -> None:
+        while not vanished():
+            time.sleep(period)
+        os._exit(128 + signal.SIGHUP)
+
+    threading.Thread(target=look, name="terminal", daemon=True).start()
 
 
 def only_ascii() -> bool:
@@ -48,7 +65,7 @@ def only_ascii() -> bool:
 
 
 def on_signals(end: Callable[[int], None]) -> None:
-    """Call `end(128 + number)` inside the event loop at SIGTERM and SIGHUP."""
+    """Call `end(128 + number)` inside the event loop at SIGTERM, SIGHUP and SIGINT."""
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         loop.add_signal_handler(number, end, 128 + number)

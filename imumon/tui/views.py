@@ -15,10 +15,10 @@ from textual.events import Click
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from imumon.tui import charts, lists, pages
+from imumon.tui import charts, lists, pages, table
 from imumon.tui.paint import Paper, Sheet
 from imumon.tui.scene import WINDOWS, Scene
-from imumon.tui.words import Line, Notation, padded
+from imumon.tui.words import Line, Notation, padded, wrap
 
 if TYPE_CHECKING:
     from imumon.tui.app import Monitor
@@ -71,7 +71,7 @@ class Overview(ChannelView):
     def compose(self) -> ComposeResult:
         with Vertical(id="numbers"):
             yield Paper(pages.plates, id="plates")
-            yield Paper(pages.table, id="table")
+            yield Paper(table.table, id="table")
             yield Paper(pages.detail, id="detail")
         yield Paper(charts.allan, id="allan")
 
@@ -79,7 +79,7 @@ class Overview(ChannelView):
         """The table takes what it needs, where the chart beside or below it leaves room."""
         size = self.app.size
         airy = size.height >= 38
-        rows = len(pages.rows_of(scene, airy=airy))
+        rows = len(table.rows_of(scene, airy=airy))
         if size.width < 132 and size.height < 34:
             rows = min(rows, 12)
         self.query_one("#table", Paper).styles.height = max(rows, 1)
@@ -102,16 +102,16 @@ class Overview(ChannelView):
 
     def on_click(self, event: Click) -> None:
         """A row of the table chooses its channel."""
-        table = self.query_one("#table", Paper)
-        if event.widget is table:
-            at = event.get_content_offset(table)
-            rows = pages.table_rows(self.monitor.scene, table.size.height)
+        paper = self.query_one("#table", Paper)
+        if event.widget is paper:
+            at = event.get_content_offset(paper)
+            rows = table.table_rows(self.monitor.scene, *paper.size)
             if at is not None and at.y < len(rows) and rows[at.y][1] is not None:
                 self.monitor.choose(channel=rows[at.y][1])
 
 
 class SignalView(ChannelView):
-    """The chosen channel itself: over time, its distribution, its spectrum, its drift."""
+    """The chosen channel over time; its shape and its drift."""
 
     title = "signal"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -137,7 +137,7 @@ class ScrolledView(View):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "scroll(1)", "down"),
         Binding("up,k", "scroll(-1)", "up"),
-        Binding("pagedown,space", "scroll(10)", "a page down"),
+        Binding("pagedown", "scroll(10)", "a page down"),
         Binding("pageup", "scroll(-10)", "a page up"),
         Binding("home", "scroll(-100000)", "to the top"),
         Binding("end", "scroll(100000)", "to the end"),
@@ -214,6 +214,10 @@ class SensorsView(View):
         self.monitor.step_other()
 
 
+WINDOW = 58
+"""Cells for text in a window."""
+
+
 class Window(ModalScreen[str | None]):
     """A small window above the page, closed by any key that means nothing else."""
 
@@ -270,7 +274,8 @@ def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[L
     own = [
         b for c in reversed(type(view).__mro__) if issubclass(c, View) for b in c.__dict__.get("BINDINGS", [])
     ]
-    lines: list[Line] = [[((type(view).__doc__ or "").strip().splitlines()[0], "text")], []]
+    about = (type(view).__doc__ or "").strip().partition("\n")[0]
+    lines: list[Line] = [*([(text, "text")] for text in wrap(about, WINDOW)), []]
     lines += [[(f"{keys:<12}", "key"), (text, "text")] for keys, text in keys_of(own, ascii)]
     lines += [[], [("everywhere", "title")]]
     shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)

@@ -29,6 +29,8 @@ EXPLAINED = {
     "misfit": "the curve is not N + B + K: the fit is poor",
     "not_at_rest": "the sensor moves: motion is not noise",
     "motion": "the sensor moves: motion is not noise",
+    "filtered": "a filter bends the shortest times: they are left out",
+    "ramp": "the mean runs away steadily: a ramp is part of the model",
     "stuck": "the values stood still: a frozen channel",
     "saturated": "a range was exceeded",
     "quantised": "the resolution of the values shows in the curve",

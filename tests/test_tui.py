@@ -1,0 +1,503 @@
+"""The screen, driven by keys, in every situation a person meets."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import reports
+from textual.app import App
+from textual.pilot import Pilot
+from textual.widgets import Input
+
+from imumon.report import Report, from_json
+from imumon.tui import picture, save
+from imumon.tui.app import THEMES, Monitor
+from imumon.tui.paint import Paper, Sheet
+from imumon.tui.scene import VIEWS, Scene
+from imumon.tui.views import View, keys_of
+from imumon.tui.words import length
+
+Script = Callable[[Monitor, Pilot[int]], Awaitable[None]]
+OTHER = "vn100-0100056799"
+
+
+def drive(
+    feed: reports.Recorded, script: Script, size: tuple[int, int] = (150, 40), **options: object
+) -> Monitor:
+    """Run the screen without a terminal and let the script use it."""
+
+    async def go() -> Monitor:
+        app = Monitor(feed, clock=feed.clock, **options)  # type: ignore[arg-type]
+        async with app.run_test(size=size) as pilot:
+            await pilot.pause()
+            await script(app, pilot)
+        return app
+
+    return asyncio.run(go())
+
+
+def seen(app: App[int]) -> str:
+    """All text on the papers that are seen."""
+    parts = [*app.screen_stack[0].query(Paper), *app.screen.query(Sheet)]
+    shown = [p for p in parts if p.display and p.size.area and p.is_on_screen]
+    return "\n".join("".join(text for text, _ in line) for p in shown for line in p.lines())
+
+
+def status(app: Monitor) -> str:
+    return "".join(text for line in app.query_one("#status", Paper).lines() for text, _ in line)
+
+
+# ---------------------------------------------------------------------------- keys
+
+
+def test_digits_and_tab_change_the_view() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for key, name in zip("12345", VIEWS, strict=True):
+            await pilot.press(key)
+            assert app.scene.view == name
+            assert [v.id for v in app.query(View) if v.display] == [name]
+            assert app.focused is app.query_one(f"#{name}")
+        await pilot.press("tab")
+        assert app.scene.view == "overview"
+        await pilot.press("shift+tab")
+        assert app.scene.view == "sensors"
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+def test_arrows_choose_the_channel_and_its_signal_is_asked_for() -> None:
+    feed = reports.Recorded(reports.report())
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert app.scene.channel == "gyro/x"
+        await pilot.press("down", "down")
+        assert app.scene.channel == "gyro/z"
+        await pilot.press("right")
+        assert app.scene.channel == "accel/z"
+        await pilot.press("left", "left")
+        assert app.scene.channel == "mag/z"
+        await pilot.press("up", "up", "up", "k")
+        assert app.scene.channel == "accel/y"
+        assert feed.watched[-1] == (reports.ID, "accel/y")
+        await pilot.press("2")
+        assert app.scene.signal is not None
+        assert app.scene.signal.channel == "accel/y"
+
+    drive(feed, script)
+
+
+def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
+    feed = reports.Recorded(reports.report())
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert "°/√h" in seen(app)
+        await pilot.press("u")
+        assert "rad/s/√Hz" in seen(app)
+        await pilot.press("u", "o", "g")
+        assert app.scene.overlay
+        assert "tactical" in seen(app)
+        await pilot.press("z")
+        assert app.query_one("#allan").size.width > 140
+        await pilot.press("z", "t")
+        assert app.theme == THEMES[1].name
+        await pilot.press("f")
+        feed.arrive(reports.report(20000.0))
+        app.look()
+        assert "frozen" in status(app)
+        assert "3 h ·" in status(app)
+        await pilot.press("f")
+        assert "5 h 33 min" in status(app)
+
+    drive(feed, script)
+
+
+def test_a_baseline_is_kept_and_dropped() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        await pilot.press("b")
+        assert app.scene.baseline is app.scene.report
+        assert "at 11:00" in seen(app)
+        await pilot.press("b")
+        assert app.scene.baseline is None
+
+    drive(reports.Recorded(reports.report()), script, (170, 40))
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+c", "ctrl+q"])
+@pytest.mark.parametrize("before", [(), ("4",), ("question_mark",)])
+def test_the_keys_to_quit_quit(key: str, before: tuple[str, ...]) -> None:
+    """From a view at once; from a window above it, q closes that first."""
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        await pilot.press(*before, key)
+        if before == ("question_mark",) and key == "q":
+            await pilot.press(key)
+        await pilot.pause()
+        assert app._exit
+
+    assert drive(reports.Recorded(reports.report()), script).return_code == 0
+
+
+def test_help_is_of_the_view_that_is_seen_and_names_every_key() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for key in "12345":
+            await pilot.press(key)
+            view = app.query_one(f"#{app.scene.view}", View)
+            await pilot.press("question_mark")
+            await pilot.pause()
+            text = seen(app)
+            for _, what in keys_of(list(type(view).BINDINGS), False):
+                assert what in text, what
+            assert "…" not in "".join(t for line in app.screen.query_one(Sheet).lines() for t, _ in line)
+            await pilot.press("escape")
+            await pilot.pause()
+
+    drive(reports.Recorded(reports.report(), reports.report(id=OTHER)), script, (80, 24))
+
+
+def test_events_are_filtered_by_words() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        await pilot.press("4", "slash", *"gap")
+        assert app.scene.needle == "gap"
+        assert "13.1 s lost" in seen(app)
+        assert "knock" not in seen(app)
+        await pilot.press("enter")
+        assert isinstance(app.focused, View)
+        await pilot.press("escape")
+        assert app.scene.needle == ""
+        assert "knock" in seen(app)
+        assert app.query_one("#filter", Input).value == ""
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+def test_several_sensors_are_listed_switched_and_compared() -> None:
+    feed = reports.Recorded(reports.report(), reports.report(900.0, id=OTHER, scale=2.0))
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert "1 of 2" in status(app)
+        await pilot.press("n")
+        assert app.scene.id == OTHER
+        assert OTHER in status(app)
+        await pilot.press("n", "5")
+        assert reports.ID in seen(app)
+        assert OTHER in seen(app)
+        await pilot.press("c")
+        assert app.scene.other == OTHER
+        assert "compared" in seen(app)
+        assert "0.609" in seen(app)  # N of the other one
+        await pilot.press("c")
+        assert app.scene.other is None
+        await pilot.press("down", "enter")
+        assert (app.scene.id, app.scene.view) == (OTHER, "overview")
+
+    drive(feed, script)
+
+
+def test_the_wanted_device_is_waited_for() -> None:
+    """With --id, another device does not take its place."""
+    feed = reports.Recorded(reports.report())
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert app.scene.report is None
+        assert f"first report of {OTHER}" in seen(app)
+        feed.arrive(reports.report(id=OTHER))
+        app.look()
+        await pilot.pause()
+        assert app.scene.id == OTHER
+
+    drive(feed, script, id=OTHER)
+
+
+def test_the_mouse_chooses_a_row_and_a_view() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        await pilot.click("#table", offset=(8, 2))
+        assert app.scene.channel == "gyro/y"
+        await pilot.click("#foot", offset=(16, 0))
+        assert app.scene.view == "signal"
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+def test_the_palette_offers_what_the_keys_do() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        names = {command.title for command in app.get_system_commands(app.screen)}
+        assert {"Units", "Freeze", "Save", "Help", "Theme", "Quit"} <= names
+        assert {f"View: {name}" for name in VIEWS} <= names
+        await pilot.press("ctrl+p")
+        await pilot.pause()
+        assert len(app.screen_stack) == 2
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+# ---------------------------------------------------------------------------- situations
+
+
+def situation(feed: reports.Recorded) -> tuple[str, str, bool]:
+    """Status line, what is seen, and whether it is dimmed."""
+    found: list[tuple[str, str, bool]] = []
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        found.append((status(app), seen(app), app.query_one("#body").has_class("stale")))
+
+    drive(feed, script, (80, 24))
+    return found[0]
+
+
+@pytest.mark.parametrize(
+    ("feed", "word", "dimmed"),
+    [
+        (reports.Recorded(reports.report()), "● live", False),
+        (reports.Recorded(reports.report(caveats=("warming_up",))), "warming up", False),
+        (reports.Recorded(reports.report(caveats=("not_at_rest",))), "not at rest", False),
+        (reports.Recorded(reports.report(), age=14.0), "stale  no news for 14 s", True),
+        (reports.Recorded(reports.report(), age=14.0, alive=False), "daemon gone  no news for 14 s", True),
+        (reports.Recorded(reports.report(), age=14.0, alive=False, connected=False), "reconnecting", True),
+        (reports.Recorded(reports.report(state="waiting")), "sensor gone  waiting for /dev/ttyUSB0", True),
+        (reports.Recorded(reports.report(state="stopped"), age=60.0, alive=False), "finished", False),
+        (reports.Recorded(reports.nothing_yet()), "starting", False),
+    ],
+)  # fmt: skip
+def test_a_situation_is_named_and_never_blank(feed: reports.Recorded, word: str, dimmed: bool) -> None:
+    line, text, stale = situation(feed)
+    assert word in line
+    assert stale is dimmed
+    assert len(text.split()) > 15
+
+
+def test_without_a_daemon_the_screen_says_what_to_type() -> None:
+    line, text, _ = situation(reports.Recorded(connected=False))
+    assert "no daemon" in line
+    for command in ("imumon run", "imumon demo", "imumon doctor", "--connect"):
+        assert command in text
+
+
+def test_loss_and_return_of_the_daemon_as_they_happen() -> None:
+    """The last data stay, dimmed, with their age; when the daemon is back the screen lives on."""
+    feed = reports.Recorded(connected=False)
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert "no daemon" in status(app)
+        feed.arrive(reports.report())
+        app.look()
+        await pilot.pause()
+        assert "● live" in status(app)
+        assert app.focused is app.query_one("#overview")
+        feed.break_off()
+        for seconds in (2.0, 5.0, 30.0):
+            feed.now += seconds
+            app.look()
+        assert "no news for 37 s; reconnecting" in status(app)
+        assert app.query_one("#body").has_class("stale")
+        assert "0.305" in seen(app)
+        feed.arrive(reports.report(10900.0))
+        app.look()
+        assert "● live" in status(app)
+        assert not app.query_one("#body").has_class("stale")
+
+    drive(feed, script)
+
+
+def test_nothing_is_drawn_when_nothing_is_new() -> None:
+    feed = reports.Recorded(reports.report())
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        scene = app.scene
+        feed.now += 1.0
+        app.look()
+        assert app.scene is scene
+        feed.arrive(reports.report(10802.0))
+        app.look()
+        assert app.scene is not scene
+
+    drive(feed, script)
+
+
+# ---------------------------------------------------------------------------- traps
+
+
+@pytest.mark.parametrize(
+    "size", [(20, 6), (40, 12), (60, 20), (80, 24), (100, 50), (131, 33), (132, 34), (220, 60)]
+)
+def test_every_view_stands_at_every_size(size: tuple[int, int]) -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for key in "12345":
+            await pilot.press(key)
+            await pilot.pause()
+            for paper in app.query(Paper):
+                if paper.display and paper.size.area:
+                    assert all(length(line) <= paper.content_size.width for line in paper.lines())
+
+    drive(reports.Recorded(reports.report()), script, size)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (150, 40), (220, 60)])
+def test_no_number_is_cut(size: tuple[int, int]) -> None:
+    """Each coefficient stands on the screen in full, after empty rows too."""
+    feed = reports.Recorded(reports.report(0.0))
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        feed.arrive(reports.report())
+        app.look()
+        await pilot.pause()
+        text = seen(app)
+        for whole in (
+            "0.305 ±1.1%",
+            "7.34 ±3.0%",
+            "3.7 ±40%",
+            "0.0418 ±4.4%",
+            "< 2.6e-04",
+            "-9.806",
+            "industrial",
+        ):
+            assert whole in text, whole
+
+    drive(feed, script, size)
+
+
+@pytest.mark.parametrize("theme", [*(t.name for t in THEMES), "ansi-dark", "nord", "textual-light"])
+def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert app.no_color
+        await pilot.press(*"12345", "1", "question_mark")
+        await pilot.pause()
+
+    drive(reports.Recorded(reports.report(), age=14.0), script, (80, 24), theme=theme)
+
+
+def test_a_new_theme_reaches_what_is_already_drawn() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        dark = app.export_screenshot()
+        await pilot.press("t")
+        await pilot.pause()
+        light = app.export_screenshot()
+        assert "#d5dae3" in dark
+        assert "#d5dae3" not in light
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+def test_colours_are_theme_variables_alone() -> None:
+    style = (Path(save.__file__).parent / "app.tcss").read_text()
+    assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
+
+
+def test_ascii_draws_ascii_alone() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for key in "12345":
+            await pilot.press(key)
+            await pilot.pause()
+            for y in range(app.size.height):
+                assert _row(app, y).isascii(), _row(app, y)
+
+    drive(reports.Recorded(reports.report()), script, (80, 24), ascii=True)
+
+
+def _row(app: Monitor, y: int) -> str:
+    return "".join(
+        app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
+        for _ in range(1)
+    )
+
+
+def test_a_window_does_not_hide_what_is_below() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        await pilot.press("question_mark")
+        await pilot.pause()
+        assert "vn100-0100056785" in app.export_screenshot()
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+def test_hostile_names_and_texts_are_shown_as_they_are() -> None:
+    name = "[red]x[/red] [/] ]["
+    report = reports.report()
+    feed = reports.Recorded(replace(report, device=replace(report.device, id=name, port="[b]")))
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for key in "12345":
+            await pilot.press(key)
+            await pilot.pause()
+            assert name in status(app)
+
+    drive(feed, script)
+
+
+# ---------------------------------------------------------------------------- saving
+
+
+def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    feed = reports.Recorded(reports.report())
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for form in "vcj":
+            await pilot.press("s")
+            await pilot.pause()
+            await pilot.press(form)
+        for view in "2345":
+            await pilot.press(view)
+            app.save(tmp_path, "csv")
+
+    drive(feed, script)
+    files = {path.name for path in tmp_path.iterdir()}
+    assert len(files) == 3 + 4
+    start = f"imumon-{reports.ID}-"
+    svg = (tmp_path / f"{start}overview-20260301T110001.svg").read_text()
+    assert svg.startswith("<svg")
+    assert "http" not in svg.replace("http://www.w3.org/2000/svg", "").replace(
+        "https://www.textualize.io", ""
+    )
+    table = next(tmp_path.glob("*overview*.csv"))
+    rows = list(csv.reader(table.open()))
+    allan = feed.reports()[reports.ID][0].channels["gyro/x"].allan
+    assert allan is not None
+    assert float(rows[1][3]) == allan.sigma[0]
+    kept = from_json(Report, next(tmp_path.glob("*.json")).read_bytes())
+    assert kept == feed.reports()[reports.ID][0]
+
+
+def test_a_folder_that_cannot_be_written_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        app.save(Path("/proc/[nowhere]"), "csv")
+        await pilot.pause()
+        (note,) = app._notifications
+        assert note.message.startswith("not saved: ")
+
+    drive(reports.Recorded(reports.report()), script)
+
+
+def test_without_a_converter_the_picture_is_kept_as_svg(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(save.shutil, "which", lambda name: None)
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        app.save(tmp_path, "png")
+        await pilot.pause()
+        (note,) = app._notifications
+        assert "librsvg2-bin" in note.message
+
+    drive(reports.Recorded(reports.report()), script)
+    (only,) = tmp_path.iterdir()
+    assert only.suffix == ".svg"
+
+
+def test_a_picture_is_made_without_a_terminal(tmp_path: Path) -> None:
+    target = tmp_path / "overview.svg"
+    picture(reports.report(), target, signal=reports.signal(), events=reports.events())
+    text = target.read_text()
+    assert "industrial" in text
+    assert len(text) < 100_000
+
+
+def test_scenes_without_anything_save_nothing_wrong() -> None:
+    for view in VIEWS:
+        assert list(save.rows(Scene(view=view))) == []

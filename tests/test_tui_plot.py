@@ -1,0 +1,222 @@
+"""Laws of the canvas and of the words: nothing is cut, nothing moves, any size draws."""
+
+from __future__ import annotations
+
+import doctest
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reports
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imumon.report import Coefficient, Readable
+from imumon.tui import charts, letters, lists, pages, plot, table, words
+from imumon.tui.scene import Scene
+from imumon.tui.words import CELL, Line, Notation
+
+SCENE = Scene(
+    reports={reports.ID: reports.report()},
+    ages={reports.ID: 0.0},
+    alive=frozenset({reports.ID}),
+    connected=True,
+    id=reports.ID,
+    channel="gyro/y",
+    signal=reports.signal("gyro/y"),
+    events=tuple(reports.events()),
+)
+DRAWN = {
+    "allan": charts.allan,
+    "strip": charts.strip,
+    "histogram": charts.histogram,
+    "spectrum": charts.spectrum,
+    "table": table.table,
+    "detail": pages.detail,
+    "plates": pages.plates,
+    "status": pages.status,
+    "welcome": pages.welcome,
+    "device": lists.device,
+    "events": lists.events,
+    "sensors": lists.sensors,
+    "drift": lists.drift,
+}
+sizes = st.tuples(st.integers(12, 230), st.integers(3, 64))
+finite = st.floats(1e-12, 1e12, allow_nan=False)
+
+
+def text_of(lines: list[Line]) -> str:
+    return "\n".join("".join(text for text, _ in line) for line in lines)
+
+
+@pytest.mark.parametrize("module", [words, letters, pages, plot, table], ids=lambda m: m.__name__)
+def test_examples_in_the_text_are_true(module: object) -> None:
+    assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", DRAWN)
+@settings(max_examples=25, deadline=None)
+@given(size=sizes, ascii=st.booleans(), si=st.booleans(), more=st.booleans())
+def test_every_part_draws_at_every_size(
+    name: str, size: tuple[int, int], ascii: bool, si: bool, more: bool
+) -> None:
+    """No size fails, and no line is longer or shorter than the room it has."""
+    width, height = size
+    scene = SCENE.after(
+        notation=Notation(si=si, ascii=ascii),
+        limits=more,
+        overlay=more,
+        baseline=SCENE.report if more else None,
+    )
+    lines = DRAWN[name](scene, width, height)
+    for line in lines:
+        assert words.length(line) == width
+    if ascii:
+        assert words.plain(text_of(lines)).isascii()
+
+
+@pytest.mark.parametrize("elapsed_s", [0.0, 0.05, 0.2, 3.0, 100.0, 1e6, 3e8])
+def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
+    report = reports.report(elapsed_s)
+    for channel in ("gyro/x", "accel/z", "mag/y", "temperature"):
+        scene = SCENE.after(reports={reports.ID: report}, channel=channel, signal=None)
+        for draw in DRAWN.values():
+            draw(scene, 80, 24)
+
+
+@settings(max_examples=300)
+@given(value=finite, low=finite, high=finite, status=st.sampled_from(["measured", "upper_bound", "pending"]),
+       seconds=st.none() | st.floats(0, 1e12), si=st.booleans(), ascii=st.booleans())  # fmt: skip
+def test_a_coefficient_never_outgrows_its_column(
+    value: float, low: float, high: float, status: str, seconds: float | None, si: bool, ascii: bool
+) -> None:
+    shown = Readable(value=value, low=low, high=high, unit="deg/h")
+    part = Coefficient(
+        value=value if status == "measured" else None,
+        low=low,
+        high=high,
+        status=status,  # type: ignore[arg-type]
+        unit="rad/s",
+        readable=replace(shown, value=value if status == "measured" else None),
+    )
+    text, _ = Notation(si=si, ascii=ascii).coefficient(part, seconds)
+    assert len(text) <= CELL
+
+
+@settings(max_examples=300)
+@given(value=st.just(0.0) | st.floats(1e-90, 1e12) | st.floats(-1e12, -1e-90))
+def test_means_and_deviations_fit_their_columns(value: float) -> None:
+    assert len(words.signed(value)) < table.COLUMNS["mean"] + 1
+    assert len(words.short(abs(value))) < table.COLUMNS["std"]
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+@pytest.mark.parametrize("si", [False, True])
+def test_headings_fit_their_columns(si: bool, ascii: bool) -> None:
+    notation = Notation(si=si, ascii=ascii)
+    for sensor in ("gyro", "accel", "mag"):
+        for name in ("N", "B", "K"):
+            assert len(f"{name} {notation.coefficient_unit(sensor, name)}") <= CELL
+        assert len(f"mean {notation.scale(sensor)[1]}") <= table.COLUMNS["mean"]
+
+
+@pytest.mark.parametrize("width", range(21, 81))
+def test_a_narrow_table_leaves_columns_out_and_cuts_none(width: int) -> None:
+    """Every number that is seen is whole."""
+    whole = set(text_of(table.table(SCENE, 80, 40)).split())
+    assert set(text_of(table.table(SCENE, width, 40)).split()) <= whole | {"…"}
+    lines = text_of(table.table(SCENE, width, 40)).splitlines()
+    gyro = next(line for line in lines if line.lstrip("▌ ").startswith("x"))
+    assert "…" not in gyro
+
+
+def test_the_chosen_channel_is_seen_however_low_the_table() -> None:
+    for channel in SCENE.channels:
+        for height in (3, 5, 12, 30):
+            assert any(c == channel for _, c in table.table_rows(SCENE.after(channel=channel), 80, height))
+
+
+@settings(max_examples=200)
+@given(text=st.text(alphabet="ab [/]°", max_size=120), width=st.integers(1, 40))
+def test_wrapping_keeps_every_letter(text: str, width: int) -> None:
+    lines = words.wrap(text, width)
+    assert "".join("".join(lines).split()) == "".join(text.split())
+    assert all(len(line) <= width for line in lines)
+
+
+def test_a_unit_in_brackets_stays() -> None:
+    """No markup anywhere: [s] and [bold] are text."""
+    assert "τ [s]" in text_of(charts.allan(SCENE, 80, 20))
+    assert "[bold]not markup[/bold]" in text_of(lists.events(SCENE, 150))
+
+
+def test_dots_of_crossing_lines_merge() -> None:
+    """Two lines through one cell: both keep their dots, the later one gives the colour."""
+    canvas = plot.Canvas(1, 1)
+    canvas.line(np.array([0.0, 1.0]), np.array([0.0, 3.0]), "one")
+    canvas.line(np.array([0.0, 1.0]), np.array([3.0, 0.0]), "two")
+    ((cell, role),) = canvas.rows()[0]
+    assert role == "two"
+    assert ord(cell) - 0x2800 & 0x01  # upper left, of the first
+    assert ord(cell) - 0x2800 & 0x80  # lower right, of the first
+    assert ord(cell) - 0x2800 & 0x40  # lower left, of the second
+
+
+def test_a_line_breaks_where_a_value_is_unknown() -> None:
+    canvas = plot.Canvas(5, 1)
+    canvas.line(np.array([0.0, 3.0, np.nan, 6.0, 9.0]), np.array([0.0, 0.0, np.nan, 0.0, 0.0]), "a")
+    assert (canvas.bits[0] > 0).tolist() == [True, True, False, True, True]
+
+
+def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
+    canvas = plot.Canvas(2, 3)
+    canvas.band(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
+    text = ["".join(t for t, _ in line) for line in canvas.rows()]
+    assert text[0][0] == "▄"  # upper edge: the lower half of the cell
+    assert canvas.ground[1].all()
+    assert text[2][0] == "▆"  # lower edge: the page covers the lower three quarters
+    assert canvas.ground[2].all()
+
+
+def test_a_point_stands_where_its_axes_say() -> None:
+    canvas = plot.Canvas(40, 20)
+    frame = plot.Frame(
+        canvas, (0, 0, 40, 20), plot.Scale(1e-2, 1e2, log=True), plot.Scale(1.0, 1e4, log=True)
+    )
+    assert frame.cell(1.0, 100.0) == (20, 9) or frame.cell(1.0, 100.0) == (20, 10)
+    assert frame.cell(1e-2, 1e4) == (0, 0)
+    assert frame.cell(1e2, 1.0) == (39, 19)
+    assert frame.cell(1e3, 1.0) is None
+
+
+@given(values=st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=30))
+def test_scales_hold_their_values(values: list[float]) -> None:
+    array = np.array(values)
+    for scale in (plot.logarithmic(array), plot.linear(array)):
+        share = scale.share(array)
+        assert ((share >= -1e-9) & (share <= 1 + 1e-9)).all()
+
+
+def test_the_axes_keep_still_while_a_curve_grows() -> None:
+    """Half decades: between two reports a second apart the frame does not move."""
+    ends = {
+        (s.low, s.high) for t in np.linspace(1000, 1200, 50) for s in [plot.logarithmic(np.array([0.025, t]))]
+    }
+    assert len(ends) == 1
+
+
+def test_only_what_is_measured_is_marked_on_the_chart() -> None:
+    early = SCENE.after(reports={reports.ID: reports.report(60.0)}, channel="gyro/x")
+    text = text_of(charts.allan(early, 100, 40))
+    assert "N 0.3" in text
+    assert "B " not in text
+    assert "K " not in text
+    late = text_of(charts.allan(SCENE.after(channel="gyro/x"), 100, 40))
+    assert "B 0.451" in late
+    assert "K 3.71" in late
+
+
+def test_left_out_octaves_are_dimmed() -> None:
+    lines = charts.allan(SCENE.after(channel="accel/y"), 100, 40)
+    assert any(role.startswith("leftout") for line in lines[1:] for _, role in line)
+    assert not any(role.startswith("leftout") for line in charts.allan(SCENE, 100, 40) for _, role in line)
