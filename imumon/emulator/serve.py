@@ -40,8 +40,8 @@ from imumon.sensors.vn100.registers import (
 TIME_AND_DELTAS = ("06", "0001", "00C0")
 """Groups and field words of TimeStartup, DeltaTheta and DeltaVel: 44 bytes."""
 
-BATCH_S = 0.004
-"""Shortest time between two rounds of the loop."""
+BATCH_S, BATCH_LAPSE_S = 0.004, 0.016
+"""Shortest time between two rounds of the loop, at the room's pace and in time-lapse."""
 
 IDLE_S = 0.05
 _LAPSE_TICKS = 1 << 14
@@ -141,7 +141,7 @@ class Emulator:
                 self._uart.put(each, at)
 
     def _next(self, now: float) -> float:
-        soon = now + BATCH_S
+        soon = now + (BATCH_LAPSE_S if self._settings.time_lapse else BATCH_S)
         times = [now + IDLE_S, self._origin + (self._device.sensor.next_tick() + 1) / self._pace]
         times += [t for t in (self._uart.next(), self._device.due()) if t is not None]
         return max(soon, min(times))
