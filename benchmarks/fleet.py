@@ -156,6 +156,12 @@ def run(daemons: int, period: float, seconds: float) -> None:
     print(f"  CPU, percent of a core: daemon {statistics.mean(share):.2f} (most {max(share):.2f}), ", end="")
     print(f"router {middle['cpu_percent']:.2f}, viewer {own['cpu_percent']:.2f}")
     print(f"  memory, MB: daemon {memory:.0f}, router {middle['rss_mb']:.0f}, viewer {own['rss_mb']:.0f}")
+    idle = [f"tcp/127.0.0.1:{port + n if port < 60000 else port - n}" for n in range(16)]
+    with Viewer(idle):
+        waiting = measured(lambda: time.sleep(10.0))
+    print(
+        f"  a viewer that tries 16 addresses where nobody is: CPU {waiting['cpu_percent']:.2f} percent of a core"
+    )
 
 
 def collect(viewer: Viewer, seen: dict[str, set[int]], latencies: list[float]) -> None:

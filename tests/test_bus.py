@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from datetime import UTC, datetime, timedelta
 
 import pytest
 import zenoh
@@ -200,6 +201,26 @@ def test_signals_are_made_for_those_who_ask() -> None:
         (reply,) = session.get("imumon/x/signal/gyro/z")
         assert str(reply.ok.key_expr) == "imumon/x/signal/gyro/z"
         assert list(session.get("imumon/x/nothing")) == []
+
+
+@pytest.mark.parametrize("ahead", [timedelta(seconds=5), timedelta(days=1), timedelta(days=-1)])
+def test_a_daemon_whose_clock_is_wrong_or_stepped_is_heard(
+    ahead: timedelta, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = free()
+    with Publisher("x", listen=[place]) as publisher:
+        offset, source = ahead, publisher._session.new_timestamp().get_id()
+        monkeypatch.setattr(publisher, "_stamp", lambda: zenoh.Timestamp(datetime.now(UTC) + offset, source))
+        publisher.publish(report("x", 1))
+        until(lambda: publisher.counts.reports == 1)
+        with Viewer([place]) as viewer:
+            assert viewer.wait_report("x", timeout=5.0) == report("x", 1)
+            for number in range(2, 6):
+                offset = ahead if number < 4 else -ahead
+                publisher.publish(report("x", number))
+                publisher.event(event("x", number))
+                until(lambda number=number: viewer.reports()["x"][0].session.samples == number)
+            until(lambda: viewer.events("x") == [event("x", number) for number in range(2, 6)])
 
 
 def test_grade_is_sent_on_change_alone() -> None:

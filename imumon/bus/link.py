@@ -26,6 +26,9 @@ from imumon.bus.session import (
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
+_BY_NUMBER = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
+"""Subscribers order messages by number. By time, those whose clock is behind ours would hear one alone."""
+
 _QUESTIONS = 256  # that may wait; the oldest goes unanswered
 
 
@@ -43,6 +46,7 @@ class Link:
                 congestion_control=_DROP,
                 cache=ext.CacheConfig(kept),
                 publisher_detection=True,
+                sample_miss_detection=_BY_NUMBER,
             )
             for name, kept in _CACHED.items()
         }

@@ -93,6 +93,7 @@ class Publisher:
         self._uplinks: dict[str, Link] = {}
         router = options.mode == "router"  # routers find their way among one another in one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
+        self._stamp = self._session.new_timestamp
         self._sending = threading.Lock()  # a link that is added gets everything, each message once
         self._links = [Link(self._session, self._root, self._answer)]
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
@@ -218,7 +219,7 @@ class Publisher:
             self._reports += 1
 
     def _put(self, name: str, text: str) -> None:
-        stamp = self._session.new_timestamp()
+        stamp = self._stamp()
         with self._sending:
             self._answers.keep(name, text, stamp)
             for link in self._links:
