@@ -215,6 +215,18 @@ class Drift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """N, B or bias of the last hour against the hours before it, or of the record against a baseline."""
+
+    against: str  # "hours before" or "baseline"
+    quantity: str  # "N", "B" or "bias"
+    before: float
+    now: float
+    ratio: float | None
+    sigma: float  # by how many standard errors they differ
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
     """Least and greatest value in equal columns of time, oldest first; None where nothing came."""
 
@@ -261,6 +273,7 @@ class Channel:
     histogram: Histogram | None = None
     spectrum: Spectrum | None = None
     drift: Drift | None = None
+    changes: tuple[Change, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

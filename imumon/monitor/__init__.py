@@ -3,6 +3,7 @@
     Monitor     chooses the stream, keeps its record, says what may be shown     monitor/__init__.py
     grid        steps to dense blocks, holes and breaks                          monitor/grid.py
     record      every accumulator of one stream                                  monitor/record.py
+    trends      drift and comparisons, renewed now and then                      monitor/trends.py
     describe    results in the words of the report                               monitor/describe.py
 
 It touches no port, no clock and no log: time is handed in. When several streams are on the line, the best
@@ -21,9 +22,10 @@ import numpy.typing as npt
 
 from imumon.monitor import describe
 from imumon.monitor.record import Record
+from imumon.monitor.trends import Trends, against_baseline
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grade import LIMITS
-from imumon.report import Channel, Device, Report, SensorGrade, Session, Signal, State, stamp
+from imumon.report import Change, Channel, Device, Report, SensorGrade, Session, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream, sensor_of
 from imumon.timeline import BREAK, Placed, Timeline
 from imumon.units import duration
@@ -59,11 +61,13 @@ class Wanted:
     guarded : cut out disturbances, motion and warm-up.
     precision : asked 95 % half-width by coefficient, as a share of its value.
     period_s : s, between two reports.
+    baseline : an earlier report of this sensor, to compare with; None: there is none.
     """
 
     guarded: bool = True
     precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
     period_s: float = 1.0
+    baseline: Report | None = None
 
 
 class Monitor:
@@ -86,6 +90,8 @@ class Monitor:
         self._estimator: Estimator | None = None
         self._events: list[Found] = []
         self._grades: dict[str, SensorGrade] = {}
+        self._trends: Trends
+        self._told_changes: set[tuple[int, str, str]] = set()
         self._gaps_told = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
         self._resumed: tuple[Stream, Timeline, Record, int] | None = None
@@ -215,7 +221,7 @@ class Monitor:
         interval = timeline.interval_s
         if interval is None:
             raise ValueError("a record without its interval")
-        record = Record(stream.channels, interval, guarded=self.wanted.guarded)
+        record = self._new_record(stream, interval)
         record.resume(meta["record"], dict(arrays))
         self._resumed = (stream, timeline, record, int(meta["restarts"]))
 
@@ -267,7 +273,7 @@ class Monitor:
         if self._record is None:
             interval = self._timeline.interval_s
             assert interval is not None
-            self._begin(Record(self.stream.channels, interval, guarded=self.wanted.guarded))
+            self._begin(self._new_record(self.stream, interval))
         assert self._record is not None
         breaks = int((placed.steps == BREAK).sum())
         if breaks:
@@ -276,12 +282,16 @@ class Monitor:
         self._record.feed(placed)
         self._notice()
 
+    def _new_record(self, stream: Stream, interval_s: float) -> Record:
+        averaged = stream.kind == "deltas"
+        return Record(stream.channels, interval_s, averaged=averaged, guarded=self.wanted.guarded)
+
     def _begin(self, record: Record) -> None:
         assert self.stream is not None
         self._record = record
-        self._estimator = Estimator(
-            averaged=self.stream.kind == "deltas", precision=dict(self.wanted.precision)
-        )
+        averaged = self.stream.kind == "deltas"
+        self._estimator = Estimator(averaged=averaged, precision=dict(self.wanted.precision))
+        self._trends = Trends(record)
 
     def _notice(self) -> None:
         """Turn what the record found into events."""
@@ -325,6 +335,7 @@ class Monitor:
             disturbances=record.disturbances,
             excluded_s=record.excluded_s,
             excluded_by=record.excluded_by,
+            warmup_s=record.history.warmup_s,
             restarts=link.restarts + self.restarts,
         )
 
@@ -356,10 +367,12 @@ class Monitor:
         record, estimator = self._record, self._estimator
         assert record is not None
         assert estimator is not None
-        curve, running = record.cascade.result(), record.moments.result()
+        curve, running = record.history.curve(), record.history.running()
         fits = dict(zip(record.channels, estimator.fit(curve), strict=False))
         shapes, density, recent = record.histogram.result(), record.spectrum.result(), record.strip.recent()
         whole = (*device_caveats, *self._record_caveats())
+        self._trends.renew(fits.values())
+        changed = self._changes(record, fits)
         channels = {}
         for column, name in enumerate(record.channels):
             sensor, fit = sensor_of(name), fits.get(name)
@@ -373,7 +386,7 @@ class Monitor:
                     axes,
                     shapes[column],
                     (float(recent.mean[column]), float(recent.std[column])),
-                    None,
+                    describe.bias(name, running, record.channels, fit, record.elapsed_s),
                     running.covariance[record.groups[column]],
                 ),
             )
@@ -382,10 +395,34 @@ class Monitor:
                 made = replace(
                     made,
                     spectrum=describe.spectrum(density, column),
-                    caveats=tuple(dict.fromkeys((*whole, *fit.caveats))),
+                    drift=describe.drift(self._trends.of(column)),
+                    changes=changed.get(column, ()),
+                    caveats=tuple(
+                        dict.fromkeys((*whole, *fit.caveats, *(("changed",) if column in changed else ())))
+                    ),
                 )
             channels[name] = made
         return channels, self._sensor_grades(record, fits)
+
+    def _changes(self, record: Record, fits: Mapping[str, ChannelFit]) -> dict[int, tuple[Change, ...]]:
+        """What differs from the hours before, and from a saved baseline, by column; new ones are told."""
+        found: dict[int, list[Change]] = {}
+        for moved in record.history.moved():
+            found.setdefault(moved.column, []).append(describe.change(moved.change, "hours before"))
+        if self.wanted.baseline is not None:
+            for column, (name, fit) in enumerate(fits.items()):
+                for change in against_baseline(self.wanted.baseline, name, fit, record.elapsed_s):
+                    found.setdefault(column, []).append(describe.change(change, "baseline"))
+        told = {
+            (column, each.against, each.quantity): describe.sentence(record.channels[column], each)
+            for column, changes in found.items()
+            for each in changes
+        }
+        for key, text in told.items():
+            if key not in self._told_changes:
+                self._tell("change", text)
+        self._told_changes = set(told)
+        return {column: tuple(changes) for column, changes in found.items()}
 
     def _sensor_grades(self, record: Record, fits: Mapping[str, ChannelFit]) -> dict[str, SensorGrade]:
         """Headlines; none while the sensor is not at rest."""
@@ -401,7 +438,11 @@ class Monitor:
         return grades
 
     def _record_caveats(self) -> tuple[str, ...]:
-        return () if self._at_rest else ("not_at_rest",)
+        record = self._record
+        words = [] if self._at_rest else ["not_at_rest"]
+        if record is not None and self.wanted.guarded and record.warming():
+            words.append("warming_up")
+        return tuple(words)
 
     def _note_grades(self, grades: Mapping[str, SensorGrade]) -> None:
         """Tell when a headline changes."""

@@ -14,15 +14,18 @@ import numpy as np
 
 from imumon import report
 from imumon.noise.allan import AllanCurve
+from imumon.noise.drift import Trend
 from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS, grade_channel, grade_sensor
 from imumon.noise.histogram import Shape
-from imumon.noise.moments import ChannelMoments
+from imumon.noise.moments import ChannelMoments, MomentsResult
 from imumon.noise.spectrum import Density
+from imumon.noise.stationarity import Change
 from imumon.noise.strip import Columns
 from imumon.noise.strip import Strip as Strips
+from imumon.noise.wander import Wander
 from imumon.samples import UNITS, Floats, sensor_of
-from imumon.units import READABLE, SI
+from imumon.units import HOUR, READABLE, SI, STANDARD_GRAVITY
 
 BINS_SHOWN = 64
 POINTS_A_DECADE = 24
@@ -164,6 +167,72 @@ def distribution(
         bias_high=bias[2] if bias else None,
         correlation=correlations(channel, axes, covariance),
     )
+
+
+def bias(
+    name: str, running: MomentsResult, channels: Sequence[str], fit: ChannelFit | None, length_s: float
+) -> tuple[float, float, float] | None:
+    """Mean of a channel against what a sensor at rest reads, with 95 % limits, channel unit.
+
+    A gyroscope at rest reads zero (the Earth turns at 7e-5 rad/s). Of an accelerometer only the length of
+    the vector is known, that of gravity: its excess is shared out along the vector. The limits are those of a
+    mean over the record against the noise of as long a time: the Allan deviation at its whole length.
+    """
+    mean = running.channels[channels.index(name)].mean
+    wander = None if fit is None else Wander.of(fit)
+    if mean is None or wander is None or length_s <= 0.0:
+        return None
+    sensor = sensor_of(name)
+    if sensor == "accel":
+        axes = [running.channels[channels.index(c)].mean for c in channels if sensor_of(c) == sensor]
+        length = math.hypot(*(a for a in axes if a is not None))
+        if len(axes) < 3 or None in axes or not 0.5 < length / STANDARD_GRAVITY < 2.0:
+            return None
+        mean *= 1.0 - STANDARD_GRAVITY / length
+    elif sensor != "gyro":
+        return None
+    flicker = 2.0 * math.log(2.0) / math.pi
+    variance = wander.N**2 / length_s + flicker * wander.B**2 + wander.K**2 * length_s / 3.0
+    half = 1.96 * math.sqrt(variance)
+    return mean, mean - half, mean + half
+
+
+def drift(trend: Trend | None) -> report.Drift | None:
+    """Slopes per hour and per degree with their limits."""
+    if trend is None:
+        return None
+    time, heat = trend.time, trend.temperature
+    return report.Drift(
+        per_hour=time.value * HOUR,
+        per_hour_low=time.low * HOUR,
+        per_hour_high=time.high * HOUR,
+        significant=time.significant,
+        per_degC=heat.value if heat else None,
+        per_degC_low=heat.low if heat else None,
+        per_degC_high=heat.high if heat else None,
+        explained=trend.explained if heat else None,
+    )
+
+
+def change(found: Change, against: str) -> report.Change:
+    """A change of N, B or bias."""
+    return report.Change(
+        against=against,
+        quantity=found.quantity,
+        before=found.before,
+        now=found.now,
+        ratio=found.ratio,
+        sigma=found.sigma,
+    )
+
+
+def sentence(channel: str, found: report.Change) -> str:
+    """A change in words: ``gyro/x: N has grown by 40 % against the baseline``."""
+    against = f"against the {found.against}"
+    if found.ratio is None:
+        return f"{channel}: the bias has moved from {found.before:.3g} to {found.now:.3g} {against}"
+    verb = "grown" if found.ratio > 1.0 else "fallen"
+    return f"{channel}: {found.quantity} has {verb} by {abs(found.ratio - 1.0):.0%} {against}"
 
 
 def correlations(channel: str, axes: Sequence[str], covariance: Floats | None) -> dict[str, float]:

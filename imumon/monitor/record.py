@@ -13,12 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.monitor.grid import Break, Hole, stretches
-from imumon.noise.allan import OctaveCascade
+from imumon.noise.allan import AllanCurve
+from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.guards import Guard, Passed
 from imumon.noise.histogram import Histogram
-from imumon.noise.moments import Moments
+from imumon.noise.history import History
 from imumon.noise.spectrum import Spectrum
 from imumon.noise.strip import Strip
+from imumon.noise.warmup import warming
 from imumon.noise.watch import Disturbance
 from imumon.samples import Bools, Floats, sensor_of
 from imumon.timeline import Placed
@@ -30,12 +32,10 @@ COUNTS = ("samples", "missing", "gaps", "span")
 PARTS: dict[str, Any] = {
     "guard": Guard,
     "strip": Strip,
-    "cascade": OctaveCascade,
     "spectrum": Spectrum,
-    "moments": Moments,
     "histogram": Histogram,
 }
-"""What a record consists of, by the names in its saved state."""
+"""Parts of a record beside its history, by their names in the saved state."""
 
 Saved = dict[str, npt.NDArray[Any]]
 
@@ -47,16 +47,20 @@ class Record:
     ----------
     channels : names of the columns.
     interval_s : s between two ticks.
-    guarded : whether disturbances are cut out.
+    averaged : the samples are true averages over their interval.
+    guarded : whether disturbances and warm-up are cut out.
 
     Attributes
     ----------
     samples, missing, gaps, span : samples + missing = span, ticks of the grid; gaps are the holes in it.
     strip : sees everything that came; the others only what the guard lets pass.
-    cascade, spectrum : of the first `noisy` columns; moments, histogram: of all.
+    history : curve and moments, without the warm-up; curves are those of the first `noisy` columns.
+    spectrum : of the first `noisy` columns; histogram : of all.
     """
 
-    def __init__(self, channels: tuple[str, ...], interval_s: float, *, guarded: bool) -> None:
+    def __init__(
+        self, channels: tuple[str, ...], interval_s: float, *, averaged: bool, guarded: bool
+    ) -> None:
         self.channels = channels
         self.interval_s = interval_s
         sensors = [sensor_of(name) for name in channels]
@@ -67,10 +71,21 @@ class Record:
         rate, noisy = 1.0 / interval_s, self.groups[: self.noisy]
         self.guard = Guard(sensors, rate) if guarded else None
         self.strip = Strip(self.groups, rate)
-        self.cascade = OctaveCascade(self.noisy, interval_s, groups=noisy)
         self.spectrum = Spectrum(noisy, rate)
-        self.moments = Moments(len(channels), groups=self.groups)
         self.histogram = Histogram(self.groups)
+        self.temperature = sensors.index("temperature") if "temperature" in sensors else None
+
+        def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
+            return fit_curve(curve, averaged=averaged)
+
+        self.history = History(
+            self.groups,
+            self.noisy,
+            interval_s,
+            fit,
+            warming=[i for i, s in enumerate(sensors) if s in ("gyro", "accel")] if guarded else (),
+            temperature=self.temperature,
+        )
 
     def feed(self, placed: Placed) -> None:
         """Take samples with their places on the grid."""
@@ -124,6 +139,10 @@ class Record:
         cut = self.guard.excluded if self.guard else {}
         return {str(reason): n * self.interval_s for reason, n in cut.items()}
 
+    def warming(self) -> bool:
+        """Whether the sensor's temperature still rises."""
+        return warming(self.history.drift, self.temperature)
+
     def found(self) -> list[Disturbance]:
         """Disturbances that ended since the last call."""
         return self.guard.events() if self.guard else []
@@ -132,16 +151,21 @@ class Record:
         """State that `resume` continues from: JSON values and small arrays."""
         meta = {name: getattr(self, name) for name in COUNTS}
         parts = {name: part.save() for name in PARTS if (part := getattr(self, name)) is not None}
+        parts["history"] = self.history.save()
         return meta, {f"{name}.{key}": array for name, own in parts.items() for key, array in own.items()}
 
     def resume(self, meta: Mapping[str, Any], arrays: Saved) -> None:
         """Continue from a state, in a record just made with the same arguments."""
         for name in COUNTS:
             setattr(self, name, int(meta[name]))
+
+        def own(name: str) -> Saved:
+            return {k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")}
+
+        self.history.resume(own("history"))
         for name, kind in PARTS.items():
-            own = {k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")}
             if getattr(self, name) is not None:
-                setattr(self, name, kind.restore(own))
+                setattr(self, name, kind.restore(own(name)))
 
     def _valid(self, present: Bools | None) -> Bools | None:
         if present is None:
@@ -154,7 +178,7 @@ class Record:
         return Passed(np.zeros((0, len(self.channels))), np.zeros((0, groups), dtype=bool), skipped, broken)
 
     def _apply(self, pieces: Iterable[Passed]) -> None:
-        everyone = (self.cascade, self.spectrum, self.histogram)
+        everyone = (self.history, self.spectrum, self.histogram)
         for piece in pieces:
             for part in everyone:
                 if piece.broken:
@@ -169,7 +193,6 @@ class Record:
         noisy, fit = values[:, : self.noisy], None
         if valid is not None:
             fit = valid[:, : max(self.groups[: self.noisy], default=-1) + 1]
-        self.cascade.update(noisy, fit)
+        self.history.update(values, valid)
         self.spectrum.update(noisy, fit)
-        self.moments.update(values, valid)
         self.histogram.update(values, valid)

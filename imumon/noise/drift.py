@@ -39,11 +39,13 @@ class Slope:
     ----------
     value, error : channel unit per s, or per degC.
     nodes : means behind it.
+    least_error : the error that the noise alone makes; `error` is larger where a line does not fit.
     """
 
     value: float
     error: float
     nodes: int
+    least_error: float
 
     @property
     def low(self) -> float:
@@ -232,7 +234,7 @@ class Drift:
         value = float(white[:, 1] @ white[:, 0]) / power
         residual = white[:, 0] - value * white[:, 1]
         misfit = max(1.0, float(residual @ residual) / max(1, len(y) - 1))
-        return Slope(value, math.sqrt(misfit / power), len(at))
+        return Slope(value, math.sqrt(misfit / power), len(at), math.sqrt(1.0 / power))
 
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""

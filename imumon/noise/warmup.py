@@ -140,7 +140,7 @@ class Warmup(Generic[A]):
             self._decided += 1
             begin, middle = self._start / self._rate, at / self._rate
             settled = any(
-                _settles(drift.slope(c, w, begin, middle), drift.slope(c, w, middle))
+                settles(drift.slope(c, w, begin, middle), drift.slope(c, w, middle))
                 for c, w in wanders.items()
                 if w is not None
             )
@@ -167,11 +167,12 @@ class Warmup(Generic[A]):
         self._running = {start: statistics[start] for start in starts}
 
 
-def _settles(before: Slope | None, behind: Slope | None) -> bool:
+def settles(before: Slope | None, behind: Slope | None) -> bool:
     """Whether a drift has clearly come to rest between two stretches."""
     if before is None or behind is None:
         return False
-    error = float(np.hypot(before.error, behind.error))
+    # before, a line need not fit: a sensor that warms up settles along a curve
+    error = float(np.hypot(before.least_error, behind.error))
     return abs(before.value - behind.value) > CHANGED * error and abs(behind.value) < SETTLED * abs(
         before.value
     )

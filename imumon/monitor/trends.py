@@ -1,0 +1,54 @@
+"""Trends: what is too dear to work out for every report, renewed when the record has grown enough.
+
+Slopes by generalised least squares, and the comparison with a saved report of the same sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from imumon.monitor.record import Record
+from imumon.noise.drift import Trend
+from imumon.noise.fit import ChannelFit
+from imumon.noise.stationarity import Behaviour, Change, Estimate, changes
+from imumon.noise.wander import Wander
+from imumon.report import Coefficient, Report
+
+GROWTH = 1.05
+LEAST_S = 10.0
+
+
+class Trends:
+    """Drift of each channel of a record."""
+
+    def __init__(self, record: Record) -> None:
+        self._record = record
+        self._due_s = 0.0
+        self._found: list[Trend | None] = []
+
+    def renew(self, fits: Iterable[ChannelFit]) -> None:
+        """Work the slopes out anew where the record has grown by a twentieth."""
+        elapsed = self._record.elapsed_s
+        if elapsed < self._due_s:
+            return
+        self._due_s = max(elapsed + LEAST_S, elapsed * GROWTH)
+        wanders: list[Wander | None] = [Wander.of(fit) for fit in fits]
+        wanders += [None] * (len(self._record.channels) - len(wanders))
+        self._found = self._record.history.drift.result(wanders)
+
+    def of(self, column: int) -> Trend | None:
+        """Trend of a channel; None while nothing can be said."""
+        return self._found[column] if column < len(self._found) else None
+
+
+def against_baseline(baseline: Report, name: str, fit: ChannelFit, length_s: float) -> list[Change]:
+    """What differs between a saved report and a fit of the same channel now."""
+    before = baseline.channels.get(name)
+    if before is None or before.N is None or before.B is None:
+        return []
+    then = Behaviour(_estimate(before.N), _estimate(before.B), before.mean, None, baseline.session.elapsed_s)
+    return changes(then, Behaviour.of(fit, None, length_s), None)
+
+
+def _estimate(saved: Coefficient) -> Estimate:
+    return Estimate(saved.value, saved.low, saved.high)

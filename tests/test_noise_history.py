@@ -1,0 +1,106 @@
+"""Laws of the history: warm-ups end where they end, hours are compared, nothing depends on the feeding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from imumon.noise.allan import AllanCurve
+from imumon.noise.fit import ChannelFit, fit_curve
+from imumon.noise.history import History
+from imumon.noise.moments import Moments
+from imumon.noise.synthesis import synthesise
+
+RATE = 4.0
+N, B = 6.1e-5, 2.4e-5
+
+
+def fit(curve: AllanCurve) -> Sequence[ChannelFit]:
+    return fit_curve(curve, averaged=True)
+
+
+def history() -> History:
+    return History([0, 0, 0], 3, 1.0 / RATE, fit, warming=(0, 1, 2))
+
+
+def noise(hours: float, seed: int) -> np.ndarray:
+    return synthesise(round(hours * 3600 * RATE), RATE, N=[N] * 3, B=B, K=0.0, seed=seed)
+
+
+def feed(values: np.ndarray, cuts: Sequence[int] = ()) -> History:
+    made = history()
+    edges = [0, *cuts, len(values)]
+    for start, end in pairwise(edges):
+        made.update(values[start:end])
+    return made
+
+
+@pytest.fixture(scope="module")
+def warm() -> np.ndarray:
+    """Two hours of which the first decay with a time constant of 5 min."""
+    x = noise(2.2, 3)
+    t = np.arange(len(x)) / RATE
+    return x + 1e-3 * np.exp(-t / 300.0)[:, None]
+
+
+def test_quiet_record_has_no_warm_up_and_no_change() -> None:
+    x = noise(3.2, 1)
+    made = feed(x)
+    assert made.warmup_s == 0.0
+    assert made.moved() == []
+    assert len(made.hours()) == 3 - 1  # of three, the older two joined
+    alone = Moments(3)
+    alone.update(x)
+    for mine, its in zip(made.running().channels, alone.result().channels, strict=True):
+        assert mine.count == its.count
+        assert mine.std == pytest.approx(its.std, rel=1e-12)
+
+
+def test_warm_up_is_left_out(warm: np.ndarray) -> None:
+    made = feed(warm)
+    assert 600.0 <= made.warmup_s <= 2400.0
+    behind = warm[round(made.warmup_s * RATE) :]
+    assert made.running().channels[0].count == len(behind)
+    assert made.running().channels[0].mean == pytest.approx(behind[:, 0].mean(), rel=1e-9)
+    (found, *_) = fit(made.curve())
+    assert found.K.status != "measured"
+    assert found.N.value == pytest.approx(N, rel=0.05)
+
+
+def test_any_feeding_gives_the_same(warm: np.ndarray) -> None:
+    one, many = feed(warm), feed(warm, [7, 480, 481, 5000, 14_400, 20_001])
+    assert one.warmup_s == many.warmup_s
+    np.testing.assert_array_equal(one.curve().terms, many.curve().terms)
+    np.testing.assert_allclose(one.curve().avar, many.curve().avar, rtol=1e-12)
+
+
+def test_saved_history_continues(warm: np.ndarray) -> None:
+    one = feed(warm[:16_000])
+    again = history()
+    again.resume(one.save())
+    for each in (one, again):
+        each.update(warm[16_000:])
+    assert again.warmup_s == one.warmup_s
+    np.testing.assert_array_equal(again.curve().avar, one.curve().avar)
+    assert [h.start for h in again.hours()] == [h.start for h in one.hours()]
+
+
+def test_noisier_hour_is_told() -> None:
+    x = noise(3.1, 4)
+    x[round(2 * 3600 * RATE) :, 1] *= 1.5
+    moved = feed(x).moved()
+    assert {m.column for m in moved} == {1}
+    grown = next(m.change for m in moved if m.change.quantity == "N")
+    assert grown.ratio == pytest.approx(1.5, rel=0.1)
+
+
+def test_a_month_away_costs_little() -> None:
+    made = history()
+    made.update(noise(2.0, 6))
+    made.skip(round(30 * 86400 * RATE))
+    made.update(noise(1.0, 7))
+    assert made.position == round((30 * 86400 + 3 * 3600) * RATE)
+    assert made.running().channels[0].count == round(3 * 3600 * RATE)
