@@ -222,6 +222,22 @@ def test_a_restless_beginning_does_not_spoil_the_rest() -> None:
     assert not valid[6000:6040, 0].any()
 
 
+@pytest.mark.parametrize("at", [3, 25, 70, 130])
+def test_a_record_may_begin_with_a_knock(at: int) -> None:
+    values = quiet(60)
+    values[at, 1] += 1.0
+    _, valid, events = cuts(values)
+    assert not valid[at, 0]
+    assert (~valid[:, 0]).sum() <= 12
+    assert [e.kind for e in events] == ["glitch"]
+    values = quiet(60)
+    values[10:34, 4] += 0.3
+    _, valid, events = cuts(values)
+    assert not valid[10:34, :2].any()
+    assert valid[100:].all()
+    assert [e.kind for e in events] == ["knock"]
+
+
 def busy() -> tuple[Floats, Bools]:
     """A record with some of everything, and what of it was received."""
     values = np.concatenate((quiet(90), drive(30), quiet(60, seed=4)))

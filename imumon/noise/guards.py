@@ -45,6 +45,9 @@ BEFORE = (1, 5, 5, 5, 5, 0, 5)
 AFTER = (1, 10, 10, 10, 5, 5, 10)
 """Margins by reason, in parts (0.1 s)."""
 
+START = 4
+"""Frames that are judged together at the beginning: one of them may be disturbed."""
+
 
 @dataclass(frozen=True, slots=True)
 class Passed:
@@ -98,6 +101,7 @@ class Guard:
         self._codes = np.zeros((0, len(self._watches)), dtype=np.int8)  # of the parts judged
         self._tail = np.zeros((PARTS, len(self._watches)), dtype=np.int8)  # of the parts passed last
         self._index = 0  # place on the grid of the first row held
+        self._begun = False
         self._breaks: list[int] = []  # places on the grid before which the record breaks
         self._events: list[Disturbance] = []
         self._counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
@@ -145,8 +149,7 @@ class Guard:
         self._values = np.concatenate((self._values, values))
         self._valid = np.concatenate((self._valid, given))
         self._saturated = np.concatenate((self._saturated, flags))
-        while (ready := len(self._values) // self._frame - len(self._codes) // PARTS) > 0:
-            self._judge(min([ready] + [w.reference.next_change for w in self._watches]))
+        self._judge_ready()
         return self._pass(len(self._codes) // PARTS - 1)
 
     def skip(self, n: int) -> list[Passed]:
@@ -155,10 +158,14 @@ class Guard:
         whole = max(0, n - fill) // self._frame
         if whole < 3:
             return self._missing(n)
-        out = self._missing(fill) + self._pass(len(self._codes) // PARTS)
+        out = self._missing(fill)
+        self._judge_ready(min(START, max(1, len(self._values) // self._frame)))
+        out += self._pass(len(self._codes) // PARTS)
         self._close()
         out.append(Passed(self._values, self._valid, skipped=whole * self._frame))
         self._index += whole * self._frame
+        for watch in self._watches:
+            watch.miss(whole)
         return out + self._missing(n - fill - whole * self._frame)
 
     def break_(self) -> list[Passed]:
@@ -168,7 +175,9 @@ class Guard:
     def flush(self) -> list[Passed]:
         """Decide now on all that is held back; the grid of frames begins anew behind it."""
         fill = -len(self._values) % self._frame
-        out = self._missing(fill) + self._pass(len(self._codes) // PARTS)
+        out = self._missing(fill)
+        self._judge_ready(min(START, max(1, len(self._values) // self._frame)))
+        out += self._pass(len(self._codes) // PARTS)
         self._close()
         self._index -= fill
         return _without_last(out, fill)
@@ -178,6 +187,17 @@ class Guard:
             return []
         values = np.zeros((n, self._values.shape[1]))
         return self.update(values, np.zeros((n, self._valid.shape[1]), dtype=bool))
+
+    def _judge_ready(self, least: int = START) -> None:
+        """Judge the frames that are complete; the first ones only together, `least` of them."""
+        while (ready := len(self._values) // self._frame - len(self._codes) // PARTS) > 0:
+            if self._begun:
+                self._judge(min([ready] + [w.reference.next_change for w in self._watches]))
+            elif ready >= least:
+                self._judge(least)
+                self._begun = True
+            else:
+                return
 
     def _judge(self, k: int) -> None:
         """Codes for the parts of the next `k` frames."""
@@ -190,13 +210,15 @@ class Guard:
         shape = (k, PARTS, self._part)
         for w, watch in enumerate(self._watches):
             x = np.ascontiguousarray(values[:, watch.channels].T).reshape(-1, *shape)
+            received = np.asarray(valid[:, watch.groups].all(axis=1), dtype=bool)
+            hung = np.asarray(stuck[:, watch.groups].any(axis=1), dtype=bool)
+            seen = None if clean else (received & ~(hung | looped | saturated)).reshape(shape)
+            if self._begun:
+                self._breaks += watch.compare(x, seen, codes[..., w], self._index + done)
+            else:
+                watch.begin(x, seen, codes[..., w])
             if clean:
-                self._breaks += watch.compare(x, None, codes[..., w], self._index + done)
                 continue
-            received = valid[:, watch.groups].all(axis=1)
-            hung = stuck[:, watch.groups].any(axis=1)
-            seen = (received & ~(hung | looped | saturated)).reshape(shape)
-            self._breaks += watch.compare(x, seen, codes[..., w], self._index + done)
             for code, hit in ((CLIPPED, saturated), (STUCK, hung), (LOOP, looped)):
                 codes[np.any((hit & received).reshape(shape), axis=2), w] = code
         self._repeats.learn(k)
@@ -279,7 +301,7 @@ class Guard:
             "codes": self._codes.copy(),
             "tail": self._tail.copy(),
             "counts": self._counts.copy(),
-            "numbers": np.array([self._index, self.disturbances, *self._breaks], dtype=np.int64),
+            "numbers": np.array([self._index, self.disturbances, self._begun, *self._breaks], dtype=np.int64),
         }
         for w, watch in enumerate(self._watches):
             out |= {f"watch{w}.{name}": value for name, value in watch.save().items()}
@@ -292,7 +314,8 @@ class Guard:
         self._values, self._valid = saved["values"].copy(), saved["valid"].copy()
         self._saturated, self._codes = saved["saturated"].copy(), saved["codes"].copy()
         self._tail, self._counts = saved["tail"].copy(), saved["counts"].copy()
-        self._index, self.disturbances, *self._breaks = (int(v) for v in saved["numbers"])
+        self._index, self.disturbances, begun, *self._breaks = (int(v) for v in saved["numbers"])
+        self._begun = bool(begun)
         for w, watch in enumerate(self._watches):
             watch.restore(under(saved, f"watch{w}."))
         self._repeats.restore(under(saved, "repeats."))

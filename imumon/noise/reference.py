@@ -2,12 +2,13 @@
 
 To tell a knock from noise one must know the noise. Time is cut into *frames* of ten *parts*, about 1 s and
 0.1 s. Of every quiet frame four figures are kept for each channel: its mean, the deviation of the samples
-about it, that of the parts about it, and how far the mean lies from the level. Medians over the last
-`FRAMES` of them are the reference: half of those frames may be disturbed before it moves.
+about it, that of the parts about it, and how far the mean lies from the level, the median of the `NEAR` quiet
+frames before it. Medians over the last `FRAMES` of them are the reference: half of those frames may be
+disturbed before it moves.
 
-The reference changes at fixed frame numbers only (2, 3, 4, 6, 8, 12, 16, then the level every `EPOCH` and the
-scales every `FRAMES`), so that decisions do not depend on how the samples were handed in. While few frames
-stand behind it, the thresholds are wider by the uncertainty of the scales themselves.
+The scales change at fixed frame numbers only (2, 3, 4, 6, 8, 12, 16, 32, 64, 128, then every `FRAMES`), so
+that decisions do not depend on how the samples were handed in. While few frames stand behind them, the
+thresholds are wider by the uncertainty of the scales themselves.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from imumon.samples import Bools, Floats
 
 PARTS = 10
 FRAMES = 128
-EPOCH = 32
-SCHEDULE = (2, 3, 4, 6, 8, 12, 16)
+NEAR = 8
+SCHEDULE = (2, 3, 4, 6, 8, 12, 16, 32, 64, 128)
+REST_FRAMES = 16
+"""Frames that are asked whether they are rest."""
 
 SAMPLE_SIGMA = 7.0
 PART_SIGMA = 7.0
@@ -48,7 +51,7 @@ class Frames:
     parts : (k, c) deviation of the parts' means about the frame's mean.
     peak : (k, c) greatest distance of a sample from the frame's mean.
     part_peak : (k, c) greatest distance of a part's mean from the frame's mean.
-    known : (k, c) enough samples are valid to say so.
+    known : (k,) enough samples are valid to say so.
     """
 
     mean: Floats
@@ -58,7 +61,7 @@ class Frames:
     part_peak: Floats
     known: Bools
 
-    def __getitem__(self, rows: slice) -> Frames:
+    def __getitem__(self, rows: slice | Bools) -> Frames:
         return Frames(*(getattr(self, name)[rows] for name in self.__slots__))
 
     @classmethod
@@ -86,7 +89,7 @@ class Frames:
             means -= mean[:, :, None]
             spread = np.einsum("ckp,ckp->ck", means, means) / parts
             part_peak = np.abs(means).max(axis=2)
-            known = np.ones((k, c), dtype=bool)
+            known = np.ones(k, dtype=bool)
         else:
             count = seen.sum(axis=2)  # (k, PARTS)
             n = np.maximum(count.sum(axis=1), 1)
@@ -98,7 +101,7 @@ class Frames:
             means = d.sum(axis=3) / np.maximum(count, 1) - mean[:, :, None]
             spread = (count * means**2).sum(axis=2) / n * (n / (filled * part))
             part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
-            known = np.repeat((n >= 0.25 * parts * part)[:, None], c, axis=1)
+            known = n >= 0.25 * parts * part
         rms = np.sqrt(np.maximum(square - mean**2, 0.0))
         return cls((mean + level[:, None]).T, rms.T, np.sqrt(spread).T, peak.T, part_peak.T, known)
 
@@ -116,7 +119,8 @@ class Reference:
     ----------
     frames : quiet frames learned from, in all.
     rests : what was learned can be a sensor at rest.
-    level : (c,) channel unit; meaningful once `ready`.
+    stale : frames since the last quiet one.
+    origin : (c,) channel unit, near the level: a place to count from, so that no digits are lost.
     sample, part, shift : (c,) channel unit, thresholds for a sample's distance from its frame's mean, a
         part's
         from it, and the frame's mean from the level.
@@ -130,7 +134,9 @@ class Reference:
         self._white = np.sqrt(PARTS / frame * max(1.0, rate_hz / 200.0))
         self._ring = np.full((FRAMES, 4, c), np.nan)  # mean, ln rms, ln parts, |mean - level|
         self.frames = 0
-        self.level = np.zeros(c)
+        self.stale = 0
+        self.origin = np.zeros(c)
+        self._near = np.zeros((NEAR, c))
         self._scale = np.zeros((2, c))  # ln rms, ln parts
         self._scatter = np.zeros((2, c))
         self.rests = True
@@ -145,20 +151,37 @@ class Reference:
         return bool(self.frames >= SCHEDULE[0])
 
     @property
-    def learned(self) -> bool:
-        """The last frame that was added changed the reference."""
-        return self.frames in SCHEDULE or (self.frames > 0 and self.frames % EPOCH == 0)
-
-    @property
     def next_change(self) -> int:
-        """Frames until the reference changes."""
+        """Frames until the scales change."""
         for at in SCHEDULE:
             if self.frames < at:
                 return at - self.frames
-        return EPOCH - self.frames % EPOCH
+        return FRAMES - self.frames % FRAMES
+
+    @property
+    def level(self) -> Floats:
+        """(c,) channel unit, median of the means of the last quiet frames."""
+        return _median(self._near[: min(self.frames, NEAR)], self.origin)
+
+    def levels(self, means: Floats) -> Floats:
+        """(k, c) Level before each of some frames, were they all quiet.
+
+        Parameters
+        ----------
+        means : (k, c) channel unit.
+        """
+        k, before = len(means), min(self.frames, NEAR)
+        row = np.concatenate((self._near[:before][::-1], means))
+        if before == NEAR:
+            windows = np.lib.stride_tricks.sliding_window_view(row[:-1], NEAR, axis=0)
+            ordered = np.sort(windows, axis=2)
+            return np.asarray(
+                0.5 * (ordered[:, :, NEAR // 2 - 1] + ordered[:, :, NEAR // 2]), dtype=np.float64
+            )
+        return np.stack([_median(row[max(0, before + i - NEAR) : before + i], self.origin) for i in range(k)])
 
     def add(self, quiet: Frames) -> None:
-        """Learn from quiet frames."""
+        """Learn from quiet frames, all of them known."""
         step = self.next_change
         if len(quiet.mean) > step:
             self.add(quiet[:step])
@@ -167,29 +190,34 @@ class Reference:
         k = len(quiet.mean)
         if not k:
             return
+        self._see(quiet)
         tiny = np.finfo(np.float64).tiny
-        rows = np.stack(
-            (
-                quiet.mean,
-                np.log(np.maximum(quiet.rms, tiny)),
-                np.log(np.maximum(quiet.parts, tiny)),
-                np.abs(quiet.mean - self.level) if self.ready else np.full_like(quiet.mean, np.nan),
-            ),
-            axis=1,
-        )
-        rows[np.broadcast_to(~quiet.known[:, None, :], rows.shape)] = np.nan
-        self._ring[(self.frames + np.arange(k)) % FRAMES] = rows
-        before = self.next_change
+        ring = self._ring
+        at = (self.frames + np.arange(k)) % FRAMES
+        ring[at, 0] = quiet.mean
+        ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
+        ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
+        ring[at, 3] = np.abs(quiet.mean - self.levels(quiet.mean))
+        if not self.frames:
+            ring[0, 3] = np.nan
+        self._near = np.concatenate((quiet.mean[::-1][:NEAR], self._near))[:NEAR]
+        self.stale = 0
         self.frames += k
-        if k >= before:
+        if k == step:
             self._change()
+
+    def _see(self, frames: Frames) -> None:
+        """Note the least step that a channel makes."""
+        least = np.where(frames.peak > 0.0, frames.peak, np.inf).min(axis=0, initial=np.inf)
+        np.minimum(self._step, least, out=self._step)
+
+    def miss(self, frames: int) -> None:
+        """So many frames were disturbed or missing: the level may have moved on."""
+        self.stale += frames
 
     def _change(self) -> None:
         n = min(self.frames, FRAMES)
-        latest = (self.frames - 1 - np.arange(min(n, 8))) % FRAMES
-        self.level = _median(self._ring[latest, 0], self.level)
-        if self.frames > SCHEDULE[-1] and self.frames % FRAMES and self.frames != EPOCH:
-            return
+        self.origin = self.level
         logs = self._ring[:n, 1:3]
         self._scale = _median(logs, self._scale)
         floor = np.array([[(2.0 * self._frame) ** -0.5], [(2.0 * PARTS - 2.0) ** -0.5]])
@@ -199,30 +227,26 @@ class Reference:
         rms, parts = np.exp(self._scale)
         self.sample = SAMPLE_SIGMA * unsure[0] * rms
         self.part = PART_SIGMA * unsure[1] * parts
-        distances = np.isfinite(self._ring[:n, 3]).sum(axis=0)
         shift = 1.4826 * _median(self._ring[:n, 3], np.zeros_like(rms))
-        # A frame's mean scatters by at least what white noise leaves of the parts; before the first
-        # distances are known, by no more than the parts themselves.
-        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (
-            1.0 + 3.0 * 1.2 / np.sqrt(np.maximum(distances, 1))
-        )
-        self.shift = MEAN_SIGMA * np.where(distances >= 8, known, np.maximum(parts, known))
+        # A frame's mean scatters by at least what white noise leaves of the parts; before some distances
+        # are known, by no more than the parts themselves.
+        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + 3.0 * 1.2 / np.sqrt(n))
+        self.shift = MEAN_SIGMA * (known if n > NEAR else np.maximum(parts, known))
         self._allowed = self._limits()
         self.rests = self._looks_like_rest(n)
 
     def restless(self, frames: Frames) -> Bools:
         """(k, c) Frames that are not this sensor's noise."""
-        least = np.where(frames.peak > 0.0, frames.peak, np.inf).min(axis=0, initial=np.inf)
-        if (least < self._step).any():
-            self._step = np.minimum(self._step, least)
-            self._allowed = self._limits()
+        self._see(frames)
         if not self.ready:
             return np.zeros(frames.mean.shape, dtype=bool)
         allowed = self._allowed
         odd = (frames.peak > allowed[0]) | (frames.part_peak > allowed[1])
-        odd |= np.abs(frames.mean - self.level) > allowed[2]
+        # A random walk goes on while nobody looks.
+        shift = allowed[2] * np.sqrt(1.0 + self.stale / NEAR)
+        odd |= np.abs(frames.mean - self.levels(frames.mean)) > shift
         odd |= (frames.rms > allowed[3]) | (frames.parts > allowed[4])
-        return np.asarray(odd & frames.known, dtype=bool)
+        return np.asarray(odd & frames.known[:, None], dtype=bool)
 
     def _limits(self) -> Floats:
         """(5, c) Thresholds for peak, part_peak, distance of the mean, rms and parts."""
@@ -234,8 +258,8 @@ class Reference:
         return np.asarray(np.maximum(limits, steps), dtype=np.float64)
 
     def _looks_like_rest(self, n: int) -> bool:
-        """By absolute measure, over the last `SCHEDULE[-1]` of `n` frames: see `REST_LIMIT`."""
-        k = min(n, SCHEDULE[-1])
+        """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT`."""
+        k = min(n, REST_FRAMES)
         if k < 4:
             return True
         rows = self._ring[(self.frames - k + np.arange(k)) % FRAMES]
@@ -248,17 +272,18 @@ class Reference:
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""
         return {n.strip("_"): getattr(self, n).copy() for n in _STATE} | {
-            "frames": np.array([self.frames, self.rests])
+            "frames": np.array([self.frames, self.rests, self.stale])
         }
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Continue where `save` left off."""
         for name in _STATE:
             setattr(self, name, np.array(saved[name.strip("_")]))
-        self.frames, self.rests = int(saved["frames"][0]), bool(saved["frames"][1])
+        self.frames, rests, self.stale = (int(v) for v in saved["frames"])
+        self.rests = bool(rests)
 
 
-_STATE = ("_ring", "level", "_scale", "_scatter", "sample", "part", "shift", "_step", "_allowed")
+_STATE = ("_ring", "_near", "origin", "_scale", "_scatter", "sample", "part", "shift", "_step", "_allowed")
 
 
 def _median(rows: Floats, otherwise: Floats) -> Floats:

@@ -97,7 +97,7 @@ class Watch:
         k, frame = x.shape[1], x.shape[2] * x.shape[3]
         if not self.moving and not any(self._restless):
             frames, _ = self._figures(x, seen)
-            if not self.reference.restless(frames).any():
+            if frames.known.all() and not self.reference.restless(frames).any():
                 self._learn(frames, codes)
                 return []
         breaks = []
@@ -107,11 +107,28 @@ class Watch:
                 breaks.append(index + (f + 1) * frame)
         return breaks
 
+    def begin(self, x: Floats, seen: Bools | None, codes: Codes) -> None:
+        """Judge the first frames by one another, so that a record may begin with a knock; see `compare`."""
+        frames, _ = self._figures(x, seen)
+        self.reference.add(frames[frames.known])
+        if not self.reference.ready:
+            return
+        restless = self.reference.restless(frames).any(axis=1)
+        for f in np.flatnonzero(restless).tolist():
+            one = None if seen is None else seen[f : f + 1]
+            codes[f] = self._search(self._figures(x[:, f : f + 1], one)[1], one)
+        self._restless = [*self._restless, *np.ravel(restless).tolist()][-len(self._restless) :]
+        quiet = frames.known & ~restless
+        if restless.any() and quiet.sum() >= 2:
+            self.reference = Reference(*self._fresh)
+            self.reference.add(frames[quiet])
+        self._doubt(codes)
+
     def _figures(self, x: Floats, seen: Bools | None) -> tuple[Frames, Floats]:
-        d = x - self.reference.level[:, None, None, None]
+        d = x - self.reference.origin[:, None, None, None]
         if seen is not None:
             d *= seen
-        return Frames.of(d, seen, self.reference.level), d
+        return Frames.of(d, seen, self.reference.origin), d
 
     def _one(self, x: Floats, seen: Bools | None, codes: Codes) -> bool:
         """Judge one frame; True where the record breaks behind it."""
@@ -120,10 +137,13 @@ class Watch:
         self._restless = [*self._restless[1:], restless]
         if restless:
             codes[:] = self._search(d, seen)
+        if restless or not frames.known[0]:
+            self.reference.miss(1)
         if self.moving:
             self.moving += 1
             codes[:] = MOTION
-            self._lately.append(frames)
+            if frames.known[0]:
+                self._lately.append(frames)
             if self.reference.ready and not any(self._restless[-QUIET_AGAIN:]):
                 self.moving, self._lately = 0, []
             elif len(self._lately) >= SETTLED:
@@ -131,13 +151,17 @@ class Watch:
         elif sum(self._restless) >= RESTLESS_OF_TEN:
             self.moving, self._lately = 1, []
             codes[:] = MOTION
-        elif not restless:
+        elif not restless and frames.known[0]:
             self._learn(frames, codes)
         return False
 
     def _learn(self, frames: Frames, codes: Codes) -> None:
-        """Add quiet frames; where what was taken for noise turns out to be motion, forget it."""
+        """Add quiet frames."""
         self.reference.add(frames)
+        self._doubt(codes)
+
+    def _doubt(self, codes: Codes) -> None:
+        """Where what was taken for noise turns out to be motion, forget it."""
         if self.inertial and not self.reference.rests:
             self.reference = Reference(*self._fresh)
             self.moving, self._lately = 1, []
@@ -164,20 +188,27 @@ class Watch:
         seen : (1, PARTS, part) or None.
         """
         reference = self.reference
-        samples = np.abs(d[:, 0]) > (reference.sample + reference.shift)[:, None, None]
+        far = d[:, 0] - (reference.level - reference.origin)[:, None, None]
+        if seen is not None:
+            far *= seen[0]
+        samples = np.abs(far) > (reference.sample + reference.shift)[:, None, None]
         hit = samples.any(axis=(0, 2))
         rows = np.flatnonzero(samples.any(axis=0))
         glitch = len(rows) > 0 and bool(rows[-1] - rows[0] <= 1)
         if not glitch:
-            means = np.abs(d[:, 0].mean(axis=2)) > (reference.part + reference.shift)[:, None]
+            means = np.abs(far.mean(axis=2)) > (reference.part + reference.shift)[:, None]
             hit |= means.any(axis=0)
         if 0 < hit.sum() <= PARTS // 2:
             rest = np.array(np.broadcast_to(~hit[None, :, None], d.shape[1:]))
             if seen is not None:
                 rest &= seen
-            if not reference.restless(Frames.of(d * rest, rest, reference.level)).any():
+            if not reference.restless(Frames.of(d * rest, rest, reference.origin)).any():
                 return np.where(hit, GLITCH if glitch else KNOCK, 0).astype(np.int8)
         return np.full(PARTS, KNOCK, dtype=np.int8)
+
+    def miss(self, frames: int) -> None:
+        """So many frames are missing altogether."""
+        self.reference.miss(frames)
 
     def extend(self, start: int, end: int, code: int, values: Floats) -> None:
         """A disturbance begins or goes on; `values` (n, c) are its samples in all channels of the stream."""
