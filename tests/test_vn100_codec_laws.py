@@ -25,8 +25,7 @@ LAYOUTS = (
     Layout.of({COMMON: 0x0020, ATTITUDE: 0x0002}),
 )
 MESSAGES = ("VNYMR", "VNIMU", "VNGYR", "VNDTV", "VNQMR")
-settings.register_profile("laws", derandomize=True, deadline=None, max_examples=150)
-settings.load_profile("laws")
+laws = settings(derandomize=True, deadline=None, max_examples=150)
 
 
 @dataclass(frozen=True)
@@ -87,16 +86,17 @@ def lines(draw: st.DrawFn) -> list[Piece]:
         for turn in range(draw(st.sampled_from([1, 1, 2, 12]))):
             piece = message(kind, serial * 16 + turn, check, end, tail)
             data, damage = piece.data, draw(DAMAGE)
-            place = draw(st.integers(1, len(data) - 2))
+            place = draw(st.integers(2, len(data) - 3))
             if damage == "flip":
                 # bit 0 of a byte: every check finds one flipped bit
                 data = data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
             elif damage == "head":
-                data = data[:place]
+                # so much is missing, here and of a tail, that nothing beside it makes it whole again
+                data = data[: min(place, len(data) // 2)] + b"\n"
             elif damage == "tail":
-                data = data[place:]
+                data = data[max(place, len(data) // 2) :]
             elif damage == "hole":
-                data = data[: place // 2] + data[place:] if place > 1 else data[1:]
+                data = data[: 1 + place // 2] + data[1 + place :]
             pieces.append(Piece(data, piece.tag if damage in ("none", "double") else None))
             if damage == "double":
                 pieces.append(pieces[-1])
@@ -142,6 +142,7 @@ def found(items: list[Item]) -> list[float]:
     return [float(v) for i in items if isinstance(i, SampleBlock) for v in i.values[:, 0]]
 
 
+@laws
 @given(lines(), st.data())
 def test_any_cuts_give_the_same(pieces: list[Piece], data: st.DataObject) -> None:
     line = b"".join(piece.data for piece in pieces)
@@ -153,6 +154,7 @@ def test_any_cuts_give_the_same(pieces: list[Piece], data: st.DataObject) -> Non
     assert counters == counters_single == counters_some
 
 
+@laws
 @given(lines())
 def test_all_that_came_whole_is_found_and_nothing_else(pieces: list[Piece]) -> None:
     items, _, _ = run(b"".join(piece.data for piece in pieces), [])
@@ -161,6 +163,7 @@ def test_all_that_came_whole_is_found_and_nothing_else(pieces: list[Piece]) -> N
     np.testing.assert_allclose(found(items), want, rtol=1e-14)
 
 
+@laws
 @given(st.lists(st.one_of(st.binary(max_size=300), EVIL.map(b"".join)), max_size=12).map(b"".join))
 @example(b"\xfa" * 5000)
 @example(b"$" * 5000)
@@ -191,6 +194,7 @@ def test_no_flipped_bit_changes_a_sample(kind: int, check: str) -> None:
 NUMBERS = st.from_regex(r"[+-]?[0-9]{1,9}(\.[0-9]{1,6})?", fullmatch=True)
 
 
+@laws
 @given(st.lists(NUMBERS, min_size=3, max_size=3), st.integers(1, 40))
 @example(["-0.000", "+00.0", "-999999999.999999"], 3)
 def test_numbers_are_read_to_the_last_bit(fields: list[str], count: int) -> None:
@@ -201,6 +205,7 @@ def test_numbers_are_read_to_the_last_bit(fields: list[str], count: int) -> None
     assert block.values.tobytes() == want.tobytes()
 
 
+@laws
 @given(st.integers(0, 2**32), st.sampled_from(MESSAGES[:4]), CHECKS, st.integers(2, 60))
 def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, check: str, count: int) -> None:
     rng = np.random.default_rng(seed)
@@ -219,6 +224,7 @@ def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, ch
     assert len(found(together)) == count - 1
 
 
+@laws
 @given(st.lists(st.sampled_from(LAYOUTS[:3]), min_size=1, max_size=3), st.integers(0, 2**32))
 def test_packets_come_back_as_they_were_sent(layouts: list[Layout], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -230,6 +236,7 @@ def test_packets_come_back_as_they_were_sent(layouts: list[Layout], seed: int) -
             assert again[name].tobytes() == sent[name].tobytes()
 
 
+@laws
 @given(st.binary(min_size=1, max_size=80))
 def test_checksums(data: bytes) -> None:
     assert checksum.xor8(data) == reduce(xor, data)
@@ -242,6 +249,7 @@ def test_checksums(data: bytes) -> None:
     assert checksum.crc16(data + crc.to_bytes(2, "big")) == 0
 
 
+@laws
 @given(
     st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters="$*"), max_size=60), CHECKS
 )
