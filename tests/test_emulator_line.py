@@ -148,17 +148,21 @@ def test_a_client_that_scans_and_writes_back_every_register(sensor: EmulatorProc
         assert conserved(sensor.ask("counters"))
 
 
-@pytest.mark.parametrize("baud", [9600, 460800])
-def test_a_client_that_does_not_know_the_baud(baud: int) -> None:
-    with emulator(baud=baud, rate=1) as sensor, Client(sensor.path) as client:
+def test_a_client_that_does_not_know_the_baud_and_waits_for_its_bytes() -> None:
+    with emulator(baud=9600, rate=0) as sensor, Client(sensor.path) as client:
         found = None
-        for guess in (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600):
+        for guess in (115200, 57600, 9600):
             client.port.baudrate = guess
             with contextlib.suppress(AssertionError):
                 client.ask("VNRRG,01", timeout=0.2)
                 found = guess
                 break
-        assert found == baud
+        assert found == 9600
+        start = time.monotonic()
+        for _ in range(5):
+            client.send("VNRRG,27")
+        client.wait_for(re.compile(rb"(\$VNRRG,27,.*\r\n.*){5}", re.DOTALL), 3.0)
+        assert time.monotonic() - start > 5 * 120 * 10 / 9600
 
 
 def test_another_baud_hears_garbage(sensor: EmulatorProcess) -> None:
@@ -223,15 +227,6 @@ def test_the_older_library_asks_again_and_is_answered_twice(sensor: EmulatorProc
         client.send("VNRRG,01")
         client.send("VNRRG,01")
         client.wait_for(re.compile(rb"\$VNRRG,01,.*\r\n.*\$VNRRG,01,[^\n]*\r\n", re.DOTALL), 0.5)
-
-
-def test_bytes_take_their_time_on_the_line() -> None:
-    with emulator(baud=9600, rate=0) as sensor, Client(sensor.path, 9600) as client:
-        start = time.monotonic()
-        for _ in range(8):
-            client.send("VNRRG,27")
-        client.wait_for(re.compile(rb"(\$VNRRG,27,.*\r\n.*){8}", re.DOTALL), 3.0)
-        assert time.monotonic() - start > 8 * 120 * 10 / 9600
 
 
 # ---------------------------------------------------------------- clients that come and go
@@ -361,22 +356,16 @@ def test_wrong_words_are_told_in_one_line() -> None:
 def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
     with emulator(speed=200, rate=0) as sensor, Client(sensor.path) as client:
         client.stream("VNWRG,75,1,8,06,0001,00C0")
-        time.sleep(0.5)  # the reader is away: the sensor's clock stands still once the terminal is full
-        data = client.collect(1.0)
+        time.sleep(0.4)  # the reader is away: the sensor's clock stands still once the terminal is full
+        data = client.collect(0.6)
         found = packets(data, TIME_AND_DELTAS)
         steps = np.diff(found["2.timeStartup"][:, 0].astype(np.int64))
         assert (np.abs(steps - 10_000_000) < 50_000).all()
         assert found["3.deltaTheta"][1:, 0] == pytest.approx(np.full(len(found) - 1, 0.01))
         assert len(found) > 2000
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
         counters = sensor.ask("counters")
         assert counters["dropped"] == counters["overflowed"] == 0
-
-
-def test_time_lapse_takes_commands_all_the_while() -> None:
-    with emulator(speed=500, rate=50) as sensor, Client(sensor.path) as client:
-        time.sleep(0.3)
-        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
-        assert client.ask("VNWRG,06,0") == "VNWRG,06,0"
 
 
 # ---------------------------------------------------------------- faults
