@@ -151,7 +151,7 @@ def run(daemons: int, period: float, seconds: float) -> None:
     middle_ms = statistics.median(latencies)
     memory = statistics.mean(end["rss_mb"] for end in ends)
     print(f"{daemons} daemons, a report of {size:.1f} kB every {period:g} s, {os.cpu_count()} cores")
-    print(f"  reports: sent {sent}, arrived {got}, lost {sent - got}")
+    print(f"  reports: sent {sent}, seen {got}, lost or overtaken by the next {sent - got}")
     print(f"  latency, ms: median {middle_ms:.2f}, 99 % {late:.2f}, most {latencies[-1]:.2f}")
     print(f"  CPU, percent of a core: daemon {statistics.mean(share):.2f} (most {max(share):.2f}), ", end="")
     print(f"router {middle['cpu_percent']:.2f}, viewer {own['cpu_percent']:.2f}")
@@ -159,9 +159,7 @@ def run(daemons: int, period: float, seconds: float) -> None:
     idle = [f"tcp/127.0.0.1:{port + n if port < 60000 else port - n}" for n in range(16)]
     with Viewer(idle):
         waiting = measured(lambda: time.sleep(10.0))
-    print(
-        f"  a viewer that tries 16 addresses where nobody is: CPU {waiting['cpu_percent']:.2f} percent of a core"
-    )
+    print(f"  CPU of a viewer that tries 16 addresses where nobody is: {waiting['cpu_percent']:.2f}")
 
 
 def collect(viewer: Viewer, seen: dict[str, set[int]], latencies: list[float]) -> None:
