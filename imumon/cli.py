@@ -139,6 +139,7 @@ def _add_run(parser: Parser) -> None:
     add("--duration", type=_positive, metavar="S", help="stop after S seconds with a final report on stdout")
     add("--json", action="store_true", help="final report as JSON")
     add("--no-guards", action="store_true", default=None, help="cut nothing out")
+    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
     add("--speed", type=_positive, default=1.0, metavar="X", help="time-lapse, with --port sim only")
     add("--seed", type=int, metavar="N", help="noise of the emulator, with --port sim only")
     _add_endpoints(parser, listen=True)
@@ -189,6 +190,7 @@ def _add_replay(parser: Parser) -> None:
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     add("--no-guards", action="store_true", help="cut nothing out: every valid sample counts")
+    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
     _add_endpoints(parser, listen=True)
 
 
@@ -240,6 +242,23 @@ def _settings(words: argparse.Namespace) -> Any:
         raise Stop(str(error), USAGE) from None
 
 
+def _baseline(path: str | None) -> Any:
+    """A saved report, None without a path."""
+    if path is None:
+        return None
+    from imumon.report import Report, from_json
+
+    try:
+        with open(path, "rb") as file:
+            return from_json(Report, file.read())
+    except OSError as error:
+        raise Stop(f"baseline {path}: {(error.strerror or str(error)).lower()}", USAGE) from None
+    except ValueError:
+        raise Stop(
+            f"baseline {path} is no report: make one with imumon report --format json", USAGE
+        ) from None
+
+
 def _state_directory(where: Any) -> Any:
     """Where the statistics live: asked for, the service manager's, or the user's."""
     from pathlib import Path
@@ -271,6 +290,7 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
         duration_s=words.duration,
         fresh=words.fresh,
         speed=words.speed,
+        baseline=_baseline(words.baseline),
     )
     try:
         outcome = Daemon(settings, task).run()
@@ -392,7 +412,13 @@ def _replay(words: argparse.Namespace) -> int:
             speed = _positive(words.speed)
         except (ValueError, argparse.ArgumentTypeError):
             raise Stop(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
-    task = Replay(path=words.file, rate_hz=words.rate, speed=speed, guarded=not words.no_guards)
+    task = Replay(
+        path=words.file,
+        rate_hz=words.rate,
+        speed=speed,
+        guarded=not words.no_guards,
+        baseline=_baseline(words.baseline),
+    )
     try:
         with _publisher(words) as bus:
             made = replay(task, progress=bar(), bus=bus)

@@ -35,12 +35,14 @@ class Replay:
     Attributes
     ----------
     speed : times real time; None: as fast as it goes.
+    baseline : an earlier report of the same sensor, to compare with.
     """
 
     path: str
     rate_hz: float | None = None
     speed: float | None = None
     guarded: bool = True
+    baseline: report.Report | None = None
 
 
 def replay(
@@ -89,7 +91,7 @@ class _Run:
         self.recording = recording
         self.decoder = Decoder()
         rate = task.rate_hz or _number(header.get("rate_hz"))
-        self.monitor = Monitor(Wanted(guarded=task.guarded), rate_hz=rate)
+        self.monitor = Monitor(Wanted(guarded=task.guarded, baseline=task.baseline), rate_hz=rate)
         self.device = report.Device(
             id=f"vn100-{header['serial']}" if header.get("serial") else "replay",
             model=header.get("model"),

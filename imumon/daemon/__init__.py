@@ -51,6 +51,7 @@ class Task:
     fresh : start anew, the old state kept aside.
     speed : sensor seconds in one of the room; other than 1 for an emulator in time-lapse.
     state_directory : where the accumulated statistics live.
+    baseline : an earlier report of the same sensor, to compare with.
     """
 
     path: str | None
@@ -58,6 +59,7 @@ class Task:
     duration_s: float | None = None
     fresh: bool = False
     speed: float = 1.0
+    baseline: report.Report | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,7 @@ class Daemon:
                     "K": precision.precision_k,
                 },
                 period_s=precision.period_s,
+                baseline=task.baseline,
             ),
             rate_hz=rate,
         )
