@@ -1,0 +1,176 @@
+"""Laws of the monitor: the best stream, honest counts, events, state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from imumon.monitor import Monitor, RateNeeded, Wanted
+from imumon.report import Device, Report, Session, from_json, to_json
+from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+
+NOW = datetime(2026, 1, 2, tzinfo=UTC)
+TICK = 10_000_000
+DELTAS = Stream("deltas", GYRO + ACCEL, "binary", "startup")
+LEVEL = np.array([0.01, 0.0, -0.01, 0.0, 0.0, -9.8])
+SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
+
+
+def block(n: int, start: int = 0, seed: int = 1, stream: Stream = DELTAS) -> SampleBlock:
+    rng = np.random.default_rng(seed + start)
+    values = LEVEL + SIGMA * rng.normal(size=(n, 6))
+    time = (np.arange(n) + start) * TICK if stream.clock == "startup" else None
+    return SampleBlock(stream, values, time, np.zeros(n, dtype=np.int64))
+
+
+def report(monitor: Monitor) -> Report:
+    return monitor.report(NOW, Device(id="x"), "running", Session())
+
+
+def test_report_survives_json() -> None:
+    monitor = Monitor()
+    monitor.feed(block(3000))
+    made = report(monitor)
+    assert from_json(Report, to_json(made)) == made
+
+
+def test_before_the_first_sample_there_is_a_report_too() -> None:
+    made = report(Monitor())
+    assert made.channels == {}
+    assert made.session.samples == 0
+
+
+def test_best_stream_is_characterised_and_counted_alone() -> None:
+    monitor = Monitor(rate_hz=100.0)
+    poor = Stream("compensated", GYRO + ACCEL, "$VNYMR", "none")
+    monitor.feed(block(50, stream=poor))
+    monitor.feed(block(500))
+    monitor.feed(block(50, stream=poor))
+    made = report(monitor)
+    assert made.device.stream == "deltas"
+    assert made.session.samples == 500
+    assert "restart" in [event.kind for event in monitor.events()]
+
+
+def test_stream_without_clock_and_rate_is_refused() -> None:
+    with pytest.raises(RateNeeded, match="--rate"):
+        Monitor().feed(block(10, stream=replace(DELTAS, clock="none")))
+
+
+def test_counts_add_up_over_gaps_and_restarts() -> None:
+    monitor = Monitor()
+    monitor.feed(block(1000))
+    monitor.feed(block(1000, 1500))
+    monitor.feed(block(1000, 3))  # the sensor was restarted
+    made = report(monitor)
+    assert made.session.samples == 3000
+    assert made.session.missing == 500
+    assert made.session.gaps == 2
+    assert made.session.restarts == 1
+    assert made.session.elapsed_s == pytest.approx(35.0)
+    kinds = [event.kind for event in monitor.events()]
+    assert "gap" in kinds
+    assert "restart" in kinds
+
+
+@pytest.mark.parametrize("guarded", [True, False])
+def test_any_chunking_gives_the_same_report(guarded: bool) -> None:
+    whole = block(9000)
+    whole.values[4000:4200] += 0.5
+    made = []
+    for cuts in ([], [1, 40, 41, 3999, 4100, 8000]):
+        monitor = Monitor(Wanted(guarded=guarded))
+        edges = [0, *cuts, 9000]
+        for a, b in pairwise(edges):
+            assert whole.time_ns is not None
+            monitor.feed(SampleBlock(DELTAS, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b]))
+        monitor.flush()
+        made.append(report(monitor))
+    one, many = made
+    assert one.session == many.session
+    for name, channel in one.channels.items():
+        other = many.channels[name]
+        assert channel.count == other.count
+        assert channel.std == pytest.approx(other.std, rel=1e-12)
+        assert channel.allan is not None
+        assert other.allan is not None
+        assert channel.allan.sigma == pytest.approx(other.allan.sigma, rel=1e-12)
+
+
+def test_knock_is_cut_out_counted_and_told() -> None:
+    quiet, knocked = Monitor(), Monitor()
+    for monitor, size in ((quiet, 0.0), (knocked, 0.1)):
+        for start in range(0, 60_000, 4000):
+            part = block(4000, start)
+            if start == 20_000:
+                part.values[1000:1200, :3] += size
+            monitor.feed(part)
+        monitor.flush()
+    a, b = report(quiet), report(knocked)
+    assert a.session.disturbances == 0
+    assert a.session.excluded_s == 0.0
+    assert b.session.disturbances == 1
+    assert 2.0 <= b.session.excluded_s <= 8.0
+    assert "disturbance" in [event.kind for event in knocked.events()]
+    before, after = a.channels["gyro/x"].N, b.channels["gyro/x"].N
+    assert before is not None
+    assert after is not None
+    assert after.value == pytest.approx(before.value, rel=5e-3)
+
+
+def test_saved_monitor_goes_on_as_if_nothing_had_happened() -> None:
+    one = Monitor()
+    one.feed(block(5000))
+    meta, arrays = one.save()
+    two = Monitor()
+    two.resume(meta, arrays, 10.0)
+    for monitor in (one, two):
+        monitor.feed(block(5000, 6000))
+        monitor.flush()
+    a, b = report(one), report(two)
+    assert a.session == b.session
+    assert a.channels["accel/z"].allan == b.channels["accel/z"].allan
+    assert a.channels["gyro/y"].std == b.channels["gyro/y"].std
+
+
+def test_saved_record_of_another_stream_is_refused() -> None:
+    one = Monitor()
+    one.feed(block(500))
+    two = Monitor()
+    two.resume(*one.save(), 1.0)
+    two.feed(block(500, stream=replace(DELTAS, kind="uncompensated")))
+    assert two.refused is not None
+    assert two.samples == 500
+
+
+def test_moving_sensor_is_never_graded() -> None:
+    monitor = Monitor()
+    t = np.arange(12_000) / 100.0
+    part = block(12_000)
+    part.values[:, 2] += 0.5 * np.sin(2 * np.pi * 0.1 * t) * np.sin(2 * np.pi * 0.013 * t)
+    part.values[:, 0] += 0.3 * np.sin(2 * np.pi * 0.4 * t)
+    monitor.feed(part)
+    monitor.flush()
+    made = report(monitor)
+    assert made.grade["gyro"].nearest is None
+    assert "not_at_rest" in made.caveats
+
+
+def test_baseline_tells_what_has_grown() -> None:
+    old = Monitor()
+    old.feed(block(60_000))
+    saved = report(old)
+    new = Monitor(Wanted(baseline=saved))
+    part = block(60_000, seed=9)
+    part.values[:, 1] = LEVEL[1] + 1.4 * (part.values[:, 1] - LEVEL[1])
+    new.feed(part)
+    made = report(new)
+    changes = made.channels["gyro/y"].changes
+    assert [c.quantity for c in changes if c.against == "baseline"][:1] == ["N"]
+    assert changes[0].ratio == pytest.approx(1.4, rel=0.03)
+    assert made.channels["gyro/x"].changes == ()
+    assert any("grown by 4" in event.text for event in new.events())
