@@ -28,9 +28,6 @@ from imumon.sensors.vn100.registers import (
     REGISTERS,
 )
 
-ON_VN100 = (1, 2, 3, 5)
-
-
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 
 
@@ -165,7 +162,14 @@ def test_measurement_registers_answer_as_their_messages_do() -> None:
         ("VNWRG,75,0,0,00", "VNWRG,75,0,0,00"),
         ("VNWRG,75,1,400,1,321", "VNWRG,75,1,400,01,0321"),
         ("VNWRG,75,1,400,1,0321,0001", "VNERR,07"),
-        ("VNWRG,75,1,400,08,0001", "VNERR,07"),
+        ("VNWRG,75,1,400,08,0001", "VNWRG,75,1,400,08,0001"),
+        ("VNWRG,75,1,400,80,0001", "VNERR,07"),
+        ("VNWRG,75,1,400,04,7000", "VNERR,07"),
+        ("VNWRG,82,1,0,0,0,0", "VNWRG,82,1,0,0,0,0"),
+        (
+            "VNWRG,83,1,1,0,0,1000,0.000000,0.0,0.0,0.0",
+            "VNWRG,83,1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000",
+        ),
         ("VNWRG,75,1,400,01,8001", "VNERR,07"),
         ("VNWRG,21,1.000000,0.000000,1.800000,0.000000,0.000000,-9.793750", "VNWRG,21,1,0,1.8,0,0,-9.79375"),
         ("VNASY,2", "VNERR,07"),
@@ -377,7 +381,7 @@ def test_the_factory_sentence_is_as_long_as_the_real_one() -> None:
     assert {len(message) for _, message in make().advance(800)} == {122}
 
 
-@pytest.mark.parametrize("group", ON_VN100)
+@pytest.mark.parametrize("group", GROUPS)
 def test_every_binary_field_is_sent(group: int) -> None:
     device = make(baud=921600, rate=0)
     for bit, entry in GROUPS[group].items():
@@ -388,6 +392,7 @@ def test_every_binary_field_is_sent(group: int) -> None:
         packets = layout.decode(b"".join(message for _, message in messages), count=10)
         assert layout.count(b"".join(message for _, message in messages), 0, 10) == 10
         assert np.isfinite(packets[f"{group}.{entry.name}"].astype(float)).all()
+        assert group not in (4, 6, 7) or not packets[f"{group}.{entry.name}"].any()
 
 
 def test_streams_share_the_line_at_message_boundaries_and_in_time() -> None:

@@ -228,11 +228,11 @@ _NMEA = (
     Field("receiver", choices=(0, 1)),
     Field("messages", "hex", "%08X", 0, 0xFFFFFFFF),
 )
-# Groups 1, 2, 3 and 5: a VN-100 has neither GNSS nor INS outputs.
+# A VN-100 has neither GNSS nor INS, but takes their groups (4, 6, 7), and fields, and fills them with zeros.
 _BINARY = (
     Field("async_mode", choices=(0, 1, 2, 3)),
     Field("divisor", low=0, high=65535),
-    Field("groups", "hex", "%02X", choices=tuple(g for g in range(0x18) if not g & ~0x17)),
+    Field("groups", "hex", "%02X", 0, 0x7F),
     Field("word", "hex", "%04X", 0, 0x7FFF),
 )
 _SYNC = (
@@ -301,7 +301,8 @@ def _settings() -> Iterable[Register]:
     yield Register(DELTA_CONTROL, "delta theta and delta velocity", delta, _both("0,0,0,0,0"))
     models = (
         *_integers("mag_model gravity_model", 0, 1),
-        *_integers("reserved_1 reserved_2 recalculation", 0, 65535),
+        *_integers("reserved_1 reserved_2", 0, 65535),
+        *_integers("recalculation", 0, 2**32 - 1),
         *_reals("year", "%.3f"),
         *_reals("latitude", "%+012.8f"),
         *_reals("longitude", "%+013.8f"),
