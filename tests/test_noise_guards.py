@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,8 @@ from imumon.noise.allan import OctaveCascade
 from imumon.noise.guards import Guard, Passed
 from imumon.noise.synthesis import synthesise
 from imumon.noise.watch import Disturbance
-from imumon.samples import Bools, Floats
+from imumon.samples import Bools, Floats, SampleBlock
+from imumon.sensors.vn100 import Decoder
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3 + ("mag",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3 + [1e-3] * 3)
@@ -236,6 +240,46 @@ def test_a_record_may_begin_with_a_knock(at: int) -> None:
     assert not valid[10:34, :2].any()
     assert valid[100:].all()
     assert [e.kind for e in events] == ["knock"]
+
+
+RECORDINGS = Path(__file__).parents[1].parent / "shared" / "recordings"
+
+
+def recording(name: str, times: int = 1) -> Floats:
+    """(n, 9) Samples of a recording, so many times over."""
+    path = RECORDINGS / f"{name}.vnymr.txt.gz"
+    if not path.exists():
+        pytest.skip("the recordings are not beside the checkout")
+    decoder = Decoder()
+    items = decoder.feed(gzip.decompress(path.read_bytes()) * times) + decoder.finish()
+    return np.concatenate([item.values for item in items if isinstance(item, SampleBlock)])
+
+
+@pytest.mark.parametrize(
+    ("name", "at_rest", "least", "most"),
+    [
+        ("kiran_stat5min", True, 0.97, 1.0),
+        ("sahq_parked", True, 0.99, 1.0),
+        ("fc_car_idle", None, 0.3, 0.8),
+        ("fc_drive_circle", False, 0.0, 0.15),
+        ("fc_cal_square", False, 0.0, 0.05),
+        ("sahq_drive_circles", False, 0.0, 0.15),
+        ("chase_0513", False, 0.0, 0.1),
+    ],
+)
+def test_real_recordings(name: str, at_rest: bool | None, least: float, most: float) -> None:
+    """Rest is left alone, disturbed rest is cut in part, and what moves is suspended."""
+    values = recording(name)
+    guard, valid, _ = cuts(values, 200.0 if name.startswith("chase") else 40.0)
+    assert least <= valid[:, 0].mean() <= most
+    if at_rest is not None:
+        assert guard.at_rest is at_rest
+
+
+def test_a_real_loop_counts_once() -> None:
+    _, valid, events = cuts(recording("jpsnir_emulator", 20))
+    assert [e.kind for e in events] == ["loop"]
+    assert 163 <= valid[:, 0].sum() < 2 * 163
 
 
 def busy() -> tuple[Floats, Bools]:

@@ -173,11 +173,11 @@ class Reference:
         k, before = len(means), min(self.frames, NEAR)
         row = np.concatenate((self._near[:before][::-1], means))
         if before == NEAR:
-            windows = np.lib.stride_tricks.sliding_window_view(row[:-1], NEAR, axis=0)
-            ordered = np.sort(windows, axis=2)
-            return np.asarray(
-                0.5 * (ordered[:, :, NEAR // 2 - 1] + ordered[:, :, NEAR // 2]), dtype=np.float64
-            )
+            windows = np.empty((NEAR, *means.shape))
+            for i in range(NEAR):
+                windows[i] = row[i : i + k]
+            windows.sort(axis=0)
+            return np.asarray(0.5 * (windows[NEAR // 2 - 1] + windows[NEAR // 2]), dtype=np.float64)
         return np.stack([_median(row[max(0, before + i - NEAR) : before + i], self.origin) for i in range(k)])
 
     def add(self, quiet: Frames) -> None:

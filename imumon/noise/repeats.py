@@ -147,9 +147,15 @@ class Repeats:
         """Follow the fingerprints; marks rows of a recognised loop in `out`."""
         chosen = np.flatnonzero(fresh & (mixed >> _SELECT == 0))
         rows = np.cumsum(received)[chosen] if not received.all() else chosen + 1
+        keys = mixed[chosen].tolist()
+        if keys and not self.period and self._seen.keys().isdisjoint(keys) and len(set(keys)) == len(keys):
+            self._distance = self._matches = 0  # nothing comes again: the usual case
+            self._seen.update(zip(keys, (rows + self._row).tolist(), strict=True))
+            self._forget(received)
+            return
         begin = 0 if self.period else -1
         needed = max(LEAST + 1, int(self._longest[-1]))
-        for i, key, row in zip(chosen.tolist(), mixed[chosen].tolist(), rows.tolist(), strict=True):
+        for i, key, row in zip(chosen.tolist(), keys, rows.tolist(), strict=True):
             here = self._row + row
             before = self._seen.pop(key, None)
             self._seen[key] = here
@@ -165,6 +171,10 @@ class Repeats:
                 self.period, begin = self._distance, i
         if begin >= 0:
             out[begin:] = True
+        self._forget(received)
+
+    def _forget(self, received: Bools) -> None:
+        """Count these rows, and drop the oldest fingerprints."""
         if len(self._seen) > 2 * REMEMBERED:
             self._seen = dict(list(self._seen.items())[-REMEMBERED:])
         self._row += int(received.sum())
