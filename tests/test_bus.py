@@ -66,6 +66,10 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
         assert json.loads(sample.payload.to_bytes()) == to_dict(whole.grade)
         (sample,) = get("event")
         assert from_json(Event, sample.payload.to_bytes()) == event("a", 119)
+        every = session.get("imumon/a/event", consolidation=zenoh.ConsolidationMode.NONE)
+        assert [from_json(Event, r.ok.payload.to_bytes()) for r in every if r.ok] == [
+            event("a", number) for number in range(20, 120)
+        ]
         (sample,) = get("signal/gyro/x")
         assert json.loads(sample.payload.to_bytes())["histogram"]["counts"][0] > 0
         assert {str(s.key_expr) for s in get("gyro/*")} == {f"imumon/a/gyro/{axis}" for axis in "xyz"}
