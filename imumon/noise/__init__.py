@@ -28,8 +28,8 @@ The curve itself, with 95 % limits, what the model says of it and which octaves 
 (True, ())
 
 `averaged` says what a sample is: the true average over its interval (delta angle over its time), or a
-point sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`, a gap of unknown length is
-`cascade.break_()`. What is not known is None with a reason, never 0 and never NaN.
+point sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`, a gap of unknown
+length is `cascade.break_()`. What is not known is None with a reason, never 0 and never NaN.
 
 | module | what |
 |---|---|

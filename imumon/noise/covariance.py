@@ -132,7 +132,7 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     return _tables(span >> step << step, octaves, averaged)
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=32)
 def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
     stride = np.maximum(1, m // 8)

@@ -31,6 +31,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.choice import QUANTISATION, RAMP, Choice, choose
 from imumon.noise.covariance import TERMS, Tables, octaves_in, tables
 from imumon.noise.leastsquares import Problems, expected, solve, weigh
+from imumon.noise.outlook import seconds_to
 from imumon.noise.quantiles import chi2_quantile, normal_quantile
 from imumon.noise.readings import Readings, read_slopes
 from imumon.samples import Bools, Floats
@@ -46,7 +47,8 @@ _BOUND = -normal_quantile(0.961)
 _TWO_SIDED = normal_quantile(0.9783)
 _NARROW = 0.002  # a bound never falls below what moves the score by this much: it is never zero
 _OCTAVES_N, _OCTAVES = 3, 5
-_YEAR = 3.15576e7
+_AGREES = 5.0  # standard deviations
+_LEAST, _MOST = 1e-100, 1e100  # variances between which squares of them are numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +62,7 @@ class Coefficient:
     reason: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class TimeTo:
     """Seconds of record still to come until the asked precision; None when it will not come."""
 
@@ -173,15 +175,18 @@ class Estimator:
         ]
         fitted = _as_chosen(problems.take(np.array(due)), chosen)
         low, high, status, reasons = _limits(fitted, np.array([choice.p for choice in chosen]))
+        powers = np.array([choice.p for choice in chosen])
+        still = seconds_to(
+            fitted,
+            powers,
+            _half_widths(powers, low, high, status),
+            curve.span,
+            curve.tau0,
+            np.array([self.precision[name] for name in TERMS[:3]]),
+            averaged=self.averaged,
+        )
         for row, channel in enumerate(due):
-            times = _times(
-                fitted.take(slice(row, row + 1)),
-                chosen[row].p,
-                low[row],
-                high[row],
-                curve.span * curve.tau0,
-                self.precision,
-            )
+            times = TimeTo(*(None if math.isnan(s) else float(s) for s in still[row]))
             self._known[channel] = _Known(
                 curve.span, chosen[row], low[row], high[row], status[row], reasons[row], times
             )
@@ -229,7 +234,7 @@ def _problems(curve: AllanCurve, table: Tables) -> tuple[Problems, list[str | No
     k = table.full.size
     terms = curve.terms[:k].T
     variance = curve.avar[:k].T
-    used = (terms > 0) & (variance > 0.0) & np.isfinite(variance)
+    used = (terms > 0) & (variance > _LEAST) & (variance < _MOST)
     thinning = np.sqrt(table.full / np.maximum(terms, 1))
     reasons: list[str | None] = []
     for row in range(len(used)):
@@ -317,6 +322,13 @@ def _limits(
     )
 
 
+def _half_widths(p: Floats, low: Floats, high: Floats, status: list[tuple[Status, ...]]) -> Floats:
+    """(c, 3) 1, half-widths of N, B and K relative to their values; inf where not measured."""
+    seen = np.array([[word == "measured" for word in row] for row in status]) & (p[:, :3] > 0.0)
+    value = np.sqrt(np.where(seen, p[:, :3], 1.0))
+    return np.where(seen, (np.sqrt(np.where(seen, high, 0.0)) - np.sqrt(low)) / 2.0 / value, np.inf)
+
+
 def _reason(status: Status, octaves: int, need: int) -> str | None:
     if status == "measured":
         return None
@@ -325,51 +337,6 @@ def _reason(status: Status, octaves: int, need: int) -> str | None:
     if octaves < need:
         return f"{octaves} octaves, {need} are needed"
     return "the record is too short to bound it"
-
-
-def _times(
-    problem: Problems, p: Floats, low: Floats, high: Floats, seconds: float, precision: dict[str, float]
-) -> TimeTo:
-    """Time still needed to the asked precision, from the covariance of a longer record.
-
-    A record 2^q times as long looks, at its long octaves, like this one with N^2 smaller and K^2 larger by
-    2^q: the tables serve again. The q shortest octaves are forgone, which costs nothing that counts.
-    """
-    k = problem.used.shape[1]
-    out = ~problem.used[0]
-    longest = max(0, math.ceil(math.log2(max(_YEAR / seconds, 1.0))))
-    steps = np.arange(min(longest, max(k - 4, 0)) + 1)
-    scale = 2.0 ** steps[:, None]
-    powers = p * np.column_stack([1.0 / scale, scale**0, scale, 1.0 / scale**2, scale**2])
-    used = np.ones((steps.size, k), dtype=bool)
-    for row, step in enumerate(steps):
-        used[row, : k - step] &= ~out[step:]
-    longer = replace(problem.take(np.zeros(steps.size, dtype=np.int64)), used=used)
-    spread = intervals.deviations(longer, powers)[:, :3] / np.where(
-        powers[:, :3] > 0.0, powers[:, :3], np.nan
-    )
-    if problem.excess[0] == 0.0:  # the same octaves alone gain with the length of the record
-        spread = np.fmin(spread, spread[0] / np.sqrt(scale))
-    times: dict[str, float | None] = {}
-    for term, name in enumerate(TERMS[:3]):
-        value = math.sqrt(p[term])
-        asked = precision[name]
-        times[name] = None
-        if value == 0.0:
-            continue
-        if low[term] > 0.0 and math.sqrt(high[term]) - math.sqrt(low[term]) <= 2.0 * asked * value:
-            times[name] = 0.0
-            continue
-        width = _TWO_SIDED / 2.0 * spread[:, term]
-        reached = np.flatnonzero(width <= asked)
-        if not reached.size:
-            continue
-        at = int(reached[0])
-        step = float(at)
-        if at > 0 and np.isfinite(width[at - 1]) and 0.0 < width[at] < 0.999 * width[at - 1]:
-            step -= math.log(asked / width[at]) / math.log(width[at - 1] / width[at])
-        times[name] = seconds * max(2.0**step - 1.0, 0.0)
-    return TimeTo(**times)
 
 
 def _channel(
@@ -425,22 +392,17 @@ def _caveats(
 ) -> tuple[str, ...]:
     words = [] if choice.cured else ["misfit"]
     out = there & ~used
-    below = choice.p[QUANTISATION] < 0.0
+    below, agree = choice.p[QUANTISATION] < 0.0, True
     if np.any(out):
         z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
-        below = bool(z[np.argmax(np.abs(z))] < 0.0)
-    if _quantised(choice, below):
-        words.append("quantised")
+        below, agree = bool(z[np.argmax(np.abs(z))] < 0.0), bool(np.abs(z).max() < _AGREES)
+    if choice.p[QUANTISATION] > 0.0 and (below or agree):
+        words.append("quantised")  # rounding makes the shortest octaves too low, if anything
     elif np.any(out) or choice.p[QUANTISATION] != 0.0:
         words.append("correlated" if below else "vibration")
     if choice.free[RAMP]:
         words.append("ramp")
     return tuple(words)
-
-
-def _quantised(choice: Choice, below: bool) -> bool:
-    """Whether the 1/tau^2 term is quantisation: seen alone, or beside octaves that rounding makes too low."""
-    return bool(choice.p[QUANTISATION] > 0.0 and (choice.used[0] or below))
 
 
 def _nothing(octaves: int, reason: str) -> ChannelFit:

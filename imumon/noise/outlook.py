@@ -1,0 +1,116 @@
+"""Outlook: how much longer a record must become for a coefficient to be known as well as asked.
+
+The same covariance that gives the limits now gives them for a longer record of the same noise. For the next
+`NEAR` doublings of its length the tables are those of such records. Beyond, scale serves: a record 2^q
+times as long looks, at its long octaves, like the last of these with N^2 smaller and K^2 larger by 2^q, and
+the q shortest octaves are forgone. No record is worth less than its part: precision grows at least as the
+square root of the length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from imumon.noise.covariance import octaves_in, tables
+from imumon.noise.intervals import deviations
+from imumon.noise.leastsquares import Problems
+from imumon.samples import Bools, Floats
+
+NEAR = 6
+_YEAR = 3.15576e7
+
+
+def seconds_to(
+    problems: Problems, p: Floats, wide: Floats, span: int, tau0: float, asked: Floats, *, averaged: bool
+) -> Floats:
+    """Seconds still to record until the half-widths of N, B and K are as asked.
+
+    Parameters
+    ----------
+    problems : (b) the channels as they are fitted now.
+    p : (b, 5) powers in units of tau0.
+    wide : (b, 3) 1, half-widths of N, B and K now, relative to the value; inf where not measured.
+    span : samples, length of the record.
+    asked : (3,) 1, relative half-widths.
+
+    Returns
+    -------
+    (b, 3) s; nan where it will not come within a year.
+    """
+    lengths, spread = _spreads(problems, p, span, averaged)
+    plain = problems.excess == 0.0
+    since = np.sqrt(lengths / lengths[0])
+    spread[plain] = np.fmin(spread[plain], spread[plain, :1] / since[:, None])
+    # the limits now are the anchor: what is relative to them is what the covariance foretells
+    told = np.isfinite(wide) & (spread[:, 0] > 0.0) & np.isfinite(spread[:, 0])
+    quantile = np.where(told, wide, 2.0) / np.where(told, spread[:, 0], 1.0)
+    width = spread * np.clip(quantile, 0.5, 3.0)[:, None, :]
+    found = np.full((len(p), 3), np.nan)
+    for channel, term in np.argwhere(p[:, :3] > 0.0):
+        if wide[channel, term] <= asked[term]:
+            found[channel, term] = 0.0
+            continue
+        reached = np.flatnonzero(width[channel, 1:, term] <= asked[term]) + 1
+        if reached.size:
+            at = int(reached[0])
+            length = _crossing(
+                lengths[at - 1 : at + 1], width[channel, at - 1 : at + 1, term], float(asked[term])
+            )
+            found[channel, term] = max(length - span, 0.0) * tau0
+    return np.where(np.nan_to_num(found, nan=np.inf) < _YEAR, found, np.nan)
+
+
+def _spreads(problems: Problems, p: Floats, span: int, averaged: bool) -> tuple[Floats, Floats]:
+    """Lengths of records, (s,) samples, and relative deviations of the powers then, (b, s, 3)."""
+    lengths, found = [float(span)], [_relative(problems, p)]
+    out = ~problems.used
+    longest = problems
+    for doubling in range(1, NEAR + 1):
+        length = 1 << (span.bit_length() + doubling - 1)
+        octaves = octaves_in(length)
+        used = np.ones((len(p), octaves), dtype=bool)
+        used[:, : out.shape[1]] = ~out | _not_yet(problems)
+        longest = replace(
+            problems,
+            tables=tables(length, octaves, averaged=averaged),
+            variance=np.ones(used.shape),
+            thinning=np.ones(used.shape),
+            used=used,
+        )
+        lengths.append(float(length))
+        found.append(_relative(longest, p))
+    k = longest.used.shape[1]
+    for step in range(1, k - 6):
+        scale = 2.0**step
+        used = np.ones_like(longest.used)
+        used[:, : k - step] = longest.used[:, step:]
+        powers = p * np.array([1.0 / scale, 1.0, scale, 1.0 / scale**2, scale**2])
+        lengths.append(lengths[NEAR] * scale)
+        found.append(_relative(replace(longest, used=used), powers))
+    return np.array(lengths), np.stack(found, axis=1)
+
+
+def _not_yet(problems: Problems) -> Bools:
+    """Octaves that are not left out but have no difference yet."""
+    k = problems.used.shape[1]
+    last = k - 1 - np.argmax(problems.used[:, ::-1], axis=1)
+    return np.asarray(np.arange(k) > last[:, None])
+
+
+def _relative(problems: Problems, p: Floats) -> Floats:
+    """(b, 3) relative standard deviations of N, B, K: half of those of their squares; inf without."""
+    spread = deviations(problems, p)[:, :3]
+    return np.asarray(
+        np.where(p[:, :3] > 0.0, spread / (2.0 * np.where(p[:, :3] > 0.0, p[:, :3], 1.0)), np.inf)
+    )
+
+
+def _crossing(length: Floats, width: Floats, asked: float) -> float:
+    """Length at which the width passes what is asked, on logarithmic scales."""
+    if not np.isfinite(width[0]) or width[0] <= asked or width[1] >= width[0]:
+        return float(length[1])
+    part = math.log(width[0] / asked) / math.log(width[0] / width[1])
+    return float(length[0] * (length[1] / length[0]) ** part)
