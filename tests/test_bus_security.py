@@ -34,6 +34,19 @@ def test_only_those_with_a_password_get_in(tmp_path: Path) -> None:
         assert not gets(place, timeout=0.4)
 
 
+def test_the_own_name_and_those_of_the_file_get_in(tmp_path: Path) -> None:
+    users = tmp_path / "users"
+    users.write_bytes(b"ann:s\xc3\xa4cret\n")
+    with stage() as start:
+        place = f"tcp/127.0.0.1:{free_port()}"
+        settings = {"users_file": str(users), "user": "bob", "password": "other"}
+        start("daemon", listen=[place], **settings).ready()
+        assert gets(place, timeout=5.0, user="bob", password="other")
+        assert gets(place, timeout=5.0, user="ann", password="säcret")
+    with pytest.raises(BusError, match="without a colon"):
+        Publisher("a", listen=[place], settings=Options(user="a:b", password="c"))
+
+
 def test_one_name_in_a_shared_file_of_settings_serves_both_ends() -> None:
     with stage() as start:
         place = f"tcp/127.0.0.1:{free_port()}"

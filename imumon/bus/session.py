@@ -18,6 +18,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import zenoh
@@ -35,7 +36,6 @@ _FIXED = ("mode", "listen", "connect", "access_control")  # have settings of the
 _BIGGEST_MESSAGE = 16 * 1024 * 1024  # bytes; a report takes some tens of kB
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _NET_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
-
 
 T = TypeVar("T")
 
@@ -282,11 +282,16 @@ def _users(options: Options, listens: bool) -> Iterator[str]:
     if not listens or not options.user:
         yield options.users_file if listens else ""
         return
-    lines = f"{options.user}:{options.password}\n"
-    if options.users_file:
-        with open(options.users_file, encoding="utf-8") as others:
-            lines += others.read()
-    with tempfile.NamedTemporaryFile("w", prefix="imumon-", encoding="utf-8") as file:  # mode 0600
+    if ":" in options.user or "\n" in options.user + options.password:
+        raise BusError("zenoh.user: without a colon, please, and all on one line")
+    lines = f"{options.user}:{options.password}\n".encode()
+    try:
+        if options.users_file:
+            lines += Path(options.users_file).read_bytes()
+        file = tempfile.NamedTemporaryFile(prefix="imumon-")  # mode 0600  # noqa: SIM115
+    except OSError as error:
+        raise BusError(f"zenoh.user: the list of users cannot be kept: {error.strerror}") from None
+    with file:
         file.write(lines)
         file.flush()
         yield file.name
