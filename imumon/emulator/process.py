@@ -45,12 +45,17 @@ class EmulatorProcess:
         ------
         ValueError
             The emulator does not know the command.
+        ConnectionError
+            It has gone.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()
-        answer: dict[str, Any] = json.loads(self._process.stdout.readline())
+        line = self._process.stdout.readline()
+        if not line:
+            raise ConnectionError("the emulator has gone")
+        answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise ValueError(answer["error"])
         return answer
