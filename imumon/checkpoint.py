@@ -111,6 +111,11 @@ class Checkpoint:
         self._closing = False
         self._thread: threading.Thread | None = None
 
+    @property
+    def there(self) -> bool:
+        """Whether there is a state, of either generation."""
+        return self.path.exists() or self.previous.exists()
+
     def load(self) -> tuple[State | None, list[str]]:
         """Newest state that can be read, and what had to be set aside on the way, in words."""
         said: list[str] = []
@@ -124,17 +129,25 @@ class Checkpoint:
         return None, said
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:
-        """Move the state to a name of its own: ``DEVICE.REASON-N.state``."""
-        source = path or self.path
+        """Move the state to a name of its own: ``DEVICE.REASON-N.state``.
+
+        Raises
+        ------
+        StateError : it cannot be moved.
+        """
+        source = path or (self.path if self.path.exists() else self.previous)
         stem = self.path.name.removesuffix(".state")
         for number in range(1, 10_000):
             aside = self.path.with_name(f"{stem}.{reason}-{number}.state")
             if not aside.exists():
                 break
-        if source.exists():
-            source.rename(aside)
-        if path is None and self.previous.exists():
-            self.previous.unlink()
+        try:
+            if source.exists():
+                source.rename(aside)
+            if path is None:
+                self.previous.unlink(missing_ok=True)
+        except OSError as error:
+            raise StateError(f"{source} cannot be set aside: {error.strerror}") from None
         return aside
 
     def save(self, state: State) -> None:
@@ -146,14 +159,19 @@ class Checkpoint:
                 self._thread.start()
             self._wake.notify_all()
 
-    def close(self, state: State | None = None, timeout_s: float = 10.0) -> None:
+    def settle(self, timeout_s: float = 5.0) -> bool:
+        """Wait until what was handed over is written, or could not be; False when it takes too long."""
+        with self._wake:
+            return self._wake.wait_for(lambda: self._next is None and not self._busy, timeout_s)
+
+    def close(self, state: State | None = None, timeout_s: float = 5.0) -> None:
         """Write the last state, wait for the disk, let go of the lock."""
         if state is not None:
             self.save(state)
         with self._wake:
             self._closing = True
             self._wake.notify_all()
-            self._wake.wait_for(lambda: self._next is None and not self._busy, timeout_s)
+        self.settle(timeout_s)
         os.close(self._lock)
 
     def _write_all(self) -> None:
@@ -167,18 +185,23 @@ class Checkpoint:
             try:
                 self._write(encode(state))
                 self.failed, self.saved = None, self.saved + 1
-            except OSError as error:
-                self.failed = f"{self.path.parent}: {error.strerror}"
+            except Exception as error:  # whatever it is, the next save gets its chance
+                why = error.strerror if isinstance(error, OSError) else str(error)
+                self.failed = f"{self.path.parent}: {why or type(error).__name__}"
             with self._wake:
                 self._busy = False
                 self._wake.notify_all()
 
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")
-        with open(new, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with open(new, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            new.unlink(missing_ok=True)  # half a file on a full disk helps nobody
+            raise
         if self.path.exists():
             os.replace(self.path, self.previous)
         os.replace(new, self.path)

@@ -93,7 +93,7 @@ class _Run:
         rate = task.rate_hz or _number(header.get("rate_hz"))
         self.monitor = Monitor(Wanted(guarded=task.guarded, baseline=task.baseline), rate_hz=rate)
         self.device = report.Device(
-            id=f"vn100-{header['serial']}" if header.get("serial") else "replay",
+            id=header.get("id") or (f"vn100-{header['serial']}" if header.get("serial") else "replay"),
             model=header.get("model"),
             serial=header.get("serial"),
             firmware=header.get("firmware"),
@@ -128,7 +128,9 @@ class _Run:
             received_bytes=decoder.fed,
         )
         stream = self.monitor.stream
+        noted = (self.recording.header or {}).get("caveats", ())
         caveats = ("compensated",) if stream is not None and stream.kind == "compensated" else ()
+        caveats = tuple(dict.fromkeys((*noted, *caveats)))
         return self.monitor.report(datetime.now(UTC), self.device, state, session, device_caveats=caveats)
 
     def verdict(self) -> str:

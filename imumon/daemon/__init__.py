@@ -37,6 +37,9 @@ RETRY_S = 0.5
 STALE_S = 2.0
 INTERRUPTED = ("reopened", "baud", "reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
+GATHER_S = 0.1
+EARLY_BYTES = 1 << 20
+"""Bytes after which a recording begins even though nothing of the stream is known yet."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -80,19 +83,17 @@ class Daemon:
         self._notifier = Notifier()
         precision = settings.report
         rate = device.rate_hz or None
-        self._monitor = Monitor(
-            Watched(
-                guarded=settings.guards.enabled,
-                precision={
-                    "N": precision.precision_n,
-                    "B": precision.precision_b,
-                    "K": precision.precision_k,
-                },
-                period_s=precision.period_s,
-                baseline=task.baseline,
-            ),
-            rate_hz=rate,
+        self._watched = Watched(
+            guarded=settings.guards.enabled,
+            precision={
+                "N": precision.precision_n,
+                "B": precision.precision_b,
+                "K": precision.precision_k,
+            },
+            period_s=precision.period_s,
+            baseline=task.baseline,
         )
+        self._monitor = Monitor(self._watched, rate_hz=rate)
         wanted = Wanted(
             stream=device.stream,
             listen_only=device.listen_only,
@@ -113,6 +114,9 @@ class Daemon:
         self._state: report.State = "starting"
         self._started: str | None = None
         self._streams: set[Stream] = set()
+        self._early = bytearray()  # bytes that came before the stream was known, for the recording
+        self._recorded = False
+        self._read_at = 0.0
 
     def run(self) -> Outcome:
         """Read until a signal comes or the time is over.
@@ -158,14 +162,13 @@ class Daemon:
         """The sensor is known for the first time: who it is decides the keys and the state."""
         name = self.settings.device.id or facts.id
         self._bus = Publisher(name, settings=self.settings.zenoh)
-        self._keeping = Keeping(self.task.state_directory, self._bus.id, facts, self._monitor, self.task)
-        for text in self._keeping.said:
-            self._tell("state", text, "warning")
-        self._started = self._keeping.started
+        self._keeping = Keeping(self.task.state_directory, self._bus.id, facts.id, self._monitor, self.task)
         assert self._link.session is not None
         self._keeping.remember(self._link.session)
         self._facts = self._link.session.configure()
-        self._record()
+        for text in self._keeping.take_up(self._facts):
+            self._tell("state", text, "warning")
+        self._started = self._keeping.started
         self.log.say(f"reading {self._who()} on {self._facts.port} at {self._facts.baud} baud")
         self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
         for remark in self._facts.remarks:
@@ -173,24 +176,38 @@ class Daemon:
         self._tell("connect", f"{self._who()} on {self._facts.port}", "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
 
-    def _record(self) -> None:
-        """Begin the recording, if one is wanted."""
+    def _record(self, data: bytes) -> None:
+        """Keep the raw bytes, if that is wanted; it begins when the stream is known, with the first byte."""
         wanted, facts = self.settings.record, self._facts
         if not wanted.file or facts is None:
             return
-        header = {
-            "time": report.stamp(datetime.now(UTC)),
-            "model": facts.model,
-            "serial": facts.serial,
-            "firmware": facts.firmware,
-            "stream": facts.stream,
-            "rate_hz": facts.sample_rate_hz,
-            "alias_factor": facts.alias_factor,
-            "settings": dict(facts.settings),
-        }
-        self._recorder = Recorder(
-            wanted.file, header, rotate_bytes=int(wanted.rotate_mb * 1e6), compress=wanted.gzip
-        )
+        if self._recorder is None and not self._recorded:
+            self._early += data
+            if not self._monitor.samples and len(self._early) < EARLY_BYTES:
+                return
+            data, self._early, self._recorded = bytes(self._early), bytearray(), True
+            header = {
+                "time": report.stamp(datetime.now(UTC)),
+                "id": self._bus.id if self._bus else facts.id,
+                "model": facts.model,
+                "serial": facts.serial,
+                "firmware": facts.firmware,
+                "stream": facts.stream,
+                "rate_hz": self._monitor.rate_hz,
+                "alias_factor": facts.alias_factor,
+                "caveats": facts.caveats,
+                "settings": dict(facts.settings),
+            }
+            try:
+                self._recorder = Recorder(
+                    wanted.file, header, rotate_bytes=int(wanted.rotate_mb * 1e6), compress=wanted.gzip
+                )
+            except SourceError as error:
+                if not self._notifier.listens:
+                    raise
+                self._tell("recording", str(error), "error")
+        if self._recorder is not None:
+            self._recorder.write(data)
 
     # ------------------------------------------------------------------ the loop
 
@@ -201,6 +218,7 @@ class Daemon:
             self._reconnect()
             return
         try:
+            self._gather()
             data = session.read(BEAT_S)
             self._heard(data)
             self._take(data)
@@ -212,6 +230,12 @@ class Daemon:
         except (PortGone, SensorChanged) as error:
             self._lose(str(error))
         self._duties()
+
+    def _gather(self) -> None:
+        """Let bytes gather in the queue: work by the block costs a fraction of work by the packet."""
+        if self._state == "running" and self.task.speed == 1.0:
+            time.sleep(max(0.0, min(GATHER_S, self._read_at + GATHER_S - time.monotonic())))
+        self._read_at = time.monotonic()
 
     def _heard(self, data: bytes) -> None:
         """Whether the sensor is silent; it is not while the daemon itself is busy."""
@@ -231,8 +255,6 @@ class Daemon:
         session = self._link.session
         if not data or session is None:
             return
-        if self._recorder is not None:
-            self._recorder.write(data)
         for item in session.decode(data):
             if not isinstance(item, SampleBlock):
                 continue
@@ -242,6 +264,10 @@ class Daemon:
                 if self._monitor.rate_hz is None:
                     self._monitor.rate_hz = self._facts.sample_rate_hz
             self._monitor.feed(item)
+            if self._monitor.refused is not None and self._keeping is not None:
+                self._tell("state", self._keeping.refuse() or "", "warning")
+                self._started = None
+        self._record(data)
         if self._monitor.samples and data:
             self._arrived()
 
@@ -277,7 +303,16 @@ class Daemon:
         away = time.monotonic() - self._lost_at
         self._monitor.gap(away * self.task.speed)
         self._streams.clear()
+        if self._keeping.differing(self._facts) and self._monitor.samples:
+            self._begin_anew(self._facts)
         self._tell("connect", f"{self._who()} is back on {self._facts.port} after {away:.1f} s", "info")
+
+    def _begin_anew(self, facts: Facts) -> None:
+        """The sensor came back with other settings: another record."""
+        assert self._keeping is not None
+        self._monitor = Monitor(self._watched, rate_hz=self.settings.device.rate_hz or None)
+        self._tell("state", self._keeping.begin_anew(facts, self._monitor, self._session()), "warning")
+        self._started = None
 
     def _pause(self, seconds: float) -> None:
         until = time.monotonic() + seconds

@@ -9,6 +9,9 @@ killed leaves that file behind, and the next one puts the sensor back in order a
 from __future__ import annotations
 
 import json
+import os
+import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -23,7 +26,10 @@ from imumon.sensors.vn100.session import Facts
 from imumon.sensors.vn100.session import Session as Sensor
 
 COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
-DATA_REGISTERS = ("23", "25", "26", "35", "44", "82", "84", "85")
+DATA_REGISTERS = ("23", "25", "26", "35", "43", "44", "82", "84", "85")
+"""Registers, by number, that change what the samples mean. The outputs are not among them: they make
+another stream, which the monitor sees by itself."""
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 class Run(Protocol):
@@ -38,49 +44,89 @@ class Run(Protocol):
 class Keeping:
     """State of one device on disk.
 
+    Parameters
+    ----------
+    directory : where the states live; made if it is not there.
+    device : name of the device.
+    identity : name of the sensor itself, whatever the device is called.
+
     Attributes
     ----------
-    said : what had to be decided at the start, in words.
     started : when the record began, None for a new one.
+
+    Raises
+    ------
+    StateError : the directory cannot be written, or another daemon holds this device's state.
     """
 
-    def __init__(self, directory: Path, device: str, facts: Facts, monitor: Monitor, run: Run) -> None:
+    def __init__(self, directory: Path, device: str, identity: str, monitor: Monitor, run: Run) -> None:
         self._checkpoint = Checkpoint(directory, device)
-        self._found = directory / f"{device}.found.json"
+        self._found = directory / f"{identity}.found.json"
+        self._noted = False
         self._monitor = monitor
-        self._serial = facts.serial
-        self._speed = run.speed
+        self._run = run
+        self._serial: str | None = None
+        self._settings: dict[str, str] = {}
         self._before = Session()
         self._complained: str | None = None
         self.started: str | None = None
-        if run.fresh:
-            self.said = []
-            if self._checkpoint.path.exists():
-                self.said.append(f"started anew; the old state is {self._checkpoint.set_aside('old').name}")
-            return
-        state, self.said = self._checkpoint.load()
-        if state is not None:
-            self._take_up(state)
 
-    def _take_up(self, state: State) -> None:
+    def take_up(self, facts: Facts) -> list[str]:
+        """Have the monitor go on with the kept record, if it is one of this sensor as it is set now.
+
+        Returns
+        -------
+        What had to be decided, in words.
+        """
+        self._serial, self._settings = facts.serial, data_settings(facts)
+        if self._run.fresh:
+            if not self._checkpoint.there:
+                return []
+            return [f"started anew; the old state is {self._checkpoint.set_aside('old').name}"]
+        state, said = self._checkpoint.load()
+        if state is not None:
+            said.append(self._take_up(state))
+        return said
+
+    def _take_up(self, state: State) -> str:
         meta = state.meta
         if meta.get("serial") != self._serial:
-            self._refuse("other-sensor", f"of another sensor, {meta.get('serial')}")
-            return
+            return self._refuse("other-sensor", f"of another sensor, {meta.get('serial')}")
+        if changed := differing(meta.get("settings", {}), self._settings):
+            return self._refuse("other-settings", f"of other settings, {'; '.join(changed)}")
         try:
-            away = (datetime.now(UTC) - datetime.fromisoformat(meta["saved"])).total_seconds()
-            self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._speed)
-        except (KeyError, ValueError, TypeError, AssertionError):
-            self._refuse("unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}")
-            return
+            away = _since(meta)
+            self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
+            return self._refuse(
+                "unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}"
+            )
         self.started = meta.get("started")
         counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
         counted["restarts"] += 1
         self._before = Session(**counted)
-        self.said.append(f"the record of {meta['saved']} goes on")
+        return f"the record of {meta['saved']} goes on"
 
-    def _refuse(self, name: str, why: str) -> None:
-        self.said.append(f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, begun anew")
+    def _refuse(self, name: str, why: str) -> str:
+        self.started, self._before = None, Session()
+        return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, begun anew"
+
+    def refuse(self) -> str | None:
+        """Set aside a record that the stream does not go on with, once that shows; in words."""
+        why, self._monitor.refused = self._monitor.refused, None
+        return None if why is None else self._refuse("other-stream", why)
+
+    def differing(self, facts: Facts) -> list[str]:
+        """Settings that are not what the record was made with, in words."""
+        return differing(self._settings, data_settings(facts))
+
+    def begin_anew(self, facts: Facts, monitor: Monitor, session: Session) -> str:
+        """Set the record aside as it is and keep another one; what was done, in words."""
+        self.save(session, self.started)
+        self._checkpoint.settle()
+        changed = "; ".join(self.differing(facts))
+        self._monitor, self._settings = monitor, data_settings(facts)
+        return self._refuse("other-settings", f"of other settings, {changed}")
 
     def remember(self, sensor: Sensor) -> None:
         """Note the sensor's own settings before they are changed."""
@@ -88,12 +134,18 @@ class Keeping:
         with suppress(OSError, ValueError):
             saved = json.loads(self._found.read_text())
         found = sensor.remember(saved)
-        with suppress(OSError):
-            self._found.write_text(json.dumps(found))
+        if found:  # nothing of a sensor that is only listened to: what an earlier run noted stays
+            with suppress(OSError):
+                new = self._found.with_suffix(".new")
+                new.write_text(json.dumps(found))
+                os.replace(new, self._found)
+            self._noted = True
 
     def forget(self) -> None:
         """The sensor has its settings back."""
-        self._found.unlink(missing_ok=True)
+        if self._noted:
+            with suppress(OSError):
+                self._found.unlink(missing_ok=True)
 
     def added_up(self, session: Session) -> Session:
         """Counters with those of the runs before."""
@@ -102,10 +154,6 @@ class Keeping:
 
     def save(self, session: Session, started: str | None) -> None:
         """Hand the state over to be written."""
-        if (why := self._monitor.refused) is not None:
-            self._monitor.refused = None
-            self._before = Session()
-            self._refuse("other-stream", why)
         self._checkpoint.save(self._state(session, started))
 
     def close(self, session: Session, started: str | None) -> None:
@@ -125,9 +173,41 @@ class Keeping:
         whole: dict[str, Any] = {
             "version": __version__,
             "serial": self._serial,
+            "settings": self._settings,
             "started": started,
             "saved": stamp(datetime.now(UTC)),
+            "boot": _boot(),
+            "uptime_s": time.clock_gettime(time.CLOCK_BOOTTIME),
             "session": {name: getattr(session, name) for name in COUNTERS},
             "monitor": meta,
         }
         return State(whole, dict(arrays))
+
+
+def data_settings(facts: Facts) -> dict[str, str]:
+    """Registers of `DATA_REGISTERS` as far as they are known, ``"85 IMU filtering"`` to its text."""
+    return {name: text for name, text in facts.settings.items() if name.split()[0] in DATA_REGISTERS}
+
+
+def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
+    """Registers that both know and that are not the same, in words.
+
+    >>> differing({"85 IMU filtering": "0"}, {"85 IMU filtering": "4", "23 magnetometer": "1"})
+    ['85 IMU filtering 0, now 4']
+    """
+    return [f"{k} {one[k]}, now {other[k]}" for k in one if k in other and one[k] != other[k]]
+
+
+def _boot() -> str | None:
+    """What names this boot of the machine, None where that is hidden."""
+    try:
+        return _BOOT.read_text().strip()
+    except OSError:
+        return None
+
+
+def _since(meta: Mapping[str, Any]) -> float:
+    """Seconds since a state was saved: by a clock that nobody sets, or by the calendar after a reboot."""
+    if meta.get("boot") is not None and meta["boot"] == _boot():
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - float(meta["uptime_s"])
+    return (datetime.now(UTC) - datetime.fromisoformat(meta["saved"])).total_seconds()
