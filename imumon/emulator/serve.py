@@ -12,14 +12,12 @@ import json
 import os
 import select
 import signal as signals
-import socket
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
+from imumon.emulator.control import Control
 from imumon.emulator.device import Device
 from imumon.emulator.faults import Faults
 from imumon.emulator.impostor import Impostor
@@ -224,60 +222,9 @@ class Emulator:
         return self.counters()
 
 
-class Control:
-    """Lines of commands on standard input or on a socket; each is answered by a line of JSON."""
-
-    def __init__(self, where: str | None) -> None:
-        self._server: socket.socket | None = None
-        self._inputs: dict[int, tuple[int, bytearray]] = {}
-        self._clients: dict[int, socket.socket] = {}
-        self._path = where if where not in (None, "-") else None
-        self.ended = False
-        if where == "-":
-            self._inputs[sys.stdin.fileno()] = (sys.stdout.fileno(), bytearray())
-        elif where is not None:
-            if Path(where).is_socket():
-                Path(where).unlink()
-            self._server = socket.socket(socket.AF_UNIX)
-            self._server.bind(where)
-            self._server.listen()
-
-    @property
-    def descriptors(self) -> list[int]:
-        return [*self._inputs, *([self._server.fileno()] if self._server is not None else [])]
-
-    def lines(self, ready: list[int]) -> Iterator[tuple[str, int]]:
-        """Commands that came, each with the descriptor for its answer."""
-        if self._server is not None and self._server.fileno() in ready:
-            client, _ = self._server.accept()
-            self._clients[client.fileno()] = client
-            self._inputs[client.fileno()] = (client.fileno(), bytearray())
-        for descriptor in [d for d in self._inputs if d in ready]:
-            answer, held = self._inputs[descriptor]
-            try:
-                data = os.read(descriptor, 4096)
-            except OSError:
-                data = b""
-            if not data:
-                del self._inputs[descriptor]
-                gone = self._clients.pop(descriptor, None)
-                if gone is None:
-                    self.ended = True
-                else:
-                    gone.close()
-                continue
-            held += data
-            *whole, rest = held.split(b"\n")
-            held[:] = rest
-            for line in filter(None, whole):
-                yield line.decode("utf-8", "replace"), answer
-
-    def close(self) -> None:
-        for client in self._clients.values():
-            client.close()
-        if self._server is not None and self._path is not None:
-            self._server.close()
-            Path(self._path).unlink(missing_ok=True)
+def _refuse(why: str) -> int:
+    print(f"imumon sim: {why}", file=sys.stderr)
+    return 2
 
 
 def run(settings: EmulatorSettings) -> int:
@@ -289,14 +236,16 @@ def run(settings: EmulatorSettings) -> int:
     for number in (signals.SIGTERM, signals.SIGINT, signals.SIGHUP):
         signals.signal(number, lambda received, _: stop.append(received))
     try:
-        control = Control(settings.control)
         emulator = Emulator(settings, time.monotonic())
     except ValueError as error:
-        print(f"imumon sim: {error}", file=sys.stderr)
-        return 2
+        return _refuse(str(error))
     except OSError as error:
-        print(f"imumon sim: {settings.link or settings.control}: {error.strerror}", file=sys.stderr)
-        return 2
+        return _refuse(f"--link {settings.link}: {error.strerror}")
+    try:
+        control = Control(settings.control)
+    except OSError as error:
+        emulator.close()
+        return _refuse(f"--control {settings.control}: {error.strerror}")
     print(emulator.terminal.path, flush=True)
     again, ready = 0.0, list[int]()
     try:
