@@ -32,7 +32,7 @@ from imumon.noise.choice import QUANTISATION, RAMP, Choice, choose
 from imumon.noise.covariance import TERMS, Tables, octaves_in, tables
 from imumon.noise.leastsquares import Problems, expected, solve, weigh
 from imumon.noise.outlook import seconds_to
-from imumon.noise.quantiles import chi2_quantile, normal_quantile
+from imumon.noise.quantiles import chi2_quantile, few_differences_quantile, normal_quantile
 from imumon.noise.readings import Readings, read_slopes
 from imumon.samples import Bools, Floats
 
@@ -349,7 +349,7 @@ def _channel(
     there = curve.terms[:k, channel] > 0
     sigma = curve.sigma[:k, channel]
     low = np.where(there, sigma * np.sqrt(edf / chi2_quantile(0.975, edf)), 0.0)
-    high = np.where(there, sigma * np.sqrt(edf / chi2_quantile(0.025, edf)), 0.0)
+    high = np.where(there, sigma / np.sqrt(few_differences_quantile(edf)), 0.0)
     choice = known.choice
     clear = there & (sigma > 0.0)
     caveats = _caveats(replace(choice, p=p), used, there, sigma**2, model, edf)
