@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.noise.allan import OctaveCascade
 from imumon.noise.drift import Drift, Trend
 from imumon.noise.synthesis import synthesise
 from imumon.noise.wander import Wander
@@ -65,6 +66,33 @@ def test_temperature_explains_what_follows_it() -> None:
     assert second.temperature is not None
     assert not second.temperature.significant
     assert abs(second.temperature.value) < 4 * second.temperature.error
+
+
+def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None:
+    n, rng = 72_000, np.random.default_rng(4)
+    hours = np.arange(n) / RATE / 3600
+    degrees = 25.0 + 4.0 * np.sin(2 * np.pi * 1.3 * hours) + 0.01 * rng.standard_normal(n)
+    steady = synthesise(n, RATE, N=[1e-4] * 3, B=2e-5, K=1e-8, seed=6)
+    values = steady + np.array([3e-4, 3e-4, 0.0]) * degrees[:, None]
+    curves = []
+    for each in (steady, values):
+        cascade = OctaveCascade(3, 1 / RATE)
+        cascade.update(each)
+        curves.append(cascade.result())
+    drift = Drift((0, 0, 0, 1), RATE, temperature=3)
+    drift.update(np.column_stack((values, degrees)))
+    wander = Wander(1e-4, 2e-5, 1e-7)
+    found = drift.without_temperature(curves[1], drift.result([wander] * 3 + [None]))
+    assert found is not None
+    before, truth, after = curves[1].sigma, curves[0].sigma, found.sigma
+    long = (curves[1].tau > 60) & (curves[1].tau < 1000)
+    assert (before[long, :2] / truth[long, :2]).max() > 5.0
+    np.testing.assert_allclose(after[long, :2], truth[long, :2], rtol=0.25)
+    np.testing.assert_allclose(after[:6], before[:6], rtol=1e-3)
+    np.testing.assert_array_equal(after[:, 2], before[:, 2])
+    drift = Drift((0, 0, 0, 1), RATE, temperature=3)
+    drift.update(np.column_stack((steady, degrees)))
+    assert drift.without_temperature(curves[0], drift.result([wander] * 3 + [None])) is None
 
 
 def test_a_constant_temperature_says_nothing() -> None:

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.noise.allan import AllanCurve
 from imumon.noise.wander import Wander
 from imumon.samples import Bools, Floats
 
@@ -166,6 +167,52 @@ class Drift:
         beyond = total - white
         explained = min(1.0, max(0.0, (total - rest) / beyond)) if beyond > 0.1 * total else None
         return Trend(time, slope, explained)
+
+    def without_temperature(self, curve: AllanCurve, trends: Sequence[Trend | None]) -> AllanCurve | None:
+        """The Allan curve as it would be if the temperature had stood still.
+
+        At long tau, where temperature acts, each variance is scaled by what is left of the variance of the
+        means kept here, once slope times temperature is subtracted. None where no channel follows the
+        temperature significantly.
+
+        Parameters
+        ----------
+        curve : of the first channels.
+        trends : of the channels, from `result`.
+        """
+        avar = curve.avar.copy()
+        changed = False
+        for c, trend in enumerate(trends[: avar.shape[1]]):
+            if trend is not None and trend.temperature is not None and trend.temperature.significant:
+                avar[:, c] *= self._left(c, trend.temperature.value, curve.tau)
+                changed = True
+        return replace(curve, avar=avar) if changed else None
+
+    def _left(self, c: int, slope: float, tau: Floats) -> Floats:
+        """(k,) Share of the Allan variance at tau, s, that does not follow the temperature."""
+        assert self._temperature is not None
+        series = np.full((2, NODES), np.nan)  # the channel, and the channel less what follows the temperature
+        at, mean, _ = self._nodes(c)
+        series[:, at] = mean
+        degrees = np.full(NODES, np.nan)
+        warm, value, _ = self._nodes(self._temperature)
+        degrees[warm] = value
+        series[1] -= slope * degrees
+        series[0, np.isnan(series[1])] = np.nan
+        width, m, known, left = self._width / self._rate, 1, [], []
+        while 3 * m <= len(at):
+            steps = series[:, m:] - series[:, :-m]
+            ok = np.isfinite(steps[0])
+            if ok.sum() >= 2 and (power := np.square(steps[:, ok]).sum(axis=1))[0] > 0.0:
+                known.append(m * width)
+                left.append(min(1.0, float(power[1] / power[0])))
+            series = 0.5 * (series[:, m:] + series[:, :-m])
+            m *= 2
+        if not known:
+            return np.ones_like(tau)
+        share = np.exp(np.interp(np.log(tau), np.log(known), np.log(np.maximum(left, 1e-12))))
+        # Below the shortest stretch temperature is a ramp, whose share of white noise grows with tau^3.
+        return np.where(tau < known[0], 1.0 - (1.0 - left[0]) * (tau / known[0]) ** 3, share)
 
     def slope(self, c: int, wander: Wander, begin_s: float = 0.0, end_s: float = math.inf) -> Slope | None:
         """Slope of a channel over part of the record, channel unit per s; None where too little is known.
