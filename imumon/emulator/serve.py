@@ -157,6 +157,10 @@ class Emulator:
             return [], []
         return self.terminal.descriptors, [self.terminal.master] if self.terminal.waiting else []
 
+    @property
+    def baud(self) -> int:
+        return self._device.baud
+
     def close(self) -> None:
         """Take the terminal away."""
         if self._plugged:
@@ -182,7 +186,7 @@ class Emulator:
             "bytes": self.terminal.sent_bytes,
             "ticks": self._device.sensor.tick,
             "restarts": self._device.restarts,
-            "baud": self._device.baud,
+            "baud": self.baud,
             "path": self.terminal.path,
         }
 
@@ -246,6 +250,8 @@ def run(settings: EmulatorSettings) -> int:
     except OSError as error:
         emulator.close()
         return _refuse(f"--control {settings.control}: {error.strerror}")
+    if emulator.baud != (settings.baud or FACTORY_BAUD):
+        print(f"imumon sim: {settings.rate:g} Hz needs {emulator.baud} baud", file=sys.stderr)
     print(emulator.terminal.path, flush=True)
     again, ready = 0.0, list[int]()
     try:
