@@ -111,6 +111,14 @@ def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
         assert found.counts == tuple(counted.tolist())
 
 
+def test_one_absurd_value_costs_resolution_only() -> None:
+    values = rng().standard_normal(10_000)
+    values[5000] = 1e30
+    result = shape(values, 100)
+    assert sum(result.counts) == 10_000
+    assert result.counts[-1] == 1
+
+
 def test_save_and_restore_continue_identically() -> None:
     values = rng().standard_normal((5000, 2))
     whole = Histogram((0, 1))

@@ -134,22 +134,23 @@ class Histogram:
         """Count (c, n) values of these channels."""
         if not self._begun[channels].all():
             self._make_room(channels, x.min(axis=1), x.max(axis=1))
-        bins = self._bins(channels, x)
-        if bins.min() < 0 or bins.max() >= BINS:
+        place = self._places(channels, x)
+        if place.min() < 0.0 or place.max() >= BINS:
             self._make_room(channels, x.min(axis=1), x.max(axis=1))
-            bins = np.clip(self._bins(channels, x), 0, BINS - 1)
+            place = np.clip(self._places(channels, x), 0, BINS - 1)
+        bins = place.astype(np.int64)
         # The base of each channel is added as an integer: a rounded sum could cross into the next channel.
         bins += np.arange(len(channels))[:, None] * BINS
         self._counts[channels] += np.bincount(bins.ravel(), minlength=len(channels) * BINS).reshape(-1, BINS)
 
-    def _bins(self, channels: Ints, x: Floats) -> Ints:
-        """(c, n) bin of each value, outside 0 ... BINS-1 where there is none."""
+    def _places(self, channels: Ints, x: Floats) -> Floats:
+        """(c, n) bin of each value with its fraction, outside 0 ... BINS where there is none."""
         scale = np.ldexp(1.0 / self._unit[channels], -self._exponent[channels])
         # A quantised value belongs in the middle of its level's bin.
         offset = np.ldexp(self._shift(channels), -self._exponent[channels]) - self._low[channels]
         place = x * scale[:, None]
         place += offset[:, None]
-        return np.floor(place, out=place).astype(np.int64)
+        return np.asarray(place, dtype=np.float64)
 
     def _shift(self, channels: Ints) -> Floats:
         return np.where(self._step[channels] > 0, 0.5, 0.0)
