@@ -1,0 +1,175 @@
+"""Soak: the daemon for a long time, its memory, its state and its counters.
+
+    python benchmarks/soak.py live --minutes 30             800 Hz, real time, a subscriber, a recording
+    python benchmarks/soak.py days --days 7                 the whole pipeline, a sensor in time-lapse
+    python benchmarks/soak.py days --days 7 --direct        blocks straight into the monitor: no port, no bus
+
+Every law of the counters is checked at the end; memory is taken from the kernel every few seconds, its
+growth from the end of the first quarter to the end, each the median of a tenth of the run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from daemons import Daemon
+from usage import cpu_s, resident_kb
+
+from imumon.emulator import EmulatorSettings, spawn
+from imumon.report import Report
+
+
+def growth_kb(taken: list[int]) -> float:
+    """Median of the last tenth less the median of the tenth that ends the first quarter."""
+    tenth, quarter = max(1, len(taken) // 10), max(1, len(taken) // 4)
+    return statistics.median(taken[-tenth:]) - statistics.median(taken[max(0, quarter - tenth) : quarter])
+
+
+def laws(report: Report, sent: int) -> dict[str, object]:
+    """What must hold of the counters."""
+    session, rate = report.session, report.device.sample_rate_hz or 1.0
+    return {
+        "elapsed_s": round(session.elapsed_s, 2),
+        "samples": session.samples,
+        "missing": session.missing,
+        "samples + missing = elapsed * rate": round(session.elapsed_s * rate)
+        == session.samples + session.missing,
+        "no more samples than sent": session.samples <= sent,
+        "gaps": session.gaps,
+        "overruns": session.overruns,
+        "discarded_bytes": session.discarded_bytes,
+        "bad_checksums": session.bad_checksums,
+        "excluded_s": session.excluded_s,
+        "octaves": max((len(c.allan.tau_s) for c in report.channels.values() if c.allan), default=0),
+    }
+
+
+def state_bytes(directory: Path) -> int:
+    return max((path.stat().st_size for path in directory.glob("*.state")), default=0)
+
+
+def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, object]:
+    """A real emulator, a real daemon, a real subscriber."""
+    live = words.mode == "live"
+    speed = 1.0 if live else words.speed
+    baud = 921600 if live else None
+    settings = EmulatorSettings(seed=1, baud=baud, speed=speed, warm_up=0.0)
+    until_s = words.minutes * 60.0 if live else words.days * 86400.0
+    extra = ["--baud", "921600", "--record", "/dev/null"] if live else ["--speed", str(speed)]
+    config = scratch / "config.toml"
+    config.write_text("[state]\nsave_period_s = 10\n")
+    taken: list[int] = []
+    states: list[int] = []
+    began = time.monotonic()
+    with (
+        spawn(settings) as sensor,
+        Daemon(sensor.path, scratch / "state", "--config", str(config), *extra) as daemon,
+    ):
+        first = daemon.samples(1)
+        first_s = time.monotonic() - began
+        pid, latest = daemon.process.pid, first
+        steady: tuple[float, float] | None = None
+        while latest.session.elapsed_s < until_s and daemon.process.poll() is None:
+            time.sleep(5.0)
+            latest = daemon.wait(lambda r: True)
+            taken.append(resident_kb(pid))
+            states.append(state_bytes(scratch / "state"))
+            if steady is None and latest.session.elapsed_s > until_s / 4:
+                steady = (cpu_s(pid), time.monotonic())
+            if words.verbose and len(taken) % 12 == 0:
+                done = latest.session.elapsed_s / until_s
+                print(f"{done:6.1%}  {taken[-1]} kB  state {states[-1]} B", file=sys.stderr, flush=True)
+        assert steady is not None
+        cpu = 100.0 * (cpu_s(pid) - steady[0]) / (time.monotonic() - steady[1])
+        sensor_counters = sensor.ask("counters")
+        asked = time.monotonic()
+        daemon.process.terminate()
+        daemon.process.wait(20)
+        stop_s = time.monotonic() - asked
+    return {
+        "emulator": {name: sensor_counters[name] for name in ("made", "sent", "lost", "dropped", "unheard")},
+        **laws(latest, int(sensor_counters["sent"])),
+        "first_report_s": round(first_s, 2),
+        "stop_s": round(stop_s, 2),
+        "cpu_percent_last_three_quarters": round(cpu, 2),
+        "resident_kb_first_last_max": [taken[0], taken[-1], max(taken)],
+        "growth_kb": growth_kb(taken),
+        "state_bytes_first_quarter_last": [states[len(states) // 4], states[-1]],
+        "room_s": round(time.monotonic() - began, 1),
+    }
+
+
+def straight(words: argparse.Namespace) -> dict[str, object]:
+    """Blocks of an exact clock straight into the monitor, with a report every hour of the record."""
+    from datetime import UTC, datetime
+
+    from imumon.monitor import Monitor
+    from imumon.report import Device, Session
+    from imumon.samples import SampleBlock, Stream
+
+    rate, n = words.rate, 8192
+    names = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
+    stream = Stream(
+        kind="deltas", source="made", clock="startup", channels=(*names, "temperature", "pressure")
+    )
+    noise = np.random.default_rng(1)
+    level = np.array([0.0] * 3 + [0.0, 0.0, 9.8] + [0.2, 0.0, 0.4] + [25.0, 101.3])
+    spread = np.array([6e-4] * 3 + [1.4e-2] * 3 + [1.4e-3] * 3 + [1e-3, 1e-3])
+    monitor, sent, next_s = Monitor(rate_hz=rate), 0, 0.0
+    taken: list[int] = []
+    sizes: list[int] = []
+    latest: Report | None = None
+    began = time.monotonic()
+    while sent < words.days * 86400.0 * rate:
+        values = level + spread * noise.standard_normal((n, len(level)))
+        ticks = np.arange(sent, sent + n, dtype=np.int64)
+        stamps = (ticks * round(1e9 / rate)).astype(np.int64)
+        monitor.feed(SampleBlock(stream, values, stamps, np.zeros(n, dtype=np.int64)))
+        sent += n
+        if sent / rate >= next_s:
+            next_s += 3600.0
+            latest = monitor.report(datetime.now(UTC), Device(id="soak"), "running", Session())
+            monitor.events()
+            _, arrays = monitor.save()
+            sizes.append(sum(array.nbytes for array in arrays.values()))
+            taken.append(resident_kb(os.getpid()))
+    assert latest is not None
+    return {
+        "rate_hz": rate,
+        **laws(latest, sent),
+        "resident_kb_first_last_max": [taken[0], taken[-1], max(taken)],
+        "growth_kb": growth_kb(taken),
+        "state_array_bytes_first_quarter_last": [sizes[len(sizes) // 4], sizes[-1]],
+        "room_s": round(time.monotonic() - began, 1),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("mode", choices=("live", "days"))
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--days", type=float, default=7.0)
+    parser.add_argument("--speed", type=float, default=5000.0, help="of the sensor in time-lapse")
+    parser.add_argument("--rate", type=float, default=100.0, help="Hz, with --direct")
+    parser.add_argument("--direct", action="store_true")
+    parser.add_argument("--verbose", action="store_true")
+    words = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="imumon-soak-") as scratch:
+        direct = words.direct and words.mode == "days"
+        made = straight(words) if direct else through_the_pipeline(words, Path(scratch))
+    print(json.dumps(made, indent=1))
+
+
+if __name__ == "__main__":
+    main()
