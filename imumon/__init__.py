@@ -3,7 +3,7 @@
 A VN-100 sends bytes. A codec finds samples. A monitor feeds running statistics and is asked for a report.
 A bus carries it. A screen draws it. Three things cross boundaries: bytes, SampleBlock, Report.
 
-  cli.py         words on the command line
+  cli/           words on the command line
   daemon/        the loop: read, feed, ask, publish, save
   replay.py      the same loop over a file
   emulator/      a VN-100 on a pseudo-terminal

@@ -1,0 +1,206 @@
+"""Commands that read a sensor, real or emulated: run, demo, sim."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from typing import Any
+
+from imumon.cli.words import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    NOTHING_THERE,
+    USAGE,
+    Parser,
+    Stop,
+    add_endpoints,
+    add_look,
+    baseline,
+    baud,
+    positive,
+    print_report,
+    settings,
+)
+
+
+def add_run(parser: Parser) -> None:
+    add = parser.add_argument
+    add("--port", metavar="PORT", help="device path, pyserial URL, or sim; default: the one VN-100 found")
+    add("--baud", type=baud, metavar="auto|N", help="default auto: find it, never raise it")
+    add("--set-baud", type=int, metavar="N", help="change the sensor's baud to N (volatile)")
+    add("--rate", type=positive, metavar="HZ", help="sample rate of a stream without a clock")
+    add("--listen-only", action="store_true", default=None, help="write nothing to the sensor")
+    add(
+        "--stream",
+        choices=("deltas", "uncompensated", "compensated"),
+        help="what to ask the sensor for; default deltas",
+    )
+    add("--id", metavar="NAME", help="name in the keys; default vn100-<serial number>")
+    add("--state", metavar="DIR", help="where the accumulated statistics live")
+    add("--fresh", action="store_true", help="start anew; the old state is kept aside")
+    add("--record", metavar="FILE", help="also keep the raw bytes, for replay")
+    add("--config", metavar="FILE", help="settings; flags win over the file")
+    add("--duration", type=positive, metavar="S", help="stop after S seconds with a final report on stdout")
+    add("--json", action="store_true", help="final report as JSON")
+    add("--no-guards", action="store_true", default=None, help="cut nothing out")
+    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
+    add("--speed", type=positive, default=1.0, metavar="X", help="time-lapse, with --port sim only")
+    add("--seed", type=int, metavar="N", help="noise of the emulator, with --port sim only")
+    add_endpoints(parser, listen=True)
+
+
+def add_demo(parser: Parser) -> None:
+    parser.add_argument("--speed", type=positive, default=60.0, metavar="X", help="time-lapse; default 60")
+    parser.add_argument("--seed", type=int, metavar="N", help="noise of the emulator")
+    add_look(parser)
+
+
+def add_sim(parser: Parser) -> None:
+    from imumon.emulator import add_arguments
+
+    add_arguments(parser)
+
+
+def run(words: argparse.Namespace) -> int:
+    if words.port == "sim":
+        return _run_emulated(words)
+    if words.speed != 1.0 or words.seed is not None:
+        raise Stop("--speed and --seed are for --port sim", USAGE)
+    settings = _settings(words)
+    return _daemon(words, settings, settings.device.port or None, _state_directory(words.state or settings))
+
+
+def _run_emulated(words: argparse.Namespace) -> int:
+    """`run --port sim`: an emulator of its own, and a state that is thrown away unless one is asked for."""
+    import tempfile
+    from pathlib import Path
+
+    settings = _settings(words)
+    with (
+        _emulator(words.speed, words.seed) as sensor,
+        tempfile.TemporaryDirectory(prefix="imumon-") as scratch,
+    ):
+        directory = Path(words.state) if words.state else Path(scratch)
+        return _daemon(words, settings, sensor.path, directory)
+
+
+def _settings(words: argparse.Namespace) -> Any:
+    """Settings with the flags of `run` on top."""
+    speed = words.baud
+    return settings(
+        words,
+        {
+            "device.port": None if words.port == "sim" else words.port,
+            "device.baud": int(speed) if speed and speed != "auto" else speed,
+            "device.set_baud": words.setbaud,
+            "device.rate_hz": words.rate,
+            "device.listen_only": words.listen_only,
+            "device.stream": words.stream,
+            "device.id": words.id,
+            "zenoh.listen": words.listen,
+            "zenoh.connect": words.connect,
+            "state.directory": words.state,
+            "record.file": words.record,
+            "guards.enabled": False if words.no_guards else None,
+        },
+    )
+
+
+def _state_directory(where: Any) -> Any:
+    """Where the statistics live: asked for, the service manager's, or the user's."""
+    from pathlib import Path
+
+    asked = where if isinstance(where, str) else where.state.directory
+    if asked:
+        return Path(asked)
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
+    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+    return Path(home) / "imumon"
+
+
+def _daemon(words: argparse.Namespace, settings: Any, path: str | None, directory: Any) -> int:
+    import signal
+
+    from imumon.bus import BusError
+    from imumon.checkpoint import StateError
+    from imumon.daemon import Daemon, Task
+    from imumon.daemon.link import NoSensor
+    from imumon.monitor import RateNeeded
+    from imumon.sensors.vn100.session import SessionError
+    from imumon.sources import PortError, SourceError
+
+    task = Task(
+        path=path,
+        state_directory=directory,
+        duration_s=words.duration,
+        fresh=words.fresh,
+        speed=words.speed,
+        baseline=baseline(words.baseline),
+    )
+    try:
+        outcome = Daemon(settings, task).run()
+    except RateNeeded as error:
+        raise Stop(str(error), USAGE) from None
+    except (NoSensor, SessionError) as error:
+        raise Stop(str(error), NOTHING_THERE) from None
+    except PortError as error:
+        there = path is None or os.path.exists(path)
+        raise Stop(str(error), FAILED if there else NOTHING_THERE) from None
+    except SourceError as error:
+        raise Stop(str(error)) from None
+    except (BusError, StateError) as error:
+        raise Stop(str(error)) from None
+    if outcome.report is not None and (words.duration or words.json):
+        print_report(outcome.report, words.json)
+    return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
+
+
+def _emulator(speed: float, seed: int | None) -> Any:
+    """Emulator in a process of its own, a context that gives it."""
+    from dataclasses import replace
+
+    from imumon.emulator import EmulatorSettings, spawn
+
+    settings = EmulatorSettings(speed=speed)
+    return spawn(settings if seed is None else replace(settings, seed=seed))
+
+
+def demo(words: argparse.Namespace) -> int:
+    """Daemon on the emulator in a process of its own, and the screen here; quitting ends all three."""
+    import subprocess
+    import tempfile
+
+    from imumon.cli.look import show
+
+    with tempfile.TemporaryDirectory(prefix="imumon-demo-") as scratch:
+        endpoint = f"unixsock-stream/{scratch}/bus"
+        command = [sys.executable, "-m", "imumon", "run", "--port", "sim", "--speed", f"{words.speed:g}"]
+        command += ["--listen", endpoint, "--state", scratch, "--id", "demo"]
+        command += [] if words.seed is None else ["--seed", str(words.seed)]
+        with open(f"{scratch}/log", "w+") as log:
+            daemon = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+            try:
+                words.connect, words.id, words.baseline = [endpoint], "demo", None
+                return show(words)
+            finally:
+                daemon.terminate()
+                try:
+                    daemon.wait(5)
+                except subprocess.TimeoutExpired:
+                    daemon.kill()
+
+
+def sim(words: argparse.Namespace) -> int:
+    from imumon import emulator
+
+    try:
+        settings = emulator.from_arguments(words)
+    except ValueError as error:
+        raise Stop(str(error), USAGE) from None
+    return emulator.run(settings)

@@ -1,0 +1,106 @@
+"""What all commands share: exit codes, errors in one line, settings, endpoints, how a report is printed."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from typing import Any, NoReturn
+
+DONE, FAILED, USAGE, NOTHING_THERE, NOT_IN_TIME, INTERRUPTED = 0, 1, 2, 3, 4, 130
+
+
+class Stop(Exception):
+    """End the command with one line on stderr and an exit code."""
+
+    def __init__(self, text: str, code: int = FAILED) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line that names the nearest right word."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**({"allow_abbrev": False} | settings))
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(USAGE, f"{self.prog}: {message.replace(chr(10), ' ')} (try {self.prog} --help)\n")
+
+    def nearest(self, word: str) -> str:
+        """``; did you mean --port?`` where one of this parser's options is near, else nothing."""
+        known = [option for action in self._actions for option in action.option_strings]
+        close = difflib.get_close_matches(word.partition("=")[0], known, 1, 0.6)
+        return f"; did you mean {close[0]}?" if close else ""
+
+
+def positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def baud(text: str) -> str:
+    if text != "auto" and not (text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number")
+    return text
+
+
+def add_endpoints(parser: Parser, *, listen: bool = False) -> None:
+    add = parser.add_argument
+    if listen:
+        add("--listen", action="append", metavar="EP", help="Zenoh endpoint to listen on, repeatable")
+    add("--connect", action="append", metavar="EP", help="Zenoh endpoint to connect to, repeatable")
+
+
+def add_look(parser: Parser) -> None:
+    parser.add_argument("--theme", metavar="NAME", help="colours; the palette (ctrl+p) lists them")
+    parser.add_argument("--ascii", action="store_true", help="plain characters only")
+
+
+def print_report(made: Any, as_json: bool) -> None:
+    if as_json:
+        from imumon.report import to_json
+
+        print(to_json(made))
+    else:
+        from imumon.datasheet.text import table
+
+        print(table(made))
+
+
+def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
+    """Settings of the file named by ``--config``, or of the first found, with flags on top."""
+    from imumon.config import ConfigError, load
+
+    try:
+        return load(getattr(words, "config", None), overrides or {})
+    except ConfigError as error:
+        raise Stop(str(error), USAGE) from None
+
+
+def viewer(words: argparse.Namespace) -> Any:
+    """Subscriber to the daemons that ``--connect`` or the settings name; to be used as a context."""
+    from imumon.bus import BusError, Viewer
+
+    try:
+        return Viewer(words.connect, settings=settings(words).zenoh)
+    except BusError as error:
+        raise Stop(str(error)) from None
+
+
+def baseline(path: str | None) -> Any:
+    """A saved report, None without a path."""
+    if path is None:
+        return None
+    from imumon.report import Report, from_json
+
+    try:
+        with open(path, "rb") as file:
+            return from_json(Report, file.read())
+    except OSError as error:
+        raise Stop(f"baseline {path}: {(error.strerror or str(error)).lower()}", USAGE) from None
+    except ValueError:
+        raise Stop(
+            f"baseline {path} is no report: make one with imumon report --format json", USAGE
+        ) from None
