@@ -396,7 +396,9 @@ def _caveats(
     if np.any(out):
         z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
         below, agree = bool(z[np.argmax(np.abs(z))] < 0.0), bool(np.abs(z).max() < _AGREES)
-    if choice.p[QUANTISATION] > 0.0 and (below or agree):
+    first = int(np.argmax(used))
+    leads = 3.0 * choice.p[QUANTISATION] / 4.0**first > choice.p[0] / 2.0**first
+    if choice.p[QUANTISATION] > 0.0 and (agree or (below and leads)):
         words.append("quantised")  # rounding makes the shortest octaves too low, if anything
     elif np.any(out) or choice.p[QUANTISATION] != 0.0:
         words.append("correlated" if below else "vibration")
