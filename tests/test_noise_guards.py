@@ -187,6 +187,16 @@ def test_motion_suspends_the_statistics_and_rest_takes_them_up_again() -> None:
     assert "motion" in [e.kind for e in events]
 
 
+def test_a_guard_that_only_watches_cuts_nothing() -> None:
+    values = np.concatenate((quiet(60), drive(60)))
+    guard = Guard(SENSORS, 40.0, cuts=False)
+    pieces, events = through(guard, values)
+    assert all(p.valid.all() and not p.broken for p in pieces)
+    assert events == []
+    assert guard.excluded == {}
+    assert not guard.at_rest
+
+
 def test_a_record_that_begins_in_motion_is_not_at_rest() -> None:
     guard, valid, _ = cuts(drive(120))
     assert not guard.at_rest

@@ -75,6 +75,7 @@ class Guard:
     sensors : sensor of each channel ("gyro", "accel", "mag", ...); the groups are the different ones, in the
         order in which they first occur.
     rate_hz : Hz, sampling rate.
+    cuts : False: only watch whether the sensor rests; everything passes as it came.
 
     Attributes
     ----------
@@ -82,8 +83,8 @@ class Guard:
     disturbances : stretches cut so far, a running one included.
     """
 
-    def __init__(self, sensors: Sequence[str], rate_hz: float) -> None:
-        self.sensors, self._rate = tuple(sensors), rate_hz
+    def __init__(self, sensors: Sequence[str], rate_hz: float, *, cuts: bool = True) -> None:
+        self.sensors, self._rate, self._cuts = tuple(sensors), rate_hz, cuts
         names = list(dict.fromkeys(sensors))
         self.groups = tuple(names.index(s) for s in sensors)
         self._part = max(1, round(rate_hz / PARTS))
@@ -232,7 +233,9 @@ class Guard:
         n = parts * self._part
         values, valid = self._values[:n], self._valid[:n]
         around = np.concatenate((self._tail, self._codes[: parts + PARTS]))
-        if around.any():
+        if not self._cuts:
+            self._breaks = []
+        elif around.any():
             cut = np.stack([_dilated(column) for column in around.T], axis=1)[PARTS : PARTS + parts]
             self._cut(values, valid, cut)
         else:
@@ -295,6 +298,7 @@ class Guard:
         out = {
             "sensors": np.array(self.sensors),
             "rate": np.array(self._rate),
+            "cuts": np.array(self._cuts),
             "values": self._values.copy(),
             "valid": self._valid.copy(),
             "saturated": self._saturated.copy(),
@@ -310,7 +314,7 @@ class Guard:
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Guard:
         """Continue where `save` left off."""
-        self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]))
+        self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), cuts=bool(saved["cuts"]))
         self._values, self._valid = saved["values"].copy(), saved["valid"].copy()
         self._saturated, self._codes = saved["saturated"].copy(), saved["codes"].copy()
         self._tail, self._counts = saved["tail"].copy(), saved["counts"].copy()
