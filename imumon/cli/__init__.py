@@ -6,8 +6,8 @@
     words       what all commands share           cli/words.py
 
 Each command imports what it needs when it runs, so that `imumon --version` costs nothing. stdout carries
-data, stderr talk. A user's mistake is one line: what, and how to mend it; a traceback is a defect. Exit codes: 0
-done, 1 failed, 2 usage or configuration, 3 nothing there, 4 not reached in time, 130 interrupted.
+data, stderr talk. A user's mistake is one line: what, and how to mend it; a traceback is a defect. Exit
+codes: 0 done, 1 failed, 2 usage or configuration, 3 nothing there, 4 not reached in time, 130 interrupted.
 """
 
 from __future__ import annotations

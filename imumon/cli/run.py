@@ -94,7 +94,7 @@ def _settings(words: argparse.Namespace) -> Any:
         {
             "device.port": None if words.port == "sim" else words.port,
             "device.baud": int(speed) if speed and speed != "auto" else speed,
-            "device.set_baud": words.setbaud,
+            "device.set_baud": words.set_baud,
             "device.rate_hz": words.rate,
             "device.listen_only": words.listen_only,
             "device.stream": words.stream,
