@@ -24,6 +24,7 @@ from imumon.emulator.impostor import Impostor
 from imumon.emulator.serve import make_device
 from imumon.samples import SampleBlock
 from imumon.sensors.vn100.dialogue import BAUDS
+from imumon.sensors.vn100.registers import REGISTERS
 from imumon.sensors.vn100.session import NotAVn100, Notice, SensorChanged, Session, SessionError, Wanted
 from imumon.sensors.vn100.settings import DIVISORS, alias_factors, divisors, is_ours, output
 from imumon.sources import PortGone, SerialPort
@@ -47,7 +48,7 @@ class Bench:
 
     def __init__(self, device: Device | None = None, *, baud: int = 115200, **settings: object) -> None:
         self.device = device or make_device(EmulatorSettings(seed=1, **settings))  # type: ignore[arg-type]
-        self.now = self.device.tick / 800
+        self.now = self.device.sensor.tick / 800
         self.baud = baud
         self.written: list[bytes] = []
         self.adapter_can = set(BAUDS)
@@ -125,7 +126,9 @@ class Bench:
         self.device.restart(self.now)
 
     def registers(self) -> dict[tuple[int, int], tuple[str, ...]]:
-        return dict(self.device._store)
+        """Everything the sensor has been set to, on either of its ports."""
+        memory = self.device.memory
+        return {(r, p): memory.read(r, p) for r in REGISTERS if r in memory for p in (1, 2)}
 
     def session(self, wanted: Wanted = Wanted(), **more: object) -> Session:  # noqa: B008
         return Session(self, wanted, self.clock, **more)  # type: ignore[arg-type]
@@ -234,16 +237,16 @@ def test_either_port_of_the_sensor_will_do(serial_port: int) -> None:
     bench = Bench(serial_port=serial_port)
     samples, _ = bench.run(bench.streaming(), 1.0)
     assert samples >= 95
-    assert bench.device.read(75)[0] == str(serial_port)
+    assert bench.device.memory.read(75)[0] == str(serial_port)
 
 
 def test_the_other_port_keeps_its_stream() -> None:
     bench = Bench()
     bench.device.set(76, "3", "80", "01", "0001")
     session = bench.streaming()
-    assert bench.device.read(76) == ("2", "80", "01", "0001")
+    assert bench.device.memory.read(76) == ("2", "80", "01", "0001")
     assert session.restore()
-    assert bench.device.read(76) == ("3", "80", "01", "0001")
+    assert bench.device.memory.read(76) == ("3", "80", "01", "0001")
 
 
 def test_another_model_is_taken_and_said() -> None:
@@ -320,7 +323,7 @@ def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> No
     assert facts.alias_factor == 1.0
     assert facts.sample_rate_hz == {9600: 8.0, 115200: 100.0, 921600: 800.0}[baud]
     assert (facts.caveats == ("compensated",)) == (stream == "compensated")
-    assert int(bench.device.read(85)[1]) == 800 / facts.sample_rate_hz
+    assert int(bench.device.memory.read(85)[1]) == 800 / facts.sample_rate_hz
     samples, notices = bench.run(session, 1.0)
     assert samples >= facts.sample_rate_hz - 3
     assert notices == []
@@ -330,9 +333,9 @@ def test_compensated_deltas_are_switched_to_uncompensated() -> None:
     bench = Bench()
     bench.device.set(82, "0", "1", "1", "0", "0")
     session = bench.streaming()
-    assert bench.device.read(82) == ("0", "0", "0", "0", "0")
+    assert bench.device.memory.read(82) == ("0", "0", "0", "0", "0")
     assert session.restore()
-    assert bench.device.read(82) == ("0", "1", "1", "0", "0")
+    assert bench.device.memory.read(82) == ("0", "1", "1", "0", "0")
 
 
 def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
@@ -413,7 +416,7 @@ def test_a_restarted_sensor_is_set_up_again() -> None:
     assert samples >= 95
     assert notices == []
     assert session.restore()
-    assert bench.device.read(6) == ("14",)
+    assert bench.device.memory.read(6) == ("14",)
 
 
 @pytest.mark.parametrize("flash", [9600, 460800])
@@ -469,7 +472,8 @@ def test_silence_is_told_once_and_its_end_too() -> None:
     bench.dead = False
     _, notices = bench.run(session, 12.0)
     assert bench.run(session, 1.0)[0] >= 95
-    assert {"resumed", "found"} & set(kinds(notices))
+    assert {"resumed", "found", "reconfigured"} & set(kinds(notices))
+    assert "garbage" not in kinds(notices), "the port is still at the baud where the sensor was"
 
 
 def test_errors_of_the_sensor_are_told() -> None:

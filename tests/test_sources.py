@@ -140,6 +140,27 @@ def test_changing_the_baud_forgets_what_was_received(line: Line) -> None:
         assert gather(port, 3) == b"new"
 
 
+def test_changing_the_baud_amid_a_stream_is_no_unplugging(line: Line) -> None:
+    with SerialPort(line.path) as port:
+        stop = threading.Event()
+
+        def stream() -> None:
+            while not stop.is_set():
+                os.write(line.master, bytes(64))
+                time.sleep(0)
+
+        sender = threading.Thread(target=stream)
+        sender.start()
+        for turn in range(300):
+            assert port.set_baud((9600, 115200)[turn % 2])
+            port.write(b"x")
+        stop.set()
+        assert not port.gone
+        while sender.is_alive():
+            port.read(0.01)
+        sender.join()
+
+
 def test_unplugging_is_gone_after_the_last_byte(line: Line) -> None:
     with SerialPort(line.path) as port:
         os.write(line.master, b"last")

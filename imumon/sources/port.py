@@ -35,7 +35,8 @@ pyserial: Any = _pyserial  # it has no types
 QUEUE_BYTES = 8 << 20  # 90 s at 921600 baud
 POLL_S = 0.1
 TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
-BATCH_S = 0.02  # afterwards it lets bytes gather this long, or a quarter of the tty's 4 kB
+BATCH_S = 0.02  # afterwards it lets bytes gather so long,
+BATCH = 1024  # or until there are so many, a quarter of what a tty holds
 
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
@@ -142,6 +143,7 @@ class SerialPort:
         self._gone: str | None = None
         self._closing = False
         self._talking_until = 0.0
+        self._empty = 0
         self._open()
 
     @property
@@ -264,7 +266,7 @@ class SerialPort:
         self._fd: int | None = None
         with contextlib.suppress(io.UnsupportedOperation, AttributeError):
             self._fd = self._serial.fileno()
-        self._closing, self._gone, self._dropping = False, None, False
+        self._closing, self._gone, self._dropping, self._empty = False, None, False, 0
         try:
             self._kernel_start = 0
             self._kernel_start = self._kernel_overruns()
@@ -289,8 +291,8 @@ class SerialPort:
                 data = self._receive()
                 if data:
                     self._keep(data)
-                    if time.monotonic() > self._talking_until:
-                        time.sleep(min(BATCH_S, 10 * 1024 / self._baud))
+                    if len(data) < BATCH and time.monotonic() > self._talking_until:
+                        time.sleep(min(BATCH_S, 10 * BATCH / self._baud))
         except (*_GONE, TypeError, ValueError) as error:  # the last two: closed under our hands
             self._fail(error)
 
@@ -299,21 +301,32 @@ class SerialPort:
         if self._fd is None:  # no file behind it (rfc2217)
             return bytes(self._serial.read(max(1, self._serial.in_waiting)))
         if not select.select([self._fd], [], [], POLL_S)[0]:
+            self._empty = 0
             return b""
         try:
             data = os.read(self._fd, 1 << 16)
         except (BlockingIOError, InterruptedError):
             return b""
-        if not data:  # ready, and nothing there: how Linux shows an unplugged adapter
+        if data:
+            self._empty = 0
+            return data
+        # Ready, and nothing there: how Linux shows an unplugged adapter, or a flush in between.
+        self._empty += 1
+        if self.fixed_baud or self._empty > 100 or _hung_up(self._fd):
             raise OSError(errno.EIO, "hung up")
-        return data
+        return b""
 
     def _keep(self, data: bytes) -> None:
         with self._changed:
-            while self._lossless and self._queued + len(data) > self._limit and not self._closing:
+            while (
+                self._lossless
+                and self._queue
+                and self._queued + len(data) > self._limit
+                and not self._closing
+            ):
                 self._changed.wait(POLL_S)
             self.received_bytes += len(data)
-            if self._queued + len(data) > self._limit:
+            if not self._lossless and self._queued + len(data) > self._limit:
                 self.dropped_bytes += len(data)
                 self._episodes += not self._dropping
                 self._dropping = True
@@ -339,6 +352,13 @@ class SerialPort:
         except OSError:
             return 0
         return counts[7] + counts[10] - self._kernel_start
+
+
+def _hung_up(fd: int) -> bool:
+    """Whether the other side of a descriptor is no more."""
+    poll = select.poll()
+    poll.register(fd, 0)
+    return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
 
 
 def _cause(error: Exception) -> str:

@@ -96,7 +96,7 @@ class Dialogue:
         ------
         NotAVn100 : nothing answers like one; the text says what was seen.
         """
-        seen, tried = _Seen(), list(bauds)
+        seen, tried, before = _Seen(), list(bauds), self.port.baud
         for thorough in (False, True):
             for baud in tried:
                 self._progress(f"trying {baud} baud")
@@ -109,6 +109,7 @@ class Dialogue:
                     )
                 if seen.nmea:
                     raise NotAVn100(f"{self.port.name} {seen.verdict(tried)}")
+        self.port.set_baud(before)
         raise NotAVn100(f"{self.port.name} {seen.verdict(tried)}")
 
     def is_here(self, thorough: bool = False, seen: _Seen | None = None) -> bool:
@@ -207,6 +208,8 @@ class _Seen:
                 f"is silent {where}: check that the sensor has power, that transmit and receive are not "
                 "swapped, and that this is its port"
             )
+        if b"$VN" in self._text:
+            return f"sends messages of a VN-100, but all are damaged {where}: check the cable and its ground"
         if self._text:
             shown = self._text.splitlines()[0][:40].decode("ascii")
             return f"sends text that no VN-100 sends ({shown!r}): choose another port"

@@ -412,13 +412,13 @@ class Session:
         if now - self._bytes_at > quiet:
             self._break_silence(now)
         elif now - self._valid_at > quiet and self._rubbish >= RUBBISH:
-            self._report("garbage", "bytes come, but nothing valid: looking for the sensor again")
-            self._port.reopen()
-            if self._dialogue.is_here():
+            if "garbage" in self._troubles:
+                self._again("found", "the sensor is found again")
+            else:
+                self._report("garbage", "bytes come, but nothing valid: the port is opened anew")
+                self._port.reopen()
                 self._bytes_at = self._valid_at = self._clock()
                 self._rubbish = 0
-            else:
-                self._again("found", "the sensor is found again")
         elif now - self._sample_at > quiet and self._divisor is not None:
             self._again("reconfigured", "the sensor had gone back to its own settings: was it restarted?")
         elif now - self._sample_at > 2 * quiet:
@@ -450,7 +450,7 @@ class Session:
         except SensorChanged:
             raise
         except SessionError as error:
-            self._silences = silences
+            self._silences = silences  # a scan that found nothing has changed nothing
             self._report("lost", str(error))
             self._patience = self._clock() + RETRY_S
         else:
