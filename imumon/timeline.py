@@ -23,6 +23,9 @@ LOOP_S = 1.0 / 800.0
 LEARN = 32
 """Differences from which an unknown interval is read."""
 
+AGREE = 3
+"""Differences after which an interval that was told is believed, if they agree with it."""
+
 FAR_TICKS_S = 60.0
 """A jump forward beyond this must be confirmed by the next sample: one damaged time stamp that passed
 its check must not put a year of holes into the record."""
@@ -57,7 +60,8 @@ class Timeline:
     Parameters
     ----------
     clock : see `samples.Stream`.
-    interval_s : s, the sampling interval where it is known (asked of the sensor, or given by the user).
+    interval_s : s, the sampling interval as asked of the sensor or given by the user. A stream without a
+        clock has no other; where there is a clock, it is believed only if the first samples agree.
 
     Attributes
     ----------
@@ -69,14 +73,13 @@ class Timeline:
 
     def __init__(self, clock: Clock, interval_s: float | None = None) -> None:
         self.clock = clock
-        self.interval_s = interval_s
+        self.interval_s = interval_s if clock == "none" else None
+        self._told = interval_s
         self.duplicates = 0
         self.implausible = 0
         self.unplaced = 0
         self._scale = 1e-9  # seconds of one unit of the clock
-        self._known = interval_s is not None
-        if clock == "counter":
-            self._known = False  # the unit of the count is read from its step
+        self._known = clock == "none"
         if clock == "none" and interval_s is None:
             raise ValueError("a stream without a clock needs its rate")
         self._last: int | None = None
@@ -111,6 +114,8 @@ class Timeline:
             block = _join(self._held)
             if len(block) > LEARN or final:
                 self._learn(block)
+            elif len(block) > AGREE:
+                self._agree(block)
             if not self._known:
                 self.unplaced = len(block)
                 return []
@@ -139,7 +144,8 @@ class Timeline:
     def restore(cls, clock: Clock, saved: dict[str, object]) -> Timeline:
         """Continue where `save` left off; a clock without absolute time resumes behind an unknown gap."""
         interval = saved["interval_s"]
-        line = cls(clock, float(interval) if isinstance(interval, int | float) else None)
+        line = cls(clock, float(str(interval)) if interval is not None else None)
+        line.interval_s = line._told
         line._known = bool(saved["known"])
         line._scale = float(str(saved["scale"]))
         last = saved["last"]
@@ -157,9 +163,19 @@ class Timeline:
         typical = float(np.median(steps))
         if self.clock == "counter":
             self._scale = LOOP_S if typical <= 800 else 1e-6
-        if self.interval_s is None or self.clock == "counter":
-            self.interval_s = _snap(float(np.mean(steps[steps < 1.5 * typical])) * self._scale)
+        self.interval_s = _snap(float(np.mean(steps[steps < 1.5 * typical])) * self._scale)
         self._known = True
+
+    def _agree(self, held: SampleBlock) -> None:
+        """Believe what was told without waiting longer, where the first steps are just that."""
+        time = held.time_ns
+        assert time is not None
+        if self._told is None or self.clock == "counter":
+            return
+        steps = (time if self.clock == "dt" else np.diff(time))[:AGREE] * self._scale
+        if (np.abs(steps - self._told) < 0.02 * self._told).all():
+            self.interval_s = _snap(self._told)
+            self._known = True
 
     def _absolute(self, block: SampleBlock, final: bool) -> Placed:
         assert block.time_ns is not None

@@ -174,3 +174,12 @@ def test_baseline_tells_what_has_grown() -> None:
     assert changes[0].ratio == pytest.approx(1.4, rel=0.03)
     assert made.channels["gyro/x"].changes == ()
     assert any("grown by 4" in event.text for event in new.events())
+
+
+def test_rate_that_was_told_does_not_overrule_the_sensors_clock() -> None:
+    monitor = Monitor(rate_hz=40.0)
+    monitor.feed(block(1000))
+    made = report(monitor)
+    assert made.device.sample_rate_hz == pytest.approx(100.0)
+    assert made.session.samples == 1000
+    assert made.session.missing == 0

@@ -234,7 +234,7 @@ class Monitor:
         known = timeline.interval_s or 1.0
         if saved != stream:
             self.refused = f"of another stream, {saved.kind} from {saved.source}"
-        elif interval is not None and abs(interval / known - 1.0) > 1e-6:
+        elif stream.clock == "none" and interval is not None and abs(interval / known - 1.0) > 1e-6:
             self.refused = f"of another rate, {1.0 / known:g} Hz"
         else:
             self.stream, self._timeline, self.restarts = stream, timeline, restarts
@@ -256,7 +256,7 @@ class Monitor:
             )
             self._record = self._estimator = None
         interval = stream.interval_s
-        if interval is None and self.rate_hz is not None and stream.clock != "counter":
+        if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
         if self._take_up(stream, interval):
             return True
