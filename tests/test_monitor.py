@@ -183,3 +183,16 @@ def test_rate_that_was_told_does_not_overrule_the_sensors_clock() -> None:
     assert made.device.sample_rate_hz == pytest.approx(100.0)
     assert made.session.samples == 1000
     assert made.session.missing == 0
+
+
+def test_record_that_was_mostly_cut_out_says_so() -> None:
+    monitor = Monitor()
+    loop = block(400)
+    for start in range(0, 8000, 400):
+        assert loop.time_ns is not None
+        monitor.feed(SampleBlock(DELTAS, loop.values, loop.time_ns + start * TICK, loop.lost))
+    monitor.flush()
+    made = report(monitor)
+    assert made.session.excluded_by["loop"] > 60.0
+    assert "disturbed" in made.caveats
+    assert all(grade.provisional for grade in made.grade.values())

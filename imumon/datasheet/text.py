@@ -90,7 +90,7 @@ def _grades(made: Report) -> list[str]:
             if grade.decided_by
             else ""
         )
-        meets = f", meets {grade.meets}" if grade.meets != grade.nearest else ""
+        meets = f", meets {grade.meets or 'none'}" if grade.meets != grade.nearest else ""
         maybe = f" (provisional: {grade.reason})" if grade.provisional and grade.reason else ""
         lines.append(f"{sensor}: {grade.nearest}{by}{meets}{maybe}")
     return lines

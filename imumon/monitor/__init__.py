@@ -33,6 +33,9 @@ from imumon.units import duration
 GAP_TELL_S = 10.0
 """Sensor seconds between two events that tell of gaps."""
 
+DISTURBED, MOSTLY = 0.1, 0.5
+"""Share of the record cut out above which it is called disturbed, and its grade provisional."""
+
 RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
 
 
@@ -429,17 +432,22 @@ class Monitor:
         grades = {}
         for sensor in LIMITS:
             axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
-            if axes:
-                grades[sensor] = (
-                    describe.sensor_grade(sensor, axes)
-                    if record.at_rest
-                    else SensorGrade(reason="the sensor is not at rest")
-                )
+            if not axes:
+                continue
+            if not record.at_rest:
+                grades[sensor] = SensorGrade(reason="the sensor is not at rest")
+                continue
+            grades[sensor] = describe.sensor_grade(sensor, axes)
+            if record.excluded_share > MOSTLY:
+                reason = f"{record.excluded_share:.0%} of the record was cut out"
+                grades[sensor] = replace(grades[sensor], provisional=True, reason=reason)
         return grades
 
     def _record_caveats(self) -> tuple[str, ...]:
         record = self._record
         words = [] if self._at_rest else ["not_at_rest"]
+        if record is not None and record.excluded_share > DISTURBED:
+            words.append("disturbed")
         if record is not None and self.wanted.guarded and record.warming():
             words.append("warming_up")
         return tuple(words)

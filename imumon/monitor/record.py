@@ -134,6 +134,11 @@ class Record:
         return self.guard.excluded_samples * self.interval_s if self.guard else 0.0
 
     @property
+    def excluded_share(self) -> float:
+        """Part of the received samples that was cut out, 0 to 1."""
+        return self.guard.excluded_samples / max(self.samples, 1) if self.guard else 0.0
+
+    @property
     def excluded_by(self) -> dict[str, float]:
         """The same by reason."""
         cut = self.guard.excluded if self.guard else {}
