@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.spectrum import Density, Spectrum, mains
+from imumon.noise.lines import mains
+from imumon.noise.spectrum import Density, Spectrum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

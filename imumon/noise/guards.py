@@ -1,20 +1,16 @@
 """Guard: which samples are not the sensor's own noise, found on line and cut out.
 
 People bump tables, lines glitch, ranges clip, sensors hang and files are replayed in loops. One sample of
-+1 rad/s in five hours triples N. The guard keeps the samples back for two to three frames (a frame is about
-a second), judges each frame against the sensor's own `Reference`, and passes all samples on in their order,
-those it cut marked invalid, with a margin before and after. Nothing is cut silently: every cut has a reason,
-is counted by samples and told as a `Disturbance`.
++1 rad/s in five hours triples N. The guard keeps samples back for one to two frames (a frame is about a
+second; at the very beginning four), has each frame judged (`watch` by the sensor's own noise, `repeats`), and
+passes all samples on in their order, those it cut marked invalid, with a margin before and after. Nothing is
+cut silently: every cut has a reason, is counted by samples and told as a `Disturbance`.
 
 The rules:
 - Gyro and accelerometer sit on the same table: what disturbs one cuts both. The magnetometer stands alone.
-  Other
-  sensors (temperature, pressure) pass untouched.
-- A frame that differs is searched part by part; where some parts explain it, only they are cut.
-- A sensor disturbed for most of ten frames is not at rest: everything is cut until five quiet frames follow,
-  or until sixteen frames at a new level or with a new noise look like rest by themselves; they then
-  become the reference (the engine was started, the table was tilted), and the record breaks there.
+  Other sensors (temperature, pressure) pass untouched.
 - Judging depends on the grid alone: any chunking of the input gives the same cuts.
+- This file does not know what is odd; it knows margins, order and accounts.
 """
 
 from __future__ import annotations

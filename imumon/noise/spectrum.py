@@ -21,11 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.noise.lines import BINS, HOP, SEGMENT, SpectralLine, beside, distinct, find_lines
 from imumon.samples import Bools, Floats, Ints
 
-SEGMENT = 256
-HOP = SEGMENT // 2
-BINS = HOP + 1
 STAGES = 30
 FULL = 0.9
 """Share of valid samples in each half of a segment that counts."""
@@ -44,41 +42,10 @@ PASS = 0.36
 ENOUGH = 4
 """Averages a stage needs before it takes over the low frequencies from the one above."""
 
-CHANCE_SIGMA = 5.6
-"""Standard deviations (of the normalised bin) that a line stands out by: 1e-8 a bin."""
-PROMINENCE = 2.0
-"""A line's bin holds at least so many times the density beside it."""
-SIDE, GUARD = 11, 3
-"""Bins beside one that tell the level there, and those between that its own line may fill."""
-LOWEST = 12
-"""First bin in which a line is looked for: below, a drift looks like one."""
-MAINS_HZ = (50.0, 60.0)
-HARMONICS = 3
-MAINS_WANDER = 0.002
-"""Relative deviation of the mains frequency that is common."""
-
 LUMP = 8
 """Hops that wait for one another, so that the work is done on arrays worth the name."""
 
 _WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
-
-
-@dataclass(frozen=True, slots=True)
-class SpectralLine:
-    """A line.
-
-    Attributes
-    ----------
-    frequency_hz : Hz, as it appears.
-    amplitude : channel unit, of the sinusoid.
-    aliases_hz : Hz, frequencies of mains and harmonics that would appear there.
-    name : what it may be, where one fits.
-    """
-
-    frequency_hz: float
-    amplitude: float
-    aliases_hz: tuple[float, ...]
-    name: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,14 +260,14 @@ class Spectrum:
             frequency.append(np.arange(low, high) * rate / SEGMENT)
             density.append(power[:, low:high].T)
             averages.append(np.broadcast_to(count, (high - low, len(count))))
-            beside = _beside(power)
+            sides = beside(power)
             for c in range(len(self._groups)):
                 if count[c] >= ENOUGH:
-                    lines[c] += _lines(
-                        power[c], beside[:, c], int(count[c]), rate, range(low, high), self._rate
+                    lines[c] += find_lines(
+                        power[c], sides[:, c], int(count[c]), rate, range(low, high), self._rate
                     )
         white = np.array([_white(stages[0][1][c], int(stages[0][2][c])) for c in range(len(self._groups))])
-        found = tuple(_distinct(each) for each in lines)
+        found = tuple(distinct(each) for each in lines)
         return Density(
             np.concatenate(frequency), np.concatenate(density), np.concatenate(averages), found, white
         )
@@ -385,88 +352,6 @@ def _band(s: int, stages: int) -> tuple[int, int]:
     high = math.floor(PASS * SEGMENT) + 1 if s else BINS
     low = 2 if s + 1 == stages else math.floor(0.5 * PASS * SEGMENT) + 1
     return low, high
-
-
-def _beside(power: Floats) -> Floats:
-    """(2, c, BINS) Median density of the `SIDE` bins to the left and to the right of each, beyond a guard.
-
-    NaN where more than half of them are missing.
-    """
-    reach = GUARD + SIDE
-    padded = np.full((len(power), BINS + 2 * reach), np.nan)
-    padded[:, reach + 2 : reach + BINS] = power[:, 2:]
-    windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, SIDE, axis=1), axis=2)
-    known = np.isfinite(windows).sum(axis=2)
-    middle = np.maximum(known - 1, 0)[:, :, None] // 2
-    median = np.take_along_axis(windows, middle, axis=2)[:, :, 0]
-    median[known < SIDE // 2] = np.nan
-    right = reach + GUARD + 1
-    return np.stack((median[:, :BINS], median[:, right : right + BINS]))
-
-
-def _lines(
-    power: Floats, beside: Floats, averages: int, rate: float, band: range, sampling: float
-) -> list[SpectralLine]:
-    """Lines of one channel in a band of one stage.
-
-    Parameters
-    ----------
-    power : (BINS,) density.
-    beside : (2, BINS) medians left and right.
-    band : bins to look at.
-    """
-    df = rate / SEGMENT
-    nu = 1.89 * averages  # degrees of freedom of a bin: overlap costs 1 + 2 (1/6)^2 (Welch 1967)
-    to_mean = 1.0 / (1.0 - 2.0 / (9.0 * nu)) ** 3  # from the median of chi-square to its mean
-    unsure = 1.0 + 3.0 * 1.25 * math.sqrt(2.0 / nu / SIDE)
-    # Wilson-Hilferty quantile of chi-square over nu.
-    chance = (1.0 - 2.0 / (9.0 * nu) + CHANCE_SIGMA * math.sqrt(2.0 / (9.0 * nu))) ** 3
-    level = np.fmax(beside[0], beside[1]) * to_mean
-    out: list[SpectralLine] = []
-    bins = np.arange(band.start, band.stop)
-    high = bins[power[bins] > max(PROMINENCE, chance * unsure) * level[bins]]
-    for k in sorted(high.tolist(), key=lambda k: -float(power[k])):
-        if k < LOWEST or any(abs(line.frequency_hz - k * df) < 4.5 * df for line in out):
-            continue
-        around = np.arange(k - 2, min(k + 3, BINS))
-        excess = np.maximum(power[around] - float(np.nanmean(beside[:, k])) * to_mean, 0.0)
-        frequency = float(excess @ around / excess.sum()) * df
-        amplitude = math.sqrt(2.0 * float(excess.sum()) * df)
-        aliases, name = mains(frequency, sampling, 0.75 * df)
-        out.append(SpectralLine(frequency, amplitude, aliases, name))
-    return out
-
-
-def _distinct(lines: list[SpectralLine]) -> tuple[SpectralLine, ...]:
-    """Strongest first; one that two stages saw at their border is told once."""
-    out: list[SpectralLine] = []
-    for line in sorted(lines, key=lambda line: -line.amplitude):
-        if all(abs(line.frequency_hz - other.frequency_hz) > 0.03 * line.frequency_hz for other in out):
-            out.append(line)
-    return tuple(out)
-
-
-def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[float, ...], str | None]:
-    """Frequencies of mains and harmonics that appear at `frequency` when sampled, all in Hz; and the
-    likeliest.
-
-    >>> mains(10.0, 40.0, 0.1)
-    ((50.0, 150.0), '50 Hz mains')
-    >>> mains(7.3, 40.0, 0.1)
-    ((), None)
-    """
-    fits: list[tuple[int, float, float]] = []
-    for base in MAINS_HZ:
-        for order in range(1, HARMONICS + 1):
-            true = base * order
-            miss = abs(abs(true - round(true / sampling) * sampling) - frequency)
-            if miss <= tolerance + MAINS_WANDER * true:
-                fits.append((order, miss, base))
-    if not fits:
-        return (), None
-    order, _, base = min(fits)
-    name = f"{base:.0f} Hz mains" + (f", harmonic {order}" if order > 1 else "")
-    return tuple(sorted({b * o for o, _, b in fits})), name
 
 
 def _white(power: Floats, averages: int) -> float:
