@@ -373,3 +373,12 @@ def test_channels_with_nothing_valid_are_pending_beside_others():
     assert second.N.status == "pending"
     assert second.N.reason == "no difference yet"
     check_sound(second)
+
+
+def test_rounding_that_hides_the_noise_is_said():
+    generator = np.random.default_rng(6)
+    values = np.round(generator.standard_normal((20_000, 2)) * [0.2, 3.0])
+    first, second = Estimator(averaged=False).fit(curve_of(values), resolution=[1.0, 1.0])
+    assert first.N.status == "pending"
+    assert first.N.reason == "its resolution of 1 hides the noise"
+    assert second.N.value == pytest.approx(3.0 / math.sqrt(40.0), rel=0.03)

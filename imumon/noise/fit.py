@@ -21,6 +21,7 @@ The rules
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -142,18 +143,22 @@ class Estimator:
         self.precision = PRECISION | (precision or {})
         self._known: dict[int, _Known] = {}
 
-    def fit(self, curve: AllanCurve, *, renew: bool | None = None) -> tuple[ChannelFit, ...]:
+    def fit(
+        self, curve: AllanCurve, *, renew: bool | None = None, resolution: Sequence[float] | None = None
+    ) -> tuple[ChannelFit, ...]:
         """Fit every channel of a curve.
 
         Parameters
         ----------
+        resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise that is
+            smaller than half of it shows in the rounding only, and no coefficient is given.
         renew : work out limits, octaves, terms and times anew; default: where the record has grown by 2 %.
         """
         octaves = min(len(curve.m), octaves_in(curve.span))
         if octaves == 0:
             return tuple(_nothing(len(curve.m), "no difference yet") for _ in curve.valid)
         table = tables(curve.span, octaves, averaged=self.averaged)
-        problems, reasons = _problems(curve, table)
+        problems, reasons = _problems(curve, table, resolution)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._known.get(channel)
@@ -229,7 +234,9 @@ def fit_curve(curve: AllanCurve, *, averaged: bool) -> tuple[ChannelFit, ...]:
     return Estimator(averaged=averaged).fit(curve)
 
 
-def _problems(curve: AllanCurve, table: Tables) -> tuple[Problems, list[str | None]]:
+def _problems(
+    curve: AllanCurve, table: Tables, resolution: Sequence[float] | None = None
+) -> tuple[Problems, list[str | None]]:
     """The curve as problems, one a channel, and why a channel has none."""
     k = table.full.size
     terms = curve.terms[:k].T
@@ -243,6 +250,8 @@ def _problems(curve: AllanCurve, table: Tables) -> tuple[Problems, list[str | No
             reasons.append("no difference yet")
         elif not used[row].any():
             reasons.append("the channel is constant")
+        elif resolution is not None and variance[row, 0] < 0.25 * resolution[row] ** 2:
+            reasons.append(f"its resolution of {resolution[row]:.3g} hides the noise")
         elif used[row].sum() < _OCTAVES_N:
             reasons.append(f"{int(used[row].sum())} octaves, {_OCTAVES_N} are needed")
         else:
