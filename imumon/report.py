@@ -212,6 +212,9 @@ class Drift:
     per_degC_low: float | None = None
     per_degC_high: float | None = None
     explained: float | None = None  # share of the long-tau variance that temperature explains
+    steady_N: Coefficient | None = None  # as it would be had the temperature stood still, where that matters;
+    steady_B: Coefficient | None = None  # the channel's own N, B, K are with the temperature's part
+    steady_K: Coefficient | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

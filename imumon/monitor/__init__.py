@@ -294,7 +294,7 @@ class Monitor:
         self._record = record
         averaged = self.stream.kind == "deltas"
         self._estimator = Estimator(averaged=averaged, precision=dict(self.wanted.precision))
-        self._trends = Trends(record)
+        self._trends = Trends(record, averaged=averaged)
 
     def _notice(self) -> None:
         """Turn what the record found into events."""
@@ -374,7 +374,7 @@ class Monitor:
         fits = dict(zip(record.channels, estimator.fit(curve), strict=False))
         shapes, density, recent = record.histogram.result(), record.spectrum.result(), record.strip.recent()
         whole = (*device_caveats, *self._record_caveats())
-        self._trends.renew(fits.values())
+        self._trends.renew(fits.values(), curve)
         changed = self._changes(record, fits)
         channels = {}
         for column, name in enumerate(record.channels):
@@ -397,8 +397,8 @@ class Monitor:
                 made = describe.with_fit(made, sensor, curve, column, fit)
                 made = replace(
                     made,
-                    spectrum=describe.spectrum(density, column),
-                    drift=describe.drift(self._trends.of(column)),
+                    spectrum=describe.spectrum(sensor, density, column),
+                    drift=describe.drift(sensor, self._trends.of(column), self._trends.steady(column)),
                     changes=changed.get(column, ()),
                     caveats=tuple(
                         dict.fromkeys((*whole, *fit.caveats, *(("changed",) if column in changed else ())))

@@ -197,8 +197,8 @@ def bias(
     return mean, mean - half, mean + half
 
 
-def drift(trend: Trend | None) -> report.Drift | None:
-    """Slopes per hour and per degree with their limits."""
+def drift(sensor: str, trend: Trend | None, steady: ChannelFit | None) -> report.Drift | None:
+    """Slopes per hour and per degree with their limits, and the noise at a steady temperature."""
     if trend is None:
         return None
     time, heat = trend.time, trend.temperature
@@ -211,6 +211,9 @@ def drift(trend: Trend | None) -> report.Drift | None:
         per_degC_low=heat.low if heat else None,
         per_degC_high=heat.high if heat else None,
         explained=trend.explained if heat else None,
+        steady_N=coefficient(sensor, "N", steady.N) if steady else None,
+        steady_B=coefficient(sensor, "B", steady.B) if steady else None,
+        steady_K=coefficient(sensor, "K", steady.K) if steady else None,
     )
 
 
@@ -263,8 +266,11 @@ def histogram(shape: Shape | None) -> report.Histogram | None:
     )
 
 
-def spectrum(density: Density, column: int) -> report.Spectrum | None:
-    """Spectrum of one channel, `POINTS_A_DECADE` points at most in each decade of frequency."""
+def spectrum(sensor: str, density: Density, column: int) -> report.Spectrum | None:
+    """Spectrum of one channel, `POINTS_A_DECADE` points at most in each decade of frequency.
+
+    Only a magnetometer hears the mains: elsewhere a line at their place is a machine, and goes unnamed.
+    """
     rows = np.flatnonzero(density.averages[:, column] > 0)
     if not len(rows):
         return None
@@ -284,7 +290,7 @@ def spectrum(density: Density, column: int) -> report.Spectrum | None:
                 frequency_hz=line.frequency_hz,
                 amplitude=line.amplitude,
                 aliases_hz=line.aliases_hz,
-                name=line.name,
+                name=line.name if sensor == "mag" else None,
             )
             for line in density.lines[column]
         ),

@@ -69,7 +69,8 @@ class Record:
         self.noisy = sum(s in NOISE for s in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
         rate, noisy = 1.0 / interval_s, self.groups[: self.noisy]
-        self.guard = Guard(sensors, rate) if guarded else None
+        self.guarded = guarded
+        self.guard = Guard(sensors, rate, cuts=guarded)  # without cutting it still says what is at rest
         self.strip = Strip(self.groups, rate)
         self.spectrum = Spectrum(noisy, rate)
         self.histogram = Histogram(self.groups)
@@ -95,25 +96,21 @@ class Record:
         for part in stretches(placed):
             if isinstance(part, Break):
                 self.strip.break_()
-                self._apply(self.guard.break_() if self.guard else [self._nothing(broken=True)])
+                self._apply(self.guard.break_())
             elif isinstance(part, Hole):
                 self.span += part.ticks
                 self.strip.skip(part.ticks)
-                self._apply(self.guard.skip(part.ticks) if self.guard else [self._nothing(part.ticks)])
+                self._apply(self.guard.skip(part.ticks))
             else:
                 self.span += len(part.values)
                 valid = self._valid(part.present)
                 self.strip.update(part.values, valid)
-                if self.guard:
-                    self._apply(self.guard.update(part.values, valid, part.saturated))
-                else:
-                    self._account(part.values, valid)
+                self._apply(self.guard.update(part.values, valid, part.saturated))
         self.missing = self.span - self.samples
 
     def flush(self) -> None:
         """Let out what the guard holds back: the stream has ended, or stands still."""
-        if self.guard:
-            self._apply(self.guard.flush())
+        self._apply(self.guard.flush())
 
     @property
     def elapsed_s(self) -> float:
@@ -122,26 +119,26 @@ class Record:
 
     @property
     def at_rest(self) -> bool:
-        return self.guard is None or self.guard.at_rest
+        return self.guard.at_rest
 
     @property
     def disturbances(self) -> int:
-        return self.guard.disturbances if self.guard else 0
+        return self.guard.disturbances if self.guarded else 0
 
     @property
     def excluded_s(self) -> float:
         """Seconds of received samples that were cut out."""
-        return self.guard.excluded_samples * self.interval_s if self.guard else 0.0
+        return self.guard.excluded_samples * self.interval_s
 
     @property
     def excluded_share(self) -> float:
         """Part of the received samples that was cut out, 0 to 1."""
-        return self.guard.excluded_samples / max(self.samples, 1) if self.guard else 0.0
+        return self.guard.excluded_samples / max(self.samples, 1)
 
     @property
     def excluded_by(self) -> dict[str, float]:
         """The same by reason."""
-        cut = self.guard.excluded if self.guard else {}
+        cut = self.guard.excluded
         return {str(reason): n * self.interval_s for reason, n in cut.items()}
 
     def warming(self) -> bool:
@@ -150,12 +147,12 @@ class Record:
 
     def found(self) -> list[Disturbance]:
         """Disturbances that ended since the last call."""
-        return self.guard.events() if self.guard else []
+        return self.guard.events() if self.guarded else []
 
     def save(self) -> tuple[dict[str, Any], Saved]:
         """State that `resume` continues from: JSON values and small arrays."""
         meta = {name: getattr(self, name) for name in COUNTS}
-        parts = {name: part.save() for name in PARTS if (part := getattr(self, name)) is not None}
+        parts = {name: getattr(self, name).save() for name in PARTS}
         parts["history"] = self.history.save()
         return meta, {f"{name}.{key}": array for name, own in parts.items() for key, array in own.items()}
 
@@ -169,18 +166,12 @@ class Record:
 
         self.history.resume(own("history"))
         for name, kind in PARTS.items():
-            if getattr(self, name) is not None:
-                setattr(self, name, kind.restore(own(name)))
+            setattr(self, name, kind.restore(own(name)))
 
     def _valid(self, present: Bools | None) -> Bools | None:
         if present is None:
             return None
         return np.repeat(present[:, None], max(self.groups) + 1, axis=1)
-
-    def _nothing(self, skipped: int = 0, *, broken: bool = False) -> Passed:
-        """What a guard would say of a hole or a break."""
-        groups = max(self.groups) + 1
-        return Passed(np.zeros((0, len(self.channels))), np.zeros((0, groups), dtype=bool), skipped, broken)
 
     def _apply(self, pieces: Iterable[Passed]) -> None:
         everyone = (self.history, self.spectrum, self.histogram)

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from imumon.monitor.record import Record
+from imumon.noise.allan import AllanCurve
 from imumon.noise.drift import Trend
-from imumon.noise.fit import ChannelFit
+from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.stationarity import Behaviour, Change, Estimate, changes
 from imumon.noise.wander import Wander
 from imumon.report import Coefficient, Report
@@ -19,26 +20,36 @@ LEAST_S = 10.0
 
 
 class Trends:
-    """Drift of each channel of a record."""
+    """Drift of each channel of a record, and its noise had the temperature stood still."""
 
-    def __init__(self, record: Record) -> None:
-        self._record = record
+    def __init__(self, record: Record, *, averaged: bool) -> None:
+        self._record, self._averaged = record, averaged
         self._due_s = 0.0
         self._found: list[Trend | None] = []
+        self._steady: tuple[ChannelFit, ...] = ()
 
-    def renew(self, fits: Iterable[ChannelFit]) -> None:
-        """Work the slopes out anew where the record has grown by a twentieth."""
+    def renew(self, fits: Iterable[ChannelFit], curve: AllanCurve) -> None:
+        """Work all of it out anew where the record has grown by a twentieth."""
         elapsed = self._record.elapsed_s
         if elapsed < self._due_s:
             return
         self._due_s = max(elapsed + LEAST_S, elapsed * GROWTH)
         wanders: list[Wander | None] = [Wander.of(fit) for fit in fits]
         wanders += [None] * (len(self._record.channels) - len(wanders))
-        self._found = self._record.history.drift.result(wanders)
+        drift = self._record.history.drift
+        self._found = drift.result(wanders)
+        steady = drift.without_temperature(curve, self._found)
+        self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged)
 
     def of(self, column: int) -> Trend | None:
         """Trend of a channel; None while nothing can be said."""
         return self._found[column] if column < len(self._found) else None
+
+    def steady(self, column: int) -> ChannelFit | None:
+        """Fit of a channel without the temperature's part; None where it follows no temperature."""
+        trend = self.of(column)
+        follows = trend is not None and trend.temperature is not None and trend.temperature.significant
+        return self._steady[column] if follows and column < len(self._steady) else None
 
 
 def against_baseline(baseline: Report, name: str, fit: ChannelFit, length_s: float) -> list[Change]:
