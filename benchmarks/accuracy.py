@@ -25,6 +25,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import allantools
 import numpy as np
+from allantools.realtime import oadev_realtime
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, read_slopes, synthesise
 from imumon.noise.covariance import _phase, design, octaves_in, tables
@@ -339,6 +340,30 @@ def peer_table(cells: list[Cell], count: int) -> None:
 # Disturbances --------------------------------------------------------------------
 
 
+def realtime() -> None:
+    """allantools' realtime class and the cascade over the same samples: agreement and speed."""
+    values = strengths(1e-6, 40.0) @ components(0)[:, :50_000]
+    theirs = oadev_realtime(afs=[1, 2, 4, 8], tau0=1 / 40.0)
+    begin = time.perf_counter()
+    for x in np.cumsum(values) / 40.0:
+        theirs.add_phase(x)
+    slow = len(values) / (time.perf_counter() - begin)
+    cascade = OctaveCascade(1, tau0=1 / 40.0)
+    begin = time.perf_counter()
+    for block in np.split(values[:, None], 1250):
+        cascade.update(block)
+    ours = len(values) / (time.perf_counter() - begin)
+    # theirs begins with the first phase given, so it lacks the zero before it
+    again = OctaveCascade(1, tau0=1 / 40.0)
+    again.update(values[1:, None])
+    error = np.max(np.abs(again.result().sigma[:4, 0] / theirs.devs()[:4] - 1.0))
+    print(
+        f"\nallantools' realtime class keeps every sample, gives no N, B or K, and takes {slow / 1e3:.0f}"
+        " thousand samples a second in one channel at four averaging times; the cascade, in live blocks of 40"
+        f" and at all octaves, {ours / 1e3:.0f} thousand. They agree within {error:.0e} for m ≤ 8."
+    )
+
+
 def disturbed(count: int) -> None:
     say(
         "Disturbances",
@@ -459,6 +484,7 @@ def main() -> None:
             f" in {share(holds)} % (goal 93–97)."
         )
         peer_table(cells, min(count, 100 if options.full else 20))
+        realtime()
         disturbed(min(count, 48 if options.full else 8))
         speed(sums[2])
 
