@@ -1,7 +1,7 @@
 """Dialogue with a VN-100: find its baud, ask it, write its registers.
 
 The port and the clock are handed in. Every wait is bounded; a full scan of the bauds takes less than ten
-seconds. Answers are always sentences, also between binary packets. What is sent while the stream is
+seconds, twelve when nothing may be asked. Answers are always sentences, also between binary packets. What is sent while the stream is
 asked for something goes through a decoder of its own: the record's counters count the record alone.
 """
 
@@ -116,7 +116,8 @@ class Dialogue:
         """Whether valid messages come at this baud, by themselves or asked for."""
         seen = _Seen() if seen is None else seen
         self.decoder = Decoder()
-        if self._hear(4 * LISTEN_S if thorough and self._silent else LISTEN_S, seen):
+        listening = LISTEN_S if not thorough else 4 * LISTEN_S if self._silent else 0.0
+        if self._hear(listening, seen):
             return True
         for _ in range(0 if self._silent else 2 if thorough else 1):
             self._send("VNRRG,01")
