@@ -1,7 +1,7 @@
 """Words on the command line.
 
     run         run, demo, sim                    cli/run.py
-    look        tui, status                       cli/look.py
+    look        tui, status, wait                 cli/look.py
     recording   replay                            cli/recording.py
     words       what all commands share           cli/words.py
 
@@ -78,6 +78,7 @@ def _parser(asked: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
     run.add_demo(command("demo", run.demo, "emulated sensor, daemon and screen in one command"))
     look.add_tui(command("tui", look.show, "the live screen"))
     look.add_status(command("status", look.status, "one report from a running daemon"))
+    look.add_wait(command("wait", look.wait, "until a grade or a precision is reached"))
     sim = command("sim", run.sim, "an emulated VN-100 on a pseudo-terminal")
     if "sim" in asked:
         run.add_sim(sim)

@@ -1,12 +1,15 @@
-"""Commands that look at a running daemon: tui, status."""
+"""Commands that look at a running daemon: tui, status, wait."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
+from typing import Any
 
 from imumon.cli.words import (
     DONE,
+    NOT_IN_TIME,
     NOTHING_THERE,
     USAGE,
     Parser,
@@ -15,6 +18,8 @@ from imumon.cli.words import (
     add_look,
     baseline,
     print_report,
+    seconds,
+    share,
     viewer,
 )
 
@@ -32,6 +37,37 @@ def add_status(parser: Parser) -> None:
     parser.add_argument("--config", metavar="FILE", help="settings of the bus; flags win over the file")
     parser.add_argument("--id", metavar="NAME", help="device; default: the first that answers")
     parser.add_argument("--json", action="store_true", help="the report as JSON")
+
+
+def add_wait(parser: Parser) -> None:
+    add = parser.add_argument
+    add_endpoints(parser)
+    add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    add("--id", metavar="NAME", help="device; default: the first that answers")
+    add(
+        "--grade",
+        choices=("navigation", "tactical", "industrial", "consumer"),
+        help="until gyroscope and accelerometer are this or better for certain",
+    )
+    add("--coefficient", choices=("N", "B", "K"), help="until this is known to the precision on every axis")
+    add(
+        "--precision",
+        type=share,
+        metavar="P",
+        help="half of the 95 %% interval as a share of the value, 0.05 or 5%%; default N 1%%, B 20%%, K 50%%",
+    )
+    add(
+        "--channel",
+        action="append",
+        metavar="NAME",
+        help="count this one alone, gyro or gyro/x, repeatable; default gyro and accel",
+    )
+    add(
+        "--timeout",
+        type=seconds,
+        metavar="T",
+        help="give up after so long (90, 90s, 10m, 2h); also how long to wait for a daemon, else 2 s",
+    )
 
 
 def show(words: argparse.Namespace) -> int:
@@ -54,3 +90,54 @@ def status(words: argparse.Namespace) -> int:
         raise Stop(f"{who}: start one with imumon run, or name it with --connect", NOTHING_THERE)
     print_report(made, words.json)
     return DONE
+
+
+def wait(words: argparse.Namespace) -> int:
+    """Until a report holds what is asked; with nothing asked, until the first sample."""
+    from imumon.cli.goal import Goal
+    from imumon.units import duration
+
+    if words.precision is not None and words.coefficient is None:
+        raise Stop("--precision needs --coefficient N, B or K", USAGE)
+    goal = Goal(
+        grade=words.grade,
+        coefficient=words.coefficient,
+        precision=words.precision,
+        channels=tuple(words.channel or ()),
+    )
+    start = time.monotonic()
+    end = start + words.timeout if words.timeout else float("inf")
+    with viewer(words) as feed:
+        made = feed.wait_report(words.id, words.timeout or 2.0)
+        if made is None:
+            who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
+            raise Stop(f"{who}: start one with imumon run, or name it with --connect", NOTHING_THERE)
+        said = ""
+        while lacks := goal.lacks(made):
+            if lacks != said:
+                said = lacks
+                _mention(lacks)
+            if time.monotonic() >= end:
+                _mention("")
+                raise Stop(f"not reached in {duration(words.timeout)}: {lacks}", NOT_IN_TIME)
+            made = _next(feed, made, end)
+    _mention("")
+    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
+    print(f"{made.device.id}: {', '.join(grades) or 'running'} after {duration(made.session.elapsed_s)}")
+    return DONE
+
+
+def _next(feed: Any, made: Any, end: float) -> Any:
+    """The next report of the same device; the same one again at the end of the time."""
+    while (left := end - time.monotonic()) > 0:
+        newest = feed.reports()[made.device.id][0]
+        if newest is not made:
+            return newest
+        time.sleep(min(left, 0.1))
+    return made
+
+
+def _mention(text: str) -> None:
+    """What is still missing, on a line of the terminal that is written over; nothing elsewhere."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text[:120]}", end="", file=sys.stderr, flush=True)

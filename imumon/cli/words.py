@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import re
 from typing import Any, NoReturn
 
 DONE, FAILED, USAGE, NOTHING_THERE, NOT_IN_TIME, INTERRUPTED = 0, 1, 2, 3, 4, 130
@@ -37,6 +38,41 @@ def positive(text: str) -> float:
     value = float(text)
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+_SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def seconds(text: str) -> float:
+    """Length of time in seconds.
+
+    >>> seconds("90"), seconds("90s"), seconds("10m"), seconds("1h30m"), seconds("0.5 d")
+    (90.0, 90.0, 600.0, 5400.0, 43200.0)
+    """
+    parts = re.findall(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*", text.lower())
+    whole = "".join(f"{number}{unit}" for number, unit in parts) == re.sub(r"\s+", "", text.lower())
+    try:
+        total = sum(float(number) * _SECONDS[unit or "s"] for number, unit in parts)
+    except KeyError:
+        total = 0.0
+    if not whole or not 0.0 < total < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no length of time; write 90, 90s, 10m, 2h or 1h30m")
+    return total
+
+
+def share(text: str) -> float:
+    """Share of a value.
+
+    >>> share("0.05"), share("5%")
+    (0.05, 0.05)
+    """
+    try:
+        value = float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no precision; write 0.05 or 5%")
     return value
 
 

@@ -1,0 +1,145 @@
+"""`imumon wait`: done when it is so, 4 when it is late, 3 when nobody is there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import reports
+from daemons import Daemon, free_endpoint
+
+from imumon.cli.goal import Goal
+from imumon.cli.words import seconds, share
+from imumon.emulator import EmulatorSettings, spawn
+from imumon.report import Report, SensorGrade, Session
+from imumon.samples import sensor_of
+from imumon.units import READABLE
+
+
+def changed(made: Report, name: str, **coefficients: float | None) -> Report:
+    """The report with another upper limit, SI, of some coefficients of a channel; None: pending."""
+    channel = made.channels[name]
+    parts = {}
+    for letter, high in coefficients.items():
+        found, factor = getattr(channel, letter), READABLE[sensor_of(name), letter].factor
+        shown = replace(found.readable, value=None, low=None, high=None if high is None else high * factor)
+        parts[letter] = (
+            replace(found, value=None, low=None, high=None, status="pending")
+            if high is None
+            else replace(found, value=None, low=None, high=high, status="upper_bound", readable=shown)
+        )
+    return replace(made, channels={**made.channels, name: replace(channel, **parts)})
+
+
+def graded(made: Report, provisional: bool) -> Report:
+    headline = SensorGrade(nearest="industrial", meets="industrial", provisional=provisional)
+    return replace(made, grade={"gyro": headline, "accel": headline})
+
+
+LONG = graded(reports.report(100_000.0), False)
+
+
+def test_a_final_grade_counts_for_itself_and_all_worse_ones() -> None:
+    assert Goal(grade="industrial").lacks(LONG) is None
+    assert Goal(grade="consumer").lacks(LONG) is None
+    assert "industrial" in str(Goal(grade="tactical").lacks(LONG))
+
+
+def test_a_provisional_grade_counts_when_no_limit_can_take_it_away() -> None:
+    maybe = graded(LONG, True)
+    good = changed(maybe, "gyro/x", B=4.0e-5)  # 8 deg/h at most: industrial
+    assert Goal(grade="industrial").lacks(good) is None
+    bad = changed(maybe, "gyro/x", B=4.0e-4)  # 82 deg/h: it may be consumer
+    assert Goal(grade="industrial").lacks(bad) == "B of gyro/x may be up to 82.5 °/h, that is consumer"
+    assert Goal(grade="consumer").lacks(bad) is None
+    assert Goal(grade="industrial", channels=("accel",)).lacks(bad) is None
+    assert "pending" in str(Goal(grade="industrial").lacks(changed(maybe, "accel/y", B=None)))
+
+
+def test_a_grade_of_a_record_mostly_cut_out_does_not_count() -> None:
+    maybe = graded(LONG, True)
+    session = replace(maybe.session, excluded_s=0.6 * maybe.session.elapsed_s)
+    assert "not certain" in str(Goal(grade="industrial").lacks(replace(maybe, session=session)))
+
+
+def test_no_grade_tells_its_reason() -> None:
+    none = replace(LONG, grade={"gyro": SensorGrade(reason="the sensor is not at rest")})
+    assert Goal(grade="consumer").lacks(none) == "gyro has no grade yet: the sensor is not at rest"
+
+
+def test_a_precision_needs_every_axis_measured() -> None:
+    assert Goal(coefficient="N", precision=0.5).lacks(LONG) is None
+    assert "wanted 1e-06" in str(Goal(coefficient="N", precision=1e-6).lacks(LONG))
+    bounded = changed(LONG, "accel/z", K=1.0)
+    assert "K of accel/z is only bounded" in str(Goal(coefficient="K", precision=0.9).lacks(bounded))
+    assert Goal(coefficient="N", precision=0.5, channels=("mag/x",)).lacks(LONG) is None
+    assert "no mag/q" in str(Goal(coefficient="N", channels=("mag/q",)).lacks(LONG))
+
+
+def test_nothing_asked_is_the_first_sample() -> None:
+    assert Goal().lacks(LONG) is None
+    assert "no sample yet" in str(Goal().lacks(replace(LONG, session=Session())))
+
+
+@pytest.mark.parametrize("text", ["", "x", "5 parsecs", "-1", "0", "h", "1h x", "1e999"])
+def test_a_length_of_time_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(Exception, match="no length of time"):
+        seconds(text)
+
+
+@pytest.mark.parametrize("text", ["", "0", "1", "-5%", "100%", "nan", "one"])
+def test_a_precision_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(Exception, match="no precision"):
+        share(text)
+
+
+def wait(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "imumon", "wait", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
+def test_nobody_there_is_3_within_2_seconds() -> None:
+    start = time.monotonic()
+    done = wait("--connect", free_endpoint())
+    assert done.returncode == 3
+    assert "no daemon answers" in done.stderr
+    assert time.monotonic() - start < 6.0
+    assert wait("--connect", free_endpoint(), "--timeout", "0.3").returncode == 3
+
+
+def test_a_daemon_answers_in_time_and_too_late(tmp_path: Path) -> None:
+    with Daemon("sim", tmp_path, "--speed", "100", "--seed", "1") as daemon:
+        where = ("--connect", daemon.endpoint)
+        reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "30s")
+        assert (reached.returncode, reached.stderr) == (0, "")
+        assert reached.stdout.startswith("vn100-0100056785: ")
+        assert reached.stdout.count("\n") == 1
+        late = wait(*where, "--grade", "navigation", "--timeout", "1s")
+        assert (late.returncode, late.stdout) == (4, "")
+        assert late.stderr.startswith("imumon: not reached in 1 s: ")
+        assert late.stderr.count("\n") == 1
+        daemon.stop()
+
+
+def test_it_waits_for_a_daemon_that_is_not_there_yet(tmp_path: Path) -> None:
+    place = free_endpoint()
+    command = [sys.executable, "-m", "imumon", "wait", "--connect", place, "--timeout", "30s"]
+    waiting = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, listen=place) as daemon:
+        said, _ = waiting.communicate(timeout=30)
+        daemon.stop()
+    assert waiting.returncode == 0
+    assert said.startswith("vn100-")
+
+
+@pytest.mark.parametrize(
+    "words", [("--precision", "0.1"), ("--grade", "splendid"), ("--timeout", "soon"), ("--timeout", "0")]
+)
+def test_wrong_words_are_one_line_and_2(words: tuple[str, ...]) -> None:
+    done = wait(*words)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
