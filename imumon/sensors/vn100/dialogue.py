@@ -1,8 +1,8 @@
 """Dialogue with a VN-100: find its baud, ask it, write its registers.
 
 The port and the clock are handed in. Every wait is bounded; a full scan of the bauds takes less than ten
-seconds, twelve when nothing may be asked. Answers are always sentences, also between binary packets. What is sent while the stream is
-asked for something goes through a decoder of its own: the record's counters count the record alone.
+seconds, twelve when nothing may be asked. Answers are always sentences, also between binary packets. What
+comes during a dialogue goes through a decoder of its own: the record's counters count the record alone.
 """
 
 from __future__ import annotations
