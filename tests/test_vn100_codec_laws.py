@@ -250,6 +250,29 @@ def test_checksums(data: bytes) -> None:
 
 
 @laws
+@given(st.binary(min_size=120, max_size=120), st.integers(1, 20))
+def test_checksums_of_rows_are_those_of_each(data: bytes, width: int) -> None:
+    rows = np.frombuffer(data[: 120 // width * width], np.uint8).reshape(-1, width)
+    assert checksum.crc16_rows(rows).tolist() == [checksum.crc16(row.tobytes()) for row in rows]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("where", [0, 127, 128, 129, 640, 641, 2500, 2999])
+def test_long_runs_end_at_the_first_damage(layout: Layout, where: int) -> None:
+    """One flipped bit in a run that is checked as an array, in the header, the payload or the check."""
+    rows = np.random.default_rng(3).normal(size=(3000, 3))
+    data = layout.encode(
+        {name: rows for name in layout.fields if layout.dtype[name].shape == (3,)}
+        or {"timeStartup": np.arange(3000)}
+    )
+    assert layout.count(data, 0, 3000) == 3000
+    for byte in (0, len(layout.header) - 1, layout.length // 2, layout.length - 1):
+        damaged = bytearray(data)
+        damaged[where * layout.length + byte] ^= 0x10
+        assert layout.count(bytes(damaged), 0, 3000) == where
+
+
+@laws
 @given(
     st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters="$*"), max_size=60), CHECKS
 )

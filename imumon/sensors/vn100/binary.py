@@ -20,10 +20,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.sensors.vn100.checksum import crc16
+from imumon.sensors.vn100.checksum import crc16, crc16_rows
 from imumon.sensors.vn100.streams import Recipe, recipe
 
 SYNC = 0xFA
+_FEW = 128
+"""Packets that are checked one by one; those behind them by the array."""
 
 COMMON, TIME, IMU, ATTITUDE = 1, 2, 3, 5
 
@@ -198,6 +200,21 @@ class Layout:
 
     def count(self, data: bytes, at: int, most: int) -> int:
         """How many valid packets of this layout follow one another from `at` on."""
+        good = self._one_by_one(data, at, min(most, _FEW))
+        size = _FEW
+        # many at once only behind many good ones: a damaged line is not looked at over and over
+        while good >= size and good < most:
+            size = min(4 * size, most - good)
+            rows = np.frombuffer(data, np.uint8, size * self.length, at + good * self.length)
+            bad = self._invalid(rows.reshape(size, self.length))
+            first = int(bad.argmax())
+            if bad[first]:
+                return good + first
+            good += size
+        return good
+
+    def _one_by_one(self, data: bytes, at: int, most: int) -> int:
+        """As `count`, for a few."""
         header, begun = self.header, crc16(self.header[1:])
         span = memoryview(data)[at : at + most * self.length]
         packets = iter_unpack(f"{len(header)}s{self.length - len(header)}s", span)
@@ -205,6 +222,13 @@ class Layout:
             if head != header or crc16(rest, begun):
                 return good
         return most
+
+    def _invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+        """Which rows are no valid packets of this layout."""
+        bad = np.not_equal(crc16_rows(packets[:, 1:]), 0)
+        for column, byte in enumerate(self.header):
+            bad |= packets[:, column] != byte
+        return bad
 
 
 class Incomplete(Exception):

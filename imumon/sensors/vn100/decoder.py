@@ -30,8 +30,8 @@ from imumon.sensors.vn100.streams import Batch, Recipe
 
 _START = re.compile(rb"[$\xfa]")
 _TEXT = bytes(range(0x20, 0x7F)) + b"\r\n\t"
-_RUN = 1024
-"""Most messages decoded as one array: they stay in the processor's cache."""
+_RUN = 8192
+"""Most messages decoded as one array: what is read at once has about as many."""
 
 
 class Ledger:
