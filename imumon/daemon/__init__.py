@@ -35,7 +35,7 @@ from imumon.sources import PortError, PortGone, Recorder, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
-INTERRUPTED = ("reopened", "baud", "reconfigured", "found", "lost", "garbage", "silent")
+INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 GATHER_S = 0.1
 EARLY_BYTES = 1 << 20

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from imumon.sensors.vn100 import Decoder
 from imumon.sensors.vn100.session import Facts, Session, SessionError, Wanted
-from imumon.sources import PortError, PortInfo, SerialPort, find_again, find_ports
+from imumon.sources import PortError, PortInfo, SerialPort, SourceError, find_again, find_ports
 
 BEAT_S = 0.2
 FIRST_BAUD = 115200
@@ -65,11 +65,7 @@ class Line:
         self.port.write(data)
 
     def set_baud(self, baud: int) -> bool:
-        try:
-            self.port.set_baud(baud)
-        except PortError:
-            return False
-        return True
+        return self.port.set_baud(baud)
 
     def reopen(self) -> None:
         self.port.reopen()
@@ -136,7 +132,7 @@ class Link:
         """Look for the sensor where it may be back; None while it is not."""
         assert self.path is not None
         for path in find_again(self.path, self._seen, find_ports()):
-            with contextlib.suppress(PortError, SessionError, OSError):
+            with contextlib.suppress(SourceError, SessionError, OSError):
                 return self._open(path)
         return None
 
