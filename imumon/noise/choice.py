@@ -44,6 +44,7 @@ WANTED = 3.1
 KEPT = 2.0
 TOLERATED = 2e-3  # of the Allan variance
 DEAREST = 14
+AGAIN = 1.2  # growth of a record after which a search in vain is repeated
 TERM_COST = 2
 LONELY, BESIDE = 3, -1  # what a block costs beyond its octaves
 SHORT = 2  # octaves left out at the short end beside a block
@@ -67,6 +68,7 @@ class Choice:
     excess : 1, relative variance of the model itself.
     chi2, dof, p_value : of the fit without that excess; None where there is nothing to test.
     cured : whether what is left passes the test.
+    sought : samples, length of the record when all descriptions were last tried in vain; 0: never.
     """
 
     used: Bools
@@ -77,6 +79,7 @@ class Choice:
     dof: int
     p_value: float | None
     cured: bool
+    sought: int = 0
 
 
 def choose(problem: Problems, former: Choice | None) -> Choice:
@@ -93,10 +96,12 @@ def choose(problem: Problems, former: Choice | None) -> Choice:
         found = _tried(problem, *again)
         if found.cured:
             return _finished(problem, _regained(problem, found, everything))
+        if problem.tables.span < AGAIN * former.sought:
+            return _finished(problem, replace(found, sought=former.sought))
     found = _with_terms(problem, _tried(problem, everything, _BASE))
     if not found.cured:
         found = _sought(problem, found)
-    return _finished(problem, found)
+    return _finished(problem, found if found.cured else replace(found, sought=problem.tables.span))
 
 
 def _widened(used: Bools, available: Bools) -> Bools:

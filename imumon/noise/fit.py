@@ -88,7 +88,9 @@ class ChannelFit:
     edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
     time_to : s, still to record.
     readings : classical slope readings.
-    caveats : words; ``misfit``, ``vibration``, ``correlated``, ``quantised``, ``ramp``.
+    caveats : words; ``misfit`` (what is left is no model, or rests on fewer than half of the octaves),
+        ``vibration`` and ``correlated`` (octaves left out, mostly above or below the model),
+        ``quantised``, ``ramp``.
     """
 
     N: Coefficient
@@ -399,8 +401,8 @@ def _coefficient(p: Floats, known: _Known, term: int, unit: float) -> Coefficien
 def _caveats(
     choice: Choice, used: Bools, there: Bools, found: Floats, model: Floats, edf: Floats
 ) -> tuple[str, ...]:
-    words = [] if choice.cured else ["misfit"]
     out = there & ~used
+    words = ["misfit"] if not choice.cured or out.sum() > used.sum() else []
     below, agree = choice.p[QUANTISATION] < 0.0, True
     if np.any(out):
         z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
