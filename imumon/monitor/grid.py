@@ -76,7 +76,7 @@ def _dense(placed: Placed, start: int, end: int, first: int) -> Run:
     if (steps == 1).all():
         return Run(placed.values[start:end], None, None if saturated is None else saturated[start:end])
     rows = np.cumsum(steps) - 1
-    values = np.zeros((int(rows[-1]) + 1, placed.values.shape[1]))
+    values = np.zeros((placed.values.shape[1], int(rows[-1]) + 1)).T  # one channel behind the other
     values[rows] = placed.values[start:end]
     present = np.zeros(len(values), dtype=bool)
     present[rows] = True

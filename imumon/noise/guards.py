@@ -92,7 +92,7 @@ class Guard:
         ]
         watched = self._watches[0].channels if self._watches else []
         self._repeats = Repeats(self.groups, watched)
-        self._values = np.zeros((0, len(self.groups)))
+        self._values = np.zeros((len(self.groups), 0)).T  # one channel behind the other
         self._valid = np.zeros((0, len(names)), dtype=bool)
         self._saturated = np.zeros(0, dtype=bool)
         self._codes = np.zeros((0, len(self._watches)), dtype=np.int8)  # of the parts judged
@@ -143,7 +143,7 @@ class Guard:
         n = len(values)
         flags = np.zeros(n, dtype=bool) if saturated is None else saturated
         given = np.ones((n, self._valid.shape[1]), dtype=bool) if valid is None else valid
-        self._values = np.concatenate((self._values, values))
+        self._values = np.concatenate((self._values.T, values.T), axis=1).T
         self._valid = np.concatenate((self._valid, given))
         self._saturated = np.concatenate((self._saturated, flags))
         self._judge_ready()
@@ -238,7 +238,7 @@ class Guard:
             self._end(self._watches)
         self._tail = self._codes[parts - PARTS : parts]
         self._codes, self._saturated = self._codes[parts:], self._saturated[n:]
-        self._values, self._valid = self._values[n:].copy(), self._valid[n:].copy()
+        self._values, self._valid = self._values[n:].copy(order="F"), self._valid[n:].copy()
         begin, self._index = self._index, self._index + n
         out, last = [], 0
         for place in [b for b in self._breaks if b < self._index]:
