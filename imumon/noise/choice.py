@@ -5,7 +5,8 @@ line some in the middle, a warm-up the long ones; an efficient fit would bend wi
 
 1. White, flicker and random walk over all octaves stand unless chi-square says no (p < `REJECTED`).
 2. Quantisation and ramp are taken in where their score, given the other terms, exceeds `WANTED` standard
-   deviations, which noise of the three kinds alone does once in a thousand, and the fit then passes.
+   deviations, which noise of the three kinds alone does once in a thousand records or less, and the fit
+   then passes.
 3. Still rejected: the cheapest description that passes (p >= `CURED`) is sought. An octave left out costs
    1, a term 2. Octaves are left out from the short end or as a block further on, or both; a block costs one
    less where octaves stay below it, since those are the most precise and agree, and three more where it is
@@ -40,7 +41,6 @@ from imumon.samples import Bools, Floats
 REJECTED = 1e-3
 CURED = 0.1
 REGAINED = 0.2
-WANTED = 3.1
 KEPT = 2.0
 TOLERATED = 2e-3  # of the Allan variance
 DEAREST = 14
@@ -53,6 +53,7 @@ _ROUNDS = 8
 _SEARCH_ROUNDS = 5
 _BASE = np.arange(len(TERMS)) < 3
 QUANTISATION, RAMP = 3, 4
+WANTED = {QUANTISATION: 4.0, RAMP: 3.1}  # the former costs N most of what the shortest octaves know
 FEWEST = 5  # octaves that must stay
 
 
@@ -169,7 +170,7 @@ def _with_terms(problem: Problems, choice: Choice) -> Choice:
     if not terms or choice.used.sum() < FEWEST + len(terms):
         return choice
     scores = zip(terms, _scores(problem, choice, terms), strict=True)
-    wanted = [term for term, z in scores if (abs(z) if term == QUANTISATION else z) > WANTED]
+    wanted = [term for term, z in scores if (abs(z) if term == QUANTISATION else z) > WANTED[term]]
     for extra in [[term] for term in wanted] + ([wanted] if len(wanted) > 1 else []):
         free = choice.free.copy()
         free[extra] = True
