@@ -3,6 +3,8 @@
     run         run, demo, sim                    cli/run.py
     look        tui, status, wait                 cli/look.py
     recording   replay                            cli/recording.py
+    care        doctor, config, completion        cli/care.py
+    documents   report                            cli/documents.py
     words       what all commands share           cli/words.py
 
 Each command imports what it needs when it runs, so that `imumon --version` costs nothing. stdout carries
@@ -19,7 +21,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from imumon import __version__
-from imumon.cli import look, recording, run
+from imumon.cli import care, documents, look, recording, run
 from imumon.cli.words import DONE, INTERRUPTED, USAGE, Parser, Stop
 
 
@@ -58,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser(asked: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
-    """The whole command line; the options of `sim` only where it is `asked` for: they need the emulator."""
+    """The whole command line; the options of `sim` only where `asked` for: they need the emulator."""
     parser = Parser(
         prog="imumon",
         description="Live noise figures of an inertial sensor: N, B, K and grade, with 95 % limits.",
@@ -80,7 +82,13 @@ def _parser(asked: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
     look.add_status(command("status", look.status, "one report from a running daemon"))
     look.add_wait(command("wait", look.wait, "until a grade or a precision is reached"))
     sim = command("sim", run.sim, "an emulated VN-100 on a pseudo-terminal")
-    if "sim" in asked:
+    if "sim" in asked or "completion" in asked:
         run.add_sim(sim)
     recording.add_replay(command("replay", recording.run_replay, "a recording through the same pipeline"))
+    documents.add_report(
+        command("report", documents.report, "the datasheet of a sensor, and settings to paste")
+    )
+    care.add_doctor(command("doctor", care.doctor, "check port, sensor, bus, state and service"))
+    care.add_config(command("config", care.config, "show the settings and their origins, or check them"))
+    care.add_completion(command("completion", care.completion, "what a shell needs to complete imumon"))
     return parser, commands

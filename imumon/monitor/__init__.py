@@ -228,6 +228,11 @@ class Monitor:
         record.resume(meta["record"], dict(arrays))
         self._resumed = (stream, timeline, record, int(meta["restarts"]))
 
+    def take_up(self) -> None:
+        """Stand by the record that `resume` took, with no sample to confirm it: to report, not to go on."""
+        if self._resumed is not None:
+            self._take_up(self._resumed[0], None)
+
     def _take_up(self, stream: Stream, interval: float | None) -> bool:
         """Whether the saved record is one of this stream; else it is refused, with the reason."""
         if self._resumed is None:

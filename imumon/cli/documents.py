@@ -1,0 +1,146 @@
+"""Command that makes documents of a report: report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from imumon.cli.words import DONE, NOTHING_THERE, USAGE, Parser, Stop, add_endpoints, positive, viewer
+
+STATE_MARK = b"imumon-state "
+
+
+def add_report(parser: Parser) -> None:
+    from imumon.datasheet import FORMS
+
+    forms = "; ".join(f"{name}: {what}" for name, (_, what) in FORMS.items())
+    add = parser.add_argument
+    add(
+        "file",
+        nargs="?",
+        metavar="FILE",
+        help="recording, saved state, or saved report; default: ask a daemon",
+    )
+    add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
+    add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
+    add("-o", "--output", metavar="OUT", help="file to write; default: stdout")
+    add("--rate", type=positive, metavar="HZ", help="sample rate of a recording without a clock")
+    add("--no-guards", action="store_true", help="of a recording: cut nothing out")
+    add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    add_endpoints(parser)
+
+
+def report(words: argparse.Namespace) -> int:
+    """A document of a running daemon, a recording, a state or a saved report."""
+    from imumon.datasheet import CannotDraw, document
+
+    form = _form(words)
+    if form == "png" and words.output is None and sys.stdout.isatty():
+        raise Stop("a PNG is not for a terminal: name a file with -o", USAGE)
+    if words.file and words.id:
+        raise Stop("give a FILE or the --id of a daemon's device, not both", USAGE)
+    made = _of_file(words) if words.file else _of_daemon(words)
+    try:
+        data = document(made, form)
+    except CannotDraw as error:
+        raise Stop(str(error)) from None
+    if words.output is None or words.output == "-":
+        sys.stdout.buffer.write(data)
+        return DONE
+    try:
+        Path(words.output).write_bytes(data)
+    except OSError as error:
+        raise Stop(f"cannot write {words.output}: {(error.strerror or str(error)).lower()}") from None
+    return DONE
+
+
+def _form(words: argparse.Namespace) -> str:
+    from imumon.datasheet import FORMS
+
+    if words.format:
+        return str(words.format)
+    suffix = Path(words.output).suffix[1:].lower() if words.output else ""
+    return {"htm": "html", "markdown": "md"}.get(suffix, suffix if suffix in FORMS else "md")
+
+
+def _of_daemon(words: argparse.Namespace) -> Any:
+    with viewer(words) as feed:
+        made = feed.wait_report(words.id, 2.0)
+    if made is None:
+        who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
+        raise Stop(f"{who}: start one with imumon run, or give a FILE (imumon report --help)", NOTHING_THERE)
+    return made
+
+
+def _of_file(words: argparse.Namespace) -> Any:
+    """By what the file holds, not by its name."""
+    head = b""
+    if words.file != "-":
+        try:
+            with open(words.file, "rb") as file:
+                head = file.read(64)
+        except IsADirectoryError:
+            pass  # a bag of two or more files
+        except OSError as error:
+            raise Stop(f"cannot read {words.file}: {(error.strerror or str(error)).lower()}") from None
+    if head.startswith(STATE_MARK):
+        return _of_state(Path(words.file))
+    if head.lstrip().startswith(b"{"):
+        return _of_report(Path(words.file))
+    return _of_recording(words)
+
+
+def _of_report(path: Path) -> Any:
+    from imumon.report import Report, from_json
+
+    try:
+        return from_json(Report, path.read_bytes())
+    except ValueError as error:
+        raise Stop(f"{path} is no saved report: {error}") from None
+
+
+def _of_state(path: Path) -> Any:
+    """Report of a saved state, as it was when it was saved."""
+    from dataclasses import fields
+    from datetime import datetime
+
+    from imumon.checkpoint import StateError, decode
+    from imumon.monitor import Monitor, Wanted
+    from imumon.report import Device, Session
+
+    try:
+        state = decode(path.read_bytes())
+        meta = state.meta
+        monitor = Monitor(Wanted(guarded=bool(meta["monitor"]["guarded"])))
+        monitor.resume(meta["monitor"], state.arrays, 0.0)
+        monitor.take_up()
+        known = {field.name for field in fields(Device)}
+        facts = {name: value for name, value in meta.get("device", {}).items() if name in known}
+        facts |= {"id": path.name.removesuffix(".state"), "serial": meta.get("serial")}
+        device = Device(**(facts | {"settings": meta.get("settings", {})}))
+        session = Session(started=meta.get("started"), **meta["session"])
+        caveats = tuple(meta.get("caveats", ()))
+        if monitor.stream is not None and monitor.stream.kind == "compensated":
+            caveats = tuple(dict.fromkeys((*caveats, "compensated")))
+        saved = datetime.fromisoformat(meta["saved"])
+        return monitor.report(saved, device, "stopped", session, device_caveats=caveats)
+    except StateError as error:
+        raise Stop(f"the state {path} is {error}") from None
+    except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
+        raise Stop(f"the state {path} is of another version of imumon") from None
+
+
+def _of_recording(words: argparse.Namespace) -> Any:
+    from imumon.monitor import RateNeeded
+    from imumon.replay import Replay, bar, replay
+    from imumon.sources import SourceError
+
+    task = Replay(path=words.file, rate_hz=words.rate, guarded=not words.no_guards)
+    try:
+        return replay(task, progress=bar())
+    except RateNeeded as error:
+        raise Stop(str(error), USAGE) from None
+    except SourceError as error:
+        raise Stop(str(error)) from None

@@ -1,0 +1,248 @@
+"""Snippets: settings that people paste into other tools, with units and 95 % limits in comments.
+
+The rules: the worst axis decides, as these tools take one number for three axes. A coefficient that the
+record does not show is represented by its 95 % bound, which is safe and says so. Where not even a
+bound is known, the line stays commented out: no number is invented. Nothing is multiplied by a
+margin; what margin a vehicle needs is the user's to say.
+
+N is the density of the rate as an Allan deviation gives it: white noise of N has the deviation
+N / sqrt(dt) in samples of dt. K drives the bias: it walks by K sqrt(t).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from imumon.report import Coefficient, Report
+from imumon.samples import AXES
+from imumon.units import duration
+
+FILTER_HZ = 100.0
+"""Rate at which the filters of PX4 and ArduPilot predict."""
+
+NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
+WORDS = {"N": "white noise density", "K": "random walk of the bias"}
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """The largest of the axes, a bound standing in where nothing is measured.
+
+    Attributes
+    ----------
+    value : SI, None where no axis has even a bound.
+    lines : comments for people: what it is, and every axis.
+    """
+
+    value: float | None
+    lines: tuple[str, ...]
+
+
+def worst(made: Report, sensor: str, letter: str) -> Worst:
+    """N or K of a sensor for a setting that takes one number."""
+    found: dict[str, Coefficient] = {}
+    for axis in AXES:
+        channel = made.channels.get(f"{sensor}/{axis}")
+        part: Coefficient | None = getattr(channel, letter) if channel is not None else None
+        if part is not None:
+            found[axis] = part
+    sizes = {axis: size for axis, part in found.items() if (size := _size(part)) is not None}
+    what = f"{NAMES[sensor]} {letter}, {WORDS[letter]}"
+    if not sizes:
+        why = next((part.reason for part in found.values() if part.reason), "no samples of it")
+        return Worst(None, (f"{what}: not known yet ({why}); record longer, do not guess",))
+    axis = max(sizes, key=lambda name: sizes[name])
+    unit = found[axis].unit
+    seen = found[axis].status == "measured"
+    how = f"worst axis {axis}" if seen else f"bound of axis {axis}: not seen in this record, truly smaller"
+    lines = [f"{what}, {unit}; {how}", *(f"  {name}: {_told(part)}" for name, part in found.items())]
+    if not seen:
+        lines.append("  the bound is on the safe side; a longer record lowers it")
+    return Worst(sizes[axis], tuple(lines))
+
+
+def _size(part: Coefficient) -> float | None:
+    if part.status == "measured":
+        return part.value
+    return part.high if part.status == "upper_bound" else None
+
+
+def _told(part: Coefficient) -> str:
+    if part.status == "measured" and part.value is not None:
+        limits = ""
+        if part.low is not None and part.high is not None:
+            limits = f" (95 %: {part.low:.3e} to {part.high:.3e})"
+        return f"{part.value:.4e}{limits}"
+    if part.status == "upper_bound" and part.high is not None:
+        return f"< {part.high:.3e} (95 %), not seen"
+    return "not known yet"
+
+
+def head(made: Report) -> list[str]:
+    """Comments in front of every snippet: whose noise, from how long a record, and what is wrong with it."""
+    device, session = made.device, made.session
+    who = " ".join(part for part in (device.model, device.serial) if part) or device.id
+    rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
+    lines = [
+        f"{who}: noise at rest, measured by imumon, {made.time}",
+        f"{duration(session.elapsed_s)} of {device.stream or 'samples'}{rate}, "
+        f"{duration(session.excluded_s + session.warmup_s)} of it left out",
+    ]
+    words = set(made.caveats).union(*(c.caveats for c in made.channels.values()))
+    if "aliased" in words:
+        by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
+        lines.append(f"WARNING: aliased: N is too high{by}. Right for this very stream, wrong for the sensor")
+    if "compensated" in words:
+        lines.append("WARNING: compensated: K describes the sensor's own filter, not the gyroscope")
+    if "not_at_rest" in words:
+        lines.append("WARNING: the sensor moved: these numbers are not its noise")
+    if "misfit" in words:
+        lines.append("WARNING: a curve is not N + B + K: see the datasheet before you rely on it")
+    return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
+
+
+def _yaml(made: Report, indent: str = "", order: tuple[str, ...] = ("accel", "gyro")) -> list[str]:
+    lines = []
+    for sensor in order:
+        for letter, key in (("N", "noise_density"), ("K", "random_walk")):
+            found = worst(made, sensor, letter)
+            lines += [f"{indent}# {line}" for line in found.lines]
+            name = f"{NAMES[sensor]}_{key}"
+            lines.append(
+                f"{indent}{name}: {found.value:.6e}" if found.value is not None else f"{indent}# {name}: ?"
+            )
+    return lines
+
+
+def _comments(lines: list[str]) -> list[str]:
+    return [f"# {line}" for line in lines]
+
+
+def _rate(made: Report) -> float:
+    return made.device.sample_rate_hz or 0.0
+
+
+def kalibr(made: Report) -> str:
+    """Kalibr's imu.yaml: continuous-time densities and walks."""
+    lines = _comments(head(made)) + _yaml(made)
+    return "\n".join([*lines, "rostopic: /imu/data", f"update_rate: {_rate(made):.6g}"]) + "\n"
+
+
+def openvins(made: Report) -> str:
+    """OpenVINS' kalibr_imu_chain.yaml, the pose of the sensor being that of the body."""
+    rows = ", ".join(str([float(i == j) for j in range(4)]) for i in range(4))
+    lines = ["%YAML:1.0", *_comments(head(made)), "imu0:", f"  T_i_b: [{rows}]", *_yaml(made, "  ")]
+    tail = [
+        "  rostopic: /imu/data",
+        "  time_offset: 0.0",
+        f"  update_rate: {_rate(made):.6g}",
+        '  model: "kalibr"',
+    ]
+    return "\n".join(lines + tail) + "\n"
+
+
+def ros(made: Report) -> str:
+    """Covariances of sensor_msgs/Imu: the variance of one sample of this stream, N^2 times the rate."""
+    lines = _comments(head(made))
+    lines.append("# sensor_msgs/Imu: variance of one sample, row-major; axes as the sensor names them")
+    for sensor, field, unit in (
+        ("gyro", "angular_velocity_covariance", "(rad/s)^2"),
+        ("accel", "linear_acceleration_covariance", "(m/s^2)^2"),
+    ):
+        diagonal = []
+        for axis in AXES:
+            channel = made.channels.get(f"{sensor}/{axis}")
+            part = channel.N if channel is not None else None
+            if part is not None and part.status == "measured" and part.value is not None and _rate(made):
+                diagonal.append(part.value**2 * _rate(made))
+                lines.append(
+                    f"#   {sensor}/{axis}: N {_told(part)} {part.unit}, squared times {_rate(made):g} Hz"
+                )
+            elif channel is not None and channel.std is not None:
+                diagonal.append(channel.std**2)
+                lines.append(f"#   {sensor}/{axis}: N is not known yet; square of the standard deviation")
+        if len(diagonal) == 3:
+            x, y, z = (f"{value:.4e}" for value in diagonal)
+            lines.append(f"{field}: [{x}, 0, 0,  0, {y}, 0,  0, 0, {z}]  # {unit}")
+        else:
+            lines.append(f"# {field}: all zeros, which means unknown")
+    lines += [
+        "# this sensor's own orientation is not characterised; -1 means not given",
+        "orientation_covariance: [-1, 0, 0,  0, 0, 0,  0, 0, 0]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _autopilot(made: Report, names: Mapping[tuple[str, str], tuple[str, str]], form: str) -> str:
+    lines = _comments(head(made))
+    lines += [
+        f"# deviation in one step of the filter at {FILTER_HZ:g} Hz: N sqrt({FILTER_HZ:g} Hz), K "
+        f"sqrt({FILTER_HZ:g} Hz)",
+        "# the least the sensor itself asks for. Defaults are far above it, for a vehicle vibrates: keep "
+        "them,",
+        "# or stay well above these; use them to compare sensors or on a rig at rest",
+    ]
+    for (sensor, letter), (name, unit) in names.items():
+        found = worst(made, sensor, letter)
+        lines += _comments(list(found.lines))
+        if found.value is None:
+            lines.append(f"# {name} ?")
+        else:
+            lines += [f"# {name} in {unit}", form.format(name=name, value=found.value * math.sqrt(FILTER_HZ))]
+    return "\n".join(lines) + "\n"
+
+
+def px4(made: Report) -> str:
+    """PX4's EKF2: standard deviations of one prediction step, for the console."""
+    names = {
+        ("gyro", "N"): ("EKF2_GYR_NOISE", "rad/s"),
+        ("gyro", "K"): ("EKF2_GYR_B_NOISE", "rad/s^2"),
+        ("accel", "N"): ("EKF2_ACC_NOISE", "m/s^2"),
+        ("accel", "K"): ("EKF2_ACC_B_NOISE", "m/s^3"),
+    }
+    return _autopilot(made, names, "param set {name} {value:.4e}")
+
+
+def ardupilot(made: Report) -> str:
+    """ArduPilot's EKF3: the same, as a parameter file."""
+    names = {
+        ("gyro", "N"): ("EK3_GYRO_P_NSE", "rad/s"),
+        ("gyro", "K"): ("EK3_GBIAS_P_NSE", "rad/s^2"),
+        ("accel", "N"): ("EK3_ACC_P_NSE", "m/s^2"),
+        ("accel", "K"): ("EK3_ABIAS_P_NSE", "m/s^3"),
+    }
+    return _autopilot(made, names, "{name},{value:.6g}")
+
+
+def gtsam(made: Report) -> str:
+    """GTSAM's combined preintegration: continuous-time covariances, squares of N and K."""
+    lines = _comments(head(made))
+    lines += [
+        "import gtsam",
+        "import numpy as np",
+        "",
+        "params = gtsam.PreintegrationCombinedParams.MakeSharedU(9.80665)  # z up; MakeSharedD for z down",
+    ]
+    for sensor, letter, call in (
+        ("accel", "N", "setAccelerometerCovariance"),
+        ("gyro", "N", "setGyroscopeCovariance"),
+        ("accel", "K", "setBiasAccCovariance"),
+        ("gyro", "K", "setBiasOmegaCovariance"),
+    ):
+        found = worst(made, sensor, letter)
+        lines += _comments(list(found.lines))
+        value = "?" if found.value is None else f"{found.value:.6e}"
+        lines.append(f"{'# ' if found.value is None else ''}params.{call}(np.eye(3) * {value}**2)")
+    return "\n".join(lines) + "\n"
+
+
+SNIPPETS: Mapping[str, Callable[[Report], str]] = {
+    "kalibr": kalibr,
+    "ros": ros,
+    "px4": px4,
+    "ardupilot": ardupilot,
+    "gtsam": gtsam,
+    "openvins": openvins,
+}
