@@ -91,7 +91,7 @@ class Guard:
             if any(s in kinds for s in names)
         ]
         watched = self._watches[0].channels if self._watches else []
-        self._repeats = Repeats(self.groups, watched)
+        self._repeats = Repeats(self.groups, watched, rate_hz)
         self._values = np.zeros((len(self.groups), 0)).T  # one channel behind the other
         self._valid = np.zeros((0, len(names)), dtype=bool)
         self._saturated = np.zeros(0, dtype=bool)
@@ -206,20 +206,24 @@ class Guard:
         clean = bool(valid.all()) and not (stuck.any() or looped.any() or saturated.any())
         shape = (k, PARTS, self._part)
         for w, watch in enumerate(self._watches):
-            x = np.ascontiguousarray(values[:, watch.channels].T).reshape(-1, *shape)
+            x = values.T[watch.channels].reshape(-1, *shape)
+            if clean:
+                self._compare(watch, x, None, codes[..., w], done)
+                continue
             received = np.asarray(valid[:, watch.groups].all(axis=1), dtype=bool)
             hung = np.asarray(stuck[:, watch.groups].any(axis=1), dtype=bool)
-            seen = None if clean else (received & ~(hung | looped | saturated)).reshape(shape)
-            if self._begun:
-                self._breaks += watch.compare(x, seen, codes[..., w], self._index + done)
-            else:
-                watch.begin(x, seen, codes[..., w])
-            if clean:
-                continue
+            seen = (received & ~(hung | looped | saturated)).reshape(shape)
+            self._compare(watch, x, seen, codes[..., w], done)
             for code, hit in ((CLIPPED, saturated), (STUCK, hung), (LOOP, looped)):
                 codes[np.any((hit & received).reshape(shape), axis=2), w] = code
         self._repeats.learn(k)
         self._codes = np.concatenate((self._codes, codes.reshape(-1, len(self._watches))))
+
+    def _compare(self, watch: Watch, x: Floats, seen: Bools | None, codes: Codes, done: int) -> None:
+        if self._begun:
+            self._breaks += watch.compare(x, seen, codes, self._index + done)
+        else:
+            watch.begin(x, seen, codes)
 
     def _pass(self, frames: int) -> list[Passed]:
         """Let the first `frames` frames go, with their cuts and margins."""

@@ -6,9 +6,10 @@ lawfully: a magnetometer that updates at 250 Hz and is read at 800 Hz, a quantis
 channel. So the share of repeats p that is usual here is learned, and a run of r repeats counts as stuck only
 when p^r is beyond chance (`CHANCE`), and never before `LEAST` of them.
 
-Loops are found by content-selected fingerprints: about one row in eight is chosen by the value of its own
-hash, so a replay chooses the same rows again; when several of them in a row were last seen the same number
-of rows ago, that number is the period. Memory: the last `REMEMBERED` fingerprints, half an hour at 40 Hz.
+Loops are found by content-selected fingerprints: a row is chosen by the value of its own hash, so a replay
+chooses the same rows again; when several of them in a row were last seen the same number of rows ago, that
+number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`), and the last `REMEMBERED` of them
+kept: half an hour.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ LEAST = 5
 """Fewest repeats in a row, or fingerprints at one distance, that may count."""
 
 REMEMBERED = 8192
-_SELECT = np.uint64(61)  # a row is a fingerprint when the bits of its hash from here up are zero
+FINGERPRINTS_HZ = 5.0
 _GOLDEN = 0x9E3779B97F4A7C15
 _MASK = (1 << 64) - 1
 
@@ -37,15 +38,18 @@ class Repeats:
     ----------
     groups : group of each channel, 0 ... g-1.
     loops : channels whose rows are fingerprinted for loops.
+    rate_hz : Hz, rows a second.
 
     Attributes
     ----------
     period : rows of the loop that is running, else None.
     """
 
-    def __init__(self, groups: Sequence[int], loops: Sequence[int]) -> None:
+    def __init__(self, groups: Sequence[int], loops: Sequence[int], rate_hz: float) -> None:
         self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
         self._loops = list(loops)
+        # a row is a fingerprint when its hash is below this
+        self._select = np.uint64(1 << 64 - max(3, round(math.log2(rate_hz / FINGERPRINTS_HZ))))
         keys = [(_GOLDEN * (2 * c + 3) * (2 * c + 3) | 1) & _MASK for c in range(len(groups))]
         self._keys = np.array(keys, dtype=np.uint64)
         g = len(self._channels) + 1  # the last one is the row of `loops`
@@ -76,12 +80,12 @@ class Repeats:
         looped : (n,) row belongs to a loop that has been recognised.
         """
         stuck = np.zeros(valid.shape, dtype=bool)
-        bits = np.ascontiguousarray(values.T).view(np.uint64)
+        bits = values.T.view(np.uint64)
         total = np.zeros(len(values), dtype=np.uint64)
         received = np.ones(len(values), dtype=bool)
         for g, channels in enumerate(self._channels):
-            mixed = np.zeros(len(values), dtype=np.uint64)
-            for c in channels:
+            mixed = bits[channels[0]] * self._keys[channels[0]]
+            for c in channels[1:]:
                 mixed += bits[c] * self._keys[c]
             if any(c in self._loops for c in channels):
                 total += mixed
@@ -118,7 +122,7 @@ class Repeats:
         same[0] = bool(self._started[g]) and row[0] == self._previous[g]
         self._previous[g], self._started[g] = row[-1], True
         ordinary = len(row)
-        repeats = int(same.sum())
+        repeats = int(np.count_nonzero(same))
         if repeats:
             place = np.arange(1, len(row) + 1)
             since = np.maximum.accumulate(np.where(same, 0, place))
@@ -145,7 +149,7 @@ class Repeats:
 
     def _looped(self, mixed: np.ndarray, received: Bools, fresh: Bools, out: Bools) -> None:
         """Follow the fingerprints; marks rows of a recognised loop in `out`."""
-        chosen = np.flatnonzero(fresh & (mixed >> _SELECT == 0))
+        chosen = np.flatnonzero(fresh & (mixed < self._select))
         rows = np.cumsum(received)[chosen] if not received.all() else chosen + 1
         keys = mixed[chosen].tolist()
         if keys and not self.period and self._seen.keys().isdisjoint(keys) and len(set(keys)) == len(keys):
