@@ -8,8 +8,8 @@ when p^r is beyond chance (`CHANCE`), and never before `LEAST` of them.
 
 Loops are found by content-selected fingerprints: a row is chosen by the value of its own hash, so a replay
 chooses the same rows again; when several of them in a row were last seen the same number of rows ago, that
-number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`), and the last `REMEMBERED` of them
-kept: half an hour.
+number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`), and the last `REMEMBERED` of
+them kept: half an hour.
 """
 
 from __future__ import annotations
