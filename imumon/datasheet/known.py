@@ -21,11 +21,11 @@ class Figure:
 
 
 MANUFACTURER: Mapping[tuple[str, str], Figure] = {
-    ("gyro", "N"): Figure(0.21, "0.21 °/√h (0.0035 °/s/√Hz)"),
-    ("gyro", "B"): Figure(10.0, "5 to 7 °/h typical, < 10 °/h"),
-    ("accel", "N"): Figure(0.0824, "0.082 m/s/√h (0.14 mg/√Hz)"),
-    ("accel", "B"): Figure(0.04, "< 0.04 mg"),
-    ("mag", "N"): Figure(0.14, "0.14 mG/√Hz"),
+    ("gyro", "N"): Figure(0.21, "0.21 (0.0035 °/s/√Hz)"),
+    ("gyro", "B"): Figure(10.0, "5 to 7 typical, < 10"),
+    ("accel", "N"): Figure(0.0824, "0.082 (0.14 mg/√Hz)"),
+    ("accel", "B"): Figure(0.04, "< 0.04"),
+    ("mag", "N"): Figure(0.14, "0.14"),
 }
 """VN-100, datasheet of the manufacturer. Its B is an in-run bias stability, the floor of the curve."""
 

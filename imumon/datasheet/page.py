@@ -8,6 +8,12 @@ from imumon.datasheet.plot import svg
 from imumon.datasheet.sheet import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
 from imumon.report import Report
 
+SHORT = 14
+"""Rows of a table that is kept on one page."""
+
+TOGETHER = 24
+"""Characters of a cell that is not broken."""
+
 STYLE = """
 :root { color-scheme: light dark; --ground: #fff; --text: #1b1f24; --muted: #5b6470; --rule: #d5dae0;
   --soft: #f3f5f7; --warn: #8a5300; --warn-soft: #fff4df; --x: #0b66b0; --y: #c4500a; --z: #0a8a62; }
@@ -23,7 +29,7 @@ body { margin: 0 auto; padding: 2.2rem 1.4rem 3rem; max-width: 62rem; background
 h1 { margin: 0; font-size: 1.7rem; line-height: 1.2; }
 h2 { margin: 2.2rem 0 .6rem; font-size: 1.12rem; border-bottom: 1px solid var(--rule);
   padding-bottom: .25rem; }
-p { margin: .6rem 0; max-width: 52rem; }
+p { margin: .6rem 0; }
 .subtitle, .note, figcaption { color: var(--muted); }
 .note, figcaption { font-size: .87rem; }
 .verdicts { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
@@ -54,8 +60,11 @@ svg.allan text { fill: var(--text); font: 12.5px system-ui, "Segoe UI", Arial, "
 pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow-x: auto; font: 12.5px/1.45
   ui-monospace, "SF Mono", Consolas, "DejaVu Sans Mono", monospace; }
 @page { margin: 14mm; }
-@media print { body { padding: 0; max-width: none; font-size: 10.5pt; } h2 { break-after: avoid; }
-  figure, tr, .warned, .verdict { break-inside: avoid; } .wide { overflow: visible; }
+@media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
+  h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
+  figure { margin: .5rem 0; text-align: center; }
+  svg.allan { width: 76%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
+  .short, figure, tr, .warned, .verdict { break-inside: avoid; } .wide { overflow: visible; margin: .5rem 0; }
   pre { white-space: pre-wrap; font-size: 8.5pt; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
@@ -101,17 +110,31 @@ def _block(block: Block, made: Report) -> str:
 
 def _table(table: Table) -> str:
     out = []
+    short = len(table.rows) <= SHORT
     for k, row in enumerate(table.rows):
-        first, *rest = map(html.escape, row)
+        first, *rest = map(_cell, row)
         mark = ' class="strong"' if k in table.strong else ""
         out.append(
             f'<tr{mark}><th scope="row">{first}</th>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
         )
     facts = not any(table.head)
-    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in table.head)
+    head = "".join(f'<th scope="col">{_title(cell)}</th>' for cell in table.head)
     return (
-        f'<div class="wide"><table{" class=facts" if facts else ""}>'
+        f'<div class="wide{" short" if short else ""}"><table{" class=facts" if facts else ""}>'
         + (f"<caption>{html.escape(table.caption)}</caption>" if table.caption else "")
         + ("" if facts else f"<thead><tr>{head}</tr></thead>")
         + f"<tbody>{''.join(out)}</tbody></table></div>"
     )
+
+
+def _cell(text: str) -> str:
+    """Cell whose number and limits stay on one line, as long as they are short."""
+    return html.escape(text.replace(" ", "\u00a0") if len(text) <= TOGETHER else text)
+
+
+def _title(text: str) -> str:
+    """Title of a column with its unit on a line of its own."""
+    name, comma, unit = text.rpartition(", ")
+    if not comma:
+        return html.escape(text)
+    return f"{html.escape(name)},<br>{html.escape(unit).replace(' ', '&nbsp;')}"

@@ -7,6 +7,7 @@ from typing import Any
 
 from imumon.datasheet.plot import curves, extent
 from imumon.datasheet.sheet import SENSORS
+from imumon.datasheet.snippets import who
 from imumon.report import Report
 from imumon.units import READABLE, duration, pretty
 
@@ -35,7 +36,6 @@ def picture(made: Report) -> bytes:
     figure = Figure(figsize=(5.6 * len(found), 4.8), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     device = made.device
-    who = " ".join(part for part in (device.model, device.serial) if part) or device.id
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
     figure.suptitle(
         f"{who}: {duration(made.session.elapsed_s)} of {device.stream or 'samples'}{rate}", fontsize=11
@@ -81,11 +81,11 @@ def _panel(panel: Any, sensor: str, axes: Any) -> None:
         yscale="log",
         xlim=(10**x0, 10**x1),
         ylim=(10**y0, 10**y1),
-        title=SENSORS[sensor],
         xlabel="τ, s",
         ylabel=f"σ(τ), {pretty(READABLE[sensor, 'B'].unit)}",
     )
+    panel.set_title(SENSORS[sensor], loc="left")
     panel.grid(which="major", color="#cccccc", linewidth=0.6)
     panel.grid(which="minor", color="#e8e8e8", linewidth=0.4)
     panel.set_axisbelow(True)
-    panel.legend(frameon=False, ncols=3, loc="upper right")
+    panel.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)

@@ -17,7 +17,7 @@ from imumon.samples import AXES
 from imumon.units import READABLE, pretty
 
 WIDTH, HEIGHT = 760.0, 430.0
-LEFT, RIGHT, TOP, BOTTOM = 70.0, 16.0, 14.0, 52.0
+LEFT, RIGHT, TOP, BOTTOM = 70.0, 16.0, 30.0, 52.0
 MARK = 3.6
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -125,7 +125,8 @@ def _grid(x: Scale, y: Scale) -> Iterator[str]:
         (y, "M{1:.1f} {0:.1f}H{2:.1f}"),
     ):
         ends = (bottom, top) if scale is x else (left, right)
-        fine, strong = [], []
+        fine: list[str] = []
+        strong: list[str] = []
         for decade in range(math.floor(scale.low), math.ceil(scale.high) + 1):
             for digit in range(1, 10):
                 place = math.log10(digit) + decade
@@ -156,7 +157,9 @@ def _curve(axis: str, curve: Allan, x: Scale, y: Scale) -> Iterator[str]:
     if len(model) > 1:
         d = "L".join(f"{x(t):.1f} {y(m):.1f}" for t, m in model)
         yield f'<path class="model {axis}" d="M{d}"/>'
-    bars, full, hollow = [], [], []
+    bars: list[str] = []
+    full: list[str] = []
+    hollow: list[str] = []
     shift = {"x": -2.2, "y": 0.0, "z": 2.2}[axis]  # bars of three axes must not hide one another
     for tau, sigma, low, high, used in zip(
         curve.tau_s, curve.sigma, curve.low, curve.high, curve.used, strict=True
@@ -193,7 +196,7 @@ def _names(sensor: str) -> Iterator[str]:
 def _legend(axes: list[str]) -> Iterator[str]:
     for k, axis in enumerate(axes):
         at = WIDTH - RIGHT - 44.0 * (len(axes) - k) + 8
-        y = TOP + 16.0
+        y = TOP - 14.0
         yield f'<path class="model {axis}" d="M{at - 9:.1f} {y:.1f}h18"/>'
         yield f'<path class="mark {axis}" d="{_mark(axis, at, y)}"/>'
         yield f'<text x="{at + 14:.1f}" y="{y + 4:.1f}">{axis}</text>'

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 from imumon.datasheet.known import LABORATORY, LABORATORY_GRADE, MANUFACTURER
 from imumon.datasheet.plot import curves
-from imumon.datasheet.snippets import kalibr
+from imumon.datasheet.snippets import kalibr, who
 from imumon.datasheet.text import coefficient
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import AXES
@@ -51,6 +51,10 @@ CAVEATS = {
     "temperature": "Temperature explains part of the drift.",
 }
 """What a caveat means for the numbers, and what to do about it."""
+
+
+LINES = 4
+"""Spectral lines shown of a channel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,12 +122,11 @@ class Sheet:
 def sheet(made: Report) -> Sheet:
     """Datasheet of the sensor that a report is of."""
     device, session = made.device, made.session
-    who = " ".join(part for part in (device.model, device.serial) if part) or device.id
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
     subtitle = (
         f"Noise datasheet · {duration(session.elapsed_s)} of {device.stream or 'samples'}{rate} · {made.time}"
     )
-    return Sheet(who, subtitle, tuple(_blocks(made)))
+    return Sheet(who(made), subtitle, tuple(_blocks(made)))
 
 
 def _blocks(made: Report) -> Iterator[Block]:
@@ -170,7 +173,11 @@ def _why(sensor: str, grade: SensorGrade) -> str:
     if grade.decided_by is not None:
         name = COEFFICIENT_NAMES[sensor][grade.decided_by.coefficient]
         said.append(f"decided by {name} of axis {grade.decided_by.axis}")
-    meets = f"every figure meets {grade.meets}" if grade.meets else "not every figure meets even consumer"
+    meets = (
+        f"every figure meets {grade.meets} or better"
+        if grade.meets
+        else "not every figure meets even consumer"
+    )
     said.append(meets)
     if grade.provisional:
         said.append(f"provisional{f': {grade.reason}' if grade.reason else ''}")
@@ -194,18 +201,14 @@ def _warnings(made: Report) -> Iterator[Block]:
             text = f"By a factor of {made.device.alias_factor:.2f}, nominally. {text}"
         where = f" ({', '.join(channels)})" if channels else ""
         yield Warned(f"{word.replace('_', ' ')}{where}", text)
+    rate = made.device.sample_rate_hz
     if made.device.alias_factor is None and made.device.stream in ("compensated", "uncompensated"):
+        slow = f", here {(200.0 / rate) ** 0.5:.2f}" if rate is not None and rate < 200.0 else ""
         yield Warned(
             "filter not known",
-            "Nobody could ask the sensor for its filter (register 85). With the factory's, N of a stream "
-            "of point samples below 200 Hz is too high by √(200 Hz / rate)"
-            + (f", here {(200 / made.device.sample_rate_hz) ** 0.5:.2f}" if _slow(made) else "")
-            + ".",
+            "Nobody could ask the sensor for its filter. With that of a VN-100 as it leaves the factory, "
+            f"N of point samples below 200 Hz is too high by √(200 Hz / rate){slow}.",
         )
-
-
-def _slow(made: Report) -> bool:
-    return made.device.sample_rate_hz is not None and made.device.sample_rate_hz < 200.0
 
 
 # ---------------------------------------------------------------- the numbers
@@ -229,8 +232,8 @@ def _noise(made: Report, sensor: str) -> Table:
     names = [f"{COEFFICIENT_NAMES[sensor][c]}, {u}" for c, u in zip(COEFFICIENTS, units, strict=True)]
     head = (SENSORS[sensor], *names, *(["grade"] if sensor in made.grade else []))
     marks = [w for w in ("aliased", "compensated", "not_at_rest", "warming_up") if w in made.caveats]
-    if sensor == "mag" and "compensated" in marks:
-        marks.remove("compensated")
+    if sensor != "gyro" and "compensated" in marks:
+        marks.remove("compensated")  # it is the gyroscope whose bias is taken out
     caption = f"Beware: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
     return Table(head, tuple(rows), caption)
 
@@ -389,7 +392,9 @@ def _values(made: Report) -> Iterator[Block]:
         shape, drift = channel.distribution, channel.drift
         slope = "–"
         if drift is not None and drift.per_hour is not None:
-            slope = f"{drift.per_hour:.2e}" + ("" if drift.significant else " (not significant)")
+            slope = f"{drift.per_hour:.1e}"
+            if drift.per_hour_low is not None and drift.per_hour_high is not None:
+                slope += f" ± {(drift.per_hour_high - drift.per_hour_low) / 2.0:.1e}"
         verdict = (shape.verdict if shape else None) or "–"
         unit = pretty(channel.unit)
         rows.append(
@@ -405,15 +410,23 @@ def _values(made: Report) -> Iterator[Block]:
         yield Table(
             ("", "mean", "deviation", "least", "greatest", "drift per hour", "distribution"), tuple(rows)
         )
-        lines = [
-            f"{name} {line.frequency_hz:.4g} Hz, amplitude {line.amplitude:.2e} {pretty(channel.unit)}"
-            + (f" ({line.name})" if line.name else "")
-            for name, channel in made.channels.items()
-            if channel.spectrum is not None
-            for line in channel.spectrum.lines
-        ]
-        if lines:
-            yield Text(f"Spectral lines: {'; '.join(lines)}.")
+        yield from _lines(made)
+
+
+def _lines(made: Report) -> Iterator[Block]:
+    """Spectral lines, the strongest few of each channel."""
+    rows = []
+    for name, channel in made.channels.items():
+        if channel.spectrum is not None and channel.spectrum.lines:
+            strongest = sorted(channel.spectrum.lines, key=lambda line: -line.amplitude)[:LINES]
+            told = [
+                f"{line.frequency_hz:.4g} Hz of {line.amplitude:.1e}"
+                + (f" ({line.name})" if line.name else "")
+                for line in strongest
+            ]
+            rows.append((f"{name}, {pretty(channel.unit)}", ", ".join(told)))
+    if rows:
+        yield Table(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
 
 
 def _e(value: float | None) -> str:

@@ -80,13 +80,22 @@ def _told(part: Coefficient) -> str:
     return "not known yet"
 
 
+def who(made: Report) -> str:
+    """The sensor by model and number, else by the name of its device, else by its recording."""
+    device = made.device
+    if named := " ".join(part for part in (device.model, device.serial) if part):
+        return named
+    if device.id == "replay" and device.port:
+        return device.port.rpartition("/")[2]
+    return device.id
+
+
 def head(made: Report) -> list[str]:
     """Comments in front of every snippet: whose noise, from how long a record, and what is wrong with it."""
     device, session = made.device, made.session
-    who = " ".join(part for part in (device.model, device.serial) if part) or device.id
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
     lines = [
-        f"{who}: noise at rest, measured by imumon, {made.time}",
+        f"{who(made)}: noise at rest, measured by imumon, {made.time}",
         f"{duration(session.elapsed_s)} of {device.stream or 'samples'}{rate}, "
         f"{duration(session.excluded_s + session.warmup_s)} of it left out",
     ]
