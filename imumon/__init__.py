@@ -9,6 +9,7 @@ A bus carries it. A screen draws it. Three things cross boundaries: bytes, Sampl
   emulator/      a VN-100 on a pseudo-terminal
   tui/           the live screen
   datasheet/     a report in, documents out
+  doctor/        one check a line, each with its cure
   sources/       where bytes come from: ports and recordings
   monitor/       samples in, report out
   bus/           reports on Zenoh, and back

@@ -22,6 +22,7 @@ from imumon.cli.words import (
     positive,
     print_report,
     settings,
+    state_directory,
 )
 
 
@@ -69,7 +70,7 @@ def run(words: argparse.Namespace) -> int:
     if words.speed != 1.0 or words.seed is not None:
         raise Stop("--speed and --seed are for --port sim", USAGE)
     settings = _settings(words)
-    return _daemon(words, settings, settings.device.port or None, _state_directory(words.state or settings))
+    return _daemon(words, settings, settings.device.port or None, state_directory(settings))
 
 
 def _run_emulated(words: argparse.Namespace) -> int:
@@ -106,20 +107,6 @@ def _settings(words: argparse.Namespace) -> Any:
             "guards.enabled": False if words.no_guards else None,
         },
     )
-
-
-def _state_directory(where: Any) -> Any:
-    """Where the statistics live: asked for, the service manager's, or the user's."""
-    from pathlib import Path
-
-    asked = where if isinstance(where, str) else where.state.directory
-    if asked:
-        return Path(asked)
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    if given:
-        return Path(given)
-    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
-    return Path(home) / "imumon"
 
 
 def _daemon(words: argparse.Namespace, settings: Any, path: str | None, directory: Any) -> int:

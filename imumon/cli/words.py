@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import os
 import re
 from typing import Any, NoReturn
 
@@ -113,6 +114,19 @@ def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None)
         return load(getattr(words, "config", None), overrides or {})
     except ConfigError as error:
         raise Stop(str(error), USAGE) from None
+
+
+def state_directory(made: Any) -> Any:
+    """Where the statistics live: as the settings say, the service manager's place, or the user's."""
+    from pathlib import Path
+
+    if made.state.directory:
+        return Path(made.state.directory)
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
+    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+    return Path(home) / "imumon"
 
 
 def viewer(words: argparse.Namespace) -> Any:
