@@ -25,6 +25,8 @@ from imumon.noise.lines import BINS, HOP, SEGMENT, SpectralLine, beside, distinc
 from imumon.samples import Bools, Floats, Ints
 
 STAGES = 30
+SETTLED = 1024
+"""Segments of which a stage takes every one."""
 FULL = 0.9
 """Share of valid samples in each half of a segment that counts."""
 
@@ -41,6 +43,9 @@ PASS = 0.36
 
 ENOUGH = 4
 """Averages a stage needs before it takes over the low frequencies from the one above."""
+
+CACHED = 4096
+"""Values that are filtered together: as many as stay in the processor's cache from one tap to the next."""
 
 LUMP = 8
 """Hops that wait for one another, so that the work is done on arrays worth the name."""
@@ -120,16 +125,16 @@ class Spectrum:
             if ok is not None or len(self._rows) == 1:
                 self._rows[-1] = (values.copy(), None if ok is None else ok.copy())
             return
-        x = np.concatenate([v for v, _ in self._rows]) if len(self._rows) > 1 else values
+        x = np.concatenate([v.T for v, _ in self._rows], axis=1)
         if any(o is not None for _, o in self._rows):
             ok = np.concatenate(
                 [np.ones((len(v), self._g), dtype=bool) if o is None else o for v, o in self._rows]
             )
         hops = self._n // HOP
         used = hops * HOP
-        self._rows = [(x[used:].copy(), None if ok is None else ok[used:].copy())]
+        self._rows = [(x[:, used:].copy().T, None if ok is None else ok[used:].copy())]
         self._n -= used
-        y = np.ascontiguousarray(x[:used].T).reshape(-1, hops, HOP)
+        y = x[:, :used].reshape(-1, hops, HOP)
         share = np.ones((hops, self._g))
         if ok is not None and not ok[:used].all():
             y, share = self._filled(y, ok[:used].reshape(hops, HOP, self._g))
@@ -188,8 +193,10 @@ class Spectrum:
         stage = self._stages[s]
         if not stage.waiting:
             return
-        y = np.concatenate([w for w, _ in stage.waiting], axis=1)
-        share = np.concatenate([w for _, w in stage.waiting])
+        y, share = stage.waiting[0]
+        if len(stage.waiting) > 1:
+            y = np.concatenate([w for w, _ in stage.waiting], axis=1)
+            share = np.concatenate([w for _, w in stage.waiting])
         stage.waiting = []
         self._average(stage, y, share)
         stage.last, stage.last_share = y[:, -1].copy(), share[-1].copy()
@@ -204,7 +211,7 @@ class Spectrum:
         if half.shape[1] % 2:
             stage.half, stage.half_share = half[:, -1].copy(), share[-1].copy()
         if pairs:
-            whole = np.ascontiguousarray(half[:, : 2 * pairs]).reshape(len(y), pairs, HOP)
+            whole = half[:, : 2 * pairs].reshape(len(y), pairs, HOP)
             self._feed(s + 1, whole, share[: 2 * pairs].reshape(pairs, 2, -1).mean(axis=1))
 
     def _settle(self) -> None:
@@ -216,32 +223,32 @@ class Spectrum:
 
     def _average(self, stage: _Stage, y: Floats, share: Floats) -> None:
         """Add the segments that these hops complete."""
-        if stage.last is not None and stage.last_share is not None:
-            y = np.concatenate((stage.last[:, None], y), axis=1)
-            share = np.concatenate((stage.last_share[None], share))
-        count = y.shape[1] - 1
-        numbers = stage.segments + np.arange(count)
-        stage.segments += count
-        stride = 1 << max(0, (stage.segments - 1).bit_length() - 10)
-        if stride > 1:
+        first = int(stage.last is None)  # hop that is the second half of a segment
+        later = np.arange(first, len(share))
+        numbers = stage.segments + later - first
+        stage.segments += len(later)
+        if stage.segments > SETTLED:
             strides = np.left_shift(1, np.maximum(0, np.frexp(numbers.astype(np.float64))[1] - 10))
-            chosen = np.flatnonzero(numbers % strides == 0)
-        else:
-            chosen = np.arange(count)
-        if not len(chosen):
+            later = later[numbers % strides == 0]
+        if not len(later):
             return
-        whole = np.minimum(share[chosen], share[chosen + 1]) >= FULL  # (k, g)
-        segments = np.concatenate((y[:, chosen], y[:, chosen + 1]), axis=2)
+        before = share[later - 1]
+        if later[0] == 0 and stage.last_share is not None:
+            before[0] = stage.last_share
+        whole = np.minimum(before, share[later]) >= FULL  # (k, g)
+        segments = np.empty((len(y), len(later), SEGMENT))
+        segments[:, :, :HOP], segments[:, :, HOP:] = y[:, later - 1], y[:, later]
+        if later[0] == 0 and stage.last is not None:
+            segments[:, 0, :HOP] = stage.last
         segments -= segments.mean(axis=2, keepdims=True)
         segments *= _WINDOW
-        spectrum = np.fft.rfft(segments, axis=2)
+        power = np.fft.rfft(segments, axis=2).view(np.float64)
+        power *= power
         if whole.all():
-            power = np.einsum("ckf,ckf->cf", spectrum.real, spectrum.real)
-            power += np.einsum("ckf,ckf->cf", spectrum.imag, spectrum.imag)
+            total = power.sum(axis=1)
         else:
-            take = whole[:, self._groups].T.astype(np.float64)
-            power = np.einsum("ckf,ck->cf", spectrum.real**2 + spectrum.imag**2, take)
-        stage.power += power
+            total = np.einsum("ckf,ck->cf", power, whole[:, self._groups].T.astype(np.float64))
+        stage.power += total[:, ::2] + total[:, 1::2]
         stage.averages += whole.sum(axis=0)
 
     def result(self) -> Density:
@@ -334,17 +341,21 @@ def _decimated(stage: _Stage, x: Floats) -> Floats:
     """
     if stage.history is None:
         stage.history = np.repeat(x[:, :HOP].mean(axis=1, keepdims=True), _REACH, axis=1)
-    z = np.concatenate((stage.history, x), axis=1)
-    stage.history = z[:, -_REACH:].copy()
-    even, odd = np.ascontiguousarray(z[:, ::2]), z[:, 1::2]
     n, last = x.shape[1] // 2, 2 * len(TAPS) - 1
-    out = 0.5 * odd[:, len(TAPS) - 1 : len(TAPS) - 1 + n]
-    pair = np.empty_like(out)
-    for u, tap in enumerate(TAPS.tolist()):
-        np.add(even[:, u : u + n], even[:, last - u : last - u + n], out=pair)
-        pair *= tap
-        out += pair
-    return np.asarray(out)
+    out = np.empty((len(x), n))
+    together = max(1, CACHED // n)
+    for start in range(0, len(x), together):
+        part = slice(start, start + together)
+        z = np.concatenate((stage.history[part], x[part]), axis=1)
+        even = np.ascontiguousarray(z[:, ::2])
+        mine = np.multiply(z[:, last : last + 2 * n : 2], 0.5, out=out[part])
+        pair = np.empty_like(mine)
+        for u, tap in enumerate(TAPS.tolist()):
+            np.add(even[:, u : u + n], even[:, last - u : last - u + n], out=pair)
+            pair *= tap
+            mine += pair
+    stage.history = x[:, -_REACH:].copy()
+    return out
 
 
 def _band(s: int, stages: int) -> tuple[int, int]:
