@@ -3,6 +3,7 @@
     Monitor     chooses the stream, keeps its record, says what may be shown     monitor/__init__.py
     grid        steps to dense blocks, holes and breaks                          monitor/grid.py
     record      every accumulator of one stream                                  monitor/record.py
+    findings    fits, spectra and shapes, renewed when the record has grown      monitor/findings.py
     trends      drift and comparisons, renewed now and then                      monitor/trends.py
     describe    results in the words of the report                               monitor/describe.py
 
@@ -21,9 +22,10 @@ from typing import Any
 import numpy.typing as npt
 
 from imumon.monitor import describe
+from imumon.monitor.findings import Findings
 from imumon.monitor.record import Record
-from imumon.monitor.trends import Trends, against_baseline
-from imumon.noise.fit import ChannelFit, Estimator
+from imumon.monitor.trends import against_baseline
+from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS
 from imumon.report import Change, Channel, Device, Report, SensorGrade, Session, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream, sensor_of
@@ -90,10 +92,9 @@ class Monitor:
         self.restarts = 0
         self._timeline: Timeline | None = None
         self._record: Record | None = None
-        self._estimator: Estimator | None = None
+        self._findings: Findings | None = None
         self._events: list[Found] = []
         self._grades: dict[str, SensorGrade] = {}
-        self._trends: Trends
         self._told_changes: set[tuple[int, str, str]] = set()
         self._gaps_told = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
@@ -171,7 +172,7 @@ class Monitor:
         )
         if self._record is None:
             return bare
-        channels, grades = self._channels(device_caveats)
+        channels, grades = self._channels(device_caveats, settled=state != "running")
         self._note_grades(grades)
         return replace(
             bare,
@@ -262,7 +263,7 @@ class Monitor:
             self._events.append(
                 Found("restart", f"a better stream is on the line: {stream.kind}, {stream.source}")
             )
-            self._record = self._estimator = None
+            self._record = self._findings = None
         interval = stream.interval_s
         if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
@@ -298,8 +299,7 @@ class Monitor:
         assert self.stream is not None
         self._record = record
         averaged = self.stream.kind == "deltas"
-        self._estimator = Estimator(averaged=averaged, precision=dict(self.wanted.precision))
-        self._trends = Trends(record, averaged=averaged)
+        self._findings = Findings(record, averaged=averaged, precision=self.wanted.precision)
 
     def _notice(self) -> None:
         """Turn what the record found into events."""
@@ -371,44 +371,34 @@ class Monitor:
             alias_factor=1.0 if self.stream.kind == "deltas" else device.alias_factor,
         )
 
-    def _channels(self, device_caveats: tuple[str, ...]) -> tuple[dict[str, Channel], dict[str, SensorGrade]]:
-        record, estimator = self._record, self._estimator
+    def _channels(
+        self, device_caveats: tuple[str, ...], *, settled: bool
+    ) -> tuple[dict[str, Channel], dict[str, SensorGrade]]:
+        record, findings = self._record, self._findings
         assert record is not None
-        assert estimator is not None
-        curve, running = record.history.curve(), record.history.running()
-        fits = dict(zip(record.channels, estimator.fit(curve), strict=False))
-        shapes, density, recent = record.histogram.result(), record.spectrum.result(), record.strip.recent()
+        assert findings is not None
+        findings.renew(now=settled)
+        fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
         whole = (*device_caveats, *self._record_caveats())
-        self._trends.renew(fits.values(), curve)
         changed = self._changes(record, fits)
         channels = {}
         for column, name in enumerate(record.channels):
-            sensor, fit = sensor_of(name), fits.get(name)
-            axes = [other for other in record.channels if sensor_of(other) == sensor]
-            made = describe.channel(name, running.channels[column])
+            fit = fits.get(name)
+            axes = [other for other in record.channels if sensor_of(other) == sensor_of(name)]
             made = replace(
-                made,
-                histogram=describe.histogram(shapes[column]),
+                describe.running(findings.channels[name], running.channels[column]),
                 distribution=describe.distribution(
                     name,
                     axes,
-                    shapes[column],
+                    findings.shapes[column],
                     (float(recent.mean[column]), float(recent.std[column])),
                     describe.bias(name, running, record.channels, fit, record.elapsed_s),
                     running.covariance[record.groups[column]],
                 ),
             )
             if fit is not None:
-                made = describe.with_fit(made, sensor, curve, column, fit)
-                made = replace(
-                    made,
-                    spectrum=describe.spectrum(sensor, density, column),
-                    drift=describe.drift(sensor, self._trends.of(column), self._trends.steady(column)),
-                    changes=changed.get(column, ()),
-                    caveats=tuple(
-                        dict.fromkeys((*whole, *fit.caveats, *(("changed",) if column in changed else ())))
-                    ),
-                )
+                words = (*whole, *fit.caveats, *(("changed",) if column in changed else ()))
+                made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))
             channels[name] = made
         return channels, self._sensor_grades(record, fits)
 

@@ -108,10 +108,10 @@ def sensor_grade(sensor: str, fits: Mapping[str, ChannelFit]) -> report.SensorGr
     )
 
 
-def channel(name: str, running: ChannelMoments) -> report.Channel:
-    """Running statistics of one channel."""
-    return report.Channel(
-        unit=UNITS[sensor_of(name)],
+def running(channel: report.Channel, running: ChannelMoments) -> report.Channel:
+    """The same with its running statistics."""
+    return replace(
+        channel,
         count=running.count,
         mean=running.mean,
         std=running.std,

@@ -1,0 +1,73 @@
+"""Findings: fits, spectra and shapes of a record, renewed when it has grown enough to show.
+
+They cost many times what the samples of a second do, and hardly move in it. So a report that follows
+another takes them over until the record has grown by half a per cent, or by five seconds: what was found
+belongs to one moment, curve and fit together. Counts, means and all else that is cheap is of the moment of
+the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from imumon.monitor import describe
+from imumon.monitor.record import Record
+from imumon.monitor.trends import Trends
+from imumon.noise.fit import ChannelFit, Estimator
+from imumon.noise.histogram import Shape
+from imumon.report import Channel
+from imumon.samples import UNITS, sensor_of
+
+GROWTH, MOST_S = 0.005, 5.0
+"""Share of the record, and seconds at most, between two renewals."""
+
+
+class Findings:
+    """What is dear to work out of a record.
+
+    Parameters
+    ----------
+    averaged : the samples are true averages over their interval.
+    precision : asked 95 % half-width by coefficient, as a share of its value.
+
+    Attributes
+    ----------
+    fits : of the channels that have a curve.
+    shapes : of the distribution of each channel; None where nothing came.
+    channels : what a report says of each channel from here.
+    """
+
+    def __init__(self, record: Record, *, averaged: bool, precision: Mapping[str, float]) -> None:
+        self._record = record
+        self._estimator = Estimator(averaged=averaged, precision=dict(precision))
+        self._trends = Trends(record, averaged=averaged)
+        self._due_s = 0.0
+        self._seen = (-1, -1, 0.0)  # samples of the grid, those past the guard, and warm-up then
+        self.fits: dict[str, ChannelFit] = {}
+        self.shapes: list[Shape | None] = []
+        self.channels: dict[str, Channel] = {}
+
+    def renew(self, *, now: bool) -> None:
+        """Work everything out anew where it is due, or whatever has changed, `now`."""
+        record = self._record
+        seen = (record.span, record.history.position, record.history.warmup_s)
+        elapsed = record.elapsed_s
+        waits = not now and elapsed < self._due_s and seen[2] == self._seen[2]
+        if waits or seen == self._seen:
+            return
+        self._seen, self._due_s = seen, elapsed + min(GROWTH * elapsed, MOST_S)
+        curve, density = record.history.curve(), record.spectrum.result()
+        self.fits = dict(zip(record.channels, self._estimator.fit(curve), strict=False))
+        self.shapes = record.histogram.result()
+        self._trends.renew(self.fits.values(), curve)
+        for column, name in enumerate(record.channels):
+            sensor, fit = sensor_of(name), self.fits.get(name)
+            made = Channel(unit=UNITS[sensor], histogram=describe.histogram(self.shapes[column]))
+            if fit is not None:
+                made = replace(
+                    describe.with_fit(made, sensor, curve, column, fit),
+                    spectrum=describe.spectrum(sensor, density, column),
+                    drift=describe.drift(sensor, self._trends.of(column), self._trends.steady(column)),
+                )
+            self.channels[name] = made
