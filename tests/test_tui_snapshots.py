@@ -55,6 +55,7 @@ STATES = [
     for state in FEEDS
     if state not in ("running", "two")
     for size, theme in ((SMALL, "dark"), (LARGE, "light"))
+    if size == SMALL or state in ("nobody", "early", "warming", "lost")
 ]
 EXTRAS = [
     pytest.param("running", keys, size, "dark", id=name)

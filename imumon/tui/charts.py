@@ -239,16 +239,27 @@ def strip(scene: Scene, width: int, height: int) -> list[Line]:
         ],
         canvas.height - 1,
     )
-    columns = 2 * frame.width
-    each = np.minimum(np.arange(columns) * len(low) // columns, len(low) - 1)
-    last = np.minimum((np.arange(columns) + 1) * len(low) // columns, len(low))
-    for k in range(columns):
-        part = slice(int(each[k]), max(int(last[k]), int(each[k]) + 1))
-        if np.isfinite(low[part]).any():
-            top, bottom = frame.down(np.array([np.nanmax(high[part]), np.nanmin(low[part])]))
-            dots = np.arange(round(float(top)), round(float(bottom)) + 1, dtype=np.float64)
-            canvas.dots(np.full(len(dots), 2.0 * frame.left + k), dots, "signal")
+    top, bottom = _extremes(low, high, 2 * frame.width)
+    frame.columns(bottom, top, "signal")
     return [title, *canvas.rows()]
+
+
+def _extremes(low: Floats, high: Floats, count: int) -> tuple[Floats, Floats]:
+    """Greatest of `high` and least of `low` in each of so many equal columns; NaN where nothing came.
+
+    Parameters
+    ----------
+    low, high : (n,) any unit, NaN where nothing came.
+
+    Returns
+    -------
+    top, bottom : (count,) the same unit.
+    """
+    first = np.minimum(np.arange(count) * len(low) // count, len(low) - 1)
+    top = np.maximum.reduceat(np.where(np.isfinite(high), high, -np.inf), first)
+    bottom = np.minimum.reduceat(np.where(np.isfinite(low), low, np.inf), first)
+    known = np.isfinite(top) & np.isfinite(bottom)
+    return np.where(known, top, np.nan), np.where(known, bottom, np.nan)
 
 
 def _times(span: float) -> list[float]:

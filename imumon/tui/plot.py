@@ -318,6 +318,19 @@ class Frame:
         bottom = self.top + (1 - np.clip(a, 0, 1)) * self.height
         self.canvas.band(self.left, np.where(outside | (a > 1) | (b < 0), np.nan, top), bottom, role)
 
+    def columns(self, low: Floats, high: Floats, role: str) -> None:
+        """A vertical line from `low` to `high` in each column of dots.
+
+        Parameters
+        ----------
+        low, high : (2 width,) data; NaN leaves a column out.
+        """
+        top, bottom = np.rint(self.down(high)), np.rint(self.down(low))
+        rows = np.arange(4 * self.canvas.height)[:, None]
+        y, x = np.nonzero((rows >= top) & (rows <= bottom))
+        across: Floats = np.asarray(2.0 * self.left + x, dtype=np.float64)
+        self.canvas.dots(across, y.astype(np.float64), role)
+
     def label(self, x: float, y: float, text: str, role: str, mark: str = "◆") -> None:
         """Mark at a point, with its text where least stands in the way."""
         at = self.cell(x, y)

@@ -203,6 +203,7 @@ class SensorsView(View):
 
     def compose(self) -> ComposeResult:
         yield Sheet(lists.sensors, id="sensors-sheet")
+        yield Paper(charts.allan, id="sensors-allan")
 
     def action_device(self, step: int) -> None:
         self.monitor.step_device(step)

@@ -31,6 +31,7 @@ EXPLAINED = {
     "motion": "the sensor moves: motion is not noise",
     "filtered": "a filter bends the shortest times: they are left out",
     "ramp": "the mean runs away steadily: a ramp is part of the model",
+    "changed": "differs from the hours before or from the baseline: see the events",
     "stuck": "the values stood still: a frozen channel",
     "saturated": "a range was exceeded",
     "quantised": "the resolution of the values shows in the curve",

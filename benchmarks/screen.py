@@ -1,0 +1,109 @@
+"""What the screen costs: CPU share and resident memory with a new report every half second or second.
+
+    python benchmarks/screen.py [SECONDS]
+
+It runs the screen on a pseudo-terminal of 150 x 40 (and 80 x 24, 220 x 60), drains what it writes, and
+reads its CPU time and memory from /proc. Numbers and curve change with each report.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1] / "tests"
+TICK = os.sysconf("SC_CLK_TCK")
+PROGRAM = """
+import sys, time
+sys.path.insert(0, {tests!r})
+import reports
+from imumon.tui import run
+
+READY = [reports.report(600.0 + 1.7 * k) for k in range(24)]
+SIGNAL = reports.signal()
+
+class Feed:
+    begin = time.monotonic()
+    @property
+    def version(self): return int({rate} * (time.monotonic() - self.begin))
+    def reports(self): return {{reports.ID: (READY[self.version % 24], time.monotonic())}}
+    def alive(self): return {{reports.ID}}
+    def events(self, id): return reports.events()
+    def watch(self, id, channel): pass
+    def signal(self): return SIGNAL, time.monotonic()
+    def connected(self): return True
+
+sys.exit(run(Feed()))
+"""
+
+
+def spent(pid: int) -> float:
+    """CPU seconds of a process and its threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICK
+
+
+def resident(pid: int) -> float:
+    """Resident memory, MB."""
+    line = next(x for x in Path(f"/proc/{pid}/status").read_text().splitlines() if x.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> tuple[float, float, float]:
+    """CPU share in %, resident memory in MB, and bytes a second to the terminal."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+    program = PROGRAM.format(tests=str(TESTS), rate=rate)
+    environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor", "LANG": "C.UTF-8"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdin=theirs, stdout=theirs, stderr=theirs, env=environment
+    )
+    os.close(theirs)
+    written = [0]
+
+    def drain() -> None:
+        while True:
+            try:
+                data = os.read(ours, 1 << 16)
+            except OSError:
+                return
+            if not data:
+                return
+            written[0] += len(data)
+
+    threading.Thread(target=drain, daemon=True).start()
+    time.sleep(4.0)
+    os.write(ours, keys)
+    time.sleep(2.0)
+    begin, cpu, out = time.monotonic(), spent(process.pid), written[0]
+    time.sleep(seconds)
+    length = time.monotonic() - begin
+    result = 100 * (spent(process.pid) - cpu) / length, resident(process.pid), (written[0] - out) / length
+    process.terminate()
+    process.wait(10)
+    os.close(ours)
+    return result
+
+
+if __name__ == "__main__":
+    span = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
+    print(f"{'size':<9}{'view':<10}{'reports/s':>10}{'CPU %':>8}{'MB':>7}{'bytes/s':>10}")
+    for size, view, key, rate in (
+        ((150, 40), "overview", b"1", 0.0),
+        ((150, 40), "overview", b"1", 1.0),
+        ((150, 40), "overview", b"1", 2.0),
+        ((150, 40), "signal", b"2", 1.0),
+        ((150, 40), "signal", b"2", 2.0),
+        ((80, 24), "overview", b"1", 2.0),
+        ((220, 60), "overview", b"1", 2.0),
+    ):
+        cpu, memory, out = measure(size, rate, key, span)
+        print(f"{size[0]}x{size[1]:<5}{view:<10}{rate:>10.0f}{cpu:>8.1f}{memory:>7.0f}{out:>10.0f}")
