@@ -8,7 +8,6 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,17 +20,18 @@ from imumon.doctor import Case, Check, examine, judge
 from imumon.doctor.line import listen
 from imumon.doctor.looks import BusLook, Heard, PortLook, ServiceLook, StateLook
 from imumon.doctor.machine import look_at_port, look_at_state, with_latency
-from imumon.emulator import EmulatorProcess, EmulatorSettings, spawn
+from imumon.emulator import EmulatorSettings, spawn
 from imumon.sensors.vn100.facts import Facts
 from imumon.sources import SerialPort
 
 
 @pytest.fixture
-def case(tmp_path: Path) -> Case:
+def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
     """An examination that meets nobody else on this machine's bus."""
     place = free_endpoint()
+    monkeypatch.setattr("imumon.doctor.bus.HEAR_S", 0.05)
     settings = Settings(zenoh=Zenoh(listen=(place,)))
-    return Case(settings=settings, state_directory=tmp_path / "state", connect=(place,), seconds=1.5)
+    return Case(settings=settings, state_directory=tmp_path / "state", connect=(place,), seconds=1.0)
 
 
 def checks(case: Case, port: str) -> dict[str, Check]:
@@ -67,7 +67,8 @@ def test_the_sensor_is_left_as_it_was() -> None:
         assert other.samples > 5  # it streams as before
 
 
-Ailing = Callable[[EmulatorProcess], object]
+CLOCKED = EmulatorSettings(seed=1, rate=160.0)
+"""In binary, with the sensor's clock, and within the factory baud."""
 
 
 @pytest.mark.parametrize(
@@ -76,7 +77,7 @@ Ailing = Callable[[EmulatorProcess], object]
         ("fault crc=0.2", "checksums", "failed"),
         ("fault corrupt=0.002", "checksums", "failed"),
         ("fault cut=0.2", "checksums", "failed"),
-        ("fault drop=0.4", "rate", "failed"),
+        ("fault drop=0.3", "rate", "failed"),
         ("fault duplicate=0.5", "rate", "warning"),
     ],
 )
@@ -99,7 +100,7 @@ def test_a_bad_line_is_found(case: Case, fault: str, name: str, status: str) -> 
 def test_a_stream_with_a_clock_counts_what_is_missing(
     case: Case, fault: str, name: str, status: str, says: str
 ) -> None:
-    with spawn(EmulatorSettings(seed=1, rate=400.0)) as sensor:
+    with spawn(CLOCKED) as sensor:
         sensor.ask(f"fault {fault}")
         found = checks(case, sensor.path)
     assert found[name].status == status, found
@@ -120,14 +121,14 @@ def test_a_stream_with_a_clock_counts_what_is_missing(
 def test_what_happens_while_it_listens_is_told(
     case: Case, command: str, name: str, status: str, says: str
 ) -> None:
-    with spawn(EmulatorSettings(seed=1, rate=400.0)) as sensor:
+    with spawn(CLOCKED) as sensor:
         heard: list[str] = []
 
         def act(text: str) -> None:
             if text.startswith("listening"):
-                threading.Timer(1.6, lambda: heard.append(str(sensor.ask(command)))).start()
+                threading.Timer(0.3, lambda: heard.append(str(sensor.ask(command)))).start()
 
-        found = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=3.0), act)}
+        found = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=2.0), act)}
     assert heard
     if command == "reboot":  # it comes back with its sentences: either shows
         assert found["stream"].status == "warning" or failed(found), found
@@ -136,24 +137,18 @@ def test_what_happens_while_it_listens_is_told(
         assert says in found[name].text
 
 
-@pytest.mark.parametrize(
-    ("impostor", "says"), [("nmea", "GNSS"), ("garbage", "nothing valid"), ("silent", "silent")]
-)
-def test_another_device_is_told_apart(impostor: str, says: str, case: Case) -> None:
-    with spawn(EmulatorSettings(seed=1, impostor=impostor)) as sensor:
-        found = checks(replace(case, seconds=0.2), sensor.path)
+def test_another_device_is_told_apart(case: Case) -> None:
+    with spawn(EmulatorSettings(seed=1, impostor="nmea")) as sensor:
+        found = checks(case, sensor.path)
     assert failed(found) == {"sensor"}
-    assert says in found["sensor"].text
-    assert found["sensor"].cure
+    assert "NMEA" in found["sensor"].text
+    assert "GNSS" in str(found["sensor"].cure)
 
 
-def test_another_model_and_a_slow_line_are_told(case: Case) -> None:
-    settings = EmulatorSettings(seed=1, model="VN-200T-CR", baud=9600, rate=4.0)
-    with spawn(settings) as sensor:
+def test_another_model_is_told(case: Case) -> None:
+    with spawn(EmulatorSettings(seed=1, model="VN-200T-CR")) as sensor:
         found = checks(case, sensor.path)
     assert found["identity"].status == "warning"
-    assert found["baud"].status == "warning"
-    assert "--set-baud" in str(found["baud"].cure)
 
 
 def test_a_wrong_baud_in_the_settings_is_told(case: Case) -> None:
@@ -190,12 +185,22 @@ def test_a_port_in_use_by_another_program_is_left_alone(case: Case) -> None:
     assert "in use" in found["sensor"].text
 
 
-def test_a_network_port_is_examined_too(case: Case) -> None:
+@pytest.mark.parametrize(("rubbish", "says"), [(b"", "silent"), (b"\x5a\x81" * 99, "nothing valid")])
+def test_silence_and_rubbish_are_told_apart(case: Case, rubbish: bytes, says: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
-        path = f"socket://127.0.0.1:{server.getsockname()[1]}"
-        found = checks(replace(case, seconds=0.2), path)
+
+        def send() -> None:
+            with server.accept()[0] as client:
+                client.sendall(rubbish)
+                client.recv(1000)  # until it is asked something
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        found = checks(case, f"socket://127.0.0.1:{server.getsockname()[1]}")
+        sender.join()
     assert found["port"].status == "ok"
     assert failed(found) == {"sensor"}
+    assert says in found["sensor"].text or "gone" in found["sensor"].text
 
 
 def test_no_port_at_all(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,6 +260,13 @@ def test_a_full_line_is_told(bytes_a_second: int, status: str) -> None:
     heard = replace(HEARD, bytes=3 * bytes_a_second, messages=9)
     found = {check.name: check for check in judge.sensor(heard, Settings())}
     assert found["bandwidth"].status == status
+
+
+def test_a_slow_baud_is_told() -> None:
+    heard = replace(HEARD, facts=replace(HEARD.facts, baud=9600))
+    found = {check.name: check for check in judge.sensor(heard, Settings())}
+    assert found["baud"].status == "warning"
+    assert "--set-baud" in str(found["baud"].cure)
 
 
 def test_compensated_deltas_are_told() -> None:
@@ -336,7 +348,7 @@ def test_a_running_daemon_is_asked_and_not_disturbed(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path / "state") as daemon:
         before = daemon.samples()
         done = doctor("--port", sensor.path, "--connect", daemon.endpoint, "--json", cwd=tmp_path)
-        after = daemon.wait(lambda r: r.session.samples > before.session.samples + 200)
+        after = daemon.wait(lambda r: r.session.samples > before.session.samples + 50)
         daemon.stop()
     told = json.loads(done.stdout)
     found = {check["name"]: check for check in told["checks"]}

@@ -22,7 +22,7 @@ from imumon.doctor import judge, machine
 from imumon.doctor.bus import Network
 from imumon.doctor.judge import Check
 from imumon.doctor.line import Unheard, ask_daemon, listen
-from imumon.doctor.looks import BusLook, Heard, PortLook
+from imumon.doctor.looks import BusLook
 from imumon.report import Report
 from imumon.sources import find_ports
 
@@ -96,18 +96,15 @@ def _look(
     checks = list(judge.port(look))
     if any(check.status == "failed" for check in checks):
         return checks, False
-    progress(f"listening to {path}")
     try:
-        heard, look = _hear(case, look, daemon, network)
+        if daemon is not None:
+            progress(f"asking {daemon.device.id} for {case.seconds:g} s")
+            heard, look = ask_daemon(network.feed, daemon, case.seconds), machine.with_latency(look)
+        else:
+            heard, look = listen(look, case.settings.device.listen_only, case.seconds, progress)
     except Unheard as error:
         return [*checks, judge.unheard(str(error))], False
     return [*checks, *judge.latency(look), *judge.sensor(heard, case.settings)], True
-
-
-def _hear(case: Case, look: PortLook, daemon: Report | None, network: Network) -> tuple[Heard, PortLook]:
-    if daemon is not None:
-        return ask_daemon(network.feed, daemon, case.seconds), machine.with_latency(look)
-    return listen(look, case.settings.device.listen_only, case.seconds)
 
 
 def _same(one: str, other: str) -> bool:

@@ -6,6 +6,7 @@ Where a daemon of ours has the port it is asked instead: the differences of its 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -49,7 +50,9 @@ class _Taken:
             self.times.append(block.time_ns)
 
 
-def listen(look: PortLook, listen_only: bool, seconds: float) -> tuple[Heard, PortLook]:
+def listen(
+    look: PortLook, listen_only: bool, seconds: float, progress: Callable[[str], None] = lambda text: None
+) -> tuple[Heard, PortLook]:
     """Open the port, know the sensor and hear what it sends; the look comes back with the latency timer.
 
     Raises
@@ -59,8 +62,10 @@ def listen(look: PortLook, listen_only: bool, seconds: float) -> tuple[Heard, Po
     try:
         with SerialPort(look.path, FIRST_BAUD) as port:
             look = with_latency(look)
-            session = Session(port, Wanted(listen_only=listen_only), time.monotonic)
+            wanted = Wanted(listen_only=listen_only)
+            session = Session(port, wanted, time.monotonic, progress=progress)
             facts = session.connect()
+            progress(f"listening for {seconds:g} s")
             return _hear(session, facts, seconds), look
     except (PortError, PortGone, SessionError) as error:
         raise Unheard(str(error)) from None
@@ -74,10 +79,10 @@ def _hear(session: Session, facts: Facts, seconds: float) -> Heard:
     pause, gone = 0.0, None
     try:
         while (now := time.monotonic()) < start + seconds:
-            items = session.decode(session.read(min(BEAT_S, start + seconds - now)))
-            now = time.monotonic()
+            data = session.read(min(BEAT_S, start + seconds - now))
+            items, now = session.decode(data), time.monotonic()
             counters = (decoder.fed, decoder.messages, decoder.bad_checksums, decoder.discarded)
-            if before is None or counters[0] > before[0]:
+            if data:
                 pause, heard_at = max(pause, now - heard_at), now
             if decoder.messages and before is None:
                 before = counters
