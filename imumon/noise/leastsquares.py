@@ -94,7 +94,8 @@ def weigh(problems: Problems, p: Floats) -> Weighing:
     tables = problems.tables
     k = tables.full.size
     model = expected(tables, p)
-    relative = tables.covariance(p, problems.thinning) / (model[:, :, None] * model[:, None, :])
+    noise = np.where((np.arange(T) == SIGNED) & (p < 0.0), 0.0, p)  # what is no noise has no covariance
+    relative = tables.covariance(noise, problems.thinning) / (model[:, :, None] * model[:, None, :])
     relative[:, np.arange(k), np.arange(k)] += _JITTER + problems.excess[:, None]
     both = problems.used[:, :, None] & problems.used[:, None, :]
     matrix = np.where(both, relative, np.eye(k))
@@ -199,7 +200,8 @@ def _subsets(free: Bools) -> Bools:
 
 def _nonnegative(normal: Floats, right: Floats, free: Bools, subsets: Bools) -> Floats:
     """(b, 5) least squares without negative powers, by solving every subset of the free terms."""
-    scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), 1e-300))
+    diagonal = np.abs(np.einsum("bii->bi", normal))
+    scale = np.sqrt(np.maximum(diagonal, 1e-24 * diagonal.max(axis=1, keepdims=True) + 1e-280))
     normal = normal / (scale[:, :, None] * scale[:, None, :])
     right = right / scale
     inside = subsets[None, :, :] & free[:, None, :]
