@@ -61,8 +61,8 @@ def test_a_factory_sensor_is_well_and_its_traps_are_told(case: Case) -> None:
 
 def test_the_sensor_is_left_as_it_was() -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        one, _ = listen(PortLook(path=sensor.path), False, 0.5)
-        other, _ = listen(PortLook(path=sensor.path), False, 0.5)
+        one, _ = listen(PortLook(path=sensor.path), False, 0.3)
+        other, _ = listen(PortLook(path=sensor.path), False, 0.3)
         assert one.facts == other.facts
         assert other.samples > 5  # it streams as before
 
@@ -84,27 +84,18 @@ CLOCKED = EmulatorSettings(seed=1, rate=160.0)
 def test_a_bad_line_is_found(case: Case, fault: str, name: str, status: str) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         sensor.ask(fault)
-        found = checks(case, sensor.path)
+        found = checks(case if name == "rate" else replace(case, seconds=0.4), sensor.path)
     assert found[name].status == status, found
     assert found[name].cure
     assert "identity" in found
 
 
-@pytest.mark.parametrize(
-    ("fault", "name", "status", "says"),
-    [
-        ("drop=0.05", "rate", "warning", "missing"),
-        ("drop=0.4", "rate", "failed", "missing"),
-    ],
-)
-def test_a_stream_with_a_clock_counts_what_is_missing(
-    case: Case, fault: str, name: str, status: str, says: str
-) -> None:
+def test_a_stream_with_a_clock_counts_what_is_missing(case: Case) -> None:
     with spawn(CLOCKED) as sensor:
-        sensor.ask(f"fault {fault}")
+        sensor.ask("fault drop=0.05")
         found = checks(case, sensor.path)
-    assert found[name].status == status, found
-    assert says in found[name].text
+    assert found["rate"].status == "warning", found
+    assert "missing" in found["rate"].text
 
 
 @pytest.mark.parametrize(
@@ -126,9 +117,9 @@ def test_what_happens_while_it_listens_is_told(
 
         def act(text: str) -> None:
             if text.startswith("listening"):
-                threading.Timer(0.3, lambda: heard.append(str(sensor.ask(command)))).start()
+                threading.Timer(0.15, lambda: heard.append(str(sensor.ask(command)))).start()
 
-        found = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=2.0), act)}
+        found = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=1.5), act)}
     assert heard
     if command == "reboot":  # it comes back with its sentences: either shows
         assert found["stream"].status == "warning" or failed(found), found
