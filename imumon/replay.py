@@ -1,24 +1,25 @@
 """Replay: the same loop over a file.
 
-Bytes come from a recording instead of a port and go through the same decoder and monitor. Time is the
-record's own; nothing waits unless a speed is asked for.
+Samples come from a recording instead of a port: raw bytes by the same decoder, tables and bags of others
+by their readers, and all of them through the same monitor. Time is the record's own; nothing waits unless a
+speed is asked for.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TextIO
+from typing import Any, Protocol, TextIO
 
-from imumon import report
+from imumon import monitor, report
 from imumon.bus import Publisher
-from imumon.monitor import Monitor, Wanted
-from imumon.samples import SampleBlock
+from imumon.monitor import Monitor
+from imumon.samples import Kind, SampleBlock
 from imumon.sensors.vn100 import Decoder
-from imumon.sources import Recording, SourceError, read_file
+from imumon.sources import Recording, SourceError, Wanted, open_file
 
 BAR_S = 0.1
 BAR_WIDTH = 32
@@ -36,6 +37,9 @@ class Replay:
     ----------
     speed : times real time; None: as fast as it goes.
     baseline : an earlier report of the same sensor, to compare with.
+    kind : which stream of a table that has several; None: the best.
+    columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
+    topic : of a bag.
     """
 
     path: str
@@ -43,6 +47,83 @@ class Replay:
     speed: float | None = None
     guarded: bool = True
     baseline: report.Report | None = None
+    kind: Kind | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    topic: str | None = None
+
+
+class Samples(Protocol):
+    """A recording of whatever form: iterate to get blocks of samples.
+
+    Attributes
+    ----------
+    header : what is known of the sensor, or None.
+    fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were no good.
+    """
+
+    @property
+    def header(self) -> Mapping[str, Any] | None: ...
+    @property
+    def fed(self) -> int: ...
+    @property
+    def discarded(self) -> int: ...
+    @property
+    def bad_checksums(self) -> int: ...
+    @property
+    def progress(self) -> float | None: ...
+    def __iter__(self) -> Iterator[list[SampleBlock]]: ...
+    def verdict(self) -> str:
+        """Why there is nothing to characterise."""
+
+
+class Capture:
+    """Raw bytes of a sensor."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.header = recording.header
+        self._recording = recording
+        self._decoder = Decoder()
+
+    @property
+    def progress(self) -> float | None:
+        return self._recording.progress
+
+    @property
+    def fed(self) -> int:
+        return self._decoder.fed
+
+    @property
+    def discarded(self) -> int:
+        return self._decoder.discarded
+
+    @property
+    def bad_checksums(self) -> int:
+        return self._decoder.bad_checksums
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        for data in self._recording:
+            yield [item for item in self._decoder.feed(data) if isinstance(item, SampleBlock)]
+        yield [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
+
+    def verdict(self) -> str:
+        path, decoder = self._recording.path, self._decoder
+        if decoder.messages:
+            return f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
+        return f"{path} is no recording of a VN-100: not one valid message in {decoder.fed} bytes"
+
+
+def open_samples(task: Replay) -> Samples:
+    """A recording by what it holds, not by its name alone.
+
+    Raises
+    ------
+    SourceError : it cannot be read, or is plainly something else.
+    """
+    wanted = Wanted(task.kind, task.columns, task.rate_hz, task.topic)
+    found = open_file(task.path, wanted)
+    if isinstance(found, Recording):
+        return Capture(found)
+    return found
 
 
 def replay(
@@ -62,36 +143,36 @@ def replay(
     ------
     SourceError : the file cannot be read, or holds no samples. RateNeeded : its stream has no clock.
     """
-    recording = read_file(task.path)
-    run = _Run(task, recording)
+    samples = open_samples(task)
+    run = _Run(task, samples)
     pace = _Pace(task.speed)
     due = 0.0
-    for data in recording:
-        run.take(data)
+    for blocks in samples:
+        for block in blocks:
+            run.monitor.feed(block)
         if progress is not None:
-            progress(recording.progress, run.elapsed_s)
+            progress(samples.progress, run.elapsed_s)
         if bus is not None and time.monotonic() >= due:
             due = time.monotonic() + 1.0
             bus.publish(run.report("running"))
         pace.keep(run.elapsed_s)
-    run.finish()
+    run.monitor.flush()
     final = run.report("stopped")
     if not final.session.samples:
-        raise NotARecording(run.verdict())
+        raise NotARecording(samples.verdict())
     if bus is not None:
         bus.publish(final)
     return final
 
 
 class _Run:
-    """Decoder and monitor of one recording."""
+    """Monitor of one recording."""
 
-    def __init__(self, task: Replay, recording: Recording) -> None:
-        header = recording.header or {}
-        self.recording = recording
-        self.decoder = Decoder()
+    def __init__(self, task: Replay, samples: Samples) -> None:
+        header = samples.header or {}
+        self.samples = samples
         rate = task.rate_hz or _number(header.get("rate_hz"))
-        self.monitor = Monitor(Wanted(guarded=task.guarded, baseline=task.baseline), rate_hz=rate)
+        self.monitor = Monitor(monitor.Wanted(guarded=task.guarded, baseline=task.baseline), rate_hz=rate)
         self.device = report.Device(
             id=header.get("id") or (f"vn100-{header['serial']}" if header.get("serial") else "replay"),
             model=header.get("model"),
@@ -108,37 +189,18 @@ class _Run:
         rate = self.monitor.sample_rate_hz
         return self.monitor.samples / rate if rate else 0.0
 
-    def take(self, data: bytes) -> None:
-        for item in self.decoder.feed(data):
-            if isinstance(item, SampleBlock):
-                self.monitor.feed(item)
-
-    def finish(self) -> None:
-        for item in self.decoder.finish():
-            if isinstance(item, SampleBlock):
-                self.monitor.feed(item)
-        self.monitor.flush()
-
     def report(self, state: report.State) -> report.Report:
-        decoder = self.decoder
         session = report.Session(
             started=self.started,
-            discarded_bytes=decoder.discarded,
-            bad_checksums=decoder.bad_checksums,
-            received_bytes=decoder.fed,
+            discarded_bytes=self.samples.discarded,
+            bad_checksums=self.samples.bad_checksums,
+            received_bytes=self.samples.fed,
         )
         stream = self.monitor.stream
-        noted = (self.recording.header or {}).get("caveats", ())
+        noted = (self.samples.header or {}).get("caveats", ())
         caveats = ("compensated",) if stream is not None and stream.kind == "compensated" else ()
         caveats = tuple(dict.fromkeys((*noted, *caveats)))
         return self.monitor.report(datetime.now(UTC), self.device, state, session, device_caveats=caveats)
-
-    def verdict(self) -> str:
-        """Why there is nothing to characterise."""
-        path, decoder = self.recording.path, self.decoder
-        if decoder.messages:
-            return f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
-        return f"{path} is no recording of a VN-100: not one valid message in {decoder.fed} bytes"
 
 
 class _Pace:

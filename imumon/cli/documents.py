@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from imumon.cli.words import DONE, NOTHING_THERE, USAGE, Parser, Stop, add_endpoints, positive, viewer
+from imumon.cli.recording import FILES, add_reading, task_of
+from imumon.cli.words import DONE, NOTHING_THERE, USAGE, Parser, Stop, add_endpoints, viewer
 
 STATE_MARK = b"imumon-state "
 
@@ -21,13 +22,12 @@ def add_report(parser: Parser) -> None:
         "file",
         nargs="?",
         metavar="FILE",
-        help="recording, saved state, or saved report; default: ask a daemon",
+        help=f"saved report or state, or a recording ({FILES}); default: ask a daemon",
     )
     add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: stdout")
-    add("--rate", type=positive, metavar="HZ", help="sample rate of a recording without a clock")
-    add("--no-guards", action="store_true", help="of a recording: cut nothing out")
+    add_reading(parser.add_argument_group("of a recording"))
     add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
     add_endpoints(parser)
 
@@ -134,12 +134,11 @@ def _of_state(path: Path) -> Any:
 
 def _of_recording(words: argparse.Namespace) -> Any:
     from imumon.monitor import RateNeeded
-    from imumon.replay import Replay, bar, replay
+    from imumon.replay import bar, replay
     from imumon.sources import SourceError
 
-    task = Replay(path=words.file, rate_hz=words.rate, guarded=not words.no_guards)
     try:
-        return replay(task, progress=bar())
+        return replay(task_of(words), progress=bar())
     except RateNeeded as error:
         raise Stop(str(error), USAGE) from None
     except SourceError as error:

@@ -17,23 +17,56 @@ from imumon.cli.words import (
     settings,
 )
 
+FILES = "raw capture (ASCII, binary, mixed), --record file, CSV, all also .gz; .npz, rosbag 1 or 2, MCAP"
+
+
+def add_reading(parser: argparse._ActionsContainer) -> None:
+    """How a recording is to be read."""
+    add = parser.add_argument
+    add("--rate", type=positive, metavar="HZ", help="sample rate of a stream without a clock")
+    add("--no-guards", action="store_true", help="cut nothing out: every valid sample counts")
+    kinds = ("deltas", "uncompensated", "compensated")
+    add("--stream", choices=kinds, help="of a table that has several; default: the best")
+    text = "columns of a table: gyro/x=COLUMN:UNIT,...; COLUMN is a name or a number from 1; also t and dt"
+    add("--map", metavar="MAP", help=text)
+    add("--topic", metavar="NAME", help="of a bag that has several IMUs")
+
+
+def task_of(words: argparse.Namespace, **more: Any) -> Any:
+    """The recording that is to be read, and how."""
+    from imumon.replay import Replay
+    from imumon.sources.columns import parse_map
+
+    try:
+        columns = parse_map(words.map) if words.map else {}
+    except ValueError as error:
+        raise Stop(str(error), USAGE) from None
+    return Replay(
+        path=words.file,
+        rate_hz=words.rate,
+        guarded=not words.no_guards,
+        kind=words.stream,
+        columns=columns,
+        topic=words.topic,
+        **more,
+    )
+
 
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
-    add("file", metavar="FILE", help="raw capture (ASCII, binary, mixed, .gz), --record file, or CSV")
-    add("--rate", type=positive, metavar="HZ", help="sample rate of a stream without a clock")
+    add("file", metavar="FILE", help=f"{FILES}; - is standard input")
+    add_reading(parser)
     add("--speed", default="max", metavar="X|max", help="times real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
-    add("--no-guards", action="store_true", help="cut nothing out: every valid sample counts")
     add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
     add_endpoints(parser, listen=True)
 
 
 def run_replay(words: argparse.Namespace) -> int:
     from imumon.monitor import RateNeeded
-    from imumon.replay import Replay, bar, replay
+    from imumon.replay import bar, replay
     from imumon.sources import SourceError
 
     if words.speed == "max":
@@ -43,13 +76,7 @@ def run_replay(words: argparse.Namespace) -> int:
             speed = positive(words.speed)
         except (ValueError, argparse.ArgumentTypeError):
             raise Stop(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
-    task = Replay(
-        path=words.file,
-        rate_hz=words.rate,
-        speed=speed,
-        guarded=not words.no_guards,
-        baseline=baseline(words.baseline),
-    )
+    task = task_of(words, speed=speed, baseline=baseline(words.baseline))
     try:
         with _publisher(words) as bus:
             made = replay(task, progress=bar(), bus=bus)

@@ -1,8 +1,18 @@
-"""Sources: where bytes come from. A serial port or a pyserial URL, and recordings of one."""
+"""Sources: where bytes and samples come from.
+
+port        a serial port or a pyserial URL
+recording   raw bytes kept on disk, and read back
+columns     which column of a table is which channel
+table       CSV and NumPy archives as samples
+bag         ROS bags as samples
+kinds       which of them a file is
+"""
 
 from imumon.sources.errors import SourceError
+from imumon.sources.kinds import open_file
 from imumon.sources.port import PortError, PortGone, PortInfo, SerialPort, find_again, find_ports, holders
 from imumon.sources.recording import Recorder, Recording, read_file
+from imumon.sources.table import Wanted
 
 __all__ = [
     "PortError",
@@ -12,8 +22,10 @@ __all__ = [
     "Recording",
     "SerialPort",
     "SourceError",
+    "Wanted",
     "find_again",
     "find_ports",
     "holders",
+    "open_file",
     "read_file",
 ]

@@ -83,6 +83,11 @@ class Recording:
         self._total = 0 if path == "-" else sum(os.path.getsize(p) for p in [path, *self._later])
 
     @property
+    def head(self) -> bytes:
+        """The first bytes, before iterating: what tells what it is."""
+        return self._part.ahead
+
+    @property
     def progress(self) -> float | None:
         """Share of the bytes on disk that has been read, 0 to 1; None for a pipe."""
         return min(1.0, (self._behind + self._part.taken) / self._total) if self._total else None
@@ -126,16 +131,16 @@ class _Part:
                 raise SourceError(f"{path} is not a recording but {what}")
         raw = self._read(head)
         self._chunks = self._unzip(raw) if head[:2] == b"\x1f\x8b" else raw
-        self._ahead = next(self._chunks, b"")
-        if self._ahead.startswith(MARK):
-            line, _, self._ahead = self._ahead.partition(b"\n")
+        self.ahead = next(self._chunks, b"")
+        if self.ahead.startswith(MARK):
+            line, _, self.ahead = self.ahead.partition(b"\n")
             with contextlib.suppress(ValueError):
                 self.header = json.loads(line[len(MARK) :])
 
     def __iter__(self) -> Iterator[bytes]:
-        if self._ahead:
-            yield self._ahead
-        self._ahead = b""
+        if self.ahead:
+            yield self.ahead
+        self.ahead = b""
         yield from self._chunks
         self.close()
 

@@ -1,0 +1,51 @@
+"""Kinds of recordings, told apart by what they hold: raw bytes, CSV, NumPy archives, ROS bags."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TypeAlias
+
+from imumon.sources.bag import Bag, is_bag
+from imumon.sources.columns import layout
+from imumon.sources.errors import SourceError
+from imumon.sources.recording import MARK, Recording
+from imumon.sources.table import Archive, Csv, Wanted, header_line, separator_of, split
+
+File: TypeAlias = Recording | Csv | Archive | Bag
+
+
+def open_file(path: str, wanted: Wanted) -> File:
+    """A recording of whatever kind.
+
+    Raises
+    ------
+    SourceError : it cannot be read, or is plainly something else.
+    """
+    head = b""
+    if path != "-":
+        with contextlib.suppress(OSError), open(path, "rb") as file:
+            head = file.read(16)
+    if is_bag(path, head):
+        return Bag(path, wanted)
+    if head.startswith(b"PK\x03\x04") and path.endswith(".npz"):
+        return Archive(path, wanted)
+    recording = Recording(path)
+    return Csv(recording, wanted) if is_csv(path, recording.head, wanted) else recording
+
+
+def is_csv(path: str, head: bytes, wanted: Wanted) -> bool:
+    """Whether text is a table: its name says so, or its header names an inertial sensor."""
+    if b"\0" in head or b"$VN" in head or head.startswith(MARK):
+        return False
+    name = path.lower().removesuffix(".gz")
+    if name.endswith((".csv", ".tsv")) or wanted.given:
+        return True
+    lines = head[: 1 << 14].decode("utf-8-sig", "replace").splitlines()
+    at = header_line(lines)
+    if at is None:
+        return False
+    try:
+        layout(split(lines[at], separator_of(lines[at])))
+    except SourceError:
+        return False
+    return True
