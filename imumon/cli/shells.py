@@ -125,7 +125,7 @@ _imumon() {{
 {body}
     esac
 }}
-compdef _imumon imumon
+if [[ $funcstack[1] == _imumon ]]; then _imumon "$@"; else compdef _imumon imumon; fi
 """
 
 
