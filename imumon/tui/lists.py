@@ -87,12 +87,11 @@ def _stream(report: Report) -> list[Line]:
 
 
 def _settings(report: Report) -> list[Line]:
+    head = _title("Settings that change the data")
     if not report.device.settings:
-        return [_title("Settings that change the data"), [("  not read from the sensor", "faint")]]
-    return [
-        _title("Settings that change the data"),
-        *(_pair(k, v) for k, v in report.device.settings.items()),
-    ]
+        return [head, [("  not read from the sensor", "faint")]]
+    wide = max(map(len, report.device.settings))
+    return [head, *([(f"  {k:<{wide}}   ", "muted"), (v, "text")] for k, v in report.device.settings.items())]
 
 
 def _link(report: Report) -> list[Line]:
