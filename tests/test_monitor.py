@@ -196,3 +196,15 @@ def test_record_that_was_mostly_cut_out_says_so() -> None:
     assert made.session.excluded_by["loop"] > 60.0
     assert "disturbed" in made.caveats
     assert all(grade.provisional for grade in made.grade.values())
+
+
+def test_noise_that_rounding_hides_is_not_measured() -> None:
+    monitor = Monitor()
+    part = block(20_000)
+    part.values[:, 0] = np.round(part.values[:, 0] / 0.0015) * 0.0015
+    monitor.feed(part)
+    monitor.flush()
+    n = report(monitor).channels["gyro/x"].N
+    assert n is not None
+    assert n.status == "pending"
+    assert "resolution" in (n.reason or "")

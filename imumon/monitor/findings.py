@@ -58,8 +58,10 @@ class Findings:
             return
         self._seen, self._due_s = seen, elapsed + min(GROWTH * elapsed, MOST_S)
         curve, density = record.history.curve(), record.spectrum.result()
-        self.fits = dict(zip(record.channels, self._estimator.fit(curve), strict=False))
         self.shapes = record.histogram.result()
+        steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
+        fits = self._estimator.fit(curve, resolution=steps)
+        self.fits = dict(zip(record.channels, fits, strict=False))
         self._trends.renew(self.fits.values(), curve)
         for column, name in enumerate(record.channels):
             sensor, fit = sensor_of(name), self.fits.get(name)
