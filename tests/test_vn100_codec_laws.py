@@ -250,10 +250,12 @@ def test_checksums(data: bytes) -> None:
 
 
 @laws
-@given(st.binary(min_size=120, max_size=120), st.integers(1, 20))
-def test_checksums_of_rows_are_those_of_each(data: bytes, width: int) -> None:
+@given(st.binary(min_size=120, max_size=120), st.integers(1, 10), st.integers(0, 0xFFFF))
+def test_checksums_of_rows_are_those_of_each(data: bytes, half: int, begun: int) -> None:
+    width = 2 * half
     rows = np.frombuffer(data[: 120 // width * width], np.uint8).reshape(-1, width)
-    assert checksum.crc16_rows(rows).tolist() == [checksum.crc16(row.tobytes()) for row in rows]
+    want = [checksum.crc16(row.tobytes(), begun) for row in rows]
+    assert checksum.crc16_rows(rows, begun).tolist() == want
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

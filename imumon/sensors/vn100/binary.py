@@ -225,7 +225,8 @@ class Layout:
 
     def _invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
         """Which rows are no valid packets of this layout."""
-        bad = np.not_equal(crc16_rows(packets[:, 1:]), 0)
+        begin = len(self.header) - (self.length - len(self.header)) % 2
+        bad = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
         for column, byte in enumerate(self.header):
             bad |= packets[:, column] != byte
         return bad
