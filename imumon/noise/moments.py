@@ -18,7 +18,7 @@ import numpy.typing as npt
 from imumon.noise.groups import Groups
 from imumon.samples import Bools, Floats
 
-BATCH = 8192  # samples reduced at once: what the processor's cache holds
+BATCH = 16384  # samples reduced at once: what the processor's cache holds
 
 _ARRAYS = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
 
