@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Protocol, TextIO
@@ -147,7 +148,8 @@ def replay(
     run = _Run(task, samples)
     pace = _Pace(task.speed)
     due = 0.0
-    for blocks in samples:
+    ahead = task.speed is None and samples.progress is not None  # a pipe may keep one waiting
+    for blocks in _ahead(samples) if ahead else samples:
         for block in blocks:
             run.monitor.feed(block)
         if progress is not None:
@@ -163,6 +165,16 @@ def replay(
     if bus is not None:
         bus.publish(final)
     return final
+
+
+def _ahead(samples: Samples) -> Iterator[list[SampleBlock]]:
+    """The same blocks; the next ones are read and decoded in a thread of its own meanwhile."""
+    source = iter(samples)
+    with ThreadPoolExecutor(1) as reader:
+        coming = reader.submit(next, source, None)
+        while (blocks := coming.result()) is not None:
+            coming = reader.submit(next, source, None)
+            yield blocks
 
 
 class _Run:
