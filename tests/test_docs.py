@@ -1,0 +1,154 @@
+"""The documents keep their word: every command and program in them runs, every link leads somewhere.
+
+A block ```` ```sh ```` is run as it stands, beside a daemon on an emulated sensor, a recording and its
+report. A second word says why one is not: ``sensor`` (it needs a real one), ``service`` (a service manager),
+``root``, ``setup`` (it installs), ``long``. The words of these are still checked against the command line.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from daemons import Daemon, free_endpoint
+
+from imumon.cli import _parser
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+OWN_TESTS = {"ZENOH.md"}  # tests/test_bus_docs.py
+REASONS = {"sensor", "service", "root", "setup", "long"}
+
+
+class Block(NamedTuple):
+    name: str
+    language: str
+    reason: str
+    text: str
+
+
+def _blocks() -> list[Block]:
+    found = []
+    for path in DOCUMENTS:
+        text = path.read_text("utf-8")
+        for match in re.finditer(r"^```(\w+)(?: (\w+))?\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+            line = text[: match.start()].count("\n") + 1
+            found.append(Block(f"{path.name}:{line}", match[1], match[2] or "", match[3]))
+    return found
+
+
+BLOCKS = _blocks()
+RUN = [b for b in BLOCKS if not b.reason and b.name.partition(":")[0] not in OWN_TESTS]
+
+
+class Place(NamedTuple):
+    """Where documents are tried: a directory with recordings, a daemon that answers."""
+
+    directory: Path
+    endpoint: str
+    environment: dict[str, str]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    directory = tmp_path_factory.mktemp("documents")
+    endpoint = free_endpoint()
+    (directory / "config.toml").write_text(f'[zenoh]\nlisten = ["{endpoint}"]\n')
+    home = {"HOME": str(directory), "XDG_STATE_HOME": str(directory / "state")}
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = {**os.environ, **home, "PATH": path}
+    lines = []
+    for number in range(400):  # $VNYMR at rest, with a little noise
+        noise = (number * 2654435761 % 1000) / 1e6
+        body = f"VNYMR,+000.000,+000.000,+000.000,+01.0000,+00.0000,+01.8000,+00.000,{noise:+07.3f},"
+        body += f"-09.80{number * 7919 % 10},{noise:+010.6f},{-noise:+010.6f},{noise / 2:+010.6f}"
+        check = 0
+        for letter in body.encode():
+            check ^= letter
+        lines.append(f"${body}*{check:02X}\r\n")
+    (directory / "imu.vnymr.txt").write_text("".join(lines), newline="")
+    with Daemon("sim", directory / "state", "--speed", "50", "--seed", "1", "--record",
+                str(directory / "capture.bin"), listen=endpoint) as daemon:  # fmt: skip
+        daemon.samples(2000)
+        subprocess.run(["gzip", "-k", directory / "capture.bin"], check=True)
+        yield Place(directory, endpoint, environment)
+
+
+@pytest.mark.parametrize("block", [b for b in RUN if b.language == "sh"], ids=lambda b: b.name)
+def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
+    directory = place.directory
+    if "imumon run" in block.text:  # it has a bus of its own
+        directory = tmp_path
+        (tmp_path / "config.toml").write_text(f'[zenoh]\nlisten = ["{free_endpoint()}"]\n')
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block.text],
+        cwd=directory,
+        env=place.environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=90,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("block", [b for b in RUN if b.language == "python"], ids=lambda b: b.name)
+def test_a_program_runs(block: Block, place: Place) -> None:
+    code = block.text.replace("tcp/127.0.0.1:7448", place.endpoint)
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-c", code],
+        cwd=place.directory,
+        env=place.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()  # a subscriber goes on for ever: its first line will do
+    finally:
+        process.kill()
+        _, errors = process.communicate()
+    assert line.strip(), errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "sh"], ids=lambda b: b.name)
+def test_its_words_are_known(block: Block) -> None:
+    """No document shows a command or an option that does not exist, run or not."""
+    assert block.reason in REASONS | {""}
+    _, commands = _parser(["sim"])
+    for line in block.text.replace("\\\n", " ").splitlines():
+        for part in re.split(r"\|\||&&|[|;&]", line.partition(" #")[0]):
+            words = shlex.split(part) if part.count("'") % 2 == 0 and part.count('"') % 2 == 0 else []
+            if not words or Path(words[0]).name != "imumon" or len(words) < 2:
+                continue
+            name, *rest = words[1:]
+            assert name in commands or name == "--version", f"{block.name}: imumon {name}"
+            known = {option for action in commands[name]._actions for option in action.option_strings}
+            unknown = {word for word in rest if word.startswith("-") and word != "-"} - known
+            assert not unknown, f"{block.name}: imumon {name} has no {', '.join(unknown)}"
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: p.name)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text("utf-8")):
+        if "://" not in target:
+            assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+def test_the_changelog_keeps_its_grammar() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    heads = re.findall(r"^## (.+)$", text, re.MULTILINE)
+    assert heads[0] == "Unreleased"
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+ - \d{4}-\d\d-\d\d", head) for head in heads[1:])
+    kinds = set(re.findall(r"^### (.+)$", text, re.MULTILINE))
+    assert kinds <= {"Added", "Changed", "Fixed", "Removed", "Security"}
