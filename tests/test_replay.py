@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import gzip
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import imumon
 
 from imumon.sensors.vn100 import ascii as sentences
 
@@ -19,22 +18,6 @@ KIRAN = SHARED / "kiran_stat5min.vnymr.txt.gz"
 needs_recordings = pytest.mark.skipif(
     not KIRAN.exists(), reason="the real recordings are not on this machine"
 )
-
-
-def imumon(*words: str | Path, code: int = 0) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "imumon", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    if code:
-        assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-        return done.stderr
-    return done.stdout
 
 
 @needs_recordings

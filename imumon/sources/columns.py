@@ -205,10 +205,6 @@ def understood(index: int, name: str) -> Column:
         else:
             unit = inside
     words = _words(text)
-    if axis is None and words and (found := _LETTERS.match(words[-1])):
-        words[-1:] = [found.group(1), found.group(2)]
-        if found.group(1) == "g":
-            words[-2] = "gyro"
     words, suffix = _suffix(words)
     if axis is None and words and words[-1] in AXES:
         axis = words.pop()
@@ -224,8 +220,13 @@ def _words(text: str) -> list[str]:
     """Words of a name, small: cut at signs, blanks and capitals."""
     text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", text)
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
-    words = re.findall(r"[a-zµ]+[0-9]*|[0-9]+", text.lower())
-    return [word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word for word in words]
+    words = []
+    for word in re.findall(r"[a-zµ]+[0-9]*|[0-9]+", text.lower()):
+        if found := _LETTERS.match(word):
+            words += ["gyro" if found.group(1) == "g" else found.group(1), found.group(2)]
+        else:
+            words.append(word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word)
+    return words
 
 
 def _suffix(words: list[str]) -> tuple[list[str], str | None]:
@@ -405,7 +406,7 @@ def _named(names: Sequence[str], text: str, quantity: str) -> Column:
         for index, candidates in enumerate(zip(whole, bare, strict=True)):
             if name in candidates:
                 return Column(
-                    index, whole[index], quantity, unit=unit or understood(index, whole[index]).unit
+                    index, whole[index], quantity, unit=spoken or understood(index, whole[index]).unit
                 )
         if name.isdigit() and 1 <= int(name) <= len(names):
             return Column(int(name) - 1, whole[int(name) - 1], quantity, unit=spoken)

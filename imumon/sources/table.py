@@ -9,8 +9,9 @@ grow with its length.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -297,7 +298,7 @@ class Csv:
         reader = _Reader(self.path, separator, rows.columns)
         gathered: list[str] = []
         before = number - len(first)
-        for line in (*first, *_flat(lines)):
+        for line in chain(first, chain.from_iterable(lines)):
             gathered.append(line)
             if len(gathered) >= ROWS:
                 yield self._hand(rows, reader, gathered, before)
@@ -393,11 +394,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _flat(pieces: Iterable[list[str]]) -> Iterator[str]:
-    for piece in pieces:
-        yield from piece
 
 
 class _Reader:

@@ -1,0 +1,359 @@
+"""Recordings of others: CSV of many spellings, NumPy archives and bags become the same samples."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import tracemalloc
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import imumon
+
+from imumon.replay import Replay, open_samples, replay
+from imumon.samples import SampleBlock
+from imumon.sources import SourceError
+from imumon.sources.columns import understood
+
+SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
+needs_recordings = pytest.mark.skipif(
+    not SHARED.exists(), reason="the real recordings are not on this machine"
+)
+RATE = 100.0
+DEG, G = np.pi / 180.0, 9.80665
+
+
+def truth(n: int = 400, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time in s, gyro rad/s and accel m/s^2 of a sensor at rest."""
+    rng = np.random.default_rng(seed)
+    t = 12.0 + np.arange(n) / RATE
+    return t, rng.normal(0.001, 7e-4, (n, 3)), rng.normal((0.1, -0.2, -9.8), 0.013, (n, 3))
+
+
+def csv(path: Path, names: Iterable[str], *columns: np.ndarray, sep: str = ",") -> Path:
+    rows = [sep.join(f"{value:.12g}" for value in row) for row in np.column_stack(columns)]
+    data = (sep.join(names) + "\n" + "\n".join(rows) + "\n").encode()
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    return path
+
+
+def read(path: Path, **more: object) -> SampleBlock:
+    """All samples of a file as one block."""
+    blocks = [block for some in open_samples(Replay(path=str(path), **more)) for block in some]  # type: ignore[arg-type]
+    return SampleBlock(
+        blocks[0].stream,
+        np.concatenate([block.values for block in blocks]),
+        None
+        if blocks[0].time_ns is None
+        else np.concatenate([b.time_ns for b in blocks if b.time_ns is not None]),
+        np.concatenate([block.lost for block in blocks]),
+    )
+
+
+HEADER = ["t", "wx", "wy", "wz", "ax", "ay", "az"]
+GYRO, ACCEL = slice(0, 3), slice(3, 6)
+SPELLINGS = [
+    ("time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s],acc_x [m/s^2],acc_y [m/s²],acc_z (mps2)",
+     1, 1, 1),
+    ("t,wx,wy,wz,ax,ay,az", 1, 1, 1),
+    ("timestamp_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 1e6, 1 / DEG, 1 / G),
+    ("#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],a_RS_S_x [m s^-2],"
+     "a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]", 1e9, 1, 1),
+    ("%time,field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z,"
+     "field.linear_acceleration.x,field.linear_acceleration.y,field.linear_acceleration.z", 1e9, 1, 1),
+    ("Time (ms),GyroX (°/s),GyroY (°/s),GyroZ (°/s),AccX (mg),AccY (mg),AccZ (mg)", 1e3, 1 / DEG, 1000 / G),
+    ("Time::TimeStartup [ns],IMU::UncompGyro::X [rad/s],IMU::UncompGyro::Y [rad/s],"
+     "IMU::UncompGyro::Z [rad/s],IMU::UncompAccel::X [m/s^2],IMU::UncompAccel::Y [m/s^2],"
+     "IMU::UncompAccel::Z [m/s^2]", 1e9, 1, 1),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("header", "time", "rate", "force"), SPELLINGS, ids=[s[0][:24] for s in SPELLINGS])
+@pytest.mark.parametrize("sep", [",", ";", "\t"])
+def test_every_spelling_gives_the_same_samples(
+    tmp_path: Path, header: str, time: float, rate: float, force: float, sep: str
+) -> None:
+    t, gyro, accel = truth()
+    path = csv(tmp_path / "a.csv", header.split(","), t * time, gyro * rate, accel * force, sep=sep)
+    found = read(path)
+    np.testing.assert_allclose(found.values[:, GYRO], gyro, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.values[:, ACCEL], accel, rtol=1e-9)
+    assert found.stream.clock == "startup"
+    assert found.stream.kind == "uncompensated"
+    assert found.stream.interval_s == pytest.approx(1 / RATE, rel=1e-9)
+    assert found.time_ns is not None
+    np.testing.assert_allclose(np.diff(found.time_ns), 1e9 / RATE, atol=2)
+
+
+def test_seconds_and_nanoseconds_apart_are_added(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    stamp = 1_700_000_000_000_000_000 + np.rint(t * 1e9).astype(np.int64)
+    names = ["Time", "header.stamp.secs", "header.stamp.nsecs"]
+    names += [f"angular_velocity.{a}" for a in "xyz"] + [f"linear_acceleration.{a}" for a in "xyz"]
+    rng = np.random.default_rng(1)
+    arrival = stamp * 1e-9 + rng.uniform(0, 0.02, len(t))
+    rows = zip(arrival, stamp // 10**9, stamp % 10**9, *gyro.T, *accel.T, strict=True)
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
+    found = read(path)
+    assert found.time_ns is not None
+    np.testing.assert_array_equal(np.diff(found.time_ns), np.full(len(t) - 1, 10_000_000))
+
+
+def test_the_best_stream_is_taken_and_another_can_be_asked_for(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    names = ["t [s]", "dt [s]"]
+    for group in ("DeltaTheta", "DeltaVel", "UncompGyro", "AngularRate", "Accel"):
+        names += [f"{group}::{axis}" for axis in "XYZ"]
+    names[2] = "DeltaTheta::X [deg]"
+    names[3:5] = ["DeltaTheta::Y [deg]", "DeltaTheta::Z [deg]"]
+    dt = np.full(len(t), 1 / RATE)
+    path = csv(
+        tmp_path / "a.csv", names, t, dt, gyro / RATE / DEG, accel / RATE, gyro + 1.0, gyro + 2.0, accel + 3.0
+    )
+    expected = {"deltas": (0.0, 0.0), "uncompensated": (1.0, 3.0), "compensated": (2.0, 3.0)}
+    assert read(path).stream.kind == "deltas"
+    for kind, (more_gyro, more_accel) in expected.items():
+        found = read(path, kind=kind)
+        assert found.stream.kind == kind
+        np.testing.assert_allclose(found.values[:, GYRO], gyro + more_gyro, atol=1e-9)
+        np.testing.assert_allclose(found.values[:, ACCEL], accel + more_accel, atol=1e-9)
+
+
+def test_columns_by_hand_by_name_or_number(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    path = csv(tmp_path / "a.csv", ["tic", "p", "q", "r", "u", "v", "w1"], t * 1e3, gyro / DEG, accel)
+    by_hand = "gyro/x=p:deg/s,gyro/y=q:deg/s,gyro/z=4:deg/s,accel/x=u,accel/y=v,accel/z=w1:m/s^2,t=tic:ms"
+    shown = json.loads(imumon("replay", path, "--map", by_hand, "--json"))
+    assert shown["channels"]["gyro/z"]["mean"] == pytest.approx(gyro[:, 2].mean(), rel=1e-9)
+    assert shown["device"]["sample_rate_hz"] == pytest.approx(RATE)
+    bare = tmp_path / "bare.txt"
+    bare.write_text("\n".join(path.read_text().splitlines()[1:]))
+    assert "names its 7 columns" in imumon("replay", bare.rename(tmp_path / "bare.csv"), code=1)
+    by_number = by_hand.replace("=p", "=2").replace("=q", "=3").replace("=u", "=5").replace("=v", "=6")
+    by_number = by_number.replace("=w1", "=7").replace("=tic", "=1")
+    again = json.loads(imumon("replay", tmp_path / "bare.csv", "--map", by_number, "--json"))
+    assert again["channels"]["accel/y"]["mean"] == shown["channels"]["accel/y"]["mean"]
+
+
+def test_without_time_the_rate_is_needed(tmp_path: Path) -> None:
+    _, gyro, accel = truth()
+    path = csv(tmp_path / "a.csv.gz", HEADER[1:], gyro, accel)
+    assert "--rate" in imumon("replay", path, code=2)
+    assert json.loads(imumon("replay", path, "--rate", "50", "--json"))["session"]["elapsed_s"] == 8.0
+
+
+def test_missing_rows_are_gaps_of_their_length(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    keep = np.ones(len(t), dtype=bool)
+    keep[100:107] = False
+    path = csv(tmp_path / "a.csv", HEADER, t[keep], gyro[keep], accel[keep])
+    lines = path.read_text().splitlines()
+    lines[201] = lines[201].rpartition(",")[0] + ","  # a cell that was not filled
+    path.write_text("\n".join(lines))
+    session = replay(Replay(path=str(path), guarded=False)).session
+    assert (session.samples, session.missing, session.gaps) == (len(t) - 8, 8, 2)
+
+
+def test_times_of_arrival_are_no_clock(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    arrival = np.repeat(t[::2], 2)  # in pairs, as USB delivers
+    path = csv(tmp_path / "a.csv", HEADER, arrival, gyro, accel)
+    found = read(path)
+    assert found.stream.clock == "none"
+    assert found.stream.interval_s == pytest.approx(1 / RATE, rel=0.01)
+    assert len(found) == len(t)
+
+
+HEAD = "t,wx,wy,wz,ax,ay,az\n"
+ROWS = [f"{k / 100},0.001,0.002,{k % 7}e-4,0.1,0.2,-9.8" for k in range(200)]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (HEAD + "\n".join([*ROWS[:99], "0.99,oops,0,0,0,0,-9.8", *ROWS[100:]]), ("line 101", "oops")),
+        (HEAD + "\n".join([*ROWS[:99], "0.99,0.1", *ROWS[100:]]), ("line 101", "2 columns")),
+        ("t,wx,wy,speed\n" + "\n".join("0.1,2,3,4" for _ in ROWS), ("wx, wy", "--map")),
+        ("t,gyroo_x,b,c\n" + "\n".join("0.1,2,3,4" for _ in ROWS), ("gyroo_x", "--map")),
+        (HEAD.replace("wx", "wx [furlong]") + "\n".join(ROWS), ("furlong", "deg/s")),
+        (HEAD + "\n".join(row.replace("-9.8", "-1.0") for row in ROWS), ("[g]",)),
+        (HEAD + "\n".join(row.replace("0.001", "150.0") for row in ROWS), ("[deg/s]",)),
+        (HEAD + "\n".join("1.0" + row[row.index(",") :] for row in ROWS), ("stands still",)),
+        (HEAD, ("no row",)),
+        ("", ("empty",)),
+    ],
+    ids=["word", "short", "axes", "near", "unit", "g", "deg", "time", "rows", "empty"],
+)
+def test_a_bad_file_is_one_clear_line(tmp_path: Path, text: str, says: tuple[str, ...]) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    told = imumon("replay", path, code=1)
+    assert "bad.csv" in told
+    for word in says:
+        assert word in told
+
+
+def test_a_line_cut_off_at_the_end_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "cut.csv"
+    path.write_text(HEAD + "\n".join(ROWS) + "\n2.00,0.0")
+    assert len(read(path)) == len(ROWS)
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
+    def peak(rows: int) -> int:
+        path = tmp_path / f"{rows}.csv"
+        with path.open("w") as file:
+            file.write(HEAD)
+            for k in range(rows):
+                file.write(f"{k / 100},0.001,0.002,{k % 7}e-4,0.1,0.2,-9.8\n")
+        tracemalloc.start()
+        count = sum(len(block) for some in open_samples(Replay(path=str(path))) for block in some)
+        assert count == rows
+        top = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return top
+
+    assert peak(300_000) < 1.3 * peak(75_000)
+
+
+def test_archive_is_the_same_as_csv(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    np.savez(tmp_path / "a.npz", t=t, gyro=gyro, accel=accel, temp_C=np.full(len(t), 21.0), name="x")
+    one = read(tmp_path / "a.npz")
+    other = read(csv(tmp_path / "a.csv", HEADER, t, gyro, accel))
+    np.testing.assert_allclose(one.values[:, :6], other.values, rtol=1e-9, atol=1e-12)
+    assert one.stream.channels[-1] == "temperature"
+    np.testing.assert_array_equal(one.time_ns, other.time_ns)
+    np.savez(tmp_path / "b.npz", position=gyro)
+    assert "--map" in imumon("replay", tmp_path / "b.npz", code=1)
+
+
+def write_bag1(path: Path, messages: list[tuple[int, np.ndarray, np.ndarray]]) -> Path:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path = path.with_suffix(".bag")
+    with Writer(path) as bag:
+        connection = bag.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
+        for stamp, gyro, accel in messages:
+            data = store.serialize_ros1(imu(store, stamp, gyro, accel, seq=0), "sensor_msgs/msg/Imu")
+            bag.write(connection, stamp + 5_000_000, data)
+    return path
+
+
+def write_bag2(
+    path: Path, messages: list[tuple[int, np.ndarray, np.ndarray]], plugin: str = "SQLITE3"
+) -> Path:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(path, version=9, storage_plugin=StoragePlugin[plugin]) as bag:
+        connection = bag.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
+        for stamp, gyro, accel in messages:
+            data = store.serialize_cdr(imu(store, stamp, gyro, accel), "sensor_msgs/msg/Imu")
+            bag.write(connection, stamp + 5_000_000, data)
+    return path
+
+
+def imu(store: object, stamp: int, gyro: np.ndarray, accel: np.ndarray, **more: int) -> object:
+    types = store.types  # type: ignore[attr-defined]
+    vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
+    time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return types["sensor_msgs/msg/Imu"](
+        header=types["std_msgs/msg/Header"](stamp=time, frame_id="imu", **more),
+        orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        orientation_covariance=zeros,
+        angular_velocity=vector(*map(float, gyro)),
+        angular_velocity_covariance=zeros,
+        linear_acceleration=vector(*map(float, accel)),
+        linear_acceleration_covariance=zeros,
+    )
+
+
+BAGS: dict[str, Callable[[Path, list[tuple[int, np.ndarray, np.ndarray]]], Path]] = {
+    "rosbag 1": write_bag1,
+    "rosbag 2": write_bag2,
+    "mcap": lambda path, messages: next(write_bag2(path, messages, "MCAP").glob("*.mcap")),
+}
+
+
+@pytest.mark.parametrize("kind", BAGS)
+def test_bags_give_the_stamps_and_values_of_their_messages(tmp_path: Path, kind: str) -> None:
+    pytest.importorskip("rosbags.highlevel")
+    t, gyro, accel = truth(200)
+    stamps = 1_700_000_000_000_000_000 + np.rint(t * 1e9).astype(np.int64)
+    keep = [k for k in range(200) if k not in (50, 51)]
+    messages = [(int(stamps[k]), gyro[k], accel[k]) for k in keep]
+    path = BAGS[kind](tmp_path / "bag", messages)
+    found = read(path)
+    np.testing.assert_allclose(found.values, np.hstack([gyro, accel])[keep], rtol=1e-12)
+    made = replay(Replay(path=str(path), guarded=False))
+    assert (made.session.samples, made.session.missing, made.session.gaps) == (198, 2, 1)
+    with pytest.raises(SourceError, match="/imu/data"):
+        read(path, topic="/gps")
+
+
+def test_a_damaged_bag_is_one_clear_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.bag"
+    path.write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    assert "a.bag" in imumon("replay", path, code=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "axis"),
+    [
+        ("angular_velocity_covariance[0]", None, None),
+        ("orientation.x", None, None),
+        ("gyro_bias_x", None, None),
+        ("magnetic_field.z", "mag", "z"),
+        ("gyroscope_y", "gyro", "y"),
+        ("accelerometer[2]", "accel", "z"),
+        ("baro_pressure [hPa]", "pressure", None),
+    ],
+)
+def test_names_are_taken_apart(name: str, quantity: str | None, axis: str | None) -> None:
+    column = understood(0, name)
+    assert (column.quantity, column.axis if quantity else None) == (quantity, axis)
+
+
+@needs_recordings
+def test_real_table_shows_the_aliasing_of_the_sensors_filter() -> None:
+    path = SHARED / "instinct_vn310_static.orig.csv.gz"
+    deltas, points = read(path), read(path, kind="uncompensated")
+    assert deltas.stream.kind == "deltas"
+    assert deltas.stream.interval_s == pytest.approx(0.05)
+    ratio = points.values[:, :6].std(axis=0) / deltas.values[:, :6].std(axis=0)
+    # at 20 Hz behind a boxcar of 5 ms: sqrt(200 / 20) = 3.2, each a little off, quantised and few
+    assert np.all((ratio > 2.0) & (ratio < 6.0))
+    np.testing.assert_allclose(
+        points.values[:, :3].mean(axis=0), deltas.values[:, :3].mean(axis=0), atol=5e-5
+    )
+
+
+@needs_recordings
+@pytest.mark.parametrize(
+    ("name", "samples", "missing", "rate"),
+    [
+        ("pelka_zup.npz", 794, 5, 160.0),
+        ("lwi_F00294.npz", 99, 0, 10.0),
+        ("instinct_vn310_lckf.npz", 1612, 0, 50.0),
+        ("instinct_vn310_lckf.orig.csv.gz", 1612, 0, 50.0),
+    ],
+)
+def test_real_tables(name: str, samples: int, missing: int, rate: float) -> None:
+    made = replay(Replay(path=str(SHARED / name), guarded=False))
+    assert (made.session.samples, made.session.missing) == (samples, missing)
+    assert made.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
+
+
+@needs_recordings
+def test_real_irregular_times_are_put_on_a_grid() -> None:
+    made = replay(Replay(path=str(SHARED / "rob_static2.npz"), guarded=False))
+    assert made.session.samples == 1264
+    assert made.session.elapsed_s == pytest.approx(82.6, rel=0.02)
+    assert 15.0 < (made.device.sample_rate_hz or 0.0) < 16.0
