@@ -201,7 +201,7 @@ def test_record_that_was_mostly_cut_out_says_so() -> None:
 def test_noise_that_rounding_hides_is_not_measured() -> None:
     monitor = Monitor()
     part = block(20_000)
-    part.values[:, 0] = np.round(part.values[:, 0] / 0.0015) * 0.0015
+    part.values[:, 0] = np.round(part.values[:, 0] / 0.003) * 0.003
     monitor.feed(part)
     monitor.flush()
     n = report(monitor).channels["gyro/x"].N
