@@ -77,7 +77,7 @@ class Record:
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
 
         def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
-            return fit_curve(curve, averaged=averaged)
+            return fit_curve(curve, averaged=averaged, outlook=False)
 
         self.history = History(
             self.groups,

@@ -39,7 +39,7 @@ class Trends:
         drift = self._record.history.drift
         self._found = drift.result(wanders)
         steady = drift.without_temperature(curve, self._found)
-        self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged)
+        self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged, outlook=False)
 
     def of(self, column: int) -> Trend | None:
         """Trend of a channel; None while nothing can be said."""

@@ -20,7 +20,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,11 @@ class AllanCurve:
     valid: Ints
     segments: int
     ratio: int
+
+    def of(self, channels: Sequence[int]) -> AllanCurve:
+        """The same of some channels alone."""
+        chosen = list(channels)
+        return replace(self, avar=self.avar[:, chosen], terms=self.terms[:, chosen], valid=self.valid[chosen])
 
     @property
     def tau(self) -> Floats:

@@ -138,10 +138,13 @@ class Estimator:
     ----------
     averaged : the samples are true averages over their interval (delta angles), else point samples.
     precision : asked 95 % half-widths by coefficient, for `time_to`.
+    outlook : work out `time_to`, which takes as long as all the rest.
     """
 
-    def __init__(self, *, averaged: bool, precision: dict[str, float] | None = None) -> None:
-        self.averaged = averaged
+    def __init__(
+        self, *, averaged: bool, precision: dict[str, float] | None = None, outlook: bool = True
+    ) -> None:
+        self.averaged, self.outlook = averaged, outlook
         self.precision = PRECISION | (precision or {})
         self._known: dict[int, _Known] = {}
 
@@ -183,15 +186,11 @@ class Estimator:
         fitted = _as_chosen(problems.take(np.array(due)), chosen)
         low, high, status, reasons = _limits(fitted, np.array([choice.p for choice in chosen]))
         powers = np.array([choice.p for choice in chosen])
-        still = seconds_to(
-            fitted,
-            powers,
-            _half_widths(powers, low, high, status),
-            curve.span,
-            curve.tau0,
-            np.array([self.precision[name] for name in TERMS[:3]]),
-            averaged=self.averaged,
-        )
+        still = np.full((len(due), 3), np.nan)
+        if self.outlook:
+            asked = np.array([self.precision[name] for name in TERMS[:3]])
+            wide = _half_widths(powers, low, high, status)
+            still = seconds_to(fitted, powers, wide, curve.span, curve.tau0, asked, averaged=self.averaged)
         for row, channel in enumerate(due):
             times = TimeTo(*(None if math.isnan(s) else float(s) for s in still[row]))
             self._known[channel] = _Known(
@@ -226,14 +225,15 @@ def _grown(before: int, now: int) -> bool:
     return now >= before * GROWTH or now < before
 
 
-def fit_curve(curve: AllanCurve, *, averaged: bool) -> tuple[ChannelFit, ...]:
+def fit_curve(curve: AllanCurve, *, averaged: bool, outlook: bool = True) -> tuple[ChannelFit, ...]:
     """Fit N, B and K to every channel of a curve, once.
 
     Parameters
     ----------
     averaged : the samples are true averages over their interval (delta angles), else point samples.
+    outlook : work out `time_to`.
     """
-    return Estimator(averaged=averaged).fit(curve)
+    return Estimator(averaged=averaged, outlook=outlook).fit(curve)
 
 
 def _problems(

@@ -190,11 +190,11 @@ class History:
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
         # noise fitted behind the candidate: what came before may be a ramp
-        fits = self._fit(self._curve(self._cascade.since(mark)))
+        fits = self._fit(self._curve(self._cascade.since(mark)).of(self._warming))
         settled = any(
             settles(self.drift.slope(c, wander, begin, middle), self.drift.slope(c, wander, middle))
-            for c in self._warming
-            if (wander := Wander.of(fits[c])) is not None
+            for c, fit in zip(self._warming, fits, strict=True)
+            if (wander := Wander.of(fit)) is not None
         )
         if settled:
             self._start = candidate
