@@ -1,0 +1,122 @@
+"""How cost and state grow with the length of a record, from 10^4 to 10^8 samples, beside allantools.
+
+    python benchmarks/scaling.py [--most 8] [--plot docs/scaling.svg]
+
+One channel in blocks of 1,000, processor time, the least of some repetitions where a run is short. allantools
+works offline on the whole record, `oadev` at all octaves, up to 10^7 samples; what it holds is the record as
+phase. The state of nine channels is that of a live run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import NamedTuple
+
+import allantools
+import numpy as np
+
+from imumon.noise.allan import OctaveCascade
+from imumon.noise.moments import Moments
+
+BLOCK = 1000
+SEED = 20240229
+GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)
+OFFLINE_MOST = 7
+
+
+class Row(NamedTuple):
+    """Processor time, ns a sample, and bytes that are held; None: not tried."""
+
+    n: int
+    cascade_ns: float
+    with_moments_ns: float
+    offline_ns: float | None
+    state_one: int
+    state_nine: int
+    offline_bytes: int
+
+
+def fed(n: int, block: np.ndarray, moments: bool) -> tuple[float, OctaveCascade]:
+    """Processor seconds to feed n samples."""
+    cascade, running = OctaveCascade(1, 1 / 200), Moments(1, (0,))
+    start = time.process_time()
+    for _ in range(n // len(block)):
+        cascade.update(block)
+        if moments:
+            running.update(block)
+    cascade.result()
+    return time.process_time() - start, cascade
+
+
+def offline(values: np.ndarray) -> float:
+    start = time.process_time()
+    allantools.oadev(values, rate=200.0, data_type="freq", taus="octave")
+    return time.process_time() - start
+
+
+def measure(exponent: int) -> Row:
+    n, repeat = 10**exponent, max(1, min(5, 10 ** (7 - exponent)))
+    rng = np.random.default_rng(SEED)
+    block = 9.8 + 1e-3 * rng.standard_normal((BLOCK, 1))
+    runs = [fed(n, block, False) for _ in range(repeat)]
+    both = min(fed(n, block, True)[0] for _ in range(repeat))
+    peer = None
+    if exponent <= OFFLINE_MOST:
+        record = np.tile(block[:, 0], n // BLOCK)
+        peer = min(offline(record) for _ in range(repeat)) / n * 1e9
+    nine = OctaveCascade(9, 1 / 200, groups=GROUPS)
+    nine.skip(n)
+    return Row(
+        n, min(r[0] for r in runs) / n * 1e9, both / n * 1e9, peer, runs[-1][1].nbytes, nine.nbytes, 8 * n
+    )
+
+
+def plot(rows: list[Row], path: str) -> None:
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams["svg.hashsalt"] = "imumon"
+    from matplotlib import pyplot
+
+    n = [row.n for row in rows]
+    figure, (cost, state) = pyplot.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
+    cost.loglog(n, [row.cascade_ns for row in rows], "o-", label="imumon: octaves")
+    cost.loglog(n, [row.with_moments_ns for row in rows], "s-", label="imumon: octaves and moments")
+    done = [row for row in rows if row.offline_ns is not None]
+    cost.loglog([r.n for r in done], [r.offline_ns or 0.0 for r in done], "^--", label="allantools, offline")
+    cost.set(xlabel="samples n", ylabel="processor time, ns a sample", title="Cost", ylim=(10, 1e4))
+    state.loglog(n, [row.state_nine for row in rows], "o-", label="imumon: octaves of 9 channels")
+    state.loglog(n, [row.state_one for row in rows], "s-", label="imumon: octaves of 1 channel")
+    state.loglog(n, [row.offline_bytes for row in rows], "^--", label="a record of 1 channel")
+    state.set(xlabel="samples n", ylabel="bytes", title="Memory")
+    for axes in (cost, state):
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--most", type=int, default=7, help="samples at most, as a power of ten; default 7")
+    parser.add_argument("--plot", metavar="FILE", help="draw it, SVG")
+    words = parser.parse_args()
+    print("| n | octaves, ns a sample | with moments | allantools | state, 1 channel | 9 channels | record |")
+    print("|---:|---:|---:|---:|---:|---:|---:|")
+    rows = []
+    for exponent in range(4, words.most + 1):
+        row = measure(exponent)
+        rows.append(row)
+        peer = f"{row.offline_ns:.0f}" if row.offline_ns is not None else "–"
+        print(
+            f"| 10^{exponent} | {row.cascade_ns:.0f} | {row.with_moments_ns:.0f} | {peer} "
+            f"| {row.state_one / 1e3:.1f} kB | {row.state_nine / 1e3:.1f} kB "
+            f"| {row.offline_bytes / 1e6:g} MB |",
+            flush=True,
+        )
+    if words.plot:
+        plot(rows, words.plot)
+
+
+if __name__ == "__main__":
+    main()
