@@ -64,7 +64,8 @@ pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
   svg.allan { width: 76%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
-  .short, figure, tr, .warned, .verdict { break-inside: avoid; } .wide { overflow: visible; margin: .5rem 0; }
+  .short, figure, pre, tr, .warned, .verdict { break-inside: avoid; }
+  .wide { overflow: visible; margin: .5rem 0; }
   pre { white-space: pre-wrap; font-size: 8.5pt; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """

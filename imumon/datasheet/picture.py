@@ -38,7 +38,7 @@ def picture(made: Report) -> bytes:
     device = made.device
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
     figure.suptitle(
-        f"{who}: {duration(made.session.elapsed_s)} of {device.stream or 'samples'}{rate}", fontsize=11
+        f"{who(made)}: {duration(made.session.elapsed_s)} of {device.stream or 'samples'}{rate}", fontsize=11
     )
     panels = figure.subplots(1, len(found), squeeze=False)[0]
     for panel, (sensor, axes) in zip(panels, found.items(), strict=True):

@@ -53,6 +53,9 @@ CAVEATS = {
 """What a caveat means for the numbers, and what to do about it."""
 
 
+MAG_HZ = 250.0
+"""Readings of the magnetometer in a second."""
+
 LINES = 4
 """Spectral lines shown of a channel."""
 

@@ -94,10 +94,11 @@ def head(made: Report) -> list[str]:
     """Comments in front of every snippet: whose noise, from how long a record, and what is wrong with it."""
     device, session = made.device, made.session
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
+    left_out = session.excluded_s + session.warmup_s
     lines = [
         f"{who(made)}: noise at rest, measured by imumon, {made.time}",
         f"{duration(session.elapsed_s)} of {device.stream or 'samples'}{rate}, "
-        f"{duration(session.excluded_s + session.warmup_s)} of it left out",
+        f"{duration(left_out) if left_out else 'nothing'} of it left out",
     ]
     words = set(made.caveats).union(*(c.caveats for c in made.channels.values()))
     if "aliased" in words:

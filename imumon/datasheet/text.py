@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
@@ -23,13 +25,26 @@ def coefficient(found: Coefficient | None) -> str:
         return ""
     shown = found.readable
     if found.status == "measured" and shown.value is not None:
-        limits = ""
-        if shown.low is not None and shown.high is not None:
-            limits = f" ({figures(shown.low)} to {figures(shown.high)})"
-        return f"{figures(shown.value)}{limits}"
+        if shown.low is None or shown.high is None:
+            return figures(shown.value)
+        many = digits(shown.value, shown.high - shown.low)
+        return " ".join(
+            (figures(shown.value, many), f"({figures(shown.low, many)} to {figures(shown.high, many)})")
+        )
     if found.status == "upper_bound" and shown.high is not None:
         return f"< {figures(shown.high)}"
     return "too short"
+
+
+def digits(value: float, width: float) -> int:
+    """Significant digits that show an interval of that width about a value, three to five.
+
+    >>> digits(0.21, 0.02), digits(0.21, 0.0004), digits(0.21, 0.0)
+    (3, 4, 5)
+    """
+    if width <= 0.0 or value <= 0.0:
+        return 5
+    return min(max(3, 1 - math.floor(math.log10(width / value))), 5)
 
 
 def _head(made: Report) -> list[str]:

@@ -3,8 +3,10 @@
 port        a serial port or a pyserial URL
 recording   raw bytes kept on disk, and read back
 columns     which column of a table is which channel
-table       CSV and NumPy archives as samples
-bag         ROS bags as samples
+table       rows of numbers as samples
+csv         CSV, in pieces
+archive     NumPy archives
+bag         ROS bags
 kinds       which of them a file is
 """
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 from typing import TypeAlias
 
+from imumon.sources.archive import Archive
 from imumon.sources.bag import Bag, is_bag
 from imumon.sources.columns import layout
+from imumon.sources.csv import Csv, header_line, separator_of, split
 from imumon.sources.errors import SourceError
 from imumon.sources.recording import MARK, Recording
-from imumon.sources.table import Archive, Csv, Wanted, header_line, separator_of, split
+from imumon.sources.table import Wanted
 
 File: TypeAlias = Recording | Csv | Archive | Bag
 

@@ -1,0 +1,203 @@
+"""CSV: tables as text, of any dialect, in pieces.
+
+The header line tells separator and columns; what stands before it is passed over. Rows that lack a number are
+lost samples; a row that is no row is an error that names its line. Memory does not grow with the length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from imumon.samples import Floats, SampleBlock
+from imumon.sources.columns import layout
+from imumon.sources.errors import SourceError
+from imumon.sources.recording import Recording
+from imumon.sources.table import ROWS, Rows, Wanted
+
+PREAMBLE = 30
+"""Lines before which the header must come."""
+
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
+"""What stands where a number is missing."""
+
+
+class Csv:
+    """A CSV file, gzip or not, as blocks of samples.
+
+    Attributes
+    ----------
+    header : None: such a file tells nothing of the sensor.
+    bad_checksums, discarded, fed : rows that lacked a number, 0, and bytes read.
+
+    Raises
+    ------
+    SourceError : it cannot be read, or its columns are not those of an inertial sensor.
+    """
+
+    header: Mapping[str, Any] | None = None
+    discarded = 0
+
+    def __init__(self, recording: Recording, wanted: Wanted) -> None:
+        self._recording, self._wanted = recording, wanted
+        self.path = recording.path
+        self.fed = 0
+        self.bad_checksums = 0
+
+    @property
+    def progress(self) -> float | None:
+        return self._recording.progress
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        lines = self._lines()
+        separator, rows, first, number = self._head(lines)
+        reader = _Reader(self.path, separator, rows.columns)
+        gathered: list[str] = []
+        before = number - len(first)
+        for line in chain(first, chain.from_iterable(lines)):
+            gathered.append(line)
+            if len(gathered) >= ROWS:
+                yield self._hand(rows, reader, gathered, before)
+                before += len(gathered)
+                gathered = []
+        if gathered:
+            yield self._hand(rows, reader, gathered, before, last=True)
+
+    def _hand(
+        self, rows: Rows, reader: _Reader, lines: list[str], before: int, *, last: bool = False
+    ) -> list[SampleBlock]:
+        found = list(rows.blocks(rows.pick(reader.numbers(lines, before, last=last))))
+        self.bad_checksums = rows.lost
+        return found
+
+    def _lines(self) -> Iterator[list[str]]:
+        """Whole lines, as many at once as a piece of the file has."""
+        rest = b""
+        for chunk in self._recording:
+            self.fed += len(chunk)
+            *whole, rest = (rest + chunk).split(b"\n")
+            yield [line.decode("utf-8-sig", "replace").rstrip("\r") for line in whole]
+        if rest.strip():
+            yield [rest.decode("utf-8-sig", "replace").rstrip("\r")]
+
+    def _head(self, lines: Iterator[list[str]]) -> tuple[str | None, Rows, list[str], int]:
+        """Separator, columns, the rows read along with the header, and lines read so far."""
+        seen: list[str] = []
+        for piece in lines:
+            seen += piece
+            if len(seen) > PREAMBLE:
+                break
+        names_at = header_line(seen)
+        if names_at is None:
+            return self._headless(seen)
+        separator = separator_of(seen[names_at])
+        names = split(seen[names_at], separator)
+        try:
+            found = layout(names, self._wanted.kind, self._wanted.given)
+        except SourceError as error:
+            raise SourceError(f"{self.path}: {error}") from None
+        rows = Rows(self.path, found, "csv", self._wanted.rate_hz)
+        return separator, rows, seen[names_at + 1 :], len(seen)
+
+    def _headless(self, seen: list[str]) -> tuple[str | None, Rows, list[str], int]:
+        """Numbers from the first line on: columns by their number, if the user names them."""
+        start = next(
+            (k for k, line in enumerate(seen) if line.strip() and line.lstrip()[0] not in "#%"), None
+        )
+        if start is None:
+            raise SourceError(f"{self.path} holds no rows")
+        separator = separator_of(seen[start])
+        names = [str(k + 1) for k in range(len(split(seen[start], separator)))]
+        if not self._wanted.given:
+            raise SourceError(
+                f"{self.path} has no line that names its {len(names)} columns: add one, "
+                "or --map gyro/x=2:rad/s,... by number"
+            )
+        try:
+            found = layout(names, self._wanted.kind, self._wanted.given)
+        except SourceError as error:
+            raise SourceError(f"{self.path}: {error}") from None
+        return separator, Rows(self.path, found, "csv", self._wanted.rate_hz), seen[start:], len(seen)
+
+    def verdict(self) -> str:
+        return f"{self.path} has a header and no row of numbers behind it"
+
+
+def header_line(lines: Sequence[str]) -> int | None:
+    """Which of the first lines names the columns: the one most of whose cells are no numbers."""
+    for k, line in enumerate(lines[:PREAMBLE]):
+        cells = split(line, separator_of(line))
+        if len(cells) > 1 and sum(not _is_number(cell) for cell in cells if cell) > len(cells) / 2:
+            following = next((each for each in lines[k + 1 :] if each.strip()), None)
+            if following is None or len(split(following, separator_of(line))) >= len(cells) - 1:
+                return k
+    return None
+
+
+def separator_of(line: str) -> str | None:
+    """Sign between the cells; None is blanks."""
+    found = max((";", ",", "\t"), key=line.count)
+    return found if line.count(found) else None
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class _Reader:
+    """Lines to numbers."""
+
+    def __init__(self, path: str, separator: str | None, columns: Sequence[int]) -> None:
+        self._path, self._separator, self._columns = path, separator, list(columns)
+
+    def numbers(self, lines: list[str], before: int, *, last: bool) -> Floats:
+        """(n, k) of the wanted columns.
+
+        Raises
+        ------
+        SourceError : a cell is no number; it names the line.
+        """
+        try:
+            found = np.loadtxt(
+                lines, delimiter=self._separator, usecols=self._columns, ndmin=2, comments=None, quotechar='"'
+            )
+            return np.asarray(found, dtype=np.float64)
+        except (ValueError, IndexError):
+            end = len(lines) - 1 if last else -1
+            rows = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines) if line.strip()]
+            return np.array([row for row in rows if row]).reshape(-1, len(self._columns))
+
+    def _row(self, line: str, number: int, last: bool) -> list[float]:
+        """Numbers of a line that is not quite regular; nothing for a last line that is cut off."""
+        cells = split(line, self._separator)
+        out = []
+        for column in self._columns:
+            if column >= len(cells):
+                if last:
+                    return []
+                raise SourceError(
+                    f"{self._path} line {number} has {len(cells)} columns, column {column + 1} is wanted"
+                )
+            text = cells[column]
+            if self._separator == ";":
+                text = text.replace(",", ".")
+            try:
+                out.append(float(text))
+            except ValueError:
+                if text.lower() not in MISSING:
+                    raise SourceError(
+                        f"{self._path} line {number} column {column + 1}: {text[:30]!r} is no number"
+                    ) from None
+                out.append(float("nan"))
+        return out
