@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Protocol, TextIO
@@ -22,6 +21,9 @@ from imumon.samples import Kind, SampleBlock
 from imumon.sensors.vn100 import Decoder
 from imumon.sources import Recording, SourceError, Wanted, open_file
 
+FAST, PACED = 1 << 20, 1 << 12
+"""Bytes decoded at once: as many samples as make the work on arrays worth the name; a second or less when a
+speed is kept to."""
 BAR_S = 0.1
 BAR_WIDTH = 32
 
@@ -78,11 +80,17 @@ class Samples(Protocol):
 
 
 class Capture:
-    """Raw bytes of a sensor."""
+    """Raw bytes of a sensor.
 
-    def __init__(self, recording: Recording) -> None:
+    Parameters
+    ----------
+    piece : bytes that are decoded at once.
+    """
+
+    def __init__(self, recording: Recording, piece: int) -> None:
         self.header = recording.header
         self._recording = recording
+        self._piece = piece
         self._decoder = Decoder()
 
     @property
@@ -102,7 +110,7 @@ class Capture:
         return self._decoder.bad_checksums
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
-        for data in self._recording:
+        for data in _pieces(self._recording, self._piece):
             yield [item for item in self._decoder.feed(data) if isinstance(item, SampleBlock)]
         yield [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
 
@@ -111,6 +119,18 @@ class Capture:
         if decoder.messages:
             return f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
         return f"{path} is no recording of a VN-100: not one valid message in {decoder.fed} bytes"
+
+
+def _pieces(chunks: Iterable[bytes], size: int) -> Iterator[bytes]:
+    """The same bytes in pieces of about that size."""
+    waiting: list[bytes] = []
+    for chunk in chunks:
+        for at in range(0, len(chunk), size):
+            waiting.append(chunk[at : at + size])
+            if sum(map(len, waiting)) >= size:
+                yield b"".join(waiting)
+                waiting = []
+    yield b"".join(waiting)
 
 
 def open_samples(task: Replay) -> Samples:
@@ -123,7 +143,7 @@ def open_samples(task: Replay) -> Samples:
     wanted = Wanted(task.kind, task.columns, task.rate_hz, task.topic)
     found = open_file(task.path, wanted)
     if isinstance(found, Recording):
-        return Capture(found)
+        return Capture(found, FAST if task.speed is None else PACED)
     return found
 
 
@@ -148,8 +168,7 @@ def replay(
     run = _Run(task, samples)
     pace = _Pace(task.speed)
     due = 0.0
-    ahead = task.speed is None and samples.progress is not None  # a pipe may keep one waiting
-    for blocks in _ahead(samples) if ahead else samples:
+    for blocks in samples:
         for block in blocks:
             run.monitor.feed(block)
         if progress is not None:
@@ -165,16 +184,6 @@ def replay(
     if bus is not None:
         bus.publish(final)
     return final
-
-
-def _ahead(samples: Samples) -> Iterator[list[SampleBlock]]:
-    """The same blocks; the next ones are read and decoded in a thread of its own meanwhile."""
-    source = iter(samples)
-    with ThreadPoolExecutor(1) as reader:
-        coming = reader.submit(next, source, None)
-        while (blocks := coming.result()) is not None:
-            coming = reader.submit(next, source, None)
-            yield blocks
 
 
 class _Run:
