@@ -103,7 +103,6 @@ def _of_report(path: Path) -> Any:
 
 def _of_state(path: Path) -> Any:
     """Report of a saved state, as it was when it was saved."""
-    from dataclasses import fields
     from datetime import datetime
 
     from imumon.checkpoint import StateError, decode
@@ -116,12 +115,11 @@ def _of_state(path: Path) -> Any:
         monitor = Monitor(Wanted(guarded=bool(meta["monitor"]["guarded"])))
         monitor.resume(meta["monitor"], state.arrays, 0.0)
         monitor.take_up()
-        known = {field.name for field in fields(Device)}
-        facts = {name: value for name, value in meta.get("device", {}).items() if name in known}
-        facts |= {"id": path.name.removesuffix(".state"), "serial": meta.get("serial")}
-        device = Device(**(facts | {"settings": meta.get("settings", {})}))
+        known = {"serial": meta.get("serial")} | meta.get("device", {})
+        caveats = tuple(known.pop("caveats", ()))
+        name = path.name.partition(".state")[0]
+        device = Device(**(known | {"id": name, "settings": meta.get("settings", {})}))
         session = Session(started=meta.get("started"), **meta["session"])
-        caveats = tuple(meta.get("caveats", ()))
         if monitor.stream is not None and monitor.stream.kind == "compensated":
             caveats = tuple(dict.fromkeys((*caveats, "compensated")))
         saved = datetime.fromisoformat(meta["saved"])

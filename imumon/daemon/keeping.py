@@ -67,6 +67,7 @@ class Keeping:
         self._run = run
         self._serial: str | None = None
         self._settings: dict[str, str] = {}
+        self._device: dict[str, Any] = {}
         self._before = Session()
         self._complained: str | None = None
         self.started: str | None = None
@@ -78,7 +79,7 @@ class Keeping:
         -------
         What had to be decided, in words.
         """
-        self._serial, self._settings = facts.serial, data_settings(facts)
+        self._serial, self._settings, self._device = facts.serial, data_settings(facts), _device(facts)
         if self._run.fresh:
             if not self._checkpoint.there:
                 return []
@@ -125,7 +126,7 @@ class Keeping:
         self.save(session, self.started)
         self._checkpoint.settle()
         changed = "; ".join(self.differing(facts))
-        self._monitor, self._settings = monitor, data_settings(facts)
+        self._monitor, self._settings, self._device = monitor, data_settings(facts), _device(facts)
         return self._refuse("other-settings", f"of other settings, {changed}")
 
     def remember(self, sensor: Sensor) -> None:
@@ -174,6 +175,7 @@ class Keeping:
             "version": __version__,
             "serial": self._serial,
             "settings": self._settings,
+            "device": self._device,
             "started": started,
             "saved": stamp(datetime.now(UTC)),
             "boot": _boot(),
@@ -187,6 +189,12 @@ class Keeping:
 def data_settings(facts: Facts) -> dict[str, str]:
     """Registers of `DATA_REGISTERS` as far as they are known, ``"85 IMU filtering"`` to its text."""
     return {name: text for name, text in facts.settings.items() if name.split()[0] in DATA_REGISTERS}
+
+
+def _device(facts: Facts) -> dict[str, Any]:
+    """What a report of the state alone says of the sensor."""
+    names = ("model", "serial", "firmware", "port", "baud", "alias_factor")
+    return {name: getattr(facts, name) for name in names} | {"caveats": list(facts.caveats)}
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:

@@ -298,7 +298,18 @@ def _beside(made: Report, there: Sequence[str]) -> Iterator[Block]:
         "The laboratory report is from five hours of $VNYMR at 40 Hz and concludes "
         f"{LABORATORY_GRADE} for both sensors. That stream is aliased and compensated: its N is about √5 = "
         f"2.24 times too high, and its gyroscope B is that of the sensor's filter. The manufacturer's bias "
-        f"stability is the floor of the curve, 0.664 B."
+        f"stability is the floor of the curve, 0.664 B.{_of_magnetometer(made)}"
+    )
+
+
+def _of_magnetometer(made: Report) -> str:
+    """It has nothing like a delta angle: its samples are points, and fold whatever is faster."""
+    rate, model = made.device.sample_rate_hz, made.device.model or ""
+    if rate is None or rate >= MAG_HZ or "mag/x" not in made.channels or not model.startswith("VN-100"):
+        return ""
+    return (
+        f" A VN-100 reads its magnetometer {MAG_HZ:g} times a second, unfiltered: at {rate:g} Hz its N is "
+        f"{(MAG_HZ / rate) ** 0.5:.2f} times too high."
     )
 
 

@@ -8,7 +8,7 @@ from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
-WIDTH = 25
+WIDTH = 28
 
 
 def table(made: Report) -> str:
@@ -37,14 +37,14 @@ def coefficient(found: Coefficient | None) -> str:
 
 
 def digits(value: float, width: float) -> int:
-    """Significant digits that show an interval of that width about a value, three to five.
+    """Significant digits that show an interval of that width about a value, three or four.
 
     >>> digits(0.21, 0.02), digits(0.21, 0.0004), digits(0.21, 0.0)
-    (3, 4, 5)
+    (3, 4, 4)
     """
     if width <= 0.0 or value <= 0.0:
-        return 5
-    return min(max(3, 1 - math.floor(math.log10(width / value))), 5)
+        return 4
+    return min(max(3, 1 - math.floor(math.log10(width / value))), 4)
 
 
 def _head(made: Report) -> list[str]:
