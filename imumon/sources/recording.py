@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 from imumon.sources.errors import SourceError
 
 MARK = b"#imumon-recording "
-CHUNK = 1 << 20  # as many samples as make the work on arrays worth the name
+CHUNK = 256 << 10
 BACKLOG = 8 << 20  # bytes that wait for a slow disk; with more the recording ends
 FLUSH_S = 1.0  # what a kill may cost; ten times that when compressing
 
