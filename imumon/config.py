@@ -6,7 +6,8 @@ pydantic, its errors are rewritten here, and `Settings.origins` keeps the origin
 is for stands beside its type; `config.toml` at the top of the project is `render(Settings())`. An empty file
 is valid. Empty text, 0 and [] mean "not given".
 
-Only this file knows pydantic, which takes its time to import: import this file late.
+Only this file knows pydantic, and it imports it where there is something to check: it takes its time and
+8 MB, which nobody pays who has neither a file nor a flag.
 """
 
 from __future__ import annotations
@@ -16,20 +17,35 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from datetime import date, time
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
-
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
 
 
 class ConfigError(Exception):
     """Faults of a file or of the command line, one a line, each with its cure."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Bounds of a number, or the longest text, under pydantic's names."""
+
+    ge: float | None = None
+    gt: float | None = None
+    le: float | None = None
+    lt: float | None = None
+    max_length: int | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {**handler(source), **{name: value for name, value in given.items() if value is not None}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,13 +56,13 @@ class Device:
     baud: Annotated[Baud, '"auto" finds it'] = "auto"
     set_baud: Annotated[NewBaud, "raise the sensor's baud to this; 0: never"] = 0
     rate_hz: Annotated[
-        float, Field(ge=0.0, le=100_000.0), "sample rate of a stream without a clock; 0: not given"
+        float, Limits(ge=0.0, le=FASTEST_HZ), "sample rate of a stream without a clock; 0: not given"
     ] = 0.0
     listen_only: Annotated[bool, "write nothing to the sensor; characterise what it already sends"] = False
     stream: Annotated[Literal["deltas", "uncompensated", "compensated"], "what to ask the sensor for"] = (
         "deltas"
     )
-    id: Annotated[str, Field(max_length=64), "name in the Zenoh keys; empty: vn100-<serial number>"] = ""
+    id: Annotated[str, Limits(max_length=64), "name in the Zenoh keys; empty: vn100-<serial number>"] = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +94,7 @@ class State:
     """The accumulated statistics on disk"""
 
     directory: Annotated[str, "empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon"] = ""
-    save_period_s: Annotated[float, Field(ge=1.0, le=3600.0), "what a power cut may cost, in seconds"] = 30.0
+    save_period_s: Annotated[float, Limits(ge=1.0, le=3600.0), "what a power cut may cost, in seconds"] = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +102,7 @@ class Record:
     """The raw bytes, kept for replay"""
 
     file: Annotated[str, "empty: none are kept"] = ""
-    rotate_mb: Annotated[float, Field(ge=0.0, le=1e6), "begin a new file at this size; 0: never"] = 0.0
+    rotate_mb: Annotated[float, Limits(ge=0.0, le=1e6), "begin a new file at this size; 0: never"] = 0.0
     gzip: Annotated[bool, "compress"] = False
 
 
@@ -94,15 +110,15 @@ class Record:
 class Reporting:
     """What is published and how precise is precise enough"""
 
-    period_s: Annotated[float, Field(ge=0.1, le=60.0), "between two reports, in seconds"] = 1.0
+    period_s: Annotated[float, Limits(ge=0.1, le=60.0), "between two reports, in seconds"] = 1.0
     precision_n: Annotated[
-        float, Field(gt=0.0, lt=1.0), "asked half-width of N's 95 % interval, as a share of N"
+        float, Limits(gt=0.0, lt=1.0), "asked half-width of N's 95 % interval, as a share of N"
     ] = 0.01
-    precision_b: Annotated[float, Field(gt=0.0, lt=1.0), "the same of B"] = 0.2
-    precision_k: Annotated[float, Field(gt=0.0, lt=1.0), "the same of K"] = 0.5
+    precision_b: Annotated[float, Limits(gt=0.0, lt=1.0), "the same of B"] = 0.2
+    precision_k: Annotated[float, Limits(gt=0.0, lt=1.0), "the same of K"] = 0.5
     grade: Annotated[
         Literal["", "navigation", "tactical", "industrial", "consumer"],
-        "grade you need; empty: none in particular",
+        "grade you need, which imumon wait waits for; empty: the first sample",
     ] = ""
 
 
@@ -111,13 +127,6 @@ class Guards:
     """What is cut out of the statistics: knocks, motion, warm-up"""
 
     enabled: Annotated[bool, "false: every valid sample counts"] = True
-    knock_sigma: Annotated[
-        float, Field(ge=3.0, le=1000.0), "a knock stands out by so many standard deviations"
-    ] = 8.0
-    margin_s: Annotated[
-        float, Field(ge=0.0, le=60.0), "also cut before and after a disturbance, in seconds"
-    ] = 0.5
-    warmup: Annotated[bool, "recognise a warm-up and cut it out afterwards"] = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,12 +166,16 @@ SECTIONS: dict[str, type] = {
 }
 NAMES = tuple(f"{name}.{f.name}" for name, cls in SECTIONS.items() for f in fields(cls))
 """Dotted name of every setting."""
-
-
-_CHECKS: dict[str, TypeAdapter[Any]] = {
-    name: TypeAdapter(with_config(_STRICT)(cls)) for name, cls in SECTIONS.items()
-}
 _HINTS = {name: get_type_hints(cls, include_extras=True) for name, cls in SECTIONS.items()}
+
+
+@cache
+def _check(part: str) -> Callable[[str], Any]:
+    """What makes a section of its JSON text, or raises pydantic's error."""
+    from pydantic import ConfigDict, TypeAdapter, with_config
+
+    strict = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    return TypeAdapter(with_config(strict)(SECTIONS[part])).validate_json
 
 
 def search() -> Path | None:
@@ -185,6 +198,10 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
     ConfigError : its text has one line for each fault.
     """
     place = search() if path is None else Path(path)
+    if place is None and not any(value is not None for value in (overrides or {}).values()):
+        return Settings(origins=dict.fromkeys(NAMES, "default"))
+    from pydantic import ValidationError
+
     text = "" if place is None else _read(place)
     file = str(place)
     values, lines = _parse(text, file), _lines(text)
@@ -205,9 +222,12 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
             faults.append(f"{where}: {part}: must be a section, [{part}]")
         else:
             try:
-                sections[part] = _CHECKS[part].validate_json(json.dumps(table, default=str))
+                # TOML's dates and times, which no setting is, go as null and are refused
+                sections[part] = _check(part)(json.dumps(table, default=lambda value: None))
             except ValidationError as error:
-                faults.extend(_faults(error, part, at, file))
+                faults.extend(_faults(error.errors(), part, table, at, file))
+            except RecursionError:
+                faults.append(f"{where}: {part}: is nested too deeply")
     faults.extend(_contradictions(sections, at, file))
     if faults:
         raise ConfigError("\n".join(sorted(faults, key=_by_line)))
@@ -259,12 +279,12 @@ def _toml(value: Any) -> str:
         return f"{{ {inner} }}" if inner else "{}"
     if isinstance(value, tuple | list):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)
+    return value.isoformat() if isinstance(value, date | time) else repr(value)
 
 
 def _read(place: Path) -> str:
     try:
-        return place.read_text("utf-8")
+        return place.read_text("utf-8-sig")
     except OSError as error:
         raise ConfigError(f"{place}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
@@ -281,6 +301,10 @@ def _parse(text: str, file: str) -> dict[str, Any]:
         raise ConfigError(
             f"{file}:{line}: not TOML: {what[:1].lower()}{what[1:]} (column {column})"
         ) from None
+    except RecursionError:
+        raise ConfigError(f"{file}: not TOML: nested too deeply") from None
+    except ValueError as error:  # a number of thousands of digits
+        raise ConfigError(f"{file}: not TOML: {error}") from None
 
 
 def _lines(text: str) -> dict[str, int]:
@@ -330,16 +354,28 @@ def _unknown(name: str, is_section: bool) -> str:
     return f"{name}: no such setting" + (f"; did you mean {right}?" if right else "")
 
 
-def _faults(error: ValidationError, part: str, at: Mapping[str, str], file: str) -> Iterator[str]:
+def _faults(
+    errors: Iterable[Any], part: str, table: Mapping[str, Any], at: Mapping[str, str], file: str
+) -> Iterator[str]:
     """Pydantic's errors of a section as lines for people."""
-    for fault in error.errors():
+    for fault in errors:
         leaf = str(fault["loc"][0])
         name = f"{part}.{leaf}"
         if fault["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
             yield f"{_where(name, at, file)}: {_unknown(name, False)}"
         else:
             allowed = _allowed(fault, _HINTS[part][leaf])
-            yield f"{_where(name, at, file)}: {name}: {allowed}, not {_shown(fault['input'])}"
+            yield f"{_where(name, at, file)}: {name}: {allowed}, not {_shown(_value(table, fault['loc']))}"
+
+
+def _value(table: Any, path: Iterable[Any]) -> Any:
+    """What stands at a place of a section, or what is nearest around it."""
+    for step in path:
+        try:
+            table = table[step]
+        except (KeyError, IndexError, TypeError):
+            break
+    return table
 
 
 def _shown(value: Any) -> str:
@@ -357,18 +393,16 @@ _TYPES = {
 
 def _allowed(fault: Any, hint: Any) -> str:
     """What a setting may be."""
-    kind, context = fault["type"], fault.get("ctx", {})
-    if kind == "literal_error":
-        return "must be one of " + str(context["expected"]).replace("'", '"').replace(" or ", ", ")
-    limits = {
-        type(limit).__name__: limit for note in hint.__metadata__ for limit in getattr(note, "metadata", ())
-    }
-    if "Ge" in limits:
-        return f"must be a number from {limits['Ge'].ge:.9g} to {limits['Le'].le:.9g}"
-    if "Gt" in limits:
-        return f"must be a number between {limits['Gt'].gt:g} and {limits['Lt'].lt:g}"
-    if "MaxLen" in limits and kind == "string_too_long":
-        return f"must be at most {limits['MaxLen'].max_length} characters"
+    kind, plain = fault["type"], hint.__origin__
+    if get_origin(plain) is Literal:
+        return "must be one of " + ", ".join(map(_toml, get_args(plain)))
+    limits = next((note for note in hint.__metadata__ if isinstance(note, Limits)), Limits())
+    if limits.ge is not None:
+        return f"must be a number from {limits.ge:.9g} to {limits.le:.9g}"
+    if limits.gt is not None:
+        return f"must be a number between {limits.gt:g} and {limits.lt:g}"
+    if limits.max_length is not None and kind == "string_too_long":
+        return f"must be at most {limits.max_length} characters"
     return _TYPES.get(kind) or str(fault["msg"]).lower()
 
 
@@ -386,3 +420,8 @@ def _contradictions(sections: Mapping[str, Any], at: Mapping[str, str], file: st
     device = sections.get("device", Device())
     if device.listen_only and device.set_baud:
         yield f"{_where('device.set_baud', at, file)}: device.set_baud: cannot be had with device.listen_only"
+    if 0.0 < device.rate_hz < SLOWEST_HZ:
+        allowed = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+        yield f"{_where('device.rate_hz', at, file)}: device.rate_hz: {allowed}, not {device.rate_hz:g}"
+    if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
+        yield f"{_where('device.id', at, file)}: device.id: needs a letter or a digit, such as imu-1"

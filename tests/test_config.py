@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -105,6 +107,20 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             "[device]\nlisten_only = true\nset_baud = 921600\n",
             "config.toml:3: device.set_baud: cannot be had with device.listen_only",
         ),
+        ("[device]\nid = '////'\n", "config.toml:2: device.id: needs a letter or a digit, such as imu-1"),
+        ("[device]\nrate_hz = 1e-300\n", "config.toml:2: device.rate_hz: must be 0 or from 0.0001 to 100000"),
+        (
+            "[device]\nbaud = 12345678901234567890123\n",
+            f'config.toml:2: device.baud: must be one of "auto", {BAUDS}, not 12345678901234567890123',
+        ),
+        (
+            "[record]\nfile = 2020-01-01\n",
+            "config.toml:2: record.file: must be text in quotes, not 2020-01-01",
+        ),
+        (
+            "[zenoh]\nlisten = ['a', 12:00:00]\n",
+            "config.toml:2: zenoh.listen: must be text in quotes, not 12:00:00",
+        ),
     ],
 )
 def test_single_faults(tmp_path: Path, text: str, fault: str) -> None:
@@ -117,6 +133,27 @@ def test_unreadable_files(tmp_path: Path) -> None:
     file = write(tmp_path, "")
     file.write_bytes(b"port = '\xff'")
     assert faults(file) == ["config.toml: is not UTF-8 text (byte 8)"]
+
+
+def test_monstrous_files_are_a_line_too(tmp_path: Path) -> None:
+    deep = write(tmp_path, "x = " + 3000 * "[" + 3000 * "]")
+    assert faults(deep) == ["config.toml: not TOML: nested too deeply"]
+    assert faults(write(tmp_path, "[zenoh.raw]\n" + 3000 * "a." + "a = 1\n"))[0].endswith("nested too deeply")
+    assert len(faults(write(tmp_path, "[device]\nbaud = " + 5000 * "9"))) == 1
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
+    assert load(write(tmp_path, "\ufeff[log]\nlevel = 'debug'\n")).log.level == "debug"
+
+
+def test_without_a_file_or_a_flag_nothing_is_checked_and_pydantic_not_loaded(tmp_path: Path) -> None:
+    code = "import sys; from imumon.config import load; load(None, {'device.port': None}); "
+    code += "print('pydantic' in sys.modules)"
+    clean = {"HOME": str(tmp_path), "PATH": "", "PYTHONPATH": str(SHIPPED.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=clean, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "False\n"
 
 
 def test_flags_win_and_every_value_knows_where_it_is_from(tmp_path: Path) -> None:
