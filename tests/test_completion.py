@@ -59,9 +59,9 @@ def test_bash_offers(line: str, offered: set[str], tmp_path: Path) -> None:
 
 
 def test_every_command_and_option_is_offered(tmp_path: Path) -> None:
-    from imumon.cli import _parser
+    from imumon.cli import parsers
 
-    commands = _parser(["completion"])[1]
+    commands = parsers()[1]
     assert complete("imumon ", tmp_path) == {*commands, "--help", "--version"}
     for name, parser in commands.items():
         options = {option for action in parser._actions for option in action.option_strings}
@@ -76,3 +76,11 @@ def test_a_shell_reads_its_script(shell: str) -> None:
         pytest.skip(f"{shell} is not installed")
     done = subprocess.run([shell, "-n"], input=script(shell), capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_version_costs_nothing() -> None:
+    code = "import sys; from imumon.cli import main\ntry: main(['--version'])\nfinally: print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert "argparse" in loaded
+    assert not loaded & {"numpy", "scipy", "zenoh", "serial", "textual", "pydantic", "dataclasses"}

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import pytest
 from daemons import Daemon, free_endpoint
 
-from imumon.cli import _parser
+from imumon.cli import parsers
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -125,7 +125,7 @@ def test_a_program_runs(block: Block, place: Place) -> None:
 def test_its_words_are_known(block: Block) -> None:
     """No document shows a command or an option that does not exist, run or not."""
     assert block.reason in REASONS | {""}
-    _, commands = _parser(["sim"])
+    _, commands = parsers()
     for line in block.text.replace("\\\n", " ").splitlines():
         for part in re.split(r"\|\||&&|[|;&]", line.partition(" #")[0]):
             words = shlex.split(part) if part.count("'") % 2 == 0 and part.count('"') % 2 == 0 else []

@@ -19,6 +19,7 @@ import difflib
 import os
 import sys
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 from imumon import __version__
 from imumon.cli import care, documents, look, recording, run
@@ -30,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # numpy's thread pool costs 64 MB of address space and helps nothing here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
-    parser, commands = _parser(words[:1])
+    parser, commands = parsers(only=words[0] if words else "")
     if words and not words[0].startswith("-") and words[0] not in commands:
         close = difflib.get_close_matches(words[0], commands, 1, 0.5)
         hint = f"did you mean {close[0]}?" if close else "imumon --help lists them"
@@ -44,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if unknown:
             sub = commands[arguments.command]
             sub.error(f"unknown argument {unknown[0]}{sub.nearest(unknown[0])}")
-        act: Callable[[argparse.Namespace], int] = arguments.act
+        act: Act = arguments.act
         code = act(arguments)
         sys.stdout.flush()
         return code
@@ -59,8 +60,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         return DONE
 
 
-def _parser(asked: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
-    """The whole command line; the options of `sim` only where `asked` for: they need the emulator."""
+Act: TypeAlias = Callable[[argparse.Namespace], int]
+
+COMMANDS: dict[str, tuple[Act, Callable[[Parser], None], str]] = {
+    "run": (run.run, run.add_run, "read a sensor and publish its noise figures"),
+    "demo": (run.demo, run.add_demo, "emulated sensor, daemon and screen in one command"),
+    "tui": (look.show, look.add_tui, "the live screen"),
+    "status": (look.status, look.add_status, "one report from a running daemon"),
+    "wait": (look.wait, look.add_wait, "until a grade or a precision is reached"),
+    "sim": (run.sim, run.add_sim, "an emulated VN-100 on a pseudo-terminal"),
+    "replay": (recording.run_replay, recording.add_replay, "a recording through the same pipeline"),
+    "report": (documents.report, documents.add_report, "the datasheet of a sensor, and settings to paste"),
+    "doctor": (care.doctor, care.add_doctor, "check port, sensor, bus, state and service"),
+    "config": (care.config, care.add_config, "show the settings and their origins, or check them"),
+    "completion": (care.completion, care.add_completion, "what a shell needs to complete imumon"),
+}
+"""What each does, its options, and a line of help."""
+
+
+def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
+    """The command line and its commands; with `only`, the options of that command alone are there.
+
+    Some options tell defaults of what they start, which takes its time to import.
+    """
     parser = Parser(
         prog="imumon",
         description="Live noise figures of an inertial sensor: N, B, K and grade, with 95 % limits.",
@@ -69,26 +91,10 @@ def _parser(asked: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
     parser.add_argument("--version", action="version", version=f"imumon {__version__}")
     sub = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     commands: dict[str, Parser] = {}
-
-    def command(name: str, act: Callable[[argparse.Namespace], int], text: str) -> Parser:
+    for name, (act, add, text) in COMMANDS.items():
         new: Parser = sub.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         new.set_defaults(act=act)
+        if only in (None, name):
+            add(new)
         commands[name] = new
-        return new
-
-    run.add_run(command("run", run.run, "read a sensor and publish its noise figures"))
-    run.add_demo(command("demo", run.demo, "emulated sensor, daemon and screen in one command"))
-    look.add_tui(command("tui", look.show, "the live screen"))
-    look.add_status(command("status", look.status, "one report from a running daemon"))
-    look.add_wait(command("wait", look.wait, "until a grade or a precision is reached"))
-    sim = command("sim", run.sim, "an emulated VN-100 on a pseudo-terminal")
-    if "sim" in asked or "completion" in asked:
-        run.add_sim(sim)
-    recording.add_replay(command("replay", recording.run_replay, "a recording through the same pipeline"))
-    documents.add_report(
-        command("report", documents.report, "the datasheet of a sensor, and settings to paste")
-    )
-    care.add_doctor(command("doctor", care.doctor, "check port, sensor, bus, state and service"))
-    care.add_config(command("config", care.config, "show the settings and their origins, or check them"))
-    care.add_completion(command("completion", care.completion, "what a shell needs to complete imumon"))
     return parser, commands

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any
 
-from imumon.cli.words import DONE, FAILED, USAGE, Parser, Stop, add_endpoints, settings, state_directory
+from imumon.cli.words import DONE, FAILED, Parser, add_endpoints, settings, state_directory
 
 COLUMN = 13
 
@@ -98,10 +98,8 @@ def add_completion(parser: Parser) -> None:
 
 def completion(words: argparse.Namespace) -> int:
     """The script that lets a shell complete our command line."""
-    from imumon.cli import _parser
+    from imumon.cli import parsers
     from imumon.cli.shells import script
 
-    if words.shell not in ("bash", "zsh", "fish"):
-        raise Stop(f"no completion for {words.shell}", USAGE)
-    print(script(words.shell, _parser(["completion"])[1]), end="")
+    print(script(words.shell, parsers()[1]), end="")
     return DONE
