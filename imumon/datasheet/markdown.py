@@ -7,7 +7,7 @@ from imumon.datasheet.sheet import Block, Curves, Heading, Sheet, Snippet, Table
 
 def markdown(found: Sheet) -> str:
     """The whole datasheet."""
-    parts = [f"# {found.title}", found.subtitle]
+    parts = [f"# {_plain(found.title)}", _plain(found.subtitle)]
     for block in found.blocks:
         text = _block(block)
         if text:

@@ -175,7 +175,8 @@ def _why(sensor: str, grade: SensorGrade) -> str:
     said = []
     if grade.decided_by is not None:
         name = COEFFICIENT_NAMES[sensor][grade.decided_by.coefficient]
-        said.append(f"decided by {name} of axis {grade.decided_by.axis}")
+        axis = grade.decided_by.axis.rpartition("/")[2]
+        said.append(f"decided by {name} of axis {axis}")
     meets = (
         f"every figure meets {grade.meets} or better"
         if grade.meets

@@ -1,0 +1,309 @@
+"""The datasheet: whatever the report, every document of it is whole, honest and usable."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import imumon
+from daemons import Daemon
+from reports import nothing_yet, report
+
+from imumon.datasheet import FORMS, CannotDraw, document
+from imumon.datasheet.plot import HEIGHT, WIDTH, svg
+from imumon.datasheet.sheet import CAVEATS, Table, sheet
+from imumon.datasheet.snippets import FILTER_HZ, worst
+from imumon.noise.synthesis import synthesise
+from imumon.report import Report, from_json, to_json
+from imumon.tui.words import EXPLAINED
+
+AGES = {"nothing": 0.0, "seconds": 5.0, "minutes": 200.0, "hours": 10801.0, "days": 400000.0}
+
+
+def aged(name: str) -> Report:
+    return nothing_yet() if name == "nothing" else report(AGES[name])
+
+
+def text(made: Report, form: str) -> str:
+    return document(made, form).decode()
+
+
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("form", [form for form in FORMS if form != "png"])
+def test_every_document_of_every_age_is_made(form: str, age: str) -> None:
+    made = text(aged(age), form)
+    assert made.endswith("\n")
+    assert not re.search(r"\bnan\b|\binf\b|\bNone\b", made), "unknown is said in words"
+
+
+@pytest.mark.parametrize("age", ["minutes", "hours"])
+def test_picture_is_a_png(age: str) -> None:
+    pytest.importorskip("matplotlib")
+    assert document(aged(age), "png").startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_picture_without_matplotlib_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("matplotlib.figure", "matplotlib.backends.backend_agg"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(CannotDraw, match=r"imumon\[plot\]"):
+        document(aged("hours"), "png")
+
+
+# ---------------------------------------------------------------- settings to paste
+
+
+def settings(made: Report, form: str) -> dict[str, float]:
+    """Lines ``name: number`` that are not commented out."""
+    found = re.findall(r"^\s*(\w+): ([-+.\de]+)$", text(made, form), re.MULTILINE)
+    return {name: float(value) for name, value in found}
+
+
+@pytest.mark.parametrize("form", ["kalibr", "openvins"])
+def test_densities_are_those_of_the_worst_axis(form: str) -> None:
+    made = report(400000.0)
+    found = settings(made, form)
+    for sensor, name in (("gyro", "gyroscope"), ("accel", "accelerometer")):
+        for letter, key in (("N", "noise_density"), ("K", "random_walk")):
+            parts = [getattr(made.channels[f"{sensor}/{axis}"], letter) for axis in "xyz"]
+            assert all(part.status == "measured" for part in parts)
+            expected = max(part.value for part in parts)
+            assert found[f"{name}_{key}"] == pytest.approx(expected, rel=1e-6)
+    assert found["update_rate"] == 40.0
+
+
+def test_what_is_not_seen_is_its_bound_and_says_so() -> None:
+    made = report(200.0)
+    bounded = [made.channels[f"gyro/{axis}"].K for axis in "xyz"]
+    assert {part.status for part in bounded if part} == {"upper_bound"}
+    assert settings(made, "kalibr")["gyroscope_random_walk"] == pytest.approx(
+        max(part.high or 0.0 for part in bounded if part), rel=1e-6
+    )
+    for form in ("kalibr", "px4", "ardupilot", "gtsam", "openvins"):
+        assert "not seen in this record" in text(made, form)
+
+
+@pytest.mark.parametrize("age", ["nothing", "seconds"])
+def test_what_is_not_known_is_never_a_number(age: str) -> None:
+    made = aged(age)
+    for sensor in ("gyro", "accel"):
+        for letter, key in (("N", "noise_density"), ("K", "random_walk")):
+            name = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor] + f"_{key}"
+            assert (name in settings(made, "kalibr")) == (worst(made, sensor, letter).value is not None)
+            if worst(made, sensor, letter).value is None:
+                assert f"# {name}: ?" in text(made, "kalibr")
+
+
+def test_ros_covariance_is_the_variance_of_a_sample() -> None:
+    made = report(10801.0)
+    for field, sensor in (("angular_velocity", "gyro"), ("linear_acceleration", "accel")):
+        row = re.search(rf"^{field}_covariance: \[(.*)\]", text(made, "ros"), re.MULTILINE)
+        assert row
+        matrix = np.array([float(v) for v in row[1].split(",")]).reshape(3, 3)
+        n = [made.channels[f"{sensor}/{axis}"].N for axis in "xyz"]
+        np.testing.assert_allclose(np.diag(matrix), [(p.value or 0) ** 2 * 40 for p in n if p], rtol=1e-4)
+        assert np.count_nonzero(matrix) == 3
+
+
+def test_autopilots_get_the_deviation_in_a_step_of_their_filter() -> None:
+    made = report(400000.0)
+    px4 = dict(re.findall(r"^param set (\w+) (\S+)$", text(made, "px4"), re.MULTILINE))
+    apm = dict(re.findall(r"^(EK3_\w+),(\S+)$", text(made, "ardupilot"), re.MULTILINE))
+    for one, other, sensor, letter in (
+        ("EKF2_GYR_NOISE", "EK3_GYRO_P_NSE", "gyro", "N"),
+        ("EKF2_GYR_B_NOISE", "EK3_GBIAS_P_NSE", "gyro", "K"),
+        ("EKF2_ACC_NOISE", "EK3_ACC_P_NSE", "accel", "N"),
+        ("EKF2_ACC_B_NOISE", "EK3_ABIAS_P_NSE", "accel", "K"),
+    ):
+        expected = (worst(made, sensor, letter).value or 0.0) * math.sqrt(FILTER_HZ)
+        assert float(px4[one]) == pytest.approx(expected, rel=1e-4)
+        assert float(apm[other]) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("age", AGES)
+def test_gtsam_is_python(age: str) -> None:
+    compile(text(aged(age), "gtsam"), "gtsam", "exec")
+
+
+@pytest.mark.parametrize("form", ["kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins", "md", "html"])
+def test_no_document_hides_what_is_wrong_with_the_stream(form: str) -> None:
+    made = report(10801.0)
+    made = replace(made, caveats=("aliased", "compensated"))
+    shown = text(made, form).lower()
+    assert "aliased" in shown
+    assert "2.24" in shown
+    assert "compensated" in shown
+
+
+# ---------------------------------------------------------------- the sheet and its forms
+
+
+def test_every_caveat_is_explained_with_its_consequence() -> None:
+    assert set(EXPLAINED) <= set(CAVEATS)
+
+
+@pytest.mark.parametrize("age", AGES)
+def test_tables_have_a_cell_for_each_column(age: str) -> None:
+    made = aged(age)
+    for block in sheet(made).blocks:
+        if isinstance(block, Table):
+            assert {len(row) for row in block.rows} <= {len(block.head)}
+    lines = text(made, "md").splitlines()
+    for k, line in enumerate(lines):
+        if line.startswith("|--"):
+            width = len(re.findall(r"(?<!\\)\|", line))
+            for row in (lines[k - 1], *lines[k + 1 : k + 4]):
+                if row.startswith("|"):
+                    assert len(re.findall(r"(?<!\\)\|", row)) == width
+
+
+class Balance(HTMLParser):
+    """Open elements, and everything that a browser would have to fetch."""
+
+    VOID = ("meta", "br")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.fetched += [str(v) for k, v in attrs if k in ("src", "href")] + (
+            [tag] if tag == "script" else []
+        )
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        pass
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("age", AGES)
+def test_page_is_whole_and_fetches_nothing(age: str) -> None:
+    page = text(aged(age), "html")
+    parser = Balance()
+    parser.feed(page)
+    assert parser.open == []
+    assert parser.fetched == []
+    assert "url(#" in page or age in ("nothing", "seconds")
+    assert not re.search(r"url\((?!#)|@import|https?:", page)
+
+
+def test_page_is_safe_with_any_name() -> None:
+    made = report(200.0)
+    made = replace(made, device=replace(made.device, model="<script>alert(1)</script>", serial='"&|`*'))
+    assert "<script" not in text(made, "html")
+    assert "alert(1)" in text(made, "html")
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel", "mag"])
+@pytest.mark.parametrize("age", ["minutes", "hours", "days"])
+def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str) -> None:
+    made = aged(age)
+    root = ET.fromstring(svg(made, sensor))
+    for axis in "xyz":
+        allan = made.channels[f"{sensor}/{axis}"].allan
+        assert allan is not None
+        marks = [p for p in root.iter("path") if p.get("class") in (f"mark {axis}", f"left-out {axis}")]
+        starts = [m for p in marks[:2] for m in re.findall(r"M([-\d.]+) ([-\d.]+)", p.get("d") or "")]
+        assert len(starts) == len(allan.tau_s)
+        for x, y in starts:
+            assert 0.0 <= float(x) <= WIDTH
+            assert 0.0 <= float(y) <= HEIGHT
+
+
+def test_csv_holds_every_point_and_coefficient() -> None:
+    made = report(10801.0)
+    rows = list(csv.reader(io.StringIO(text(made, "csv"))))
+    empty = rows.index([])
+    points = sum(len(c.allan.tau_s) for c in made.channels.values() if c.allan)
+    assert empty - 1 == points
+    assert len(rows) - empty - 2 == 3 * sum(1 for c in made.channels.values() if c.N)
+    assert float(rows[1][3]) == made.channels["gyro/x"].allan.sigma[0]  # type: ignore[union-attr]
+
+
+def test_json_is_the_report_itself() -> None:
+    made = report(10801.0)
+    assert from_json(Report, text(made, "json")) == made
+
+
+# ---------------------------------------------------------------- on the command line
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten minutes at rest as CSV, with a known N."""
+    path = tmp_path_factory.mktemp("recording") / "rest.csv"
+    noise = synthesise(24_000, 40.0, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
+    noise[:, 5] -= 9.8
+    np.savetxt(
+        path,
+        np.column_stack([np.arange(24_000) / 40.0, noise]),
+        delimiter=",",
+        header="t [s],wx,wy,wz,ax,ay,az",
+        comments="",
+        fmt="%.9g",
+    )
+    return path
+
+
+def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "saved.json"
+    assert imumon("report", recording, "-o", saved) == ""
+    made = from_json(Report, saved.read_text())
+    n = made.channels["gyro/x"].N
+    assert n is not None
+    assert (n.low or 0.0) < 6e-5 < (n.high or 0.0)
+    page = tmp_path / "sheet.html"
+    imumon("report", saved, "-o", page)
+    assert "rest.csv" in page.read_text()
+    assert imumon("report", saved, "--format", "kalibr") == text(made, "kalibr")
+    again = json.loads(imumon("replay", recording, "--json", "--baseline", saved))
+    assert again["channels"]["gyro/x"]["changes"] == []
+
+
+def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
+    with Daemon("sim", tmp_path, "--speed", "20", "--seed", "3") as daemon:
+        live = daemon.samples(3000)
+        shown = imumon("report", "--connect", daemon.endpoint, "--format", "md")
+        assert live.device.serial is not None
+        assert live.device.serial in shown
+        code, _, _ = daemon.stop()
+        assert code == 0
+    (state,) = tmp_path.glob("*.state")
+    made = from_json(Report, imumon("report", state, "--format", "json"))
+    assert made.session.samples >= 3000
+    assert made.device.model == live.device.model
+    assert made.device.stream == "deltas"
+    assert made.channels["gyro/x"].N is not None
+    assert made.channels["gyro/x"].N.status == "measured"
+    data = state.read_bytes()
+    state.write_bytes(data[:-100])
+    assert "damaged" in imumon("report", state, code=1)
+
+
+def test_mistakes_are_one_line(tmp_path: Path, recording: Path) -> None:
+    assert "no daemon answers" in imumon("report", "--connect", "tcp/127.0.0.1:1", code=3)
+    assert "nowhere" in imumon("report", tmp_path / "nowhere", code=1)
+    broken = tmp_path / "broken.json"
+    broken.write_text('{"schema": 3')
+    assert "broken.json" in imumon("report", broken, code=1)
+    imumon("report", recording, "--format", "docx", code=2)
+    imumon("report", recording, "--id", "x", code=2)
+    assert "cannot write" in imumon("report", recording, "-o", tmp_path / "no" / "a.md", code=1)
+
+
+def test_nothing_is_lost_between_report_and_json() -> None:
+    assert json.loads(to_json(report(200.0)))["schema"] == "imumon.report/1"
