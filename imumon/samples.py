@@ -7,6 +7,7 @@ of their time. This file knows neither ports nor statistics.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -48,6 +49,8 @@ class Stream:
         800 Hz loop or of microseconds, appended to a sentence; ``dt`` the length of each
         sample's own interval; ``none``: the rate must be known from elsewhere.
     interval_s : nominal sampling interval where the codec knows it (``dt``), else None.
+    gyro, accel : kind of the gyroscope's and the accelerometer's numbers where it is not `kind`, which
+        is then the worse of the two.
     """
 
     kind: Kind
@@ -55,6 +58,22 @@ class Stream:
     source: str
     clock: Clock
     interval_s: float | None = None
+    gyro: Kind | None = None
+    accel: Kind | None = None
+
+    def kind_of(self, sensor: str) -> Kind:
+        """Kind of the numbers of ``gyro`` or ``accel``."""
+        return {"gyro": self.gyro, "accel": self.accel}.get(sensor) or self.kind
+
+    @property
+    def averaged(self) -> tuple[bool, ...]:
+        """Which channels are true averages over their interval: only increments are, never a magnetometer.
+
+        >>> Stream("deltas", ("gyro/x", "mag/x", "temperature"), "binary", "startup").averaged
+        (True, False, False)
+        """
+        sensors = map(sensor_of, self.channels)
+        return tuple(s in ("gyro", "accel") and self.kind_of(s) == "deltas" for s in sensors)
 
 
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -85,3 +104,18 @@ class SampleBlock:
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
+
+
+def concatenated(blocks: Sequence[SampleBlock]) -> SampleBlock:
+    """Blocks of one stream that follow one another, as one; where a block does not say, nothing saturated."""
+    if len(blocks) == 1:
+        return blocks[0]
+    times = [block.time_ns for block in blocks if block.time_ns is not None]
+    flags = [np.zeros(len(block), bool) if block.saturated is None else block.saturated for block in blocks]
+    return SampleBlock(
+        blocks[0].stream,
+        np.concatenate([block.values for block in blocks]),
+        np.concatenate(times) if times else None,
+        np.concatenate([block.lost for block in blocks]),
+        np.concatenate(flags) if any(block.saturated is not None for block in blocks) else None,
+    )

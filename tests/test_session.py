@@ -25,7 +25,15 @@ from imumon.emulator.serve import make_device
 from imumon.samples import SampleBlock
 from imumon.sensors.vn100.dialogue import BAUDS
 from imumon.sensors.vn100.registers import REGISTERS
-from imumon.sensors.vn100.session import NotAVn100, Notice, SensorChanged, Session, SessionError, Wanted
+from imumon.sensors.vn100.session import (
+    Facts,
+    NotAVn100,
+    Notice,
+    SensorChanged,
+    Session,
+    SessionError,
+    Wanted,
+)
 from imumon.sensors.vn100.settings import DIVISORS, alias_factors, divisors, is_ours, output
 from imumon.sources import PortGone, SerialPort
 
@@ -399,6 +407,38 @@ def test_listening_writes_nothing_and_knows_what_it_does_not_know(
     assert session.restore()
     assert bench.written == []
     assert bench.registers() == before
+
+
+def listening(*binary: str, register: tuple[str, ...] = (), **wanted: object) -> Facts:
+    """What is known after a second of listening to a stream, or with settings read as they were left."""
+    bench = Bench()
+    bench.device.set(75, *binary)
+    if register:
+        bench.device.set(82, *register)
+    session = bench.session(Wanted(listen_only=not register, **wanted))  # type: ignore[arg-type]
+    session.connect()
+    bench.run(session, 1.0)
+    return session.facts()
+
+
+def test_only_what_is_an_increment_is_free_of_aliasing() -> None:
+    facts = listening("1", "8", "04", "0044")  # delta theta, uncompensated acceleration
+    assert facts.stream == "uncompensated"
+    assert facts.alias_factors == {"gyro": 1.0, "accel": None}
+    assert facts.alias_factor is None
+    assert any("aliasing" in remark for remark in facts.remarks)
+    asked = listening("1", "8", "04", "0044", register=("0", "0", "0", "0", "0"))
+    assert asked.alias_factors["gyro"] == 1.0
+    assert asked.alias_factor == asked.alias_factors["accel"] == pytest.approx(2**0.5)
+    assert "aliased" in asked.caveats
+
+
+def test_deltas_pass_as_uncompensated_only_where_that_is_known() -> None:
+    assert "unknown_compensation" in listening("1", "8", "06", "0001", "00C0").caveats
+    for register, caveats in ((("0", "1", "1", "0", "0"), ("compensated",)), (("0",) * 5, ())):
+        asked = listening("1", "8", "06", "0001", "00C0", register=register)
+        assert asked.caveats == caveats
+    assert listening("1", "8", "04", "000C").caveats == ()
 
 
 # ---------------------------------------------------------------------- mishaps

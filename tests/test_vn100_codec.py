@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imumon.samples import SampleBlock
+from imumon.samples import SampleBlock, Stream, concatenated
 from imumon.sensors.contract import Item, Response, SensorError
 from imumon.sensors.vn100 import Decoder, ascii, binary, checksum
 from imumon.sensors.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
@@ -244,7 +244,10 @@ def test_another_message_type() -> None:
         ({IMU: 0x0700}, "compensated", "none", "gyro accel mag"),
         ({IMU: 0x070E}, "uncompensated", "none", "gyro accel mag"),
         ({IMU: 0x0608}, "compensated", "none", "gyro accel"),
-        ({IMU: 0x0208}, "uncompensated", "none", "gyro accel"),
+        ({IMU: 0x0208}, "compensated", "none", "gyro accel"),
+        ({IMU: 0x0044}, "uncompensated", "dt", "gyro accel"),
+        ({IMU: 0x0240}, "compensated", "dt", "gyro accel"),
+        ({IMU: 0x0480}, "compensated", "none", "gyro"),
         ({IMU: 0x0080}, None, "none", ""),
         ({IMU: 0x0040}, "deltas", "dt", "gyro"),
         ({IMU: 0x0004}, "uncompensated", "none", "accel"),
@@ -265,6 +268,26 @@ def test_the_best_of_a_layout_is_taken(
     assert (recipe.stream.kind, recipe.stream.clock) == (kind, clock)
     names = list(dict.fromkeys(channel.partition("/")[0] for channel in recipe.stream.channels))
     assert names == sensors.split()
+
+
+def test_a_mixed_message_is_called_by_the_worse_and_told_apart_by_channel() -> None:
+    both = Layout.of({IMU: 0x00C0 | 0x0100}).recipe
+    mixed = Layout.of({IMU: 0x0044 | 0x0100}).recipe
+    assert both is not None
+    assert mixed is not None
+    assert both.stream.averaged == (True,) * 6 + (False,) * 3, "the magnetometer has no increments"
+    assert mixed.stream.averaged == (True,) * 3 + (False,) * 6
+    assert (mixed.stream.kind_of("gyro"), mixed.stream.kind_of("accel")) == ("deltas", "uncompensated")
+
+
+def test_joined_blocks_keep_their_flags_where_they_belong() -> None:
+    stream = Stream("uncompensated", ("gyro/x",), "test", "none")
+    silent = SampleBlock(stream, np.zeros((2, 1)), None, np.zeros(2, np.int64), None)
+    says = SampleBlock(stream, np.ones((1, 1)), None, np.zeros(1, np.int64), np.array([True]))
+    joined = concatenated([silent, says])
+    assert joined.saturated is not None
+    assert joined.saturated.tolist() == [False, False, True]
+    assert concatenated([silent, silent]).saturated is None
 
 
 def test_increments_become_rates() -> None:

@@ -23,7 +23,7 @@ from itertools import groupby
 
 import numpy as np
 
-from imumon.samples import Ints, SampleBlock
+from imumon.samples import Ints, SampleBlock, concatenated
 from imumon.sensors.contract import Item, Response
 from imumon.sensors.vn100 import ascii, binary
 from imumon.sensors.vn100.streams import Batch, Recipe
@@ -277,17 +277,5 @@ def _joined(items: list[Item]) -> list[Item]:
             joined += group
             continue
         blocks = [block for block in group if isinstance(block, SampleBlock)]
-        joined.append(blocks[0] if len(blocks) == 1 else _concatenated(blocks))
+        joined.append(concatenated(blocks))
     return joined
-
-
-def _concatenated(blocks: list[SampleBlock]) -> SampleBlock:
-    times = [block.time_ns for block in blocks if block.time_ns is not None]
-    flags = [block.saturated for block in blocks if block.saturated is not None]
-    return SampleBlock(
-        blocks[0].stream,
-        np.concatenate([block.values for block in blocks]),
-        np.concatenate(times) if times else None,
-        np.concatenate([block.lost for block in blocks]),
-        np.concatenate(flags) if flags else None,
-    )

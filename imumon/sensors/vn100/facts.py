@@ -10,7 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from imumon.samples import Kind, Stream
-from imumon.sensors.vn100.registers import BINARY_OUTPUTS, IMU_FILTER, LOOP_RATE, OUTPUT_RATE, REGISTERS
+from imumon.sensors.vn100.registers import (
+    BINARY_OUTPUTS,
+    DELTA_CONTROL,
+    IMU_FILTER,
+    LOOP_RATE,
+    OUTPUT_RATE,
+    REGISTERS,
+)
 from imumon.sensors.vn100.settings import OFF, Texts, alias_factors, parse_output, source
 
 
@@ -25,7 +32,7 @@ class Facts:
     alias_factor : by how much the sensor's filter inflates N, the worse of gyroscope and
         accelerometer; `alias_factors` has both.
     settings : registers that change the data, ``"85 IMU filtering"`` to its text.
-    caveats : ``compensated``, ``aliased``.
+    caveats : ``compensated``, ``unknown_compensation`` (increments of which nobody knows), ``aliased``.
     """
 
     id: str
@@ -68,8 +75,8 @@ def describe(
     kind = None if stream is None else stream.kind
     rate = nominal_rate(settings, stream) or rate_hz
     factors: Mapping[str, float | None] = {"gyro": None, "accel": None}
-    if kind is not None:
-        factors = alias_factors(kind, rate, settings.get(IMU_FILTER))
+    if stream is not None:
+        factors = {s: alias_factors(stream.kind_of(s), rate, settings.get(IMU_FILTER))[s] for s in factors}
     known = [factor for factor in factors.values() if factor is not None]
     worst = max(known) if len(known) == len(factors) else None
     model, serial = identity.get(1), identity.get(3)
@@ -80,7 +87,14 @@ def describe(
         said.append("the sensor's filter or rate is not known: aliasing may inflate N")
     if model and not model.upper().startswith("VN-100"):
         said.append(f"the sensor is a {model}: it is treated like a VN-100")
-    caveats = {"compensated": kind == "compensated", "aliased": worst is not None and worst > 1.001}
+    control = settings.get(DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
+    if control is None:
+        said.append(f"register {DELTA_CONTROL} is not known: the deltas may be compensated")
+    caveats = {
+        "compensated": kind == "compensated" or (control is not None and control.strip("0,") != ""),
+        "unknown_compensation": control is None,
+        "aliased": worst is not None and worst > 1.001,
+    }
     return Facts(
         id=f"vn100-{serial or _slug(port)}",
         model=model,

@@ -2,7 +2,8 @@
 
 A message carries named quantities, whichever way it was coded. From each message one stream is taken:
 true increments before uncompensated before compensated readings, gyroscope and accelerometer of the
-same kind where the message has both in one kind. This file knows quantities, not bytes.
+same kind where the message has both in one kind. Where it has not, the stream is called by the worse of
+the two kinds, and says which each is. This file knows quantities, not bytes.
 
 Increments are divided by their own interval: a delta angle over its interval is the mean rate, a true
 cluster average in the sense of IEEE Std 952-2020, C.1.
@@ -145,8 +146,10 @@ def recipe(quantities: frozenset[str], source: str) -> Recipe | None:
     gyro = kinds[:1] or [entry for entry in _KINDS if entry[1] in have]
     accel = kinds[:1] or [entry for entry in _KINDS if entry[2] in have]
     mag = [q for q in ("umag", "mag") if q in have]
-    if gyro or accel:
-        kind = (gyro or accel)[0][0]
+    found: dict[str, Kind] = {"gyro": gyro[0][0]} if gyro else {}
+    found |= {"accel": accel[0][0]} if accel else {}
+    if found:
+        kind = max(found.values(), key=[entry[0] for entry in _KINDS].index)
     elif mag:
         kind = "uncompensated" if mag[0] == "umag" else "compensated"
     else:
@@ -167,4 +170,6 @@ def recipe(quantities: frozenset[str], source: str) -> Recipe | None:
     clock: Clock = next((c for c in clocks if c in have), "none")
     timed = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in have)
-    return Recipe(Stream(kind, channels, source, clock), tuple(parts), timed, flags)
+    better = {sensor: its for sensor, its in found.items() if its != kind}
+    stream = Stream(kind, channels, source, clock, gyro=better.get("gyro"), accel=better.get("accel"))
+    return Recipe(stream, tuple(parts), timed, flags)
