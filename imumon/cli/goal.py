@@ -20,7 +20,6 @@ from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
 GRADED = ("gyro", "accel")
-PRECISION = {"N": 0.01, "B": 0.2, "K": 0.5}
 MOSTLY = 0.5
 
 
@@ -81,9 +80,8 @@ class Goal:
         return None if sensors else "only gyroscope and accelerometer have grades"
 
     def _lacks_precision(self, chosen: dict[str, Channel]) -> str | None:
-        if self.coefficient is None:
+        if self.coefficient is None or self.precision is None:
             return None
-        asked = PRECISION[self.coefficient] if self.precision is None else self.precision
         for name, channel in chosen.items():
             found: Coefficient | None = getattr(channel, self.coefficient)
             told = f"{self.coefficient} of {name}"
@@ -94,10 +92,10 @@ class Goal:
             if found.low is None or found.high is None:
                 return f"{told} has no limits yet"
             half = (found.high - found.low) / (2.0 * found.value)
-            if half > asked:
+            if half > self.precision:
                 left = channel.time_to and getattr(channel.time_to, self.coefficient)
-                ahead = f", about {duration(left)} more" if left and self.precision is None else ""
-                return f"{told} is known to {half:.2g}, wanted {asked:g}{ahead}"
+                ahead = f", about {duration(left)} to the precision of the settings" if left else ""
+                return f"{told} is known to {half:.2g}, wanted {self.precision:g}{ahead}"
         return None
 
 

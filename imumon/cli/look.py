@@ -19,6 +19,7 @@ from imumon.cli.words import (
     baseline,
     print_report,
     seconds,
+    settings,
     share,
     viewer,
 )
@@ -47,14 +48,14 @@ def add_wait(parser: Parser) -> None:
     add(
         "--grade",
         choices=("navigation", "tactical", "industrial", "consumer"),
-        help="until gyroscope and accelerometer are this or better for certain",
+        help="until gyroscope and accelerometer are this or better for certain; default: the settings'",
     )
     add("--coefficient", choices=("N", "B", "K"), help="until this is known to the precision on every axis")
     add(
         "--precision",
         type=share,
         metavar="P",
-        help="half of the 95 %% interval as a share of the value, 0.05 or 5%%; default N 1%%, B 20%%, K 50%%",
+        help="half of the 95 %% interval as a share of the value, 0.05 or 5%%; default: the settings'",
     )
     add(
         "--channel",
@@ -93,16 +94,18 @@ def status(words: argparse.Namespace) -> int:
 
 
 def wait(words: argparse.Namespace) -> int:
-    """Until a report holds what is asked; with nothing asked, until the first sample."""
+    """Until a report holds what is asked, or the settings ask for; else until the first sample."""
     from imumon.cli.goal import Goal
     from imumon.units import duration
 
     if words.precision is not None and words.coefficient is None:
         raise Stop("--precision needs --coefficient N, B or K", USAGE)
+    told = settings(words).report
+    by_default = {"N": told.precision_n, "B": told.precision_b, "K": told.precision_k}
     goal = Goal(
-        grade=words.grade,
+        grade=words.grade or (None if words.coefficient else told.grade or None),
         coefficient=words.coefficient,
-        precision=words.precision,
+        precision=words.precision or by_default.get(words.coefficient),
         channels=tuple(words.channel or ()),
     )
     start = time.monotonic()
