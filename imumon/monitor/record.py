@@ -2,11 +2,15 @@
 
 Placed samples go in; they pass the guard, which may cut some out, and then every accumulator in the same
 order. Each accumulator sees each tick of the grid once: as a valid sample, an invalid one, or in a hole.
+
+The guard judges its first frames together, after four seconds or forty samples. Until then the statistics
+are those of what it holds, taken as it came: who looks sees numbers from the first sample on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,15 +33,45 @@ NOISE = ("gyro", "accel", "mag")
 """Sensors with an Allan curve; the others have running statistics only."""
 
 COUNTS = ("samples", "missing", "gaps", "span")
-PARTS: dict[str, Any] = {
-    "guard": Guard,
-    "strip": Strip,
-    "spectrum": Spectrum,
-    "histogram": Histogram,
-}
-"""Parts of a record beside its history, by their names in the saved state."""
+PARTS: dict[str, Any] = {"spectrum": Spectrum, "histogram": Histogram}
+"""Statistics beside the history, by their names in the saved state."""
 
 Saved = dict[str, npt.NDArray[Any]]
+
+
+@dataclass(slots=True, eq=False)
+class Statistics:
+    """What is accumulated of the samples that count, all of it in one order.
+
+    Attributes
+    ----------
+    noisy, groups : the first so many columns, and groups of them, have a curve and a spectrum.
+    """
+
+    noisy: int
+    groups: int
+    history: History
+    spectrum: Spectrum
+    histogram: Histogram
+
+    def apply(self, pieces: Iterable[Passed]) -> None:
+        """Take what the guard let pass."""
+        everyone = (self.history, self.spectrum, self.histogram)
+        for piece in pieces:
+            for part in everyone:
+                if piece.broken:
+                    part.break_()
+                if piece.skipped:
+                    part.skip(piece.skipped)
+            if len(piece.values):
+                self._account(piece.values, None if piece.valid.all() else piece.valid)
+
+    def _account(self, values: Floats, valid: Bools | None) -> None:
+        """Every accumulator takes these ticks."""
+        fit = None if valid is None else valid[:, : self.groups]
+        self.history.update(values, valid)
+        self.spectrum.update(values[:, : self.noisy], fit)
+        self.histogram.update(values, valid)
 
 
 class Record:
@@ -53,9 +87,7 @@ class Record:
     Attributes
     ----------
     samples, missing, gaps, span : samples + missing = span, ticks of the grid; gaps are the holes in it.
-    strip : sees everything that came; the others only what the guard lets pass.
-    history : curve and moments, without the warm-up; curves are those of the first `noisy` columns.
-    spectrum : of the first `noisy` columns; histogram : of all.
+    strip : sees everything that came; the statistics only what the guard lets pass.
     """
 
     def __init__(
@@ -68,25 +100,12 @@ class Record:
         self.groups = [names.index(s) for s in sensors]
         self.noisy = sum(s in NOISE for s in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
-        rate, noisy = 1.0 / interval_s, self.groups[: self.noisy]
-        self.guarded = guarded
+        rate = 1.0 / interval_s
+        self.guarded, self._averaged = guarded, averaged
         self.guard = Guard(sensors, rate, cuts=guarded)  # without cutting it still says what is at rest
         self.strip = Strip(self.groups, rate)
-        self.spectrum = Spectrum(noisy, rate)
-        self.histogram = Histogram(self.groups)
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
-
-        def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
-            return fit_curve(curve, averaged=averaged, outlook=False)
-
-        self.history = History(
-            self.groups,
-            self.noisy,
-            interval_s,
-            fit,
-            warming=[i for i, s in enumerate(sensors) if s in ("gyro", "accel")] if guarded else (),
-            temperature=self.temperature,
-        )
+        self._passed = self._statistics()
 
     def feed(self, placed: Placed) -> None:
         """Take samples with their places on the grid."""
@@ -96,21 +115,69 @@ class Record:
         for part in stretches(placed):
             if isinstance(part, Break):
                 self.strip.break_()
-                self._apply(self.guard.break_())
+                self._passed.apply(self.guard.break_())
             elif isinstance(part, Hole):
                 self.span += part.ticks
                 self.strip.skip(part.ticks)
-                self._apply(self.guard.skip(part.ticks))
+                self._passed.apply(self.guard.skip(part.ticks))
             else:
                 self.span += len(part.values)
                 valid = self._valid(part.present)
                 self.strip.update(part.values, valid)
-                self._apply(self.guard.update(part.values, valid, part.saturated))
+                self._passed.apply(self.guard.update(part.values, valid, part.saturated))
         self.missing = self.span - self.samples
+
+    @property
+    def history(self) -> History:
+        """Curve and moments without the warm-up; curves are those of the first `noisy` columns."""
+        return self._shown().history
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """Of the first `noisy` columns."""
+        return self._shown().spectrum
+
+    @property
+    def histogram(self) -> Histogram:
+        """Of all columns."""
+        return self._shown().histogram
+
+    def _statistics(self) -> Statistics:
+        """Statistics of nothing yet."""
+        noisy = self.groups[: self.noisy]
+        inertial = [i for i, name in enumerate(self.channels) if sensor_of(name) in ("gyro", "accel")]
+
+        def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
+            return fit_curve(curve, averaged=self._averaged, outlook=False)
+
+        history = History(
+            self.groups,
+            self.noisy,
+            self.interval_s,
+            fit,
+            warming=inertial if self.guarded else (),
+            temperature=self.temperature,
+        )
+        return Statistics(
+            self.noisy,
+            max(noisy, default=-1) + 1,
+            history,
+            Spectrum(noisy, 1.0 / self.interval_s),
+            Histogram(self.groups),
+        )
+
+    def _shown(self) -> Statistics:
+        """Statistics of what the guard let pass; until it has, of what it will judge first."""
+        first = self.guard.first
+        if first is None:
+            return self._passed
+        shown = self._statistics()
+        shown.apply([first])
+        return shown
 
     def flush(self) -> None:
         """Let out what the guard holds back: the stream has ended, or stands still."""
-        self._apply(self.guard.flush())
+        self._passed.apply(self.guard.flush())
 
     @property
     def elapsed_s(self) -> float:
@@ -152,8 +219,12 @@ class Record:
     def save(self) -> tuple[dict[str, Any], Saved]:
         """State that `resume` continues from: JSON values and small arrays."""
         meta = {name: getattr(self, name) for name in COUNTS}
-        parts = {name: getattr(self, name).save() for name in PARTS}
-        parts["history"] = self.history.save()
+        parts = {
+            "guard": self.guard.save(),
+            "strip": self.strip.save(),
+            "history": self._passed.history.save(),
+        }
+        parts |= {name: getattr(self._passed, name).save() for name in PARTS}
         return meta, {f"{name}.{key}": array for name, own in parts.items() for key, array in own.items()}
 
     def resume(self, meta: Mapping[str, Any], arrays: Saved) -> None:
@@ -164,31 +235,12 @@ class Record:
         def own(name: str) -> Saved:
             return {k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")}
 
-        self.history.resume(own("history"))
+        self.guard, self.strip = Guard.restore(own("guard")), Strip.restore(own("strip"))
+        self._passed.history.resume(own("history"))
         for name, kind in PARTS.items():
-            setattr(self, name, kind.restore(own(name)))
+            setattr(self._passed, name, kind.restore(own(name)))
 
     def _valid(self, present: Bools | None) -> Bools | None:
         if present is None:
             return None
         return np.repeat(present[:, None], max(self.groups) + 1, axis=1)
-
-    def _apply(self, pieces: Iterable[Passed]) -> None:
-        everyone = (self.history, self.spectrum, self.histogram)
-        for piece in pieces:
-            for part in everyone:
-                if piece.broken:
-                    part.break_()
-                if piece.skipped:
-                    part.skip(piece.skipped)
-            if len(piece.values):
-                self._account(piece.values, None if piece.valid.all() else piece.valid)
-
-    def _account(self, values: Floats, valid: Bools | None) -> None:
-        """Every accumulator takes these ticks."""
-        noisy, fit = values[:, : self.noisy], None
-        if valid is not None:
-            fit = valid[:, : max(self.groups[: self.noisy], default=-1) + 1]
-        self.history.update(values, valid)
-        self.spectrum.update(noisy, fit)
-        self.histogram.update(values, valid)

@@ -2,7 +2,7 @@
 
 People bump tables, lines glitch, ranges clip, sensors hang and files are replayed in loops. One sample of
 +1 rad/s in five hours triples N. The guard keeps samples back for one to two frames (a frame is about a
-second; at the very beginning four), has each frame judged (`watch` by the sensor's own noise, `repeats`), and
+second, and at least ten samples; at the very beginning four), has each frame judged (`watch` by the sensor's own noise, `repeats`), and
 passes all samples on in their order, those it cut marked invalid, with a margin before and after. Nothing is
 cut silently: every cut has a reason, is counted by samples and told as a `Disturbance`.
 
@@ -10,6 +10,8 @@ The rules:
 - Gyro and accelerometer sit on the same table: what disturbs one cuts both. The magnetometer stands alone.
   Other sensors (temperature, pressure) pass untouched.
 - Judging depends on the grid alone: any chunking of the input gives the same cuts.
+- Statistics need not wait for the first judgement: until it falls, `first` shows what will be passed then,
+  as it came. Nothing that was shown is taken back by it but what is cut.
 - This file does not know what is odd; it knows margins, order and accounts.
 """
 
@@ -123,6 +125,14 @@ class Guard:
     def held(self) -> int:
         """Samples in the delay line."""
         return len(self._values)
+
+    @property
+    def first(self) -> Passed | None:
+        """Before anything has been judged: what came of the samples that will be passed then, else None."""
+        if self._begun:
+            return None
+        shown = slice((START - 1) * self._frame)
+        return Passed(self._values[shown], self._valid[shown])
 
     def events(self) -> list[Disturbance]:
         """Disturbances that ended since the last call, in order."""
