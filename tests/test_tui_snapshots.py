@@ -88,7 +88,7 @@ def test_the_screen_looks_as_it_did(
     snap_compare: Any,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("imumon.tui.app.Path.cwd", lambda: "/home/you")
+    monkeypatch.setattr("imumon.tui.app.here", lambda: "/home/you")
     source = FEEDS[feed]()
     app = Monitor(source, theme=f"imumon-{theme}", clock=source.clock)
     assert snap_compare(app, press=[str(key) for key in keys], terminal_size=size)

@@ -84,6 +84,11 @@ THEMES = (
 )
 
 
+def here() -> Path:
+    """Folder into which is saved."""
+    return Path.cwd()
+
+
 class Monitor(App[int]):
     """The screen of one or several sensors.
 
@@ -314,7 +319,7 @@ class Monitor(App[int]):
         self.push_screen(Window(f"{view.title}: keys", lines, self.scene.notation))
 
     def action_save(self) -> None:
-        where = Path.cwd()
+        where = here()
         lines: list[Line] = [
             [("v", "key"), ("   picture, SVG", "text")],
             [("p", "key"), ("   picture, PNG", "text")],
