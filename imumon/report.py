@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -363,8 +364,29 @@ def to_json(part: Any, *, indent: int | None = None) -> str:
 T = typing.TypeVar("T")
 
 
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_BESIDE: Mapping[type, tuple[str, ...]] = {
+    Allan: ("tau_s", "sigma", "low", "high", "edf", "model", "used"),
+    Histogram: ("counts", "gaussian"),
+    Spectrum: ("frequency_hz", "density", "averages"),
+    Strip: ("low", "high"),
+}
+"""Arrays that lie beside one another: as long as each other, or not there."""
+
+
+def plain(text: str) -> str:
+    """Text without what would steer a terminal or turn the direction of writing.
+
+    >>> plain("VN-100\\x1b[2J T\\u202e")
+    'VN-100[2J T'
+    """
+    return text if text.isascii() and text.isprintable() else _CONTROL.sub("", text)
+
+
 def from_json(cls: type[T], text: str | bytes) -> T:
     """Read JSON as `cls` (`Report`, `Event`, `Signal` ...); what it does not know is passed over.
+
+    Strangers write reports too: text is taken as `plain`.
 
     Raises
     ------
@@ -385,14 +407,24 @@ def _reader(hint: Any) -> Callable[[Any], Any]:
         return lambda data: None if data is None else inner(data)
     if isinstance(hint, type) and is_dataclass(hint):
         readers = {name: _reader(word) for name, word in typing.get_type_hints(hint).items()}
-        return lambda data: hint(**{n: readers[n](value) for n, value in data.items() if n in readers})
+        beside = _BESIDE.get(hint, ())
+
+        def make(data: Any) -> Any:
+            made = hint(**{n: readers[n](value) for n, value in data.items() if n in readers})
+            if len({len(getattr(made, name)) for name in beside} - {0}) > 1:
+                raise TypeError(f"arrays of different lengths in {hint.__name__}")
+            return made
+
+        return make
     if origin is tuple:
         inner = _reader(words[0])
         return lambda data: tuple(map(inner, _checked(data, list)))
     if origin is Mapping:
         inner = _reader(words[1])
-        return lambda data: {key: inner(value) for key, value in data.items()}
+        return lambda data: {plain(key): inner(value) for key, value in data.items()}
     kind = str if origin is Literal else hint
+    if kind is str:
+        return lambda data: plain(_checked(data, str))
     return lambda data: data if type(data) is kind and kind is not float else _checked(data, kind)
 
 

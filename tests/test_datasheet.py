@@ -294,6 +294,14 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     assert "damaged" in imumon("report", state, code=1)
 
 
+def test_a_strangers_name_is_no_tag() -> None:
+    made = report(200.0)
+    made = replace(made, device=replace(made.device, model="<script>alert(1)</script>"))
+    assert "<script>" not in document(made, "html").decode()
+    outside_code = document(made, "md").decode().split("```")[0::2]
+    assert "<script>" not in "".join(outside_code).replace("\\<", "")
+
+
 def test_mistakes_are_one_line(tmp_path: Path, recording: Path) -> None:
     assert "no daemon answers" in imumon("report", "--connect", "tcp/127.0.0.1:1", code=3)
     assert "nowhere" in imumon("report", tmp_path / "nowhere", code=1)

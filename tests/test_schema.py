@@ -172,5 +172,25 @@ def test_faults_are_found(change: dict[str, Any], read: bool) -> None:
             from_json(Report, json.dumps(changed))
 
 
+@pytest.mark.parametrize(
+    ("part", "name"),
+    [("Allan", "edf"), ("Histogram", "gaussian"), ("Spectrum", "averages"), ("Strip", "high")],
+)
+def test_arrays_that_lie_beside_one_another_are_as_long(part: str, name: str) -> None:
+    cls = getattr(report, part)
+    made = json.loads(to_json(filled(cls, empty=False)))
+    assert from_json(cls, json.dumps(made))
+    with pytest.raises(ValueError, match="different lengths"):
+        from_json(cls, json.dumps(made | {name: made[name][:1]}))
+
+
+def test_text_of_strangers_steers_no_terminal() -> None:
+    made = json.loads(to_json(filled(Report, empty=False)))
+    made["device"]["model"] = "VN\x1b[2J-100\u202e °\ud800"
+    made["device"]["settings"] = {"a\x07": "b\r\n"}
+    read = from_json(Report, json.dumps(made)).device
+    assert (read.model, read.settings) == ("VN[2J-100 °", {"a": "b"})
+
+
 if __name__ == "__main__":
     FILE.write_text(json.dumps(schema(), indent=1, ensure_ascii=False) + "\n", "utf-8")
