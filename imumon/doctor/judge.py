@@ -307,7 +307,7 @@ def state(look: StateLook) -> Check:
         return Check("state", "failed", look.fault or f"{look.path} cannot be written", cure)
     if look.free_bytes is not None and look.free_bytes < ROOM_BYTES:
         text = f"{look.path}: only {look.free_bytes / 1e6:.1f} MB free"
-        return Check("state", "warning", text, "make room: a state takes about a megabyte, a recording much more")
+        return Check("state", "warning", text, "make room: a state takes a megabyte, a recording more")
     known = f", {look.records} saved in it" if look.records else ""
     return Check("state", "ok", f"{look.path} can be written{known}")
 
