@@ -11,7 +11,7 @@ from imumon.report import Report
 SHORT = 14
 """Rows of a table that is kept on one page."""
 
-TOGETHER = 24
+TOGETHER = 30
 """Characters of a cell that is not broken."""
 
 STYLE = """
@@ -63,10 +63,11 @@ pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow
 @media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
-  svg.allan { width: 76%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
+  svg.allan { width: 64%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
   .short, figure, pre, tr, .warned, .verdict { break-inside: avoid; }
   .wide { overflow: visible; margin: .5rem 0; }
-  pre { white-space: pre-wrap; font-size: 8.5pt; }
+  table { font-size: 7.8pt; } .note, figcaption, .warned, .verdict span { font-size: 8pt; }
+  pre { white-space: pre-wrap; font-size: 7.4pt; } .note:has(+ pre) { break-after: avoid; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 

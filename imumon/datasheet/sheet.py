@@ -31,6 +31,8 @@ CAVEATS = {
     "stream is too high. It is right for whoever uses this very stream, and wrong as a figure of the "
     "sensor. Take delta angles and velocities, or widen the filter (register 85) to 800 Hz divided by the "
     "rate.",
+    "unknown_compensation": "Nobody knows whether the sensor takes its gyroscope bias out of its deltas "
+    "(it was only listened to). If it does, mean, B and K describe its filter.",
     "compensated": "The sensor's Kalman filter takes its gyroscope bias out of this stream live: mean, B "
     "and K of the gyroscope describe that filter, not the device. N is not touched. Take deltas or the "
     "uncompensated fields.",
