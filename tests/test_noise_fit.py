@@ -296,6 +296,21 @@ def test_time_to_comes_down_to_nothing_and_is_about_right(records):
         assert fit.time_to.K is None or fit.time_to.K >= 0.0
 
 
+def test_channels_of_both_kinds_are_fitted_each_by_its_own_tables():
+    kinds = (True, False, True)
+    records = np.column_stack(
+        [noise(0.5, 1, seed=50 + c, K=3e-6, averaged=kind) for c, kind in enumerate(kinds)]
+    )
+    curve = curve_of(records)
+    mixed = Estimator(averaged=kinds).fit(curve, resolution=[0.0, 0.0, 0.0])
+    for channel, kind in enumerate(kinds):
+        alone = fit_curve(curve.of([channel]), averaged=kind)[0]
+        other = fit_curve(curve.of([channel]), averaged=not kind)[0]
+        assert mixed[channel].N.value == pytest.approx(alone.N.value, rel=1e-6)
+        assert mixed[channel].model == pytest.approx(alone.model, rel=1e-6)
+        assert mixed[channel].model != pytest.approx(other.model, rel=1e-6)
+
+
 # Never nonsense ---------------------------------
 
 

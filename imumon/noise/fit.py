@@ -136,17 +136,22 @@ class Estimator:
 
     Parameters
     ----------
-    averaged : the samples are true averages over their interval (delta angles), else point samples.
+    averaged : the samples are true averages over their interval (delta angles), else point samples; one
+        for all channels, or (c,) one for each.
     precision : asked 95 % half-widths by coefficient, for `time_to`.
     outlook : work out `time_to`, which takes as long as all the rest.
     """
 
     def __init__(
-        self, *, averaged: bool, precision: dict[str, float] | None = None, outlook: bool = True
+        self,
+        *,
+        averaged: bool | Sequence[bool],
+        precision: dict[str, float] | None = None,
+        outlook: bool = True,
     ) -> None:
-        self.averaged, self.outlook = averaged, outlook
-        self.precision = PRECISION | (precision or {})
-        self._known: dict[int, _Known] = {}
+        asked = PRECISION | (precision or {})
+        self._averaged = averaged
+        self._alike = {kind: _Alike(kind, asked, outlook) for kind in (True, False)}
 
     def fit(
         self, curve: AllanCurve, *, renew: bool | None = None, resolution: Sequence[float] | None = None
@@ -159,6 +164,27 @@ class Estimator:
             smaller than half of it shows in the rounding only, and no coefficient is given.
         renew : work out limits, octaves, terms and times anew; default: where the record has grown by 2 %.
         """
+        if isinstance(self._averaged, bool):
+            return self._alike[self._averaged].fit(curve, renew, resolution)
+        fits: dict[int, ChannelFit] = {}
+        for kind in sorted(set(self._averaged)):
+            rows = [channel for channel, own in enumerate(self._averaged) if own == kind]
+            steps = None if resolution is None else [resolution[channel] for channel in rows]
+            fits |= zip(rows, self._alike[kind].fit(curve.of(rows), renew, steps), strict=True)
+        return tuple(fits[channel] for channel in sorted(fits))
+
+
+class _Alike:
+    """Fits of channels that are all true averages, or all point samples: they have the same tables."""
+
+    def __init__(self, averaged: bool, precision: dict[str, float], outlook: bool) -> None:
+        self.averaged, self.precision, self.outlook = averaged, precision, outlook
+        self._known: dict[int, _Known] = {}
+
+    def fit(
+        self, curve: AllanCurve, renew: bool | None, resolution: Sequence[float] | None
+    ) -> tuple[ChannelFit, ...]:
+        """As `Estimator.fit`."""
         octaves = min(len(curve.m), octaves_in(curve.span))
         if octaves == 0:
             return tuple(_nothing(len(curve.m), "no difference yet") for _ in curve.valid)
@@ -225,14 +251,10 @@ def _grown(before: int, now: int) -> bool:
     return now >= before * GROWTH or now < before
 
 
-def fit_curve(curve: AllanCurve, *, averaged: bool, outlook: bool = True) -> tuple[ChannelFit, ...]:
-    """Fit N, B and K to every channel of a curve, once.
-
-    Parameters
-    ----------
-    averaged : the samples are true averages over their interval (delta angles), else point samples.
-    outlook : work out `time_to`.
-    """
+def fit_curve(
+    curve: AllanCurve, *, averaged: bool | Sequence[bool], outlook: bool = True
+) -> tuple[ChannelFit, ...]:
+    """Fit N, B and K to every channel of a curve, once; see `Estimator`."""
     return Estimator(averaged=averaged, outlook=outlook).fit(curve)
 
 

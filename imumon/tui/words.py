@@ -22,6 +22,7 @@ CELL = 14
 """Cells that the text of a coefficient takes at most."""
 
 EXPLAINED = {
+    "unknown_compensation": "the sensor may take its bias out of the deltas: it was only listened to",
     "compensated": "the sensor takes its bias out live: B and K describe its filter, not the device",
     "aliased": "the sensor's own filter folds noise: N is too high",
     "warming_up": "still warming up: the drift looks like K",
