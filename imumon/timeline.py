@@ -11,7 +11,7 @@ This file knows neither statistics nor the room's clock.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,12 @@ AGREE = 3
 FAR_TICKS_S = 60.0
 """A jump forward beyond this must be confirmed by the next sample: one damaged time stamp that passed
 its check must not put a year of holes into the record."""
+
+LONGEST_S = 31 * 86400.0
+"""A hole longer than this, with no other clock to confirm it, is a gap of unknown length."""
+
+STEADY = 64
+"""Equal steps in a row that are not one tick, after which the sensor's rate has changed."""
 
 GAP_SLACK_S = 10.0
 """How far the room's clock may differ from the sensor's over a gap."""
@@ -69,6 +75,8 @@ class Timeline:
     duplicates : samples that came twice, left out.
     implausible : samples whose time stamp the next sample contradicted, left out.
     unplaced : samples held back because the interval is not known yet.
+    changed : the steps have steadily become others: the sensor's rate has changed, and `rest` holds the
+        samples from there on, which belong to another grid.
     """
 
     def __init__(self, clock: Clock, interval_s: float | None = None) -> None:
@@ -87,6 +95,12 @@ class Timeline:
         self._suspect: SampleBlock | None = None
         self._unknown_gap = False
         self._expected_s: float | None = None
+        self._raw: int | None = None  # last value of a counter, before its wraps are undone
+        self._wraps = 0
+        self._seen: int | None = None  # time of the last sample, kept or not
+        self._steady = (0, 1.0)  # how many steps in a row were the same other one, and which
+        self.changed = False
+        self.rest: SampleBlock | None = None
 
     def gap(self, length_s: float | None = None) -> None:
         """The link was lost; how long, an absolute clock tells by itself.
@@ -101,14 +115,17 @@ class Timeline:
         elif self._last is not None:
             self._expected_s = length_s
 
-    def place(self, block: SampleBlock, *, final: bool = False) -> list[Placed]:
+    def place(self, block: SampleBlock, *, final: bool = False, room_s: float | None = None) -> list[Placed]:
         """Blocks with their steps; empty while the interval is being learned.
 
         Parameters
         ----------
         block : samples in order.
         final : no more will come: settle what is held back.
+        room_s : s of the sensor's time that passed since the last call by another clock, None where nobody
+            knows. A leap of the sensor's clock that is far longer is no hole, but a gap of unknown length.
         """
+        block = self._unwrapped(block)
         if not self._known:
             self._held.append(block)
             block = _join(self._held)
@@ -123,61 +140,129 @@ class Timeline:
         if self._suspect is not None:
             block = _join([self._suspect, block])
             self._suspect = None
+        if not len(block) or self.changed:
+            return []
+        absolute = self.clock in ("startup", "counter")
+        cut = self._rate_change(block)
+        if cut is not None:
+            self.changed, self.rest = True, _cut(block, cut)
+            block, final = _cut(block, 0, cut), True
         if not len(block):
             return []
-        placed = (
-            self._absolute(block, final) if self.clock in ("startup", "counter") else self._relative(block)
-        )
+        placed = self._absolute(block, final, room_s) if absolute else self._relative(block)
+        if absolute and block.time_ns is not None:
+            waiting = 0 if self._suspect is None else 1
+            if len(block) > waiting:
+                self._seen = int(block.time_ns[-1 - waiting])
         return [placed] if len(placed.steps) else []
+
+    def _rate_change(self, block: SampleBlock) -> int | None:
+        """Where a new rate has shown in `STEADY` equal steps, none of them one tick."""
+        if self.clock == "none" or block.time_ns is None:
+            return None
+        assert self.interval_s is not None
+        time = block.time_ns
+        if self.clock == "dt":
+            ticks = time * (1e-9 / self.interval_s)
+        else:
+            before = time[0] if self._seen is None else self._seen
+            ticks = np.diff(time, prepend=before) * (self._scale / self.interval_s)
+        near = np.where(ticks < 1.0, np.rint(ticks * 20.0) / 20.0, np.rint(ticks))
+        other = (near != 1.0) & (near > 0.0) & (near < 100.0) & (np.abs(ticks - near) < 0.1)
+        if not other.any():
+            self._steady = (0, 1.0)
+            return None
+        count, which = self._steady
+        same = other & (near == np.concatenate(([which], near[:-1])))
+        runs = np.arange(1, len(same) + 1)
+        starts = np.maximum.accumulate(np.where(same, 0, runs))
+        lengths = np.where(starts > 0, runs - starts + other[np.maximum(starts - 1, 0)], count + runs)
+        lengths = np.where(other, lengths, 0)
+        reached = np.flatnonzero(lengths >= STEADY)
+        if len(reached):
+            return int(reached[0])
+        self._steady = (int(lengths[-1]), float(near[-1]))
+        return None
+
+    def _unwrapped(self, block: SampleBlock) -> SampleBlock:
+        """A counter of 32 bits, carried on over its wraps."""
+        if self.clock != "counter" or block.time_ns is None or not len(block):
+            return block
+        raw = block.time_ns
+        back = np.diff(raw, prepend=raw[0] if self._raw is None else self._raw) < -(1 << 31)
+        wraps = self._wraps + np.cumsum(back)
+        self._raw, self._wraps = int(raw[-1]), int(wraps[-1])
+        if not self._wraps:
+            return block
+        return replace(block, time_ns=raw + (wraps << 32))
 
     def finish(self) -> list[Placed]:
         """What was held back, at the end of the stream."""
         rest = self._held or ([self._suspect] if self._suspect is not None else [])
         self._held, self._suspect = [], None
-        return self.place(_join(rest), final=True) if rest else []
+        if not rest:
+            return []
+        block = _join(rest)
+        if self._wraps:  # they have been undone already
+            self._raw = int(block.time_ns[0]) & 0xFFFFFFFF if block.time_ns is not None else None
+        return self.place(block, final=True)
 
     def save(self) -> dict[str, object]:
         """State of a timeline that has learned its interval: JSON values."""
-        return {"interval_s": self.interval_s, "scale": self._scale, "last": self._last, "known": self._known}
+        return {
+            "interval_s": self.interval_s,
+            "scale": self._scale,
+            "last": self._last,
+            "raw": self._raw,
+            "wraps": self._wraps,
+        }
 
     @classmethod
     def restore(cls, clock: Clock, saved: dict[str, object]) -> Timeline:
-        """Continue where `save` left off; a clock without absolute time resumes behind an unknown gap."""
-        interval = saved["interval_s"]
+        """Continue where `save` left off; a clock without absolute time resumes behind an unknown gap.
+
+        The interval is learned anew: whether it is still the saved one, the first samples show.
+        """
+        interval, last, raw = (saved[name] for name in ("interval_s", "last", "raw"))
         line = cls(clock, float(str(interval)) if interval is not None else None)
-        line.interval_s = line._told
-        line._known = bool(saved["known"])
         line._scale = float(str(saved["scale"]))
-        last = saved["last"]
         line._last = int(str(last)) if last is not None else None
+        line._raw = int(str(raw)) if raw is not None else None
+        line._wraps = int(str(saved["wraps"]))
         line.gap()
         return line
 
     def _learn(self, held: SampleBlock) -> None:
         time = held.time_ns
         assert time is not None
-        steps = (time if self.clock == "dt" else np.diff(time))[:LEARN]
+        gaps = time if self.clock == "dt" else np.diff(np.sort(time[: LEARN + 1]))
+        steps = np.asarray(gaps[:LEARN], dtype=np.float64)
         steps = steps[steps > 0]
         if not len(steps):
-            return  # the clock stands still: nothing to go by
-        typical = float(np.median(steps))
+            if len(held) == 1 and self._told is not None:
+                self.interval_s, self._known = self._told, True  # one sample: nothing contradicts it
+            return  # else the clock stands still: nothing to go by
+        # samples may be missing: the shortest steps are those of one tick
+        shortest = float(np.quantile(steps, 0.1, method="lower"))
         if self.clock == "counter":
-            self._scale = LOOP_S if typical <= 800 else 1e-6
-        self.interval_s = _snap(float(np.mean(steps[steps < 1.5 * typical])) * self._scale)
-        self._known = True
+            self._scale = LOOP_S if shortest <= 800 else 1e-6
+        interval = _snap(float(np.mean(steps[steps < 1.5 * shortest])) * self._scale)
+        if self._told is not None and _multiples(steps * self._scale, self._told):
+            interval = _snap(self._told)
+        self.interval_s, self._known = interval, True
 
     def _agree(self, held: SampleBlock) -> None:
         """Believe what was told without waiting longer, where the first steps are just that."""
         time = held.time_ns
         assert time is not None
-        if self._told is None or self.clock == "counter":
-            return
+        if self._told is None or (self.clock == "counter" and self._last is None):
+            return  # the unit of a count is read from its step
         steps = (time if self.clock == "dt" else np.diff(time))[:AGREE] * self._scale
         if (np.abs(steps - self._told) < 0.02 * self._told).all():
             self.interval_s = _snap(self._told)
             self._known = True
 
-    def _absolute(self, block: SampleBlock, final: bool) -> Placed:
+    def _absolute(self, block: SampleBlock, final: bool, room_s: float | None) -> Placed:
         assert block.time_ns is not None
         assert self.interval_s is not None
         time, keep = block.time_ns, np.ones(len(block), dtype=bool)
@@ -192,10 +277,12 @@ class Timeline:
         odd = np.flatnonzero((steps < 1) | (steps > far))
         if len(odd):
             self._settle(time, steps, keep, odd, far, final)
-            if not final and keep[-1] and len(block) - 1 in odd and steps[-1] != 0:
+            if not final and keep[-1] and (steps[-1] < 0 or steps[-1] > far):
                 # the last sample stands out and nothing confirms it yet: wait for the next
                 self._suspect = _cut(block, len(block) - 1)
                 keep[-1] = False
+        most = LONGEST_S if room_s is None else room_s + GAP_SLACK_S + 0.02 * room_s
+        steps[steps > max(far, int(most / self.interval_s))] = BREAK
         if anew:
             steps[0] = BREAK
         if keep.any():
@@ -259,6 +346,12 @@ class Timeline:
         return Placed(block.values, steps, block.saturated)
 
 
+def _multiples(steps: Floats, interval: float) -> bool:
+    """Whether nearly all steps are whole multiples of an interval."""
+    ticks = steps / interval
+    return bool(np.mean((np.abs(ticks - np.rint(ticks)) < 0.1) & (ticks > 0.5)) > 0.9)
+
+
 def _snap(interval: float) -> float:
     """Interval on a multiple of the sensor's loop where it lies near one."""
     loops = interval / LOOP_S
@@ -268,13 +361,14 @@ def _snap(interval: float) -> float:
     return interval
 
 
-def _cut(block: SampleBlock, start: int) -> SampleBlock:
+def _cut(block: SampleBlock, start: int, stop: int | None = None) -> SampleBlock:
+    rows = slice(start, stop)
     return SampleBlock(
         block.stream,
-        block.values[start:],
-        None if block.time_ns is None else block.time_ns[start:],
-        block.lost[start:],
-        None if block.saturated is None else block.saturated[start:],
+        block.values[rows],
+        None if block.time_ns is None else block.time_ns[rows],
+        block.lost[rows],
+        None if block.saturated is None else block.saturated[rows],
     )
 
 

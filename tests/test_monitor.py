@@ -57,8 +57,21 @@ def test_best_stream_is_characterised_and_counted_alone() -> None:
 
 
 def test_stream_without_clock_and_rate_is_refused() -> None:
+    silent = replace(DELTAS, clock="none")
     with pytest.raises(RateNeeded, match="--rate"):
-        Monitor().feed(block(10, stream=replace(DELTAS, clock="none")))
+        Monitor().feed(block(500, stream=silent))
+    few = Monitor()
+    few.feed(block(10, stream=silent))
+    with pytest.raises(RateNeeded, match="--rate"):
+        few.flush()
+
+
+def test_stream_without_a_clock_is_passed_over_where_a_better_one_comes() -> None:
+    monitor = Monitor()
+    monitor.feed(block(20, stream=Stream("compensated", GYRO + ACCEL, "$VNYMR", "none")))
+    monitor.feed(block(500))
+    monitor.flush()
+    assert report(monitor).session.samples == 500
 
 
 def test_counts_add_up_over_gaps_and_restarts() -> None:
@@ -208,3 +221,45 @@ def test_noise_that_rounding_hides_is_not_measured() -> None:
     assert n is not None
     assert n.status == "pending"
     assert "resolution" in (n.reason or "")
+
+
+def at_rate(n: int, tick: int, start: int = 0) -> SampleBlock:
+    whole = block(n, seed=start + 3)
+    return replace(whole, time_ns=start + np.arange(n) * tick)
+
+
+def test_another_rate_begins_another_record() -> None:
+    monitor = Monitor()
+    monitor.feed(at_rate(2000, TICK))
+    monitor.feed(at_rate(4000, TICK // 2, 2000 * TICK))
+    monitor.flush()
+    made = report(monitor)
+    assert made.device.sample_rate_hz == pytest.approx(200.0)
+    assert made.session.duplicates == 0
+    assert made.session.samples + made.session.missing == round(made.session.elapsed_s * 200.0)
+    assert made.session.samples > 3900
+    assert made.session.restarts == 1
+    assert monitor.refused is not None
+    assert "restart" in [event.kind for event in monitor.events()]
+
+
+def test_saved_record_of_another_rate_is_not_mixed_in() -> None:
+    one = Monitor()
+    one.feed(at_rate(3000, TICK))
+    two = Monitor()
+    two.resume(*one.save(), 1.0)
+    two.feed(at_rate(3000, TICK // 4, 3100 * TICK))
+    two.flush()
+    made = report(two)
+    assert made.session.samples == 3000
+    assert made.session.missing == 0
+    assert made.device.sample_rate_hz == pytest.approx(400.0)
+    assert two.refused is not None
+    assert "100 Hz" in two.refused
+
+
+def test_saved_record_with_guards_is_not_mixed_with_one_without() -> None:
+    one = Monitor()
+    one.feed(block(3000))
+    with pytest.raises(ValueError, match="guards"):
+        Monitor(Wanted(guarded=False)).resume(*one.save(), 1.0)

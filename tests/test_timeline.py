@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,7 +28,7 @@ def block(
 def place(line: Timeline, whole: SampleBlock, cuts: list[int] | None = None) -> tuple[list[int], list[float]]:
     edges = [0, *sorted(cuts or []), len(whole)]
     out: list[Placed] = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         time = None if whole.time_ns is None else whole.time_ns[a:b]
         out += line.place(SampleBlock(whole.stream, whole.values[a:b], time, whole.lost[a:b]))
     out += line.finish()
@@ -146,6 +148,7 @@ def test_restored_timeline_continues_on_the_sensors_clock() -> None:
     again = Timeline.restore("startup", line.save())
     steps, _ = place(again, block((np.arange(10) + 500) * TICK))
     assert steps == [401] + [1] * 9
+    assert again.interval_s == line.interval_s
 
 
 @pytest.mark.parametrize(("said", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
@@ -155,3 +158,70 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | N
     line.gap(said)
     steps, _ = place(line, block((np.arange(10) + 500) * TICK))
     assert steps == [step] + [1] * 9
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 2.0, 3.0])
+@pytest.mark.parametrize("cuts", [[], [190, 230, 231], list(range(0, 600, 7))])
+def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts: list[int]) -> None:
+    steps = np.concatenate([np.ones(200), np.full(400, factor)])
+    whole = block((np.cumsum(steps) * TICK).astype(np.int64))
+    line = Timeline("startup")
+    placed, kept = [], 0
+    edges = [0, *cuts, 600]
+    for a, b in pairwise(edges):
+        if not line.changed:
+            assert whole.time_ns is not None
+            placed += line.place(
+                SampleBlock(whole.stream, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b])
+            )
+            kept = b
+    assert line.changed
+    assert line.rest is not None
+    assert kept - len(line.rest) == 263  # 64 equal steps in a row, wherever the cuts are
+
+
+@pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])
+def test_lossy_start_does_not_mislead(pattern: list[int]) -> None:
+    line = Timeline("startup")
+    steps, _ = place(line, block(np.cumsum(pattern * 20) * TICK))
+    assert line.interval_s == 0.025
+    assert steps[1:] == (pattern * 20)[1:]
+
+
+def test_told_rate_serves_a_start_that_loses_every_other_sample() -> None:
+    line = Timeline("startup", 0.025)
+    steps, _ = place(line, block(np.cumsum([2] * 40 + [1] * 40) * TICK))
+    assert line.interval_s == 0.025
+    assert steps[1:] == [2] * 39 + [1] * 40
+
+
+def test_samples_out_of_order_do_not_mislead() -> None:
+    order = np.arange(60).reshape(-1, 2)[:, ::-1].ravel()
+    line = Timeline("startup")
+    place(line, block(order * TICK))
+    assert line.interval_s == 0.025
+
+
+def test_leap_of_a_century_is_no_hole() -> None:
+    ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
+    steps, _ = place(Timeline("startup", 0.025), block(ticks * TICK))
+    assert steps == [1, 1, 1, BREAK, 1]
+
+
+def test_leap_that_the_room_does_not_confirm_is_no_hole() -> None:
+    line = Timeline("startup", 0.025)
+    out = line.place(block(np.arange(100) * TICK), room_s=2.5)
+    out += line.place(block((np.arange(100) + 100 + 144_000) * TICK), room_s=2.5)
+    assert [int(s) for p in out for s in p.steps] == [1] * 100 + [BREAK] + [1] * 99
+
+
+def test_count_of_32_bits_goes_on_over_its_wrap() -> None:
+    counts = (np.arange(200, dtype=np.int64) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32)
+    for cuts in ([], [88, 91, 120]):
+        steps, _ = place(Timeline("counter"), block(counts, "counter"), cuts)
+        assert steps == [1] * 200
+
+
+def test_one_sample_with_a_told_rate_has_its_place() -> None:
+    steps, values = place(Timeline("startup", 0.01), block([7 * TICK]))
+    assert (steps, values) == ([1], [0.0])

@@ -35,6 +35,12 @@ from imumon.units import duration
 GAP_TELL_S = 10.0
 """Sensor seconds between two events that tell of gaps."""
 
+PATIENCE = 100
+"""Samples of a stream without clock and rate after which no better one is waited for."""
+
+SAME_RATE = 1e-3
+"""Relative difference up to which two intervals are one, learned twice."""
+
 DISTURBED, MOSTLY = 0.1, 0.5
 """Share of the record cut out above which it is called disturbed, and its grade provisional."""
 
@@ -98,21 +104,51 @@ class Monitor:
         self._told_changes: set[tuple[int, str, str]] = set()
         self._gaps_told = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
+        self._unrated = ""  # message of a stream that wants a rate
+        self._waited = 0
         self._resumed: tuple[Stream, Timeline, Record, int] | None = None
         self.refused: str | None = None
 
-    def feed(self, block: SampleBlock) -> None:
+    def feed(self, block: SampleBlock, *, room_s: float | None = None) -> None:
         """Take a block; those of other streams than the characterised one are passed over.
+
+        Parameters
+        ----------
+        room_s : s of the sensor's time since the last call by another clock; None where nobody knows.
 
         Raises
         ------
         RateNeeded : the stream has no clock and no rate was given.
         """
         if not len(block) or not self._chosen(block.stream):
+            self._without_rate(block)
             return
         assert self._timeline is not None
-        for placed in self._timeline.place(block):
+        for placed in self._timeline.place(block, room_s=room_s):
             self._take(placed)
+        rest = self._timeline.rest
+        if self._timeline.changed and rest is not None:
+            self._begin_anew(
+                f"of another rate, {self.sample_rate_hz or 0.0:g} Hz", "the sensor's rate has changed"
+            )
+            self._timeline = Timeline(rest.stream.clock)
+            self.feed(rest)
+
+    def _without_rate(self, block: SampleBlock) -> None:
+        """Ask for the rate of a stream without a clock, unless another one comes soon."""
+        if self.stream is None:
+            self._unrated = block.stream.source
+            self._waited += len(block)
+            if self._waited > PATIENCE:
+                raise RateNeeded(f"{self._unrated} has no clock: give its sample rate with --rate")
+
+    def _begin_anew(self, refused: str, why: str) -> None:
+        """The record that was is over; nothing of it goes on."""
+        if self._record is not None:
+            self.refused = refused
+            self.restarts += 1
+        self._tell("restart", f"{why}: a new record begins")
+        self._record = self._findings = None
 
     def gap(self, length_s: float | None = None) -> None:
         """The link was lost, about so long by the room's clock; the sensor's tells exactly, later."""
@@ -120,7 +156,14 @@ class Monitor:
             self._timeline.gap(length_s)
 
     def flush(self) -> None:
-        """The stream has ended or stands still: let nothing be held back."""
+        """The stream has ended or stands still: let nothing be held back.
+
+        Raises
+        ------
+        RateNeeded : there was nothing but a stream without a clock, and no rate was given.
+        """
+        if self.stream is None and self._unrated:
+            raise RateNeeded(f"{self._unrated} has no clock: give its sample rate with --rate")
         if self._timeline is not None:
             for placed in self._timeline.finish():
                 self._take(placed)
@@ -220,11 +263,11 @@ class Monitor:
         KeyError, ValueError, TypeError : not a state of this version.
         """
         stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
+        if bool(meta["guarded"]) != self.wanted.guarded:
+            raise ValueError("of a run with the guards " + ("on" if meta["guarded"] else "off"))
         timeline = Timeline.restore(stream.clock, dict(meta["timeline"]))
         timeline.gap(away_s)
-        interval = timeline.interval_s
-        if interval is None:
-            raise ValueError("a record without its interval")
+        interval = float(meta["timeline"]["interval_s"])
         record = self._new_record(stream, interval)
         record.resume(meta["record"], dict(arrays))
         self._resumed = (stream, timeline, record, int(meta["restarts"]))
@@ -240,7 +283,7 @@ class Monitor:
             return False
         saved, timeline, record, restarts = self._resumed
         self._resumed = None
-        known = timeline.interval_s or 1.0
+        known = record.interval_s
         if saved != stream:
             self.refused = f"of another stream, {saved.kind} from {saved.source}"
         elif stream.clock == "none" and interval is not None and abs(interval / known - 1.0) > 1e-6:
@@ -260,17 +303,15 @@ class Monitor:
                 return True
             if _rank(stream) <= _rank(now):
                 return False
-            self._events.append(
-                Found("restart", f"a better stream is on the line: {stream.kind}, {stream.source}")
-            )
-            self._record = self._findings = None
+            better = f"a better stream is on the line, {stream.kind} from {stream.source}"
+            self._begin_anew(f"of another stream, {now.kind} from {now.source}", better)
         interval = stream.interval_s
         if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
         if self._take_up(stream, interval):
             return True
         if stream.clock == "none" and interval is None:
-            raise RateNeeded(f"{stream.source} has no clock: give its sample rate with --rate")
+            return False
         self.stream = stream
         self._timeline = Timeline(stream.clock, interval)
         return True
@@ -283,6 +324,12 @@ class Monitor:
             interval = self._timeline.interval_s
             assert interval is not None
             self._begin(self._new_record(self.stream, interval))
+        elif abs(self._record.interval_s / (self._timeline.interval_s or 1.0) - 1.0) > SAME_RATE:
+            known = f"of another rate, {1.0 / self._record.interval_s:g} Hz"
+            self._begin_anew(known, "the sensor's rate is not that of the saved record")
+            placed.steps[0] = 1
+            self._take(placed)
+            return
         assert self._record is not None
         breaks = int((placed.steps == BREAK).sum())
         if breaks:

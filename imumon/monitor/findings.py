@@ -21,6 +21,8 @@ from imumon.samples import UNITS, sensor_of
 
 GROWTH, MOST_S = 0.005, 5.0
 """Share of the record, and seconds at most, between two renewals."""
+RENEW_SHARE = 0.1
+"""Share of a young record after which limits and terms, the dearest part, are worked out anew."""
 
 
 class Findings:
@@ -42,7 +44,7 @@ class Findings:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._trends = Trends(record, averaged=averaged)
-        self._due_s = 0.0
+        self._due_s = self._renewed_s = 0.0
         self._seen = (-1, -1, 0.0)  # samples of the grid, those past the guard, and warm-up then
         self.fits: dict[str, ChannelFit] = {}
         self.shapes: list[Shape | None] = []
@@ -60,7 +62,10 @@ class Findings:
         curve, density = record.history.curve(), record.spectrum.result()
         self.shapes = record.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
-        fits = self._estimator.fit(curve, resolution=steps)
+        renew = now or elapsed >= self._renewed_s + min(RENEW_SHARE * elapsed, MOST_S)
+        if renew:
+            self._renewed_s = elapsed
+        fits = self._estimator.fit(curve, renew=renew, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
         self._trends.renew(self.fits.values(), curve)
         for column, name in enumerate(record.channels):
