@@ -62,7 +62,7 @@ class Findings:
         curve, density = record.history.curve(), record.spectrum.result()
         self.shapes = record.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
-        renew = now or elapsed >= self._renewed_s + min(RENEW_SHARE * elapsed, MOST_S)
+        renew = now or elapsed >= self._renewed_s + max(0.02 * elapsed, min(RENEW_SHARE * elapsed, MOST_S))
         if renew:
             self._renewed_s = elapsed
         fits = self._estimator.fit(curve, renew=renew, resolution=steps)
