@@ -110,6 +110,7 @@ class Daemon:
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
         self._next_report = self._next_save = self._next_alive = 0.0
         self._silent_since: float | None = None
+        self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._state: report.State = "starting"
         self._started: str | None = None
@@ -263,7 +264,9 @@ class Daemon:
                 self._facts = session.facts()
                 if self._monitor.rate_hz is None:
                     self._monitor.rate_hz = self._facts.sample_rate_hz
-            self._monitor.feed(item)
+            now = time.monotonic()
+            passed, self._fed_at = now - (self._fed_at or now), now
+            self._monitor.feed(item, room_s=passed * self.task.speed)
             if self._monitor.refused is not None and self._keeping is not None:
                 self._tell("state", self._keeping.refuse() or "", "warning")
                 self._started = None
