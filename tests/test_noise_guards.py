@@ -154,6 +154,16 @@ def test_a_replayed_loop_counts_once() -> None:
     assert valid[-50 * 40 :].all()
 
 
+def test_what_is_cut_from_a_magnetometer_alone_is_counted() -> None:
+    values = quiet(300)[:, 6:]
+    values[4000:4100, 0] += 0.1
+    guard = Guard(("mag",) * 3, 40.0)
+    pieces, _ = through(guard, values)
+    cut = int(sum((~p.valid).sum() for p in pieces))
+    assert cut >= 100
+    assert guard.excluded_samples == cut == sum(guard.excluded.values())
+
+
 def test_clipping_that_the_sensor_tells() -> None:
     values = quiet(100)
     flags = np.zeros(len(values), dtype=bool)
