@@ -104,3 +104,19 @@ def test_a_month_away_costs_little() -> None:
     made.update(noise(1.0, 7))
     assert made.position == round((30 * 86400 + 3 * 3600) * RATE)
     assert made.running().channels[0].count == round(3 * 3600 * RATE)
+
+
+def test_a_warm_up_counts_what_came_and_was_not_cut(warm: np.ndarray) -> None:
+    """Holes in it are missing, and cuts in it excluded, already."""
+    ok = np.ones((len(warm), 1), dtype=bool)
+    ok[100:300] = False
+    made = history()
+    made.update(warm[:1000], ok[:1000])
+    made.skip(200)
+    made.update(warm[1200:], ok[1200:])
+    total = len(warm) - 400
+    assert made.warmup_s > 0.0
+    assert made.running().channels[0].count + round(made.warmup_s * RATE) == total
+    again = history()
+    again.resume(made.save())
+    assert again.warmup_s == made.warmup_s

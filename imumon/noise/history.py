@@ -78,7 +78,6 @@ class History:
 
     Attributes
     ----------
-    warmup_s : s, recognised warm-up.
     drift : means of the whole record.
     """
 
@@ -108,7 +107,11 @@ class History:
 
     @property
     def warmup_s(self) -> float:
-        return self._start * self._interval
+        """Samples that count but for the warm-up: what is missing or cut out in it has its own account."""
+        if not self._start:
+            return 0.0
+        before = self._joined(0, self._start).result().channels
+        return max(before[c].count for c in self._warming) * self._interval
 
     @property
     def position(self) -> int:
