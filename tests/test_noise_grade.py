@@ -95,6 +95,8 @@ def test_a_bound_decides_only_where_nothing_is_measured():
     headline = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": loose}})
     assert headline.nearest == "industrial"
     assert headline.provisional
+    assert headline.reason == "B of x is only bounded: it may still be consumer"
+    assert channel.B.nearest == "consumer"
     assert grade_sensor("gyro", {"x": {"B": loose}}).nearest == "consumer"
     tight = bounded(limits()["gyro"]["B"]["tactical"])
     assert not grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": tight}}).provisional

@@ -11,7 +11,7 @@ The rules
 1. Only N and B have limits. A coefficient that is pending has no grade.
 2. A bounded coefficient (``upper_bound``) stands in with its bound: ``meets`` holds at 95 %. A bound
    says how little is known and not how bad the sensor is, so it decides ``nearest`` only where nothing
-   is measured.
+   is measured. Where it is worse than the headline it makes that provisional, and the reason names it.
 3. A channel is as good as the worse of its coefficients, a sensor as the worst of its axes. The one
    that decides is, within the worst grade, the one largest against that grade's limit.
 4. The headline is provisional while it could still change: something is pending, or the headline
@@ -169,8 +169,12 @@ def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate | None]])
     best = max(GRADES.index(item.at_low) for item in known)
     worst = max(GRADES.index(item.at_high) for item in known)
     reason = None
+    loose = [item for item in known if GRADES.index(item.nearest) > GRADES.index(decides.nearest)]
     if pending:
         reason = f"{pending} of {pending + len(known)} coefficients are pending"
+    elif loose:
+        bound = _worst(loose)
+        reason = f"{bound.coefficient} of {bound.axis} is only bounded: it may still be {bound.nearest}"
     elif best != worst:
         reason = f"the intervals reach from {GRADES[best]} to {GRADES[worst]}"
     return SensorGrade(
@@ -233,7 +237,11 @@ def _deciding(known: Iterable[_Known]) -> _Known:
     """The worst of the measured ones, or of the bounds where nothing is measured."""
     items = list(known)
     candidates = [item for item in items if item.measured] or items
-    return max(candidates, key=lambda item: (GRADES.index(item.nearest), item.excess))
+    return _worst(candidates)
+
+
+def _worst(known: Iterable[_Known]) -> _Known:
+    return max(known, key=lambda item: (GRADES.index(item.nearest), item.excess))
 
 
 def _worst_meets(known: Iterable[_Known]) -> GradeName | None:

@@ -3,7 +3,8 @@
 The same covariance that gives the limits now gives them for a longer record of the same noise. For the next
 `NEAR` doublings of its length the tables are those of such records. Beyond, scale serves: a record 2^q
 times as long looks, at its long octaves, like the last of these with N^2 smaller and K^2 larger by 2^q, and
-the q shortest octaves are forgone. No record is worth less than its part: precision grows at least as the
+the q shortest octaves are forgone. What the record does not show yet is not foretold: its value is as likely
+to be nothing at all, and a bound says how much it may be and not how much it is. No record is worth less than its part: precision grows at least as the
 square root of the length.
 """
 
@@ -38,7 +39,7 @@ def seconds_to(
 
     Returns
     -------
-    (b, 3) s; nan where it will not come within a year.
+    (b, 3) s; nan where it is not measured, or will not come within a year.
     """
     lengths, spread = _spreads(problems, p, span, averaged)
     plain = problems.excess == 0.0
@@ -49,7 +50,7 @@ def seconds_to(
     quantile = np.where(told, wide, 2.0) / np.where(told, spread[:, 0], 1.0)
     width = spread * np.clip(quantile, 0.5, 3.0)[:, None, :]
     found = np.full((len(p), 3), np.nan)
-    for channel, term in np.argwhere(p[:, :3] > 0.0):
+    for channel, term in np.argwhere(np.isfinite(wide) & (p[:, :3] > 0.0)):
         if wide[channel, term] <= asked[term]:
             found[channel, term] = 0.0
             continue
