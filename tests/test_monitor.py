@@ -11,7 +11,7 @@ import pytest
 
 from imumon.monitor import Monitor, RateNeeded, Wanted
 from imumon.report import Device, Report, Session, from_json, to_json
-from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
 TICK = 10_000_000
@@ -263,3 +263,20 @@ def test_saved_record_with_guards_is_not_mixed_with_one_without() -> None:
     one.feed(block(3000))
     with pytest.raises(ValueError, match="guards"):
         Monitor(Wanted(guarded=False)).resume(*one.save(), 1.0)
+
+
+def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
+    n = 20_000
+    walk = np.cumsum(np.random.default_rng(3).normal(size=n)) * 1e-4
+    stream = replace(DELTAS, channels=(*GYRO, *MAG))
+    values = np.repeat(walk[:, None], 6, axis=1)
+    monitor = Monitor(Wanted(guarded=False), rate_hz=1e9 / TICK)
+    monitor.feed(SampleBlock(stream, values, np.arange(n) * TICK, np.zeros(n, dtype=np.int64)))
+    channels = report(monitor).channels
+    gyro, mag = channels["gyro/x"], channels["mag/x"]
+    assert gyro.allan.sigma == pytest.approx(mag.allan.sigma)
+    # a walk seen at instants has half as much again at the shortest time, one seen in averages has not
+    assert mag.allan.model[0] == pytest.approx(mag.allan.sigma[0], rel=0.01)
+    assert mag.K is not None
+    assert gyro.K is not None
+    assert (mag.fit, mag.caveats) != (gyro.fit, gyro.caveats)

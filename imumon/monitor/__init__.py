@@ -339,13 +339,12 @@ class Monitor:
         self._notice()
 
     def _new_record(self, stream: Stream, interval_s: float) -> Record:
-        averaged = stream.kind == "deltas"
-        return Record(stream.channels, interval_s, averaged=averaged, guarded=self.wanted.guarded)
+        return Record(stream.channels, interval_s, averaged=stream.averaged, guarded=self.wanted.guarded)
 
     def _begin(self, record: Record) -> None:
         assert self.stream is not None
         self._record = record
-        averaged = self.stream.kind == "deltas"
+        averaged = self.stream.averaged
         self._findings = Findings(record, averaged=averaged, precision=self.wanted.precision)
 
     def _notice(self) -> None:

@@ -8,7 +8,7 @@ the report.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from imumon.monitor import describe
@@ -30,7 +30,7 @@ class Findings:
 
     Parameters
     ----------
-    averaged : the samples are true averages over their interval.
+    averaged : (c,) which channels are true averages over their interval.
     precision : asked 95 % half-width by coefficient, as a share of its value.
 
     Attributes
@@ -40,7 +40,7 @@ class Findings:
     channels : what a report says of each channel from here.
     """
 
-    def __init__(self, record: Record, *, averaged: bool, precision: Mapping[str, float]) -> None:
+    def __init__(self, record: Record, *, averaged: Sequence[bool], precision: Mapping[str, float]) -> None:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._trends = Trends(record, averaged=averaged)

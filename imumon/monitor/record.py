@@ -9,7 +9,7 @@ are those of what it holds, taken as it came: who looks sees numbers from the fi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,7 +81,7 @@ class Record:
     ----------
     channels : names of the columns.
     interval_s : s between two ticks.
-    averaged : the samples are true averages over their interval.
+    averaged : (c,) which channels are true averages over their interval.
     guarded : whether disturbances and warm-up are cut out.
 
     Attributes
@@ -91,7 +91,7 @@ class Record:
     """
 
     def __init__(
-        self, channels: tuple[str, ...], interval_s: float, *, averaged: bool, guarded: bool
+        self, channels: tuple[str, ...], interval_s: float, *, averaged: Sequence[bool], guarded: bool
     ) -> None:
         self.channels = channels
         self.interval_s = interval_s

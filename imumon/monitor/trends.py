@@ -5,7 +5,7 @@ Slopes by generalised least squares, and the comparison with a saved report of t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from imumon.monitor.record import Record
 from imumon.noise.allan import AllanCurve
@@ -22,7 +22,7 @@ LEAST_S = 10.0
 class Trends:
     """Drift of each channel of a record, and its noise had the temperature stood still."""
 
-    def __init__(self, record: Record, *, averaged: bool) -> None:
+    def __init__(self, record: Record, *, averaged: Sequence[bool]) -> None:
         self._record, self._averaged = record, averaged
         self._due_s = 0.0
         self._found: list[Trend | None] = []

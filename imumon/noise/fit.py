@@ -137,7 +137,7 @@ class Estimator:
     Parameters
     ----------
     averaged : the samples are true averages over their interval (delta angles), else point samples; one
-        for all channels, or (c,) one for each.
+        for all channels, or (c,) one for each. A curve may be of the first few of them alone.
     precision : asked 95 % half-widths by coefficient, for `time_to`.
     outlook : work out `time_to`, which takes as long as all the rest.
     """
@@ -167,8 +167,9 @@ class Estimator:
         if isinstance(self._averaged, bool):
             return self._alike[self._averaged].fit(curve, renew, resolution)
         fits: dict[int, ChannelFit] = {}
-        for kind in sorted(set(self._averaged)):
-            rows = [channel for channel, own in enumerate(self._averaged) if own == kind]
+        flags = self._averaged[: curve.valid.size]
+        for kind in sorted(set(flags)):
+            rows = [channel for channel, own in enumerate(flags) if own == kind]
             steps = None if resolution is None else [resolution[channel] for channel in rows]
             fits |= zip(rows, self._alike[kind].fit(curve.of(rows), renew, steps), strict=True)
         return tuple(fits[channel] for channel in sorted(fits))
