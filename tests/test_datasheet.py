@@ -20,8 +20,9 @@ from daemons import Daemon
 from reports import nothing_yet, report
 
 from imumon.datasheet import FORMS, CannotDraw, document
+from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
-from imumon.datasheet.sheet import CAVEATS, Table, sheet
+from imumon.datasheet.sheet import CAVEATS, sheet
 from imumon.datasheet.snippets import FILTER_HZ, worst
 from imumon.noise.synthesis import synthesise
 from imumon.report import Report, from_json, to_json

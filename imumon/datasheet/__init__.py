@@ -1,7 +1,8 @@
 """Datasheet: a report in, documents out. Nothing is measured here and nothing is computed but units.
 
 text       the table on a terminal
-sheet      what a datasheet says, block by block, before it has a form
+sheet      what a datasheet says, block by block
+blocks     what it is made of, before it has a form
 markdown   that as Markdown
 page       that as one self-contained HTML page
 plot       Allan curves as SVG, written by hand

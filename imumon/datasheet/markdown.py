@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from imumon.datasheet.sheet import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
+from imumon.datasheet.blocks import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
 
 
 def markdown(found: Sheet) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import html
 
+from imumon.datasheet.blocks import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
 from imumon.datasheet.plot import svg
-from imumon.datasheet.sheet import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
 from imumon.report import Report
 
 SHORT = 14
