@@ -170,6 +170,8 @@ def test_moving_sensor_is_never_graded() -> None:
     monitor.flush()
     made = report(monitor)
     assert made.grade["gyro"].nearest is None
+    assert made.channels["gyro/x"].grade is not None
+    assert made.channels["gyro/x"].grade.nearest is None
     assert "not_at_rest" in made.caveats
 
 

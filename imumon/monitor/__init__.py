@@ -27,7 +27,18 @@ from imumon.monitor.record import Record
 from imumon.monitor.trends import against_baseline
 from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS
-from imumon.report import Change, Channel, Device, Report, SensorGrade, Session, Signal, State, stamp
+from imumon.report import (
+    Change,
+    Channel,
+    ChannelGrade,
+    Device,
+    Report,
+    SensorGrade,
+    Session,
+    Signal,
+    State,
+    stamp,
+)
 from imumon.samples import SampleBlock, Stream, sensor_of
 from imumon.timeline import BREAK, Placed, Timeline
 from imumon.units import duration
@@ -104,6 +115,7 @@ class Monitor:
         self._told_changes: set[tuple[int, str, str]] = set()
         self._gaps_told = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
+        self._warmup_told = 0.0
         self._unrated = ""  # message of a stream that wants a rate
         self._waited = 0
         self._resumed: tuple[Stream, Timeline, Record, int] | None = None
@@ -364,6 +376,10 @@ class Monitor:
                     size=cut.size,
                 )
             )
+        warmup = record.history.warmup_s
+        if warmup > self._warmup_told:
+            self._warmup_told = warmup
+            self._tell("warmup", f"a warm-up of {duration(warmup)} is over and left out", warmup)
         if record.at_rest != self._at_rest:
             self._at_rest = record.at_rest
             text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
@@ -399,6 +415,8 @@ class Monitor:
         if not new or record.elapsed_s < self._gaps_told[2]:
             return
         missing = record.missing - self._gaps_told[1]
+        if not missing:
+            return  # of unknown length: told when it came
         length = missing * record.interval_s
         plural = "gap" if new == 1 else f"{new} gaps"
         self._tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", length)
@@ -442,6 +460,8 @@ class Monitor:
                     running.covariance[record.groups[column]],
                 ),
             )
+            if not record.at_rest and made.grade is not None:
+                made = replace(made, grade=ChannelGrade())
             if fit is not None:
                 words = (*whole, *fit.caveats, *(("changed",) if column in changed else ()))
                 made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))

@@ -50,6 +50,8 @@ class Scene:
     ----------
     reports, ages : by device id; ages in s since the arrival.
     other : id of the device that is compared with the chosen one.
+    starting : what is said of a daemon that is known to start, while it does not answer.
+    ended : the last word of that daemon, when it has ended.
     """
 
     reports: Mapping[str, Report] = field(default_factory=dict)
@@ -72,6 +74,8 @@ class Scene:
     needle: str = ""
     frozen: bool = False
     endpoint: str | None = None
+    starting: str | None = None
+    ended: str | None = None
 
     @property
     def report(self) -> Report | None:
@@ -108,6 +112,8 @@ class Scene:
         patience = max(3.0, 3.0 * report.period_s)
         if age > patience:
             ago = f"no news for {about(age)}"
+            if self.ended:
+                return Situation("lost", "✕", "daemon gone", f"{ago}; it ended: {self.ended}", "bad", False)
             if id in self.alive:
                 return Situation("stale", "○", "stale", f"{ago}; the daemon lives", "warn", False)
             if self.connected:
@@ -139,6 +145,6 @@ def _present(report: Report) -> Situation:
         return Situation("moving", "◐", "not at rest", "it moves: what moves is cut out", "warn", True)
     if caveats & WARMING:
         return Situation(
-            "warming", "◐", "warming up", "the drift of the warm-up will be cut out", "warn", True
+            "warming", "◐", "warming up", "what drifts with it is cut out once it is over", "warn", True
         )
     return Situation("running", "●", "live", "", "good", True)
