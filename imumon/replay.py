@@ -39,6 +39,7 @@ class Replay:
     Attributes
     ----------
     speed : times real time; None: as fast as it goes.
+    precision : asked 95 % half-width by coefficient, as a share of its value.
     baseline : an earlier report of the same sensor, to compare with.
     kind : which stream of a table that has several; None: the best.
     columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
@@ -49,6 +50,7 @@ class Replay:
     rate_hz: float | None = None
     speed: float | None = None
     guarded: bool = True
+    precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
     baseline: report.Report | None = None
     kind: Kind | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -61,11 +63,14 @@ class Samples(Protocol):
     Attributes
     ----------
     header : what is known of the sensor, or None.
+    problem : after reading: why it ended early, or None.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were no good.
     """
 
     @property
     def header(self) -> Mapping[str, Any] | None: ...
+    @property
+    def problem(self) -> str | None: ...
     @property
     def fed(self) -> int: ...
     @property
@@ -92,6 +97,10 @@ class Capture:
         self._recording = recording
         self._piece = piece
         self._decoder = Decoder()
+
+    @property
+    def problem(self) -> str | None:
+        return self._recording.problem
 
     @property
     def progress(self) -> float | None:
@@ -152,6 +161,7 @@ def replay(
     *,
     progress: Callable[[float | None, float], None] | None = None,
     bus: Publisher | None = None,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> report.Report:
     """Run a recording through the pipeline; the final report.
 
@@ -159,6 +169,7 @@ def replay(
     ----------
     progress : told the share of the file that is done and the sensor seconds so far, now and then.
     bus : publishes a report every second.
+    tell : told in one line why the recording ended before its end, if it did.
 
     Raises
     ------
@@ -181,6 +192,8 @@ def replay(
     final = run.report("stopped")
     if not final.session.samples:
         raise NotARecording(samples.verdict())
+    if samples.problem is not None:
+        tell(samples.problem)
     if bus is not None:
         bus.publish(final)
     return final
@@ -192,16 +205,16 @@ class _Run:
     def __init__(self, task: Replay, samples: Samples) -> None:
         header = samples.header or {}
         self.samples = samples
-        rate = task.rate_hz or _number(header.get("rate_hz"))
-        self.monitor = Monitor(monitor.Wanted(guarded=task.guarded, baseline=task.baseline), rate_hz=rate)
+        wanted = monitor.Wanted(guarded=task.guarded, precision=task.precision, baseline=task.baseline)
+        self.monitor = Monitor(wanted, rate_hz=task.rate_hz or header.get("rate_hz"))
         self.device = report.Device(
             id=header.get("id") or (f"vn100-{header['serial']}" if header.get("serial") else "replay"),
             model=header.get("model"),
             serial=header.get("serial"),
             firmware=header.get("firmware"),
             port=task.path,
-            alias_factor=_number(header.get("alias_factor")),
-            settings=header.get("settings") or {},
+            alias_factor=header.get("alias_factor"),
+            settings=header.get("settings", {}),
         )
         self.started = header.get("time")
 
@@ -220,7 +233,8 @@ class _Run:
         stream = self.monitor.stream
         noted = (self.samples.header or {}).get("caveats", ())
         caveats = ("compensated",) if stream is not None and stream.kind == "compensated" else ()
-        caveats = tuple(dict.fromkeys((*noted, *caveats)))
+        cut = ("truncated",) if self.samples.problem is not None else ()
+        caveats = tuple(dict.fromkeys((*noted, *caveats, *cut)))
         return self.monitor.report(datetime.now(UTC), self.device, state, session, device_caveats=caveats)
 
 
@@ -258,7 +272,3 @@ def bar(stream: TextIO = sys.stderr) -> Callable[[float | None, float], None] | 
         stream.flush()
 
     return draw
-
-
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) and value > 0 else None

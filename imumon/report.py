@@ -42,13 +42,14 @@ class Device:
     source: str | None = None  # the message the samples are taken from
     clock: str | None = None  # where their time comes from
     settings: Mapping[str, str] = field(default_factory=dict)  # registers that change the data
+    remarks: tuple[str, ...] = ()  # what is not known or not as it should be, one line each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """What was received, lost and left out since the first sample; the counts add up."""
 
-    started: str | None = None
+    started: str | None = None  # null where nobody knows: of a recording that does not say
     elapsed_s: float = 0.0
     samples: int = 0
     missing: int = 0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +116,52 @@ def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, name: str, conte
     path = tmp_path / name
     path.write_bytes(content)
     assert name in imumon("replay", path, "--rate", "40", code=1)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"[]",
+        b"5",
+        b'{"caveats": 5}',
+        b'{"caveats": null, "settings": [1]}',
+        b'{"caveats": [{}], "alias_factor": Infinity, "rate_hz": 1e300, "part": "x"}',
+        b'{"id": 3, "model": ["x"], "serial": {}, "time": "garbage", "part": 0, "base": "a\\u0000b"}',
+        b"[" * 5000,
+    ],
+    ids=["list", "number", "caveats", "null", "infinite", "types", "deep"],
+)
+def test_a_header_of_another_form_counts_as_none(tmp_path: Path, header: bytes) -> None:
+    path = capture(tmp_path / "a.txt")
+    path.write_bytes(b"#imumon-recording " + header + b"\n" + path.read_bytes())
+    made = json.loads(imumon("replay", path, "--rate", "40", "--json"))
+    assert made["session"]["samples"] == 400
+    assert made["session"]["started"] is None
+    assert made["device"]["alias_factor"] is None
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped"])
+def test_a_damaged_recording_is_used_as_far_as_it_goes_and_says_so(tmp_path: Path, damage: str) -> None:
+    path = capture(tmp_path / "a.txt.gz", n=2000)
+    data = path.read_bytes()
+    half = len(data) // 2
+    path.write_bytes(data[:half] if damage == "cut" else data[:half] + bytes(100) + data[half + 100 :])
+    words = ["replay", str(path), "--rate", "40", "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", *words], capture_output=True, text=True, check=True
+    )
+    made = json.loads(done.stdout)
+    assert 900 < made["session"]["samples"] < 1200
+    assert "truncated" in made["channels"]["gyro/x"]["caveats"]
+    assert done.stderr.count("\n") == 1
+    assert str(path) in done.stderr
+
+
+def test_the_settings_count_as_they_do_live(tmp_path: Path) -> None:
+    path, file = capture(tmp_path / "a.txt"), tmp_path / "config.toml"
+    file.write_text("[device]\nrate_hz = 40.0\n[guards]\nenabled = false\n")
+    made = json.loads(imumon("replay", path, "--config", file, "--json"))
+    assert made["session"]["elapsed_s"] == pytest.approx(10.0)
 
 
 def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:

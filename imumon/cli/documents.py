@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from imumon.cli.recording import FILES, add_reading, task_of
+from imumon.cli.recording import FILES, add_reading, mention, task_of
 from imumon.cli.words import DONE, NOTHING_THERE, USAGE, Parser, Stop, add_endpoints, viewer
 
 STATE_MARK = b"imumon-state "
@@ -28,7 +28,7 @@ def add_report(parser: Parser) -> None:
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: stdout")
     add_reading(parser.add_argument_group("of a recording"))
-    add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    add("--config", metavar="FILE", help="settings; flags win over the file")
     add_endpoints(parser)
 
 
@@ -136,7 +136,7 @@ def _of_recording(words: argparse.Namespace) -> Any:
     from imumon.sources import SourceError
 
     try:
-        return replay(task_of(words), progress=bar())
+        return replay(task_of(words), progress=bar(), tell=mention)
     except RateNeeded as error:
         raise Stop(str(error), USAGE) from None
     except SourceError as error:

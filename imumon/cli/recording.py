@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
 from imumon.cli.words import (
@@ -12,8 +13,10 @@ from imumon.cli.words import (
     Stop,
     add_endpoints,
     baseline,
+    bus_stop,
     positive,
     print_report,
+    rate,
     settings,
 )
 
@@ -23,7 +26,7 @@ FILES = "raw capture (ASCII, binary, mixed), --record file, CSV, all also .gz; .
 def add_reading(parser: argparse._ActionsContainer) -> None:
     """How a recording is to be read."""
     add = parser.add_argument
-    add("--rate", type=positive, metavar="HZ", help="sample rate of a stream without a clock")
+    add("--rate", type=rate, metavar="HZ", help="sample rate of a stream without a clock")
     add("--no-guards", action="store_true", help="cut nothing out: every valid sample counts")
     kinds = ("deltas", "uncompensated", "compensated")
     add("--stream", choices=kinds, help="of a table that has several; default: the best")
@@ -41,15 +44,23 @@ def task_of(words: argparse.Namespace, **more: Any) -> Any:
         columns = parse_map(words.map) if words.map else {}
     except ValueError as error:
         raise Stop(str(error), USAGE) from None
+    made = settings(words)
+    asked = made.report
     return Replay(
         path=words.file,
-        rate_hz=words.rate,
-        guarded=not words.no_guards,
+        rate_hz=words.rate or made.device.rate_hz or None,
+        guarded=made.guards.enabled and not words.no_guards,
+        precision={"N": asked.precision_n, "B": asked.precision_b, "K": asked.precision_k},
         kind=words.stream,
         columns=columns,
         topic=words.topic,
         **more,
     )
+
+
+def mention(text: str) -> None:
+    """A line beside the data."""
+    print(f"imumon: {text}", file=sys.stderr)
 
 
 def add_replay(parser: Parser) -> None:
@@ -59,7 +70,7 @@ def add_replay(parser: Parser) -> None:
     add("--speed", default="max", metavar="X|max", help="times real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
-    add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    add("--config", metavar="FILE", help="settings; flags win over the file")
     add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
     add_endpoints(parser, listen=True)
 
@@ -79,7 +90,7 @@ def run_replay(words: argparse.Namespace) -> int:
     task = task_of(words, speed=speed, baseline=baseline(words.baseline))
     try:
         with _publisher(words) as bus:
-            made = replay(task, progress=bar(), bus=bus)
+            made = replay(task, progress=bar(), bus=bus, tell=mention)
     except RateNeeded as error:
         raise Stop(str(error), USAGE) from None
     except SourceError as error:
@@ -95,7 +106,8 @@ def _publisher(words: argparse.Namespace) -> Any:
         return nullcontext()
     from imumon.bus import BusError, Publisher
 
+    made = settings(words)
     try:
-        return Publisher("replay", listen=words.listen, connect=words.connect, settings=settings(words).zenoh)
+        return Publisher("replay", listen=words.listen, connect=words.connect, settings=made.zenoh)
     except BusError as error:
-        raise Stop(str(error)) from None
+        raise bus_stop(error, made) from None

@@ -36,9 +36,24 @@ class Parser(argparse.ArgumentParser):
 
 
 def positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def rate(text: str) -> float:
+    """Sample rate, Hz, as far as the settings allow one."""
+    from imumon.config import FASTEST_HZ, SLOWEST_HZ
+
+    value = positive(text)
+    if not SLOWEST_HZ <= value <= FASTEST_HZ:
+        raise argparse.ArgumentTypeError(
+            f"{text} Hz is no sample rate; it is from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+        )
     return value
 
 
@@ -130,13 +145,31 @@ def state_directory(made: Any) -> Any:
 
 
 def viewer(words: argparse.Namespace) -> Any:
-    """Subscriber to the daemons that ``--connect`` or the settings name; to be used as a context."""
-    from imumon.bus import BusError, Viewer
+    """Subscriber to the daemons that ``--connect`` or the settings name; to be used as a context.
 
+    The device that is asked for gets the name its daemon gave it.
+    """
+    from imumon.bus import BusError, Viewer, clean_id
+
+    made = settings(words)
     try:
-        return Viewer(words.connect, settings=settings(words).zenoh)
+        words.id = words.id and clean_id(words.id)
     except BusError as error:
-        raise Stop(str(error)) from None
+        raise Stop(str(error), USAGE) from None
+    try:
+        return Viewer(words.connect, settings=made.zenoh)
+    except BusError as error:
+        raise bus_stop(error, made) from None
+
+
+def bus_stop(error: Exception, made: Any) -> Stop:
+    """The bus cannot be had; where a setting is at fault, it is one of usage, with its place."""
+    text = str(error)
+    name = re.match(r"zenoh\.\w+", text)
+    if name is None:
+        return Stop(text)
+    origin = made.origins.get(name[0], "default")
+    return Stop(text if origin == "default" else f"{origin}: {text}", USAGE)
 
 
 def baseline(path: str | None) -> Any:

@@ -46,6 +46,7 @@ CAVEATS = {
     "shortest octaves were left out of the fit.",
     "ramp": "The mean runs away steadily: a ramp is part of the fitted model, beside K.",
     "changed": "N, B or the bias differs from the hours before or from the baseline.",
+    "truncated": "The recording is damaged or cut off: only what comes before that is in it.",
     "stuck": "The values stood still for a while.",
     "saturated": "A range was exceeded.",
     "quantised": "The resolution of the values shows in the curve.",

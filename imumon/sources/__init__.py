@@ -2,6 +2,7 @@
 
 port        a serial port or a pyserial URL
 recording   raw bytes kept on disk, and read back
+header      what such a recording says of itself
 columns     which column of a table is which channel
 table       rows of numbers as samples
 csv         CSV, in pieces

@@ -24,6 +24,7 @@ class Archive:
 
     header: Mapping[str, Any] | None = None
     discarded = 0
+    problem: str | None = None
     progress: float | None = None
 
     def __init__(self, path: str, wanted: Wanted) -> None:

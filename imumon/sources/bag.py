@@ -38,6 +38,7 @@ class Bag:
     header: Mapping[str, Any] | None = None
     discarded = 0
     bad_checksums = 0
+    problem: str | None = None
     progress: float | None = None
 
     def __init__(self, path: str, wanted: Wanted) -> None:

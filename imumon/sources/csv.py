@@ -48,6 +48,10 @@ class Csv:
         self.bad_checksums = 0
 
     @property
+    def problem(self) -> str | None:
+        return self._recording.problem
+
+    @property
     def progress(self) -> float | None:
         return self._recording.progress
 

@@ -392,6 +392,8 @@ def _actual_baud(fd: int | None) -> int | None:
 def _open_url(url: str, baud: int) -> Any:
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
+    except TypeError:  # what pyserial does of a URL without a port
+        raise PortError(f"cannot open {url}: it lacks a port; write socket://HOST:PORT") from None
     except (OSError, ValueError) as error:
         raise PortError(f"cannot open {url}: {error}; is the server running, and the URL right?") from None
 

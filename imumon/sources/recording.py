@@ -21,6 +21,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO
 
 from imumon.sources.errors import SourceError
+from imumon.sources.header import read_header
 
 MARK = b"#imumon-recording "
 CHUNK = 256 << 10
@@ -134,8 +135,7 @@ class _Part:
         self.ahead = next(self._chunks, b"")
         if self.ahead.startswith(MARK):
             line, _, self.ahead = self.ahead.partition(b"\n")
-            with contextlib.suppress(ValueError):
-                self.header = json.loads(line[len(MARK) :])
+            self.header = read_header(line[len(MARK) :])
 
     def __iter__(self) -> Iterator[bytes]:
         if self.ahead:
@@ -167,16 +167,25 @@ class _Part:
                     if not rest.strip(b"\0"):  # padding
                         break
                     member = zlib.decompressobj(wbits=31)
+                before = member.copy()
                 try:
                     out = member.decompress(rest, CHUNK)
                 except zlib.error:
                     self.problem = "is damaged: only what comes before the damage is used"
+                    yield from _undamaged(before, rest)
                     return
                 rest = member.unused_data if member.eof else member.unconsumed_tail
                 if out:
                     yield out
         if not member.eof:
             self.problem = "is cut off: what is there is used"
+
+
+def _undamaged(member: Any, data: bytes) -> Iterator[bytes]:
+    """What a member still gives of the chunk with the damage, to the last byte before it."""
+    with contextlib.suppress(zlib.error):
+        for k in range(len(data)):
+            yield member.decompress(data[k : k + 1])
 
 
 def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:

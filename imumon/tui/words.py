@@ -33,6 +33,7 @@ EXPLAINED = {
     "filtered": "a filter bends the shortest times: they are left out",
     "ramp": "the mean runs away steadily: a ramp is part of the model",
     "changed": "differs from the hours before or from the baseline: see the events",
+    "truncated": "the recording is damaged or cut off",
     "stuck": "the values stood still: a frozen channel",
     "saturated": "a range was exceeded",
     "quantised": "the resolution of the values shows in the curve",
