@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from imumon.cli.words import (
@@ -71,15 +72,31 @@ def add_wait(parser: Parser) -> None:
     )
 
 
-def show(words: argparse.Namespace) -> int:
-    """The live screen."""
+GONE_S = 5.0
+"""After so long without a word a daemon that has left is not waited for any more."""
+
+
+def show(
+    words: argparse.Namespace, starting: str | None = None, ended: Callable[[], str | None] | None = None
+) -> int:
+    """The live screen; of a daemon that is just `starting`, and what its end was when it has `ended`."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise Stop("the screen needs a terminal; without one use: imumon status --json", USAGE)
     from imumon.tui import run
 
     behind = baseline(words.baseline)
     with viewer(words) as feed:
-        return run(feed, id=words.id, ascii=words.ascii, theme=words.theme, baseline=behind)
+        tried = ", ".join(feed.endpoints) if len(feed.endpoints) < 3 else None
+        return run(
+            feed,
+            id=words.id,
+            ascii=words.ascii,
+            theme=words.theme,
+            baseline=behind,
+            endpoint=tried,
+            starting=starting,
+            ended=ended,
+        )
 
 
 def status(words: argparse.Namespace) -> int:
@@ -133,9 +150,13 @@ def wait(words: argparse.Namespace) -> int:
 def _next(feed: Any, made: Any, end: float) -> Any:
     """The next report of the same device; the same one again at the end of the time."""
     while (left := end - time.monotonic()) > 0:
-        newest = feed.reports()[made.device.id][0]
+        newest, moment = feed.reports()[made.device.id]
         if newest is not made:
             return newest
+        gone = time.monotonic() - moment > max(GONE_S, 3.0 * made.period_s)
+        if gone and made.device.id not in feed.alive():
+            _mention("")
+            raise Stop(f"the daemon of {made.device.id} has ended; start it again", NOTHING_THERE)
         time.sleep(min(left, 0.1))
     return made
 

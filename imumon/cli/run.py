@@ -11,6 +11,7 @@ from imumon.cli.words import (
     DONE,
     FAILED,
     INTERRUPTED,
+    NOT_IN_TIME,
     NOTHING_THERE,
     USAGE,
     Parser,
@@ -19,8 +20,10 @@ from imumon.cli.words import (
     add_look,
     baseline,
     baud,
+    bus_stop,
     positive,
     print_report,
+    rate,
     settings,
     state_directory,
 )
@@ -31,7 +34,7 @@ def add_run(parser: Parser) -> None:
     add("--port", metavar="PORT", help="device path, pyserial URL, or sim; default: the one VN-100 found")
     add("--baud", type=baud, metavar="auto|N", help="default auto: find it, never raise it")
     add("--set-baud", type=int, metavar="N", help="change the sensor's baud to N (volatile)")
-    add("--rate", type=positive, metavar="HZ", help="sample rate of a stream without a clock")
+    add("--rate", type=rate, metavar="HZ", help="sample rate of a stream without a clock")
     add("--listen-only", action="store_true", default=None, help="write nothing to the sensor")
     add(
         "--stream",
@@ -65,26 +68,38 @@ def add_sim(parser: Parser) -> None:
 
 
 def run(words: argparse.Namespace) -> int:
-    if words.port == "sim":
-        return _run_emulated(words)
+    made = _settings(words)
+    if made.device.port == "sim":
+        return _run_emulated(words, made)
     if words.speed != 1.0 or words.seed is not None:
         raise Stop("--speed and --seed are for --port sim", USAGE)
-    settings = _settings(words)
-    return _daemon(words, settings, settings.device.port or None, state_directory(settings))
+    return _daemon(words, made, made.device.port or None, state_directory(made))
 
 
-def _run_emulated(words: argparse.Namespace) -> int:
+def _run_emulated(words: argparse.Namespace, made: Any) -> int:
     """`run --port sim`: an emulator of its own, and a state that is thrown away unless one is asked for."""
+    from importlib import import_module
+    from pathlib import Path
+    from threading import Thread
+
+    Thread(target=import_module, args=("imumon.daemon",)).start()  # while the emulator starts
+    with _emulator(words.speed, words.seed) as sensor, _scratch() as scratch:
+        directory = Path(made.state.directory or scratch)
+        return _daemon(words, made, sensor.path, directory)
+
+
+def _scratch() -> Any:
+    """A folder that goes with us, a context; those of runs that were killed go now."""
+    import re
+    import shutil
     import tempfile
     from pathlib import Path
 
-    settings = _settings(words)
-    with (
-        _emulator(words.speed, words.seed) as sensor,
-        tempfile.TemporaryDirectory(prefix="imumon-") as scratch,
-    ):
-        directory = Path(words.state) if words.state else Path(scratch)
-        return _daemon(words, settings, sensor.path, directory)
+    for left in Path(tempfile.gettempdir()).glob("imumon-[0-9]*-*"):
+        owner = re.match(r"imumon-(\d+)-", left.name)
+        if owner and not Path(f"/proc/{owner[1]}").exists():
+            shutil.rmtree(left, ignore_errors=True)
+    return tempfile.TemporaryDirectory(prefix=f"imumon-{os.getpid()}-", ignore_cleanup_errors=True)
 
 
 def _settings(words: argparse.Namespace) -> Any:
@@ -93,7 +108,7 @@ def _settings(words: argparse.Namespace) -> Any:
     return settings(
         words,
         {
-            "device.port": None if words.port == "sim" else words.port,
+            "device.port": words.port,
             "device.baud": int(speed) if speed and speed != "auto" else speed,
             "device.set_baud": words.set_baud,
             "device.rate_hz": words.rate,
@@ -139,8 +154,12 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
         raise Stop(str(error), FAILED if there else NOTHING_THERE) from None
     except SourceError as error:
         raise Stop(str(error)) from None
-    except (BusError, StateError) as error:
+    except BusError as error:
+        raise bus_stop(error, settings) from None
+    except StateError as error:
         raise Stop(str(error)) from None
+    if outcome.report is None and outcome.signal is None:
+        raise Stop(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
     if outcome.report is not None and (words.duration or words.json):
         print_report(outcome.report, words.json)
     return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
@@ -152,29 +171,49 @@ def _emulator(speed: float, seed: int | None) -> Any:
 
     from imumon.emulator import EmulatorSettings, spawn
 
-    settings = EmulatorSettings(speed=speed)
-    return spawn(settings if seed is None else replace(settings, seed=seed))
+    try:
+        settings = EmulatorSettings(speed=speed)
+        return spawn(settings if seed is None else replace(settings, seed=seed))
+    except ValueError as error:
+        raise Stop(str(error), USAGE) from None
 
 
 def demo(words: argparse.Namespace) -> int:
     """Daemon on the emulator in a process of its own, and the screen here; quitting ends all three."""
     import subprocess
-    import tempfile
 
     from imumon.cli.look import show
 
-    with tempfile.TemporaryDirectory(prefix="imumon-demo-") as scratch:
+    with _scratch() as scratch:
         endpoint = f"unixsock-stream/{scratch}/bus"
-        command = [sys.executable, "-m", "imumon", "run", "--port", "sim", "--speed", f"{words.speed:g}"]
+        # -P: a folder of our name in the current directory is not the package
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "imumon",
+            "run",
+            "--port",
+            "sim",
+            "--speed",
+            f"{words.speed:g}",
+        ]
         command += ["--listen", endpoint, "--state", scratch, "--id", "demo"]
         command += [] if words.seed is None else ["--seed", str(words.seed)]
         with open(f"{scratch}/log", "w+") as log:
             daemon = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
+
+            def ended() -> str | None:
+                if daemon.poll() is None:
+                    return None
+                with open(log.name) as said:
+                    return (said.read().strip().splitlines() or ["it said nothing"])[-1]
+
             try:
                 words.connect, words.id, words.baseline = [endpoint], "demo", None
-                return show(words)
+                return show(words, "The emulated sensor is starting.", ended)
             finally:
                 daemon.terminate()
                 try:
@@ -190,4 +229,6 @@ def sim(words: argparse.Namespace) -> int:
         settings = emulator.from_arguments(words)
     except ValueError as error:
         raise Stop(str(error), USAGE) from None
+    if settings.rate == 0:
+        raise Stop("--rate 0: a sensor that sends nothing; give a rate, such as 40", USAGE)
     return emulator.run(settings)

@@ -27,7 +27,7 @@ class EmulatorProcess:
     """
 
     def __init__(self, words: Sequence[str]) -> None:
-        command = [sys.executable, "-m", "imumon.emulator", *words, "--control", "-"]
+        command = [sys.executable, "-P", "-m", "imumon.emulator", *words, "--control", "-"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )

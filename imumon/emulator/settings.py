@@ -93,6 +93,8 @@ class EmulatorSettings:
             )
         if not 0 < self.speed <= 1e4:
             raise ValueError(f"--speed {self.speed:g}: give a number above 0, up to 10000")
+        if self.seed is not None and self.seed < 0:
+            raise ValueError(f"--seed {self.seed}: give 0 or a positive whole number")
         if self.generation not in (2, 3):
             raise ValueError(f"--firmware {self.firmware}: give a 2.x or 3.x version, such as 3.1.0.0")
 

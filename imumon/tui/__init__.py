@@ -7,7 +7,7 @@ imported late: whoever only asks for a status does not pay for it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imumon.report import Event, Report, Signal
@@ -24,6 +24,8 @@ def run(
     theme: str | None = None,
     baseline: Report | None = None,
     endpoint: str | None = None,
+    starting: str | None = None,
+    ended: Callable[[], str | None] | None = None,
 ) -> int:
     """Show a feed until the user leaves.
 
@@ -35,6 +37,8 @@ def run(
     theme : name of a theme, such as ``imumon-light``.
     baseline : report whose curves are drawn behind the live ones.
     endpoint : what was tried, for the page that is shown while nobody answers.
+    starting : what that page says where a daemon is known to start.
+    ended : asked now and then: the last word of that daemon when it has ended, else None.
 
     Returns
     -------
@@ -55,6 +59,8 @@ def run(
         theme=theme,
         baseline=baseline,
         endpoint=endpoint,
+        starting=starting,
+        ended=ended,
     )
     app.run()
     return app.return_code or 0

@@ -129,6 +129,8 @@ class Monitor(App[int]):
         theme: str | None = None,
         baseline: Report | None = None,
         endpoint: str | None = None,
+        starting: str | None = None,
+        ended: Callable[[], str | None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
@@ -143,7 +145,9 @@ class Monitor(App[int]):
             baseline=baseline,
             baseline_name="saved",
             endpoint=endpoint,
+            starting=starting,
         )
+        self._ended = ended
         self._built = False
         self._asked: tuple[str, str | None] | None = None
         self._seen: tuple[int, tuple[object, ...]] | None = None
@@ -181,7 +185,8 @@ class Monitor(App[int]):
         alive, connected = frozenset(self.feed.alive()), self.feed.connected()
         ages = {name: max(now - moment, 0.0) for name, (_, moment) in arrived.items()}
         old = {name: round(age) for name, age in ages.items() if age > 3.0 * arrived[name][0].period_s}
-        seen = (self.feed.version, (alive, connected, tuple(sorted(old.items()))))
+        ended = self._ended() if self._ended is not None else None
+        seen = (self.feed.version, (alive, connected, tuple(sorted(old.items())), ended))
         if seen == self._seen:
             return
         self._seen = seen
@@ -190,6 +195,7 @@ class Monitor(App[int]):
             ages=ages,
             alive=alive,
             connected=connected,
+            ended=ended,
         )
         self._show(_settled(scene))
 

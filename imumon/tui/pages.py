@@ -288,7 +288,17 @@ def welcome(scene: Scene, width: int, height: int) -> list[Line]:
     now: Situation = scene.situation()
     where = scene.endpoint or "tcp/127.0.0.1:7448 to 7463"
     lines: list[Line] = []
-    if now.kind == "nobody":
+    if scene.report is None and scene.ended:
+        lines = [
+            [("The daemon has ended. Its last word:", "strong")],
+            *([(line, "text")] for line in wrap(scene.ended, max(width - 2, 1))),
+            [],
+            [("q leaves; what stands in the way says", "muted")],
+            [("    imumon doctor", "accent")],
+        ]
+    elif now.kind == "nobody" and scene.starting:
+        lines = [[(scene.starting, "strong")], [("A few seconds.", "muted")]]
+    elif now.kind == "nobody":
         lines = [
             [("No daemon answers yet.", "strong")],
             [(f"Tried {where}; still trying.", "muted")],

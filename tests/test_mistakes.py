@@ -1,0 +1,113 @@
+"""What users and strangers get wrong is one line and the right exit code, never a traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from commands import imumon
+from daemons import Daemon, free_endpoint
+from reports import report
+
+from imumon.tui.pages import welcome
+from imumon.tui.scene import Scene
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("run", "--port", "sim", "--speed", "1e300"), "--speed 1e+300"),
+        (("run", "--port", "sim", "--seed", "-1"), "--seed -1"),
+        (("sim", "--rate", "0"), "--rate 0"),
+        (("replay", "x.txt", "--rate", "1e300"), "from 0.0001 to 100000"),
+        (("replay", "x.txt", "--rate", "1e-300"), "from 0.0001 to 100000"),
+        (("replay", "x.txt", "--rate", "x"), "'x' is not a positive number"),
+        (("run", "--rate", "2e5"), "from 0.0001 to 100000"),
+        (("report", "x.txt", "--rate", "0"), "is not a positive number"),
+        (("status", "--id", "////"), "use letters and digits"),
+    ],
+)
+def test_words_that_cannot_be_meant(words: tuple[str, ...], said: str) -> None:
+    assert said in imumon(*words, code=2)
+
+
+def test_a_setting_that_the_bus_refuses_is_told_with_its_place(tmp_path: Path) -> None:
+    file = tmp_path / "config.toml"
+    file.write_text('[zenoh.raw]\n"mode" = "peer"\n')
+    assert f"{file}:1: zenoh.raw: " in imumon("status", "--config", file, code=2)
+
+
+def test_the_emulator_may_stand_in_the_settings(tmp_path: Path) -> None:
+    file = tmp_path / "config.toml"
+    file.write_text('[device]\nport = "sim"\nid = "My.IMU"\n')
+    where = free_endpoint()
+    words = [sys.executable, "-m", "imumon", "run", "--config", str(file), "--listen", where]
+    with subprocess.Popen([*words, "--speed", "100"], stderr=subprocess.DEVNULL) as daemon:
+        # the name is asked for as it was given; the daemon cleans it for its keys
+        asked = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
+        assert imumon(*asked).startswith("my-imu: ")
+        waiting = subprocess.Popen(
+            [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        time.sleep(1.0)
+        daemon.send_signal(signal.SIGTERM)
+        _, said = waiting.communicate(timeout=30)
+        assert waiting.returncode == 3
+        assert "has ended" in said
+
+
+def test_too_short_a_run_says_so(tmp_path: Path) -> None:
+    words = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", *words], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "--duration" in done.stderr
+
+
+def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    folder = Path(tempfile.mkdtemp(prefix=f"imumon-{gone.pid}-"))
+    mine = Path(tempfile.mkdtemp(prefix=f"imumon-{os.getpid()}-"))
+    with Daemon("sim", tmp_path, "--speed", "100") as daemon:
+        daemon.samples(10)
+        daemon.stop()
+    assert not folder.exists()
+    assert mine.exists()
+    mine.rmdir()
+
+
+def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
+    (tmp_path / "imumon").mkdir()
+    (tmp_path / "imumon" / "__init__.py").write_text("raise SystemExit('the wrong package')")
+    code = "import sys; sys.path.remove(''); from imumon.emulator import spawn; print(spawn().path)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert "wrong" not in done.stderr
+    assert done.stdout.startswith("/dev/")
+
+
+def _text(scene: Scene) -> str:
+    return "\n".join("".join(text for text, _ in line) for line in welcome(scene, 100, 30))
+
+
+def test_the_screen_says_that_the_emulator_starts_and_why_its_daemon_died() -> None:
+    starting = Scene(starting="The emulated sensor is starting.", endpoint="unixsock-stream/x")
+    assert "emulated sensor is starting" in _text(starting)
+    assert "imumon run" not in _text(starting)
+    assert "no space left" in _text(starting.after(ended="imumon: no space left"))
+    made = report(200.0)
+    lost = Scene(
+        reports={made.device.id: made}, ages={made.device.id: 60.0}, id=made.device.id, ended="it fell"
+    )
+    assert "it fell" in lost.situation().text
