@@ -47,20 +47,27 @@ def same_to_rounding(a: AllanCurve, b: AllanCurve) -> None:
 
 
 def definition(
-    y: np.ndarray, ok: np.ndarray, m: int, ratio: int = 8, threshold: float = 0.9
+    y: np.ndarray, ok: np.ndarray, m: int, ratio: int = 8, threshold: float = 0.3
 ) -> tuple[float, int]:
-    """Allan variance of one segment of one channel straight from its definition, and its terms."""
+    """Allan variance of one segment of one channel straight from its definition, and its terms.
+
+    What clusters with missing samples have more of white noise is taken off.
+    """
     ends = np.arange(0, len(y) + 1, max(1, m // ratio))
     ends = ends[ends >= m]
     total = np.concatenate(([0.0], np.cumsum(np.where(ok, y, 0.0))))
     count = np.concatenate(([0], np.cumsum(ok)))
     counts = count[ends] - count[ends - m]
     mean = (total[ends] - total[ends - m]) / np.maximum(counts, 1)
-    good = counts >= threshold * m
+    good = counts >= (threshold * m if m >= 16 else m)
     lag = min(m, ratio)
     use = good[lag:] & good[:-lag]
-    squares = ((mean[lag:] - mean[:-lag])[use] ** 2).sum()
-    return squares / (2 * max(use.sum(), 1)), int(use.sum())
+    found = ((mean[lag:] - mean[:-lag])[use] ** 2).sum() / (2 * max(use.sum(), 1))
+    weight = m / np.maximum(counts, 1)
+    lack = (0.5 * (weight[lag:] + weight[:-lag]) - 1.0)[use].sum() / max(use.sum(), 1)
+    if lack > 0.0:
+        found = max(found - definition(y, ok, 1)[0] / m * lack, found / (1.0 + lack))
+    return found, int(use.sum())
 
 
 def check_definition(
@@ -70,7 +77,7 @@ def check_definition(
         for channel, group in enumerate(groups):
             avar, terms = definition(values[:, channel], ok[:, group], int(m), **setting)  # type: ignore[arg-type]
             assert curve.terms[j, channel] == terms, (m, channel)
-            assert curve.avar[j, channel] == pytest.approx(avar, rel=1e-9, abs=1e-18), (m, channel)
+            assert curve.avar[j, channel] == pytest.approx(avar, rel=1e-6, abs=1e-18), (m, channel)
 
 
 # --- published and other people's numbers ------------------------------------------------------------
@@ -389,11 +396,11 @@ def test_state_is_small() -> None:
 
 def test_counters_and_clusters_of_ten_billion() -> None:
     """A state written at 10^10 samples continues: no counter overflows, no digit is lost."""
-    cascade = OctaveCascade(1, 1e-3)
+    cascade = OctaveCascade(1, 1e-3, threshold=1.0)  # no cluster reaches into the hole
     cascade.skip(256 * 40_000_000)
     values = 9.8 + 1e-3 * np.random.default_rng(6).standard_normal((5000, 1))
     cascade.update(values)
-    late, early = cascade.result(), curve_of(values)
+    late, early = cascade.result(), curve_of(values, threshold=1.0)
     assert late.span == 10_240_005_000
     same = slice(0, len(early.m))
     np.testing.assert_array_equal(late.avar[same], early.avar)

@@ -9,6 +9,8 @@ Rules:
 
 * Time is a grid. A missing sample is one that does not count; a sample that a caller excludes is the same.
   Validity belongs to the sensor's sample, so it is kept by group of channels.
+* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts when three tenths of
+  it are valid, and the white noise that the others would have averaged away is taken off (`octave`).
 * A gap of unknown length begins a new segment; no difference spans it.
 * Samples wait until a block on the grid is full, so any chunking gives the same bits.
 * The median of a segment's first block is taken off each sample (9.8 m/s^2 costs no digits), and no sum of
@@ -27,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.groups import Groups
-from imumon.noise.octave import BLOCK, Octave
+from imumon.noise.octave import BLOCK, Octave, variances
 from imumon.samples import Bools, Floats, Ints
 
 BATCH = 32  # blocks worked on at once
@@ -88,7 +90,7 @@ class OctaveCascade:
     tau0 : s, sampling interval.
     groups : (c,) index of the group (0 .. g-1) whose validity a channel shares; default: all in one.
     ratio : sub-clusters per cluster, R, a power of two.
-    threshold : fraction of a cluster that must be valid for it to count.
+    threshold : share of a cluster that must be valid for it to count; shorter ones than 16 must be full.
 
     Examples
     --------
@@ -108,7 +110,7 @@ class OctaveCascade:
         *,
         groups: Sequence[int] | None = None,
         ratio: int = 8,
-        threshold: float = 0.9,
+        threshold: float = 0.3,
     ) -> None:
         if not 0.0 < tau0 < math.inf:
             raise ValueError(f"the sampling interval must be positive, not {tau0} s")
@@ -139,7 +141,8 @@ class OctaveCascade:
     def nbytes(self) -> int:
         """Bytes of state: sums, histories and one block; the working space, of fixed size, is not in it."""
         octaves = sum(
-            o.squares.nbytes + o.terms.nbytes + o.history.nbytes + o.counts.nbytes for o in self._octaves
+            o.squares.nbytes + o.terms.nbytes + o.lacks.nbytes + o.history.nbytes + o.counts.nbytes
+            for o in self._octaves
         )
         own = (self._groups.of, self._valid, self._offset, self._settled, self._pending, self._present)
         return octaves + sum(array.nbytes for array in own)
@@ -201,6 +204,7 @@ class OctaveCascade:
         for ours, theirs in zip(self._octaves, other._octaves, strict=False):
             theirs.squares += ours.squares
             theirs.terms += ours.terms
+            theirs.lacks += ours.lacks
         self._octaves = other._octaves
         self._valid += other._valid
         self._closed += other._closed
@@ -219,16 +223,12 @@ class OctaveCascade:
         seen = [bool(octave.terms.any()) for octave in self._octaves]
         k = len(seen) - seen[::-1].index(True) if any(seen) else 0
         m = np.left_shift(1, np.arange(k, dtype=np.int64))
-        avar = np.zeros((k, self.channels))
-        terms = np.zeros((k, self.channels), dtype=np.int64)
-        for j, octave in enumerate(self._octaves[:k]):
-            terms[j] = octave.terms[self._groups.of]
-            avar[j] = octave.squares / (2.0 * float(octave.m) ** 2 * np.maximum(terms[j], 1))
+        squares, terms, lacks, _, _ = self.sums()
         return AllanCurve(
             tau0=self.tau0,
             m=m,
-            avar=avar,
-            terms=terms,
+            avar=variances(squares[:k], terms[:k], lacks[:k], m),
+            terms=terms[:k],
             stride=np.maximum(1, m // self.ratio),
             span=self._closed + self._position,
             valid=self._valid[self._groups.of],
@@ -240,14 +240,15 @@ class OctaveCascade:
         """Send what waits for a full block through the octaves: nothing further will come."""
         self._flush()
 
-    def sums(self) -> tuple[Floats, Ints, Ints, int]:
-        """Sums of what has been through the octaves: (k, c) squared differences, (k, c) their number, (c,)
-        valid samples, and segments begun."""
+    def sums(self) -> tuple[Floats, Ints, Ints, Ints, int]:
+        """Sums of what has been through the octaves: (k, c) squared differences, (k, c) their number, (k, c)
+        what they lack, (c,) valid samples, and segments begun."""
         members = self._groups.of
         k = len(self._octaves)
         squares = np.array([o.squares for o in self._octaves]).reshape(k, self.channels)
         terms = np.array([o.terms[members] for o in self._octaves], dtype=np.int64).reshape(k, self.channels)
-        return squares, terms, self._valid[members], self._segments + (self._position > 0)
+        lacks = np.array([o.lacks[members] for o in self._octaves], dtype=np.int64).reshape(k, self.channels)
+        return squares, terms, lacks, self._valid[members], self._segments + (self._position > 0)
 
     def copy(self) -> OctaveCascade:
         """An independent cascade in the same state."""
@@ -270,6 +271,7 @@ class OctaveCascade:
             "valid": self._valid.copy(),
             "squares": np.array([o.squares for o in octaves]),
             "terms": np.array([o.terms for o in octaves]),
+            "lacks": np.array([o.lacks for o in octaves]),
             "history": np.concatenate([nothing, *(o.history for o in octaves)], axis=1),
             "counts": np.concatenate([none, *(o.counts for o in octaves)], axis=1),
             "offset": self._offset.copy(),
@@ -292,6 +294,7 @@ class OctaveCascade:
             part = slice(start, start + octave.lag)
             octave.squares[:] = state["squares"][j]
             octave.terms[:] = state["terms"][j]
+            octave.lacks[:] = state["lacks"][j]
             octave.history[:] = state["history"][:, part]
             octave.set_counts(state["counts"][:, part])
             self._octaves.append(octave)

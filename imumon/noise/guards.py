@@ -1,10 +1,11 @@
 """Guard: which samples are not the sensor's own noise, found on line and cut out.
 
-People bump tables, lines glitch, ranges clip, sensors hang and files are replayed in loops. One sample of
-+1 rad/s in five hours triples N. The guard keeps samples back for one to two frames (a frame is about a
-second, and ten samples where they come slowly; at the very beginning four), has each frame judged (`watch` by
-the sensor's own noise, `repeats`), and passes all samples on in their order, those it cut marked invalid, with
-a margin before and after. Nothing is cut silently: every cut has a reason, is counted by samples and told as a `Disturbance`.
+People bump tables, lines glitch, ranges clip, sensors hang and files are replayed in loops. One sample of +1
+rad/s in five hours triples N. The guard keeps samples back for one to two frames (a frame is about a second,
+and ten samples where they come slowly; at the very beginning four), has each frame judged (`watch` by the
+sensor's own noise, `repeats`), and passes all samples on in their order, those it cut marked invalid, with a
+margin before and after. Nothing is cut silently: every cut has a reason, is counted by samples and told as a
+`Disturbance`.
 
 The rules:
 - Gyro and accelerometer sit on the same table: what disturbs one cuts both. The magnetometer stands alone.

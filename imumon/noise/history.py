@@ -78,6 +78,8 @@ class History:
 
     Attributes
     ----------
+    warmup_s : s, length of the samples that count but for the recognised warm-up: what is missing or cut out
+        in it has its own account.
     drift : means of the whole record.
     """
 
@@ -100,18 +102,11 @@ class History:
         self._hour = round(HOUR_S * rate)
         self._marks: dict[int, Mark] = {0: self._cascade.mark()}
         self._start = 0  # end of the warm-up
+        self.warmup_s = 0.0
         self._hour_mark = self._cascade.mark()
         self._pieces: list[tuple[int, Moments]] = [(0, self._new())]
         self._hours: list[Hour] = []
         self._moved: list[Moved] = []
-
-    @property
-    def warmup_s(self) -> float:
-        """Samples that count but for the warm-up: what is missing or cut out in it has its own account."""
-        if not self._start:
-            return 0.0
-        before = self._joined(0, self._start).result().channels
-        return max(before[c].count for c in self._warming) * self._interval
 
     @property
     def position(self) -> int:
@@ -201,9 +196,17 @@ class History:
         )
         if settled:
             self._start = candidate
+            self.warmup_s = self._warmed()
             self._hours, self._moved = [], []
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
             self._cascade.forget(self._marks.pop(start))
+
+    def _warmed(self) -> float:
+        """s, length of the samples before the warm-up's end."""
+        if not self._start:
+            return 0.0
+        before = self._joined(0, self._start).result().channels
+        return max(before[c].count for c in self._warming) * self._interval
 
     def _end_hour(self, at: int) -> None:
         """An hour is over: keep it, and compare it with those before."""
@@ -290,7 +293,8 @@ class History:
         out["hours"] = np.array([[h.start, h.count] for h in self._hours], dtype=np.int64).reshape(-1, 2)
         for number, each in enumerate(self._hours):
             part, s = f"hour{number}.", each.stretch
-            out |= {f"{part}squares": s.squares, f"{part}terms": s.terms, f"{part}valid": s.valid}
+            out |= {f"{part}squares": s.squares, f"{part}terms": s.terms, f"{part}lacks": s.lacks}
+            out[f"{part}valid"] = s.valid
             out[f"{part}numbers"] = np.array([s.span, s.segments], dtype=np.int64)
             out |= {f"{part}moments.{k}": v for k, v in each.moments.save().items()}
         return out
@@ -307,11 +311,12 @@ class History:
             (int(start), Moments.restore(_under(saved, f"piece{number}.")))
             for number, start in enumerate(saved["pieces"])
         ]
+        self.warmup_s = self._warmed()
         self._hours = []
         for number, (start, count) in enumerate(saved["hours"]):
             own = _under(saved, f"hour{number}.")
             span, segments = (int(v) for v in own["numbers"])
-            stretch = Stretch(own["squares"], own["terms"], own["valid"], span, segments)
+            stretch = Stretch(own["squares"], own["terms"], own["lacks"], own["valid"], span, segments)
             moments = Moments.restore(_under(own, "moments."))
             self._hours.append(Hour(int(start), int(count), stretch, moments))
 

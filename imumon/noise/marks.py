@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.octave import BLOCK
+from imumon.noise.octave import BLOCK, variances
 from imumon.samples import Bools, Floats, Ints
 
 OCTAVES = 48
@@ -33,6 +33,7 @@ class Stretch:
     ----------
     squares : (k, c) (channel unit)^2, sums of squared differences by octave.
     terms : (k, c) how many they are.
+    lacks : (k, c) what they lack, see `octave`.
     valid : (c,) valid samples.
     span : samples of the grid.
     segments : parts with breaks between them.
@@ -40,6 +41,7 @@ class Stretch:
 
     squares: Floats
     terms: Ints
+    lacks: Ints
     valid: Ints
     span: int
     segments: int
@@ -50,6 +52,7 @@ class Stretch:
         return Stretch(
             _tall(self.squares, k) + _tall(other.squares, k),
             _tall(self.terms, k) + _tall(other.terms, k),
+            _tall(self.lacks, k) + _tall(other.lacks, k),
             self.valid + other.valid,
             self.span + other.span,
             self.segments + other.segments,
@@ -61,8 +64,7 @@ class Stretch:
         k = int(seen[-1]) + 1 if len(seen) else 0
         m = np.left_shift(1, np.arange(k, dtype=np.int64))
         terms = self.terms[:k]
-        scale = 2.0 * m[:, None].astype(np.float64) ** 2 * np.maximum(terms, 1)
-        avar = np.where(terms > 0, np.maximum(self.squares[:k], 0.0) / scale, 0.0)
+        avar = variances(self.squares[:k], terms, self.lacks[:k], m)
         stride = np.maximum(1, m // ratio)
         return AllanCurve(tau0, m, avar, terms, stride, self.span, self.valid, self.segments, ratio)
 
@@ -76,8 +78,8 @@ class Mark:
     start : samples of the grid before it, on a block.
     valid : (c,) valid samples before it.
     segments : segments that ended before it.
-    squares, terms : (`OCTAVES`, c) sums of each octave when nothing that comes reaches over the mark; the
-        first `taken` of them are there.
+    squares, terms, lacks : (`OCTAVES`, c) sums of each octave when nothing that comes reaches over the mark;
+        the first `taken` of them are there.
     """
 
     start: int
@@ -85,6 +87,7 @@ class Mark:
     segments: int
     squares: Floats
     terms: Ints
+    lacks: Ints
     taken: int = 0
 
 
@@ -134,12 +137,13 @@ class MarkedCascade:
     def mark(self) -> Mark:
         """Mark this moment, or rather the last end of a block before it."""
         behind = (self._position - self._segment) % BLOCK
-        squares, _, valid, begun = self.cascade.sums()
+        squares, _, _, valid, begun = self.cascade.sums()
         made = Mark(
             self._position - behind,
             valid,
             begun - (self._position > self._segment),
             np.zeros((OCTAVES, squares.shape[1])),
+            np.zeros((OCTAVES, squares.shape[1]), dtype=np.int64),
             np.zeros((OCTAVES, squares.shape[1]), dtype=np.int64),
         )
         self._marks.append(made)
@@ -163,12 +167,13 @@ class MarkedCascade:
         return self._between(mark, *self.cascade.sums(), self._position - behind)
 
     def _between(
-        self, mark: Mark, squares: Floats, terms: Ints, valid: Ints, segments: int, position: int
+        self, mark: Mark, squares: Floats, terms: Ints, lacks: Ints, valid: Ints, segments: int, position: int
     ) -> Stretch:
         k = min(len(squares), mark.taken)
         return Stretch(
             squares[:k] - mark.squares[:k],
             terms[:k] - mark.terms[:k],
+            lacks[:k] - mark.lacks[:k],
             valid - mark.valid,
             position - mark.start,
             max(1, segments - mark.segments),
@@ -195,10 +200,11 @@ class MarkedCascade:
 
     def _take(self, mark: Mark, upto: int) -> None:
         """Snapshots of the octaves up to `upto` (not included) that are still wanting."""
-        squares, terms, _, _ = self.cascade.sums()
+        squares, terms, lacks, _, _ = self.cascade.sums()
         rows = slice(mark.taken, min(upto, len(squares)))
         if rows.start < rows.stop:
             mark.squares[rows], mark.terms[rows] = squares[rows], terms[rows]
+            mark.lacks[rows] = lacks[rows]
         mark.taken = max(mark.taken, upto)
 
     def save(self) -> dict[str, np.ndarray]:
@@ -211,6 +217,7 @@ class MarkedCascade:
             out[f"mark{number}.valid"] = mark.valid
             out[f"mark{number}.squares"] = mark.squares[:k].copy()
             out[f"mark{number}.terms"] = mark.terms[:k].copy()
+            out[f"mark{number}.lacks"] = mark.lacks[:k].copy()
         return out
 
     @classmethod
@@ -221,9 +228,11 @@ class MarkedCascade:
         self._segment, self._position, count = (int(v) for v in saved["numbers"])
         for number in range(count):
             start, segments, taken = (int(v) for v in saved[f"mark{number}.numbers"])
-            squares, terms = (_tall(saved[f"mark{number}.{name}"], OCTAVES) for name in ("squares", "terms"))
+            squares, terms, lacks = (
+                _tall(saved[f"mark{number}.{name}"], OCTAVES) for name in ("squares", "terms", "lacks")
+            )
             valid = saved[f"mark{number}.valid"]
-            self._marks.append(Mark(start, valid, segments, squares, terms, taken))
+            self._marks.append(Mark(start, valid, segments, squares, terms, lacks, taken))
         return self
 
     @property

@@ -11,7 +11,16 @@ covers more than its cluster.
 
 Clusters carry (sum, count): the count of valid samples, by group of channels. Where too few are valid the
 differences that touch the cluster are skipped; where some are missing the average of the others stands for
-the cluster (Sesia & Tavella, Metrologia 45, 2008, S134).
+the cluster (Sesia & Tavella, Metrologia 45, 2008, S134). Clusters shorter than `SHORT` must be full; of the
+others a share is enough, since a link that loses every third packet must not cost all long averaging times.
+
+The average of n samples of m keeps flicker noise and random walk, but has more white noise: the variance of a
+difference is that of white samples times 1/n + 1/n' in place of 2/m. So each octave also sums what its
+differences lack, (m/n + m/n')/2 - 1, and `variances` takes off as much of the white noise, the variance of
+single samples being that of the first octave. Measured on 12 records of 2^18 samples, half of them lost at
+random: white noise is then right within 3 % up to m = 1024 and 15 % too high where 16 clusters are left;
+without, it is 2 times too high (1.05 times at 5 % lost). Flicker is 8 % too high at m = 8, 1 % from m = 256
+on, random walk 3 % and 0. Losses of a second at a time, a tenth in all, leave flicker 4 % too high.
 """
 
 from __future__ import annotations
@@ -22,9 +31,15 @@ import math
 import numpy as np
 
 from imumon.noise.groups import Groups
-from imumon.samples import Floats
+from imumon.samples import Floats, Ints
 
 BLOCK = 256  # samples; squares are added in groups that lie on the grid, one group a block
+SHORT = 16
+"""Samples; clusters of fewer must be full."""
+
+LACK = float(1 << 20)
+"""Parts of one: what differences lack is summed in these, so that the order of summing leaves no trace."""
+
 NOTHING = -math.inf  # count of a cluster that reaches back before the segment: never enough
 
 
@@ -36,12 +51,13 @@ class Octave:
     index : j of the averaging factor m = 2^j.
     groups : channels that share their validity.
     ratio : entries per cluster, R, where m allows.
-    threshold : fraction of a cluster that must be valid for it to count.
+    threshold : share of a cluster that must be valid for it to count, from `SHORT` samples on.
 
     Attributes
     ----------
     squares : (c,) (channel unit)^2, sum of squared differences C_m(x) - C_m(x - m).
     terms : (g,) how many they are.
+    lacks : (g,) 1 / `LACK`, sum of what they lack.
     history : (c, lag) channel unit, the last entries.
     counts : (g, lag) valid samples in them.
     """
@@ -51,11 +67,12 @@ class Octave:
         self.lag = min(m, ratio)
         self.step = 2 if m >= ratio else 1  # entries to one of the next octave
         self.group = max(1, BLOCK * self.lag // m)  # entries in a block
-        self._enough = threshold * m
+        self._enough = threshold * m if m >= SHORT else float(m)
         self._strict = self._enough > m - 1  # only full clusters are enough
         self._members = groups.members
         self.squares = np.zeros(groups.channels)
         self.terms = np.zeros(len(groups), dtype=np.int64)
+        self.lacks = np.zeros(len(groups), dtype=np.int64)
         self.history = np.zeros((groups.channels, self.lag))
         self.counts = np.full((len(groups), self.lag), NOTHING)
         self._full = False  # nothing is missing in the history
@@ -63,7 +80,7 @@ class Octave:
     def copy(self) -> Octave:
         """An independent octave in the same state."""
         other = copy.copy(self)
-        other.squares, other.terms = self.squares.copy(), self.terms.copy()
+        other.squares, other.terms, other.lacks = self.squares.copy(), self.terms.copy(), self.lacks.copy()
         other.history, other.counts = self.history.copy(), self.counts.copy()
         return other
 
@@ -116,6 +133,8 @@ class Octave:
         if not self._strict:
             weight = np.zeros_like(counts)
             np.divide(self.m, counts, out=weight, where=good)
+            lack = 0.5 * (weight[:, lag:] + weight[:, :n]) - 1.0
+            self.lacks += np.rint(lack * use * LACK).astype(np.int64).sum(axis=1)
             weighted = np.empty_like(x)
             for channels, w in zip(self._members, weight, strict=True):
                 np.multiply(x[channels], w, out=weighted[channels])
@@ -138,3 +157,27 @@ class Octave:
             self.squares[:] = np.add.accumulate(sums, axis=1)[:, -1]
         else:
             self.squares += sums[:, 0]
+
+
+def variances(squares: Floats, terms: Ints, lacks: Ints, m: Ints) -> Floats:
+    """Allan variances from the sums of the octaves.
+
+    What is taken off is never more than if all of it were white noise.
+
+    Parameters
+    ----------
+    squares, terms, lacks : (k, c) (channel unit)^2, 1, 1 / `LACK`, sums of each channel.
+    m : (k,) averaging factors, from 1 on.
+
+    Returns
+    -------
+    (k, c) (channel unit)^2; 0.0 where `terms` is 0.
+    """
+    count = np.maximum(terms, 1)
+    found = np.where(terms > 0, np.maximum(squares, 0.0), 0.0) / (
+        2.0 * m[:, None].astype(np.float64) ** 2 * count
+    )
+    if not lacks.any():
+        return np.asarray(found)
+    lack = lacks / (LACK * count)
+    return np.maximum(found - found[:1] / m[:, None] * lack, found / (1.0 + lack))

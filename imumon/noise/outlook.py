@@ -3,9 +3,9 @@
 The same covariance that gives the limits now gives them for a longer record of the same noise. For the next
 `NEAR` doublings of its length the tables are those of such records. Beyond, scale serves: a record 2^q
 times as long looks, at its long octaves, like the last of these with N^2 smaller and K^2 larger by 2^q, and
-the q shortest octaves are forgone. What the record does not show yet is not foretold: its value is as likely
-to be nothing at all, and a bound says how much it may be and not how much it is. No record is worth less than its part: precision grows at least as the
-square root of the length.
+the q shortest octaves are forgone. No record is worth less than its part: precision grows at least as the
+square root of the length. What the record does not show yet is not foretold: it may be nothing at all, and a
+bound says how much it may be, not how much it is.
 """
 
 from __future__ import annotations
