@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -439,6 +440,30 @@ def test_deltas_pass_as_uncompensated_only_where_that_is_known() -> None:
         asked = listening("1", "8", "06", "0001", "00C0", register=register)
         assert asked.caveats == caveats
     assert listening("1", "8", "04", "000C").caveats == ()
+
+
+@pytest.mark.parametrize(("told", "right"), [(40.0, True), (39.8, True), (38.0, False), (80.0, False)])
+def test_a_told_rate_is_held_against_the_clock(told: float, right: bool) -> None:
+    bench = Bench()
+    session = bench.session(Wanted(listen_only=True, rate_hz=told))
+    session.connect()
+    bench.run(session, 4.0)
+    assert not any("samples come at" in remark for remark in session.facts().remarks)
+    bench.run(session, 26.0)
+    said = [remark for remark in session.facts().remarks if "samples come at" in remark]
+    assert bool(said) != right
+    assert all(
+        re.match(rf"samples come at (39|40)[.\d]* Hz, not at the told {told:g} Hz", text) for text in said
+    )
+    assert session.facts() == session.facts(), "what was said stands"
+
+
+def test_in_time_lapse_the_clock_says_nothing_of_the_rate() -> None:
+    bench = Bench()
+    session = bench.session(Wanted(listen_only=True, rate_hz=80.0), paced=False)
+    session.connect()
+    bench.run(session, 10.0)
+    assert not any("samples come at" in remark for remark in session.facts().remarks)
 
 
 # ---------------------------------------------------------------------- mishaps

@@ -160,6 +160,7 @@ class Link:
                 decoder=self.decoder,
                 serial=self._serial,
                 progress=self._progress,
+                paced=not self._lossless,
             )
             facts = session.connect()
         except BaseException:

@@ -15,13 +15,14 @@ Life of a session: `connect`, `remember` (keep its answer on disk), `configure`;
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from imumon.samples import Kind, SampleBlock, Stream
 from imumon.sensors.contract import Item, Response, SensorError
+from imumon.sensors.vn100.arrival import Arrival
 from imumon.sensors.vn100.decoder import Decoder
 from imumon.sensors.vn100.dialogue import BAUDS, Dialogue, NotAVn100, Port, SensorChanged, SessionError
-from imumon.sensors.vn100.facts import Facts, describe
+from imumon.sensors.vn100.facts import Facts, describe, nominal_rate
 from imumon.sensors.vn100.registers import (
     BAUD,
     BAUD_TOO_LOW,
@@ -95,6 +96,8 @@ class Session:
     decoder : that of an earlier session with this sensor, so that its counters go on.
     serial : serial number that the sensor must have; None: any.
     progress : told in a few words what is being tried, a few times a second at most.
+    paced : samples come at their rate; else the far end is an emulator in time-lapse, which waits for its
+        reader.
 
     Attributes
     ----------
@@ -110,6 +113,7 @@ class Session:
         decoder: Decoder | None = None,
         serial: str | None = None,
         progress: Callable[[str], None] = lambda text: None,
+        paced: bool = True,
     ) -> None:
         self.decoder = Decoder() if decoder is None else decoder
         self._port, self._wanted, self._clock, self._progress = port, wanted, clock, progress
@@ -121,6 +125,8 @@ class Session:
         self._streams: dict[Kind, Stream] = {}
         self._remarks: list[str] = []
         self._notices: list[Notice] = []
+        self._arrival = Arrival()
+        self._paced = paced
         self._ahead = b""
         self._rubbish, self._silences = 0, 0
         self._troubles: set[str] = set()
@@ -235,6 +241,7 @@ class Session:
                 self._streams[item.stream.kind] = item.stream
                 if self._divisor is None or item.stream.kind == self._wanted.stream:
                     self._sampled(now)
+                self._compare(item, now)
             elif isinstance(item, SensorError):
                 self._notices.append(Notice("sensor_error", f"the sensor says: {item.text}"))
         return items
@@ -256,16 +263,31 @@ class Session:
 
     def facts(self) -> Facts:
         """What is known of the sensor and its stream by now."""
-        stream = next((self._streams[kind] for kind in _BEST if kind in self._streams), None)
-        return describe(
+        facts = describe(
             self._port.name,
             self._port.baud,
             self._identity,
             self._dialogue.settings,
-            stream,
+            self._best(),
             LOOP_RATE / self._divisor if self._divisor is not None else self._wanted.rate_hz,
             tuple(self._remarks),
         )
+        remark = facts.sample_rate_hz and self._arrival.remark(facts.sample_rate_hz)
+        return replace(facts, remarks=(*facts.remarks, remark)) if remark else facts
+
+    def _best(self) -> Stream | None:
+        """The stream that is characterised, None before its first sample."""
+        return next((self._streams[kind] for kind in _BEST if kind in self._streams), None)
+
+    def _compare(self, block: SampleBlock, now: float) -> None:
+        """Hold the rate that was told against the clock, where nothing else would notice a wrong one."""
+        if not self._paced or block.stream != self._best():
+            return
+        if self._wanted.listen_only or block.stream.clock == "none":
+            settings = self._dialogue.settings
+            told = nominal_rate(settings, block.stream) or self._wanted.rate_hz
+            if told:
+                self._arrival.take(len(block) + int(block.lost.sum()), now, told)
 
     # ------------------------------------------------------------------ knowing it
 
@@ -395,6 +417,7 @@ class Session:
     # ------------------------------------------------------------------ looking after it
 
     def _watch_from(self, now: float) -> None:
+        self._arrival.begin()
         self._bytes_at = self._valid_at = self._sample_at = self._patience = now
         self._rubbish, self._silences = 0, 0
 
@@ -403,6 +426,7 @@ class Session:
         if self._troubles or self._silences:
             silent = now - self._sample_at
             self._notices.append(Notice("resumed", f"samples come again, after {silent:.1f} s"))
+            self._arrival.begin()
         self._sample_at, self._silences = now, 0
         self._troubles.clear()
 
