@@ -48,6 +48,17 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
         assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
 
 
+def test_what_is_found_out_later_is_told_and_stands_in_the_report(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        with Daemon(sensor.path, tmp_path, "--listen-only", "--rate", "80") as daemon:
+            report = daemon.wait(lambda r: any("samples come at" in text for text in r.device.remarks))
+            assert any("only listened to" in text for text in report.device.remarks)
+            assert any("aliasing" in text for text in report.device.remarks)
+            _, _, said = daemon.stop()
+        for remark in report.device.remarks:
+            assert said.count(remark) == 1
+
+
 def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=2)) as sensor:
         with Daemon(sensor.path, tmp_path) as first:

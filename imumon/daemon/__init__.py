@@ -115,6 +115,7 @@ class Daemon:
         self._state: report.State = "starting"
         self._started: str | None = None
         self._streams: set[Stream] = set()
+        self._remarked: set[str] = set()
         self._early = bytearray()  # bytes that came before the stream was known, for the recording
         self._recorded = False
         self._read_at = 0.0
@@ -172,8 +173,7 @@ class Daemon:
         self._started = self._keeping.started
         self.log.say(f"reading {self._who()} on {self._facts.port} at {self._facts.baud} baud")
         self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
-        for remark in self._facts.remarks:
-            self._tell("remark", remark, "warning")
+        self._learn(self._facts)
         self._tell("connect", f"{self._who()} on {self._facts.port}", "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
 
@@ -224,10 +224,10 @@ class Daemon:
             self._heard(data)
             self._take(data)
             for notice in session.tick():
-                self._facts = session.facts()
                 self._tell(notice.kind, notice.text, "warning")
                 if notice.kind in INTERRUPTED:
                     self._monitor.gap()
+            self._learn(session.facts())
         except (PortGone, SensorChanged) as error:
             self._lose(str(error))
         self._duties()
@@ -252,6 +252,15 @@ class Daemon:
         rate = self._monitor.sample_rate_hz or 1.0
         return max(STALE_S, 5.0 / rate)
 
+    def _learn(self, facts: Facts) -> Facts:
+        """What is known of the sensor by now; remarks are told when they arise, each once."""
+        self._facts = facts
+        for remark in facts.remarks:
+            if remark not in self._remarked:
+                self._remarked.add(remark)
+                self._tell("remark", remark, "warning")
+        return facts
+
     def _take(self, data: bytes) -> None:
         session = self._link.session
         if not data or session is None:
@@ -261,9 +270,9 @@ class Daemon:
                 continue
             if item.stream not in self._streams:
                 self._streams.add(item.stream)
-                self._facts = session.facts()
+                facts = self._learn(session.facts())
                 if self._monitor.rate_hz is None:
-                    self._monitor.rate_hz = self._facts.sample_rate_hz
+                    self._monitor.rate_hz = facts.sample_rate_hz
             now = time.monotonic()
             passed, self._fed_at = now - (self._fed_at or now), now
             self._monitor.feed(item, room_s=passed * self.task.speed)
@@ -389,6 +398,7 @@ class Daemon:
                 source=facts.source,
                 clock=facts.clock,
                 settings=facts.settings,
+                remarks=facts.remarks,
             )
         return self._monitor.report(
             datetime.now(UTC),
