@@ -34,3 +34,10 @@ def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     assert counts == sorted(counts)
     assert record.history.running().channels[0].count == record.samples - record.guard.held
     assert record.guard.held <= 2 * max(10, rate)
+
+
+def test_a_lossy_record_knows_its_share() -> None:
+    record = Record(GYRO + ACCEL, 0.01, averaged=True, guarded=True)
+    values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(1000, 6))
+    record.feed(Placed(values, np.array([1, 2] * 500), None))
+    assert record.missing_share == pytest.approx(1 / 3, abs=1e-3)

@@ -41,6 +41,7 @@ CAVEATS = {
     "misfit": "The curve is not the sum of N, B and K: the limits understate what is not known.",
     "not_at_rest": "The sensor moved. Motion is not noise, and no grade is given.",
     "motion": "The sensor moved. Motion is not noise, and no grade is given.",
+    "gaps": "More than a tenth of the samples is missing: the limits at long times are somewhat too narrow.",
     "filtered": "A filter of the sensor bends the shortest octaves: they were left out of the fit.",
     "correlated": "Neighbouring samples are not independent (a filter, or values that repeat): the "
     "shortest octaves were left out of the fit.",

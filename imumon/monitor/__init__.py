@@ -376,7 +376,7 @@ class Monitor:
                     size=cut.size,
                 )
             )
-        warmup = record.history.warmup_s
+        warmup = record.warmup_s
         if warmup > self._warmup_told:
             self._warmup_told = warmup
             self._tell("warmup", f"a warm-up of {duration(warmup)} is over and left out", warmup)
@@ -405,7 +405,7 @@ class Monitor:
             disturbances=record.disturbances,
             excluded_s=record.excluded_s,
             excluded_by=record.excluded_by,
-            warmup_s=record.history.warmup_s,
+            warmup_s=record.warmup_s,
             restarts=link.restarts + self.restarts,
         )
 
@@ -509,6 +509,8 @@ class Monitor:
         words = [] if self._at_rest else ["not_at_rest"]
         if record is not None and record.excluded_share > DISTURBED:
             words.append("disturbed")
+        if record is not None and record.missing_share > DISTURBED:
+            words.append("gaps")
         if record is not None and self.wanted.guarded and record.warming():
             words.append("warming_up")
         return tuple(words)

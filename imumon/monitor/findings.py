@@ -53,7 +53,7 @@ class Findings:
     def renew(self, *, now: bool) -> None:
         """Work everything out anew where it is due, or whatever has changed, `now`."""
         record = self._record
-        seen = (record.span, record.history.position, record.history.warmup_s)
+        seen = (record.span, record.history.position, record.warmup_s)
         elapsed = record.elapsed_s
         waits = not now and elapsed < self._due_s and seen[2] == self._seen[2]
         if waits or seen == self._seen:

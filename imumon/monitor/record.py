@@ -142,6 +142,16 @@ class Record:
         """Of all columns."""
         return self._shown().histogram
 
+    @property
+    def warmup_s(self) -> float:
+        """Seconds of received samples that a recognised warm-up took."""
+        return self._passed.history.warmup_s
+
+    @property
+    def missing_share(self) -> float:
+        """Part of the grid that was not received, 0 to 1."""
+        return self.missing / max(self.span, 1)
+
     def _statistics(self) -> Statistics:
         """Statistics of nothing yet."""
         noisy = self.groups[: self.noisy]

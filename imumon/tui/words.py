@@ -30,6 +30,7 @@ EXPLAINED = {
     "misfit": "the curve is not N + B + K: the fit is poor",
     "not_at_rest": "the sensor moves: motion is not noise",
     "motion": "the sensor moves: motion is not noise",
+    "gaps": "more than a tenth of the samples is missing",
     "filtered": "a filter bends the shortest times: they are left out",
     "ramp": "the mean runs away steadily: a ramp is part of the model",
     "changed": "differs from the hours before or from the baseline: see the events",
