@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import gzip
 import os
@@ -14,6 +15,7 @@ import termios
 import threading
 import time
 import tty
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -258,6 +260,12 @@ def test_what_is_no_port_is_one_line_with_a_cure(tmp_path: Path, line: Line) -> 
         assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("url", ["socket://", "socket://host", "socket://:", "rfc2217://host:port"])
+def test_a_url_without_a_host_or_port_says_what_to_write(url: str) -> None:
+    with pytest.raises(PortError, match="HOST:PORT"):
+        SerialPort(url, 115200)
+
+
 def test_no_permission_says_how_to_get_it() -> None:
     refused = port_module._refusal("/dev/null", PermissionError(13, "Permission denied"))
     assert refused.startswith("no permission for /dev/null: sudo usermod -aG dialout ")
@@ -461,6 +469,17 @@ def test_damaged_gzip_gives_what_is_readable_and_says_so(tmp_path: Path, noise: 
     assert got[:400_000] == noise[: len(got)][:400_000]
     assert recording.problem is not None
     assert str(path) in recording.problem
+
+
+def test_nothing_that_comes_before_a_damage_is_lost(tmp_path: Path, noise: bytes) -> None:
+    path, data = tmp_path / "run.gz", bytearray(gzip.compress(noise, 1))
+    data[300_000:300_100] = bytes(100)
+    path.write_bytes(data)
+    member, readable = zlib.decompressobj(wbits=31), bytearray()
+    with contextlib.suppress(zlib.error):
+        for byte in data:
+            readable += member.decompress(bytes([byte]))
+    assert b"".join(Recording(str(path))) == readable
 
 
 def test_a_bomb_is_unpacked_in_bounded_chunks(tmp_path: Path) -> None:

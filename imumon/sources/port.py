@@ -14,6 +14,7 @@ import fcntl
 import getpass
 import io
 import os
+import re
 import select
 import stat
 import sys
@@ -390,10 +391,11 @@ def _actual_baud(fd: int | None) -> int | None:
 
 
 def _open_url(url: str, baud: int) -> Any:
+    over_the_net = re.match(r"(socket|rfc2217)://", url)
+    if over_the_net and not re.match(r"[^/]+:\d+", url[over_the_net.end() :]):
+        raise PortError(f"cannot open {url}: write {over_the_net[0]}HOST:PORT")
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
-    except TypeError:  # what pyserial does of a URL without a port
-        raise PortError(f"cannot open {url}: it lacks a port; write socket://HOST:PORT") from None
     except (OSError, ValueError) as error:
         raise PortError(f"cannot open {url}: {error}; is the server running, and the URL right?") from None
 
