@@ -1,0 +1,198 @@
+"""Laws of what is kept: of one sensor as it is set, never mixed, never lost; a recording says the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from daemons import Daemon
+
+from imumon.checkpoint import Checkpoint, decode
+from imumon.daemon import keeping
+from imumon.daemon.keeping import Keeping, differing
+from imumon.emulator import EmulatorSettings, spawn
+from imumon.monitor import Monitor
+from imumon.replay import Replay, replay
+from imumon.report import Report, Session, from_json
+from imumon.samples import SampleBlock, Stream
+from imumon.sensors.vn100.session import Facts
+from imumon.sensors.vn100.session import Session as Sensor
+
+FILTER = "85 IMU filtering"
+STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "gyro/z"))
+
+
+@dataclass
+class Run:
+    fresh: bool = False
+    speed: float = 1.0
+
+
+@dataclass
+class Remembering:
+    """A sensor that remembers what it is told to."""
+
+    originals: dict[str, str]
+
+    def remember(self, saved: object) -> dict[str, str]:
+        return self.originals
+
+
+def facts(serial: str = "0100000001", filtering: str = "0,4,4,4,0") -> Facts:
+    return Facts(id=f"vn100-{serial}", serial=serial, settings={FILTER: filtering})
+
+
+def block(first: int, n: int = 200) -> SampleBlock:
+    values = np.random.default_rng(first).normal(size=(n, 3)) * 1e-3
+    return SampleBlock(STREAM, values, (first + np.arange(n)) * 10_000_000, np.zeros(n, dtype=np.int64), None)
+
+
+def begun(directory: Path, of: Facts, *, fresh: bool = False) -> tuple[Keeping, Monitor, list[str]]:
+    monitor = Monitor(rate_hz=100.0)
+    kept = Keeping(directory, "lab", of.id, monitor, Run(fresh))
+    return kept, monitor, kept.take_up(of)
+
+
+def leave(directory: Path) -> None:
+    """A record of 200 samples of the sensor as it is set at first."""
+    kept, monitor, _ = begun(directory, facts())
+    monitor.feed(block(0))
+    kept.close(Session(), "2026-01-01T00:00:00.000Z")
+
+
+def test_a_record_goes_on(tmp_path: Path) -> None:
+    leave(tmp_path)
+    kept, monitor, said = begun(tmp_path, facts())
+    monitor.feed(block(300))
+    assert monitor.samples == 400
+    assert "goes on" in said[0]
+    assert kept.added_up(Session()).restarts == 1
+    kept.close(Session(), kept.started)
+
+
+@pytest.mark.parametrize(
+    ("other", "name", "word"),
+    [
+        (facts(serial="0100000002"), "other-sensor", "0100000001"),
+        (facts(filtering="0,8,4,4,0"), "other-settings", FILTER),
+    ],
+)
+def test_another_is_set_aside_whole(tmp_path: Path, other: Facts, name: str, word: str) -> None:
+    leave(tmp_path)
+    before = (tmp_path / "lab.state").read_bytes()
+    kept, monitor, said = begun(tmp_path, other)
+    monitor.feed(block(0))
+    assert monitor.samples == 200
+    assert word in said[0]
+    kept.close(Session(), None)
+    assert (tmp_path / f"lab.{name}-1.state").read_bytes() == before
+    assert (tmp_path / "lab.state").exists()
+
+
+def test_fresh_keeps_the_old_one_even_if_only_a_generation_is_left(tmp_path: Path) -> None:
+    leave(tmp_path)
+    (tmp_path / "lab.state").rename(tmp_path / "lab.state.1")
+    kept, monitor, said = begun(tmp_path, facts(), fresh=True)
+    monitor.feed(block(0))
+    kept.close(Session(), None)
+    assert "lab.old-1.state" in said[0]
+    assert decode((tmp_path / "lab.old-1.state").read_bytes()).meta["serial"] == "0100000001"
+
+
+def test_settings_that_change_while_it_is_away_begin_anew(tmp_path: Path) -> None:
+    kept, monitor, _ = begun(tmp_path, facts())
+    monitor.feed(block(0))
+    changed = facts(filtering="0,8,4,4,0")
+    assert kept.differing(changed)
+    other = Monitor(rate_hz=100.0)
+    said = kept.begin_anew(changed, other, Session())
+    other.feed(block(0, 50))
+    kept.close(Session(), None)
+    assert "lab.other-settings-1.state" in said
+    assert decode((tmp_path / "lab.other-settings-1.state").read_bytes()).meta["monitor"]["stream"]
+    assert decode((tmp_path / "lab.state").read_bytes()).meta["settings"] == changed.settings
+
+
+def test_what_only_one_side_knows_makes_no_difference() -> None:
+    assert differing({}, {FILTER: "1"}) == differing({FILTER: "1"}, {}) == []
+
+
+def test_listening_only_leaves_the_note_of_a_killed_run(tmp_path: Path) -> None:
+    kept, _, _ = begun(tmp_path, facts())
+    kept.remember(cast(Sensor, Remembering({"75": "0,0,0"})))
+    kept.close(Session(), None)  # killed: the sensor was never put back
+    kept, _, _ = begun(tmp_path, facts())
+    kept.remember(cast(Sensor, Remembering({})))
+    kept.forget()
+    kept.close(Session(), None)
+    assert json.loads((tmp_path / "vn100-0100000001.found.json").read_text()) == {"75": "0,0,0"}
+
+
+def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Tomorrow(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> Any:
+            return datetime.now(UTC) + timedelta(days=1)
+
+    meta = {"boot": keeping._boot(), "saved": "2026-01-01T00:00:00.000Z"}
+    if meta["boot"] is None:
+        pytest.skip("this machine does not tell one boot from another")
+    meta["uptime_s"] = keeping.time.clock_gettime(keeping.time.CLOCK_BOOTTIME) - 5.0
+    monkeypatch.setattr(keeping, "datetime", Tomorrow)
+    assert keeping._since(meta) == pytest.approx(5.0, abs=2.0)
+
+
+def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:
+    kept, monitor, _ = begun(tmp_path, facts())
+    monitor.feed(block(0))
+    place = tmp_path / "lab.state.new"
+    place.mkdir()  # nothing can be written under this name
+    kept.save(Session(), None)
+    kept._checkpoint.settle()
+    assert "cannot be saved" in (kept.complaint() or "")
+    assert kept.complaint() is None  # once per change
+    place.rmdir()
+    kept.close(Session(), None)
+    assert Checkpoint(tmp_path, "lab").load()[0] is not None
+
+
+def values(made: Any) -> dict[str, tuple[float, ...]]:
+    return {name: tuple(channel.allan.sigma) for name, channel in made.channels.items() if channel.allan}
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_recording_gives_the_daemons_report(tmp_path: Path, compress: bool) -> None:
+    path = tmp_path / ("raw.bin.gz" if compress else "raw.bin")
+    with spawn(EmulatorSettings(seed=11)) as sensor:
+        daemon = Daemon(sensor.path, tmp_path, "--record", str(path), "--duration", "6", "--json")
+        out, err = daemon.process.communicate(timeout=40)
+        daemon.viewer.close()
+    assert daemon.process.returncode == 0, err
+    lived = from_json(Report, out)
+    again = replay(Replay(path=str(path)))
+    same: Callable[[Any], Any] = lambda r: (  # noqa: E731
+        r.session.samples,
+        r.session.missing,
+        r.session.gaps,
+        r.session.received_bytes,
+        r.session.bad_checksums,
+        r.device.id,
+        r.device.model,
+        r.device.serial,
+        r.device.firmware,
+        r.device.stream,
+        r.device.sample_rate_hz,
+        r.device.alias_factor,
+        dict(r.device.settings),
+        set(r.caveats),
+    )
+    assert same(again) == same(lived)
+    assert lived.session.samples > 300
+    for name, sigma in values(lived).items():
+        assert values(again)[name] == pytest.approx(sigma, rel=1e-12)
