@@ -47,7 +47,7 @@ def same_to_rounding(a: AllanCurve, b: AllanCurve) -> None:
 
 
 def definition(
-    y: np.ndarray, ok: np.ndarray, m: int, ratio: int = 8, threshold: float = 0.3
+    y: np.ndarray, ok: np.ndarray, m: int, ratio: int = 8, threshold: float = 0.45
 ) -> tuple[float, int]:
     """Allan variance of one segment of one channel straight from its definition, and its terms.
 

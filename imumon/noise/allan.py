@@ -9,7 +9,7 @@ Rules:
 
 * Time is a grid. A missing sample is one that does not count; a sample that a caller excludes is the same.
   Validity belongs to the sensor's sample, so it is kept by group of channels.
-* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts when three tenths of
+* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts when 45 % of
   it are valid, and the white noise that the others would have averaged away is taken off (`octave`).
 * A gap of unknown length begins a new segment; no difference spans it.
 * Samples wait until a block on the grid is full, so any chunking gives the same bits.
@@ -110,7 +110,7 @@ class OctaveCascade:
         *,
         groups: Sequence[int] | None = None,
         ratio: int = 8,
-        threshold: float = 0.3,
+        threshold: float = 0.45,
     ) -> None:
         if not 0.0 < tau0 < math.inf:
             raise ValueError(f"the sampling interval must be positive, not {tau0} s")

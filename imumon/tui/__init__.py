@@ -6,6 +6,7 @@ imported late: whoever only asks for a status does not pay for it.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -63,7 +64,17 @@ def run(
         ended=ended,
     )
     app.run()
-    return app.return_code or 0
+    return _flushed(app.return_code or 0)
+
+
+def _flushed(code: int) -> int:
+    """The exit code; where the terminal has gone, what is still unwritten would spoil it at the end."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os._exit(code or 129)
+    return code
 
 
 def picture(
