@@ -37,7 +37,6 @@ RETRY_S = 0.5
 STALE_S = 2.0
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
-GATHER_S = 0.1
 EARLY_BYTES = 1 << 20
 """Bytes after which a recording begins even though nothing of the stream is known yet."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -118,7 +117,6 @@ class Daemon:
         self._remarked: set[str] = set()
         self._early = bytearray()  # bytes that came before the stream was known, for the recording
         self._recorded = False
-        self._read_at = 0.0
 
     def run(self) -> Outcome:
         """Read until a signal comes or the time is over.
@@ -219,7 +217,6 @@ class Daemon:
             self._reconnect()
             return
         try:
-            self._gather()
             data = session.read(BEAT_S)
             self._heard(data)
             self._take(data)
@@ -231,12 +228,6 @@ class Daemon:
         except (PortGone, SensorChanged) as error:
             self._lose(str(error))
         self._duties()
-
-    def _gather(self) -> None:
-        """Let bytes gather in the queue: work by the block costs a fraction of work by the packet."""
-        if self._state == "running" and self.task.speed == 1.0:
-            time.sleep(max(0.0, min(GATHER_S, self._read_at + GATHER_S - time.monotonic())))
-        self._read_at = time.monotonic()
 
     def _heard(self, data: bytes) -> None:
         """Whether the sensor is silent; it is not while the daemon itself is busy."""
