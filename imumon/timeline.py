@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock
+from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated
 
 LOOP_S = 1.0 / 800.0
 """Period of the sensor's inner loop: output intervals are multiples of it."""
@@ -128,7 +128,7 @@ class Timeline:
         block = self._unwrapped(block)
         if not self._known:
             self._held.append(block)
-            block = _join(self._held)
+            block = concatenated(self._held)
             if len(block) > LEARN or final:
                 self._learn(block)
             elif len(block) > AGREE:
@@ -138,7 +138,7 @@ class Timeline:
                 return []
             self._held, self.unplaced = [], 0
         if self._suspect is not None:
-            block = _join([self._suspect, block])
+            block = concatenated([self._suspect, block])
             self._suspect = None
         if not len(block) or self.changed:
             return []
@@ -202,7 +202,7 @@ class Timeline:
         self._held, self._suspect = [], None
         if not rest:
             return []
-        block = _join(rest)
+        block = concatenated(rest)
         if self._wraps:  # they have been undone already
             self._raw = int(block.time_ns[0]) & 0xFFFFFFFF if block.time_ns is not None else None
         return self.place(block, final=True)
@@ -369,18 +369,4 @@ def _cut(block: SampleBlock, start: int, stop: int | None = None) -> SampleBlock
         None if block.time_ns is None else block.time_ns[rows],
         block.lost[rows],
         None if block.saturated is None else block.saturated[rows],
-    )
-
-
-def _join(blocks: list[SampleBlock]) -> SampleBlock:
-    if len(blocks) == 1:
-        return blocks[0]
-    times = [b.time_ns for b in blocks if b.time_ns is not None]
-    flags = [np.zeros(len(b), dtype=bool) if b.saturated is None else b.saturated for b in blocks]
-    return SampleBlock(
-        blocks[0].stream,
-        np.concatenate([b.values for b in blocks]),
-        np.concatenate(times) if times else None,
-        np.concatenate([b.lost for b in blocks]),
-        np.concatenate(flags) if any(b.saturated is not None for b in blocks) else None,
     )

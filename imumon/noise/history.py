@@ -26,6 +26,7 @@ from imumon.noise.moments import Moments, MomentsResult
 from imumon.noise.stationarity import Behaviour, Change, changes
 from imumon.noise.wander import Fitted, Wander
 from imumon.noise.warmup import ENOUGH, TIMES_S, settles
+from imumon.noise.watch import under
 from imumon.samples import Bools, Floats
 
 HOUR_S = 3600.0
@@ -301,25 +302,21 @@ class History:
 
     def resume(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue where `save` left off, in a history just made with the same arguments."""
-        self._cascade = MarkedCascade.restore(_under(saved, "cascade."))
-        self.drift = Drift.restore(_under(saved, "drift."))
+        self._cascade = MarkedCascade.restore(under(saved, "cascade."))
+        self.drift = Drift.restore(under(saved, "drift."))
         marks = self._cascade.marks
         self._start, hour = (int(v) for v in saved["numbers"])
         self._marks = {int(start): marks[int(number)] for start, number in saved["marks"]}
         self._hour_mark = marks[hour]
         self._pieces = [
-            (int(start), Moments.restore(_under(saved, f"piece{number}.")))
+            (int(start), Moments.restore(under(saved, f"piece{number}.")))
             for number, start in enumerate(saved["pieces"])
         ]
         self.warmup_s = self._warmed()
         self._hours = []
         for number, (start, count) in enumerate(saved["hours"]):
-            own = _under(saved, f"hour{number}.")
+            own = under(saved, f"hour{number}.")
             span, segments = (int(v) for v in own["numbers"])
             stretch = Stretch(own["squares"], own["terms"], own["lacks"], own["valid"], span, segments)
-            moments = Moments.restore(_under(own, "moments."))
+            moments = Moments.restore(under(own, "moments."))
             self._hours.append(Hour(int(start), int(count), stretch, moments))
-
-
-def _under(saved: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
-    return {k.removeprefix(prefix): v for k, v in saved.items() if k.startswith(prefix)}
