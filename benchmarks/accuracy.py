@@ -28,8 +28,8 @@ import numpy as np
 from allantools.realtime import oadev_realtime
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, read_slopes, synthesise
-from imumon.noise.covariance import _phase, design, octaves_in, tables
-from imumon.noise.leastsquares import Problems, weigh
+from imumon.noise.fit.covariance import _phase, design, octaves_in, tables
+from imumon.noise.fit.leastsquares import Problems, weigh
 
 N, B = 6.1e-5, 2.4e-5
 LONGEST = 720_000

@@ -18,7 +18,7 @@ import allantools
 import numpy as np
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.moments import Moments
+from imumon.noise.signal.moments import Moments
 from imumon.noise.synthesis import NoiseStream
 
 GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)

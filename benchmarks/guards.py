@@ -23,12 +23,12 @@ import numpy as np
 
 from imumon.monitor import Monitor, Wanted
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.drift import Drift
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.guards import Guard
-from imumon.noise.histogram import Histogram
-from imumon.noise.spectrum import Spectrum
-from imumon.noise.strip import Strip
+from imumon.noise.history.drift import Drift
+from imumon.noise.signal.histogram import Histogram
+from imumon.noise.signal.spectrum import Spectrum
+from imumon.noise.signal.strip import Strip
 from imumon.noise.synthesis import synthesise
 from imumon.replay import Replay, replay
 from imumon.report import Channel, Coefficient, Device, Report, Session

@@ -17,7 +17,7 @@ import allantools
 import numpy as np
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.moments import Moments
+from imumon.noise.signal.moments import Moments
 
 BLOCK = 1000
 SEED = 20240229

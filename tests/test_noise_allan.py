@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import doctest
 import io
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise
-from types import ModuleType
 
 import allantools
 import numpy as np
@@ -15,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imumon.noise import allan, moments, synthesis
 from imumon.noise.allan import AllanCurve, OctaveCascade
 
 GROUPS = (0, 0, 1)
@@ -367,11 +364,6 @@ def test_a_copy_goes_its_own_way() -> None:
     same_bits(one.result(), before)
     run(one, [("take", 900)], np.random.default_rng(2))
     same_bits(one.result(), two.result())
-
-
-@pytest.mark.parametrize("module", [allan, moments, synthesis])
-def test_examples_of_the_docstrings(module: ModuleType) -> None:
-    assert doctest.testmod(module).failed == 0
 
 
 def test_a_hole_of_years_is_cheap_and_counts() -> None:

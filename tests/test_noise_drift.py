@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.drift import Drift, Trend
+from imumon.noise.history.drift import Drift, Trend
+from imumon.noise.history.wander import Wander
 from imumon.noise.synthesis import synthesise
-from imumon.noise.wander import Wander
 from imumon.samples import Floats
 
 RATE = 10.0

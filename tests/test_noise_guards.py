@@ -10,8 +10,8 @@ import pytest
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.guards import Guard, Passed
+from imumon.noise.guards.watch import Disturbance
 from imumon.noise.synthesis import synthesise
-from imumon.noise.watch import Disturbance
 from imumon.samples import Bools, Floats, SampleBlock
 from imumon.sensors.vn100 import Decoder
 

@@ -11,7 +11,7 @@ import pytest
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.history import History
-from imumon.noise.moments import Moments
+from imumon.noise.signal.moments import Moments
 from imumon.noise.synthesis import synthesise
 
 RATE = 4.0

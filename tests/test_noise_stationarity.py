@@ -6,9 +6,9 @@ import pytest
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import Estimator
-from imumon.noise.stationarity import Behaviour, Change, Estimate, changes
+from imumon.noise.history.stationarity import Behaviour, Change, Estimate, changes
+from imumon.noise.history.wander import Wander
 from imumon.noise.synthesis import synthesise
-from imumon.noise.wander import Wander
 from imumon.samples import Floats
 
 RATE = 10.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.drift import Drift, Slope
+from imumon.noise.history.drift import Drift, Slope
+from imumon.noise.history.wander import Wander
+from imumon.noise.history.warmup import ENOUGH, TIMES_S, settles, warming
 from imumon.noise.synthesis import synthesise
-from imumon.noise.wander import Wander
-from imumon.noise.warmup import ENOUGH, TIMES_S, settles, warming
 from imumon.samples import Floats
 
 RATE = 10.0

@@ -14,16 +14,16 @@ import numpy as np
 
 from imumon import report
 from imumon.noise.allan import AllanCurve
-from imumon.noise.drift import Trend
 from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS, grade_channel, grade_sensor
-from imumon.noise.histogram import Shape
-from imumon.noise.moments import ChannelMoments, MomentsResult
-from imumon.noise.spectrum import Density
-from imumon.noise.stationarity import Change
-from imumon.noise.strip import Columns
-from imumon.noise.strip import Strip as Strips
-from imumon.noise.wander import Wander
+from imumon.noise.history.drift import Trend
+from imumon.noise.history.stationarity import Change
+from imumon.noise.history.wander import Wander
+from imumon.noise.signal.histogram import Shape
+from imumon.noise.signal.moments import ChannelMoments, MomentsResult
+from imumon.noise.signal.spectrum import Density
+from imumon.noise.signal.strip import Columns
+from imumon.noise.signal.strip import Strip as Strips
 from imumon.samples import UNITS, Floats, sensor_of
 from imumon.units import HOUR, READABLE, SI, STANDARD_GRAVITY
 

@@ -15,7 +15,7 @@ from imumon.monitor import describe
 from imumon.monitor.record import Record
 from imumon.monitor.trends import Trends
 from imumon.noise.fit import ChannelFit, Estimator
-from imumon.noise.histogram import Shape
+from imumon.noise.signal.histogram import Shape
 from imumon.report import Channel
 from imumon.samples import UNITS, sensor_of
 

@@ -20,12 +20,12 @@ from imumon.monitor.grid import Break, Hole, stretches
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.guards import Guard, Passed
-from imumon.noise.histogram import Histogram
+from imumon.noise.guards.watch import Disturbance
 from imumon.noise.history import History
-from imumon.noise.spectrum import Spectrum
-from imumon.noise.strip import Strip
-from imumon.noise.warmup import warming
-from imumon.noise.watch import Disturbance
+from imumon.noise.history.warmup import warming
+from imumon.noise.signal.histogram import Histogram
+from imumon.noise.signal.spectrum import Spectrum
+from imumon.noise.signal.strip import Strip
 from imumon.samples import Bools, Floats, sensor_of
 from imumon.timeline import Placed
 

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Sequence
 
 from imumon.monitor.record import Record
 from imumon.noise.allan import AllanCurve
-from imumon.noise.drift import Trend
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.stationarity import Behaviour, Change, Estimate, changes
-from imumon.noise.wander import Wander
+from imumon.noise.history.drift import Trend
+from imumon.noise.history.stationarity import Behaviour, Change, Estimate, changes
+from imumon.noise.history.wander import Wander
 from imumon.report import Coefficient, Report
 
 GROWTH = 1.05

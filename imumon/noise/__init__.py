@@ -31,20 +31,21 @@ The curve itself, with 95 % limits, what the model says of it and which octaves 
 point sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`, a gap of unknown
 length is `cascade.break_()`. What is not known is None with a reason, never 0 and never NaN.
 
-| module | what |
+| room | what |
 |---|---|
-| `allan`, `octave` | the octave cascade: Allan variance of an endless stream |
-| `covariance`, `leastsquares` | exact covariance of the octaves; the fit that it weighs |
-| `intervals`, `quantiles` | limits by score tests |
-| `choice` | which octaves and terms describe a channel |
-| `fit`, `readings` | `Estimator`: N, B, K, intervals, time still needed; the classical slope readings |
+| `allan/` | the octave cascade: Allan variance of an endless stream, from several starts |
+| `fit/` | `Estimator`: N, B, K from exact covariances, with limits, and the time still needed |
 | `grade` | navigation, tactical, industrial or consumer |
+| `signal/` | moments, histogram, spectrum and its lines, strip chart |
+| `guards/` | knocks, stuck and repeated samples, loops: cut out before they reach a sum |
+| `history/` | hour against hour: drift, warm-up, what has changed |
+| `groups` | channels that miss the same samples |
 | `synthesis` | noise of given N, B, K |
 """
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.fit import ChannelFit, Coefficient, Estimator, TimeTo, fit_curve
-from imumon.noise.readings import Readings, read_slopes
+from imumon.noise.fit.readings import Readings, read_slopes
 from imumon.noise.synthesis import NoiseStream, synthesise
 
 __all__ = [

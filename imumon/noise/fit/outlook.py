@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.noise.covariance import octaves_in, tables
-from imumon.noise.intervals import deviations
-from imumon.noise.leastsquares import Problems
+from imumon.noise.fit.covariance import octaves_in, tables
+from imumon.noise.fit.intervals import deviations
+from imumon.noise.fit.leastsquares import Problems
 from imumon.samples import Bools, Floats
 
 NEAR = 6

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imumon.noise.drift import Drift, Slope
+from imumon.noise.history.drift import Drift, Slope
 
 TIMES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0)
 ENOUGH = 2.5

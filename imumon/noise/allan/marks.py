@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.octave import BLOCK, variances
+from imumon.noise.allan.octave import BLOCK, variances
 from imumon.samples import Bools, Floats, Ints
 
 OCTAVES = 48

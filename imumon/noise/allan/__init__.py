@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from imumon.noise.allan.octave import BLOCK, Octave, variances
 from imumon.noise.groups import Groups
-from imumon.noise.octave import BLOCK, Octave, variances
 from imumon.samples import Bools, Floats, Ints
 
 BATCH = 32  # blocks worked on at once

@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.reference import PARTS, Frames, Reference
+from imumon.noise.guards.reference import PARTS, Frames, Reference
 from imumon.samples import Bools, Floats
 
 Codes: TypeAlias = npt.NDArray[np.int8]

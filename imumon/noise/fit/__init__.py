@@ -27,14 +27,14 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from imumon.noise import intervals
 from imumon.noise.allan import AllanCurve
-from imumon.noise.choice import QUANTISATION, RAMP, Choice, choose
-from imumon.noise.covariance import TERMS, Tables, octaves_in, tables
-from imumon.noise.leastsquares import Problems, expected, solve, weigh
-from imumon.noise.outlook import seconds_to
-from imumon.noise.quantiles import chi2_quantile, few_differences_quantile, normal_quantile
-from imumon.noise.readings import Readings, read_slopes
+from imumon.noise.fit import intervals
+from imumon.noise.fit.choice import QUANTISATION, RAMP, Choice, choose
+from imumon.noise.fit.covariance import TERMS, Tables, octaves_in, tables
+from imumon.noise.fit.leastsquares import Problems, expected, solve, weigh
+from imumon.noise.fit.outlook import seconds_to
+from imumon.noise.fit.quantiles import chi2_quantile, few_differences_quantile, normal_quantile
+from imumon.noise.fit.readings import Readings, read_slopes
 from imumon.samples import Bools, Floats
 
 Status: TypeAlias = Literal["measured", "upper_bound", "pending"]

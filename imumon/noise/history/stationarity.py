@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from imumon.noise.wander import Fitted, Wander
+from imumon.noise.history.wander import Fitted, Wander
 
 SIGMA = 5.0
 """Standard errors beyond which a change is told."""

@@ -32,10 +32,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.covariance import TERMS
-from imumon.noise.intervals import score
-from imumon.noise.leastsquares import Problems, misfit, solve
-from imumon.noise.quantiles import chi2_tail
+from imumon.noise.fit.covariance import TERMS
+from imumon.noise.fit.intervals import score
+from imumon.noise.fit.leastsquares import Problems, misfit, solve
+from imumon.noise.fit.quantiles import chi2_tail
 from imumon.samples import Bools, Floats
 
 REJECTED = 1e-3

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.wander import Wander
+from imumon.noise.history.wander import Wander
 from imumon.samples import Bools, Floats
 
 NODES = 128

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.reference import PARTS
-from imumon.noise.repeats import Repeats
-from imumon.noise.watch import (
+from imumon.noise.guards.reference import PARTS
+from imumon.noise.guards.repeats import Repeats
+from imumon.noise.guards.watch import (
     CLIPPED,
     INERTIAL,
     LOOP,

@@ -18,8 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.noise.leastsquares import Problems, T, solve, weigh
-from imumon.noise.quantiles import cube_root_score, normal_cdf, normal_quantile
+from imumon.noise.fit.leastsquares import Problems, T, solve, weigh
+from imumon.noise.fit.quantiles import cube_root_score, normal_cdf, normal_quantile
 from imumon.samples import Bools, Floats, Ints
 
 _TRIALS = 24

@@ -18,8 +18,8 @@ from itertools import product
 
 import numpy as np
 
-from imumon.noise.covariance import TERMS, Tables
-from imumon.noise.quantiles import cube_root_score
+from imumon.noise.fit.covariance import TERMS, Tables
+from imumon.noise.fit.quantiles import cube_root_score
 from imumon.samples import Bools, Floats, Ints
 
 T = len(TERMS)

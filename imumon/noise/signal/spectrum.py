@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.lines import BINS, HOP, SEGMENT, SpectralLine, beside, distinct, find_lines
+from imumon.noise.signal.lines import BINS, HOP, SEGMENT, SpectralLine, beside, distinct, find_lines
 from imumon.samples import Bools, Floats, Ints
 
 STAGES = 30

@@ -20,13 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.drift import Drift
-from imumon.noise.marks import Mark, MarkedCascade, Stretch
-from imumon.noise.moments import Moments, MomentsResult
-from imumon.noise.stationarity import Behaviour, Change, changes
-from imumon.noise.wander import Fitted, Wander
-from imumon.noise.warmup import ENOUGH, TIMES_S, settles
-from imumon.noise.watch import under
+from imumon.noise.allan.marks import Mark, MarkedCascade, Stretch
+from imumon.noise.guards.watch import under
+from imumon.noise.history.drift import Drift
+from imumon.noise.history.stationarity import Behaviour, Change, changes
+from imumon.noise.history.wander import Fitted, Wander
+from imumon.noise.history.warmup import ENOUGH, TIMES_S, settles
+from imumon.noise.signal.moments import Moments, MomentsResult
 from imumon.samples import Bools, Floats
 
 HOUR_S = 3600.0
