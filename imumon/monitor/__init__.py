@@ -5,7 +5,9 @@
     record      every accumulator of one stream                                  monitor/record.py
     findings    fits, spectra and shapes, renewed when the record has grown      monitor/findings.py
     trends      drift and comparisons, renewed now and then                      monitor/trends.py
+    verdict     what may be said of all this: caveats, changes, grades           monitor/verdict.py
     describe    results in the words of the report                               monitor/describe.py
+    events      what happened, each thing told once                              monitor/events.py
 
 It touches no port, no clock and no log: time is handed in. When several streams are on the line, the best
 is characterised (deltas, else uncompensated, else compensated); a better one that turns up later
@@ -21,30 +23,15 @@ from typing import Any
 
 import numpy.typing as npt
 
-from imumon.monitor import describe
+from imumon.monitor import verdict
+from imumon.monitor.describe import signal
+from imumon.monitor.events import Events, Found
 from imumon.monitor.findings import Findings
 from imumon.monitor.record import Record
-from imumon.monitor.trends import against_baseline
-from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS
-from imumon.report import (
-    Change,
-    Channel,
-    ChannelGrade,
-    Device,
-    Report,
-    SensorGrade,
-    Session,
-    Signal,
-    State,
-    stamp,
-)
-from imumon.samples import SampleBlock, Stream, sensor_of
+from imumon.report import Device, Report, Session, Signal, State, stamp
+from imumon.samples import SampleBlock, Stream
 from imumon.timeline import BREAK, Placed, Timeline
-from imumon.units import duration
-
-GAP_TELL_S = 10.0
-"""Sensor seconds between two events that tell of gaps."""
 
 PATIENCE = 100
 """Samples of a stream without clock and rate after which no better one is waited for."""
@@ -52,26 +39,11 @@ PATIENCE = 100
 SAME_RATE = 1e-3
 """Relative difference up to which two intervals are one, learned twice."""
 
-DISTURBED, MOSTLY = 0.1, 0.5
-"""Share of the record cut out above which it is called disturbed, and its grade provisional."""
-
 RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
 
 
 class RateNeeded(Exception):
     """The stream has no clock and nobody told its rate."""
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """An event without its time: the daemon knows the clock."""
-
-    kind: str
-    text: str
-    elapsed_s: float | None = None
-    channel: str | None = None
-    length_s: float | None = None
-    size: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +82,7 @@ class Monitor:
         self._timeline: Timeline | None = None
         self._record: Record | None = None
         self._findings: Findings | None = None
-        self._events: list[Found] = []
-        self._grades: dict[str, SensorGrade] = {}
-        self._told_changes: set[tuple[int, str, str]] = set()
-        self._gaps_told = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
-        self._at_rest = True
-        self._warmup_told = 0.0
+        self._events = Events()
         self._unrated = ""  # message of a stream that wants a rate
         self._waited = 0
         self._resumed: tuple[Stream, Timeline, Record, int] | None = None
@@ -159,7 +126,7 @@ class Monitor:
         if self._record is not None:
             self.refused = refused
             self.restarts += 1
-        self._tell("restart", f"{why}: a new record begins")
+        self._events.tell("restart", f"{why}: a new record begins", self._record)
         self._record = self._findings = None
 
     def gap(self, length_s: float | None = None) -> None:
@@ -181,12 +148,11 @@ class Monitor:
                 self._take(placed)
         if self._record is not None:
             self._record.flush()
-            self._notice()
+            self._events.from_guards(self._record)
 
     def events(self) -> list[Found]:
         """What happened since the last call, in order."""
-        found, self._events = self._events, []
-        return found
+        return self._events.take()
 
     @property
     def samples(self) -> int:
@@ -225,15 +191,20 @@ class Monitor:
             period_s=self.wanted.period_s,
             speed=speed,
         )
-        if self._record is None:
+        record, findings = self._record, self._findings
+        if record is None or findings is None:
             return bare
-        channels, grades = self._channels(device_caveats, settled=state != "running")
-        self._note_grades(grades)
+        findings.renew(now=state != "running")
+        caveats = (*device_caveats, *verdict.caveats(record, guarded=self.wanted.guarded))
+        changes = verdict.changes(record, findings.fits, self.wanted.baseline)
+        grades = verdict.grades(record, findings.fits)
+        self._events.from_changes(changes, record)
+        self._events.from_grades(grades, record)
         return replace(
             bare,
             grade=grades,
-            channels=channels,
-            caveats=tuple(dict.fromkeys((*device_caveats, *self._record_caveats()))),
+            channels=verdict.channels(record, findings, caveats, changes),
+            caveats=tuple(dict.fromkeys(caveats)),
             limits=LIMITS,
         )
 
@@ -243,7 +214,7 @@ class Monitor:
         if record is None:
             return {}
         return {
-            name: describe.signal(name, record.strip, record.channels.index(name), record.interval_s)
+            name: signal(name, record.strip, record.channels.index(name), record.interval_s)
             for name in channels
             if name in record.channels
         }
@@ -303,7 +274,7 @@ class Monitor:
         else:
             self.stream, self._timeline, self.restarts = stream, timeline, restarts
             self._begin(record)
-            self._gaps_told = (record.gaps, record.missing, 0.0)
+            self._events.resumed(record)
             return True
         return False
 
@@ -346,9 +317,11 @@ class Monitor:
         breaks = int((placed.steps == BREAK).sum())
         if breaks:
             self.restarts += breaks
-            self._tell("restart", "the sensor's clock began anew: a gap of unknown length")
+            self._events.tell(
+                "restart", "the sensor's clock began anew: a gap of unknown length", self._record
+            )
         self._record.feed(placed)
-        self._notice()
+        self._events.from_guards(self._record)
 
     def _new_record(self, stream: Stream, interval_s: float) -> Record:
         return Record(stream.channels, interval_s, averaged=stream.averaged, guarded=self.wanted.guarded)
@@ -359,42 +332,12 @@ class Monitor:
         averaged = self.stream.averaged
         self._findings = Findings(record, averaged=averaged, precision=self.wanted.precision)
 
-    def _notice(self) -> None:
-        """Turn what the record found into events."""
-        record = self._record
-        assert record is not None
-        for cut in record.found():
-            where = "" if cut.channel is None else f" on {record.channels[cut.channel]}"
-            length = cut.length * record.interval_s
-            self._events.append(
-                Found(
-                    "disturbance",
-                    f"{cut.kind}{where}: {duration(length) if length >= 1 else f'{length:.2g} s'} left out",
-                    elapsed_s=cut.start * record.interval_s,
-                    channel=None if cut.channel is None else record.channels[cut.channel],
-                    length_s=length,
-                    size=cut.size,
-                )
-            )
-        warmup = record.warmup_s
-        if warmup > self._warmup_told:
-            self._warmup_told = warmup
-            self._tell("warmup", f"a warm-up of {duration(warmup)} is over and left out", warmup)
-        if record.at_rest != self._at_rest:
-            self._at_rest = record.at_rest
-            text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
-            self._tell("rest" if record.at_rest else "motion", text)
-
-    def _tell(self, kind: str, text: str, length_s: float | None = None) -> None:
-        elapsed = self._record.elapsed_s if self._record else None
-        self._events.append(Found(kind, text, elapsed_s=elapsed, length_s=length_s))
-
     def _session(self, link: Session) -> Session:
         """The caller's counters with those of the record."""
         record, timeline = self._record, self._timeline
         if record is None:
             return link
-        self._note_gaps(record)
+        self._events.from_gaps(record)
         return replace(
             link,
             elapsed_s=record.elapsed_s,
@@ -409,19 +352,6 @@ class Monitor:
             restarts=link.restarts + self.restarts,
         )
 
-    def _note_gaps(self, record: Record) -> None:
-        """Tell of gaps, those that came since the last telling in one line, ten seconds apart."""
-        new = record.gaps - self._gaps_told[0]
-        if not new or record.elapsed_s < self._gaps_told[2]:
-            return
-        missing = record.missing - self._gaps_told[1]
-        if not missing:
-            return  # of unknown length: told when it came
-        length = missing * record.interval_s
-        plural = "gap" if new == 1 else f"{new} gaps"
-        self._tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", length)
-        self._gaps_told = (record.gaps, record.missing, record.elapsed_s + GAP_TELL_S)
-
     def _device(self, device: Device) -> Device:
         """The caller's facts, filled in with what the samples themselves say."""
         if self.stream is None:
@@ -434,95 +364,6 @@ class Monitor:
             sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
             alias_factor=1.0 if self.stream.kind == "deltas" else device.alias_factor,
         )
-
-    def _channels(
-        self, device_caveats: tuple[str, ...], *, settled: bool
-    ) -> tuple[dict[str, Channel], dict[str, SensorGrade]]:
-        record, findings = self._record, self._findings
-        assert record is not None
-        assert findings is not None
-        findings.renew(now=settled)
-        fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
-        whole = (*device_caveats, *self._record_caveats())
-        changed = self._changes(record, fits)
-        channels = {}
-        for column, name in enumerate(record.channels):
-            fit = fits.get(name)
-            axes = [other for other in record.channels if sensor_of(other) == sensor_of(name)]
-            made = replace(
-                describe.running(findings.channels[name], running.channels[column]),
-                distribution=describe.distribution(
-                    name,
-                    axes,
-                    findings.shapes[column],
-                    (float(recent.mean[column]), float(recent.std[column])),
-                    describe.bias(name, running, record.channels, fit, record.elapsed_s),
-                    running.covariance[record.groups[column]],
-                ),
-            )
-            if not record.at_rest and made.grade is not None:
-                made = replace(made, grade=ChannelGrade())
-            if fit is not None:
-                words = (*whole, *fit.caveats, *(("changed",) if column in changed else ()))
-                made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))
-            channels[name] = made
-        return channels, self._sensor_grades(record, fits)
-
-    def _changes(self, record: Record, fits: Mapping[str, ChannelFit]) -> dict[int, tuple[Change, ...]]:
-        """What differs from the hours before, and from a saved baseline, by column; new ones are told."""
-        found: dict[int, list[Change]] = {}
-        for moved in record.history.moved():
-            found.setdefault(moved.column, []).append(describe.change(moved.change, "hours before"))
-        if self.wanted.baseline is not None:
-            for column, (name, fit) in enumerate(fits.items()):
-                for change in against_baseline(self.wanted.baseline, name, fit, record.elapsed_s):
-                    found.setdefault(column, []).append(describe.change(change, "baseline"))
-        told = {
-            (column, each.against, each.quantity): describe.sentence(record.channels[column], each)
-            for column, changes in found.items()
-            for each in changes
-        }
-        for key, text in told.items():
-            if key not in self._told_changes:
-                self._tell("change", text)
-        self._told_changes = set(told)
-        return {column: tuple(changes) for column, changes in found.items()}
-
-    def _sensor_grades(self, record: Record, fits: Mapping[str, ChannelFit]) -> dict[str, SensorGrade]:
-        """Headlines; none while the sensor is not at rest."""
-        grades = {}
-        for sensor in LIMITS:
-            axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
-            if not axes:
-                continue
-            if not record.at_rest:
-                grades[sensor] = SensorGrade(reason="the sensor is not at rest")
-                continue
-            grades[sensor] = describe.sensor_grade(sensor, axes)
-            if record.excluded_share > MOSTLY:
-                reason = f"{record.excluded_share:.0%} of the record was cut out"
-                grades[sensor] = replace(grades[sensor], provisional=True, reason=reason)
-        return grades
-
-    def _record_caveats(self) -> tuple[str, ...]:
-        record = self._record
-        words = [] if self._at_rest else ["not_at_rest"]
-        if record is not None and record.excluded_share > DISTURBED:
-            words.append("disturbed")
-        if record is not None and record.missing_share > DISTURBED:
-            words.append("gaps")
-        if record is not None and self.wanted.guarded and record.warming():
-            words.append("warming_up")
-        return tuple(words)
-
-    def _note_grades(self, grades: Mapping[str, SensorGrade]) -> None:
-        """Tell when a headline changes."""
-        for sensor, grade in grades.items():
-            before = self._grades.get(sensor)
-            if grade.nearest != (before.nearest if before else None):
-                was = f" (was {before.nearest})" if before and before.nearest else ""
-                self._tell("grade", f"{sensor} is {grade.nearest or 'without a grade'}{was}")
-        self._grades = dict(grades)
 
 
 def _rank(stream: Stream) -> tuple[int, int, int]:

@@ -1,0 +1,115 @@
+"""Events of a monitor: what happened, each thing told once.
+
+The record only counts; here its counts are compared with what was told before. An event has no time of the
+room: whoever knows a clock stamps it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from imumon.monitor import describe
+from imumon.monitor.record import Record
+from imumon.report import Change, SensorGrade
+from imumon.units import duration
+
+GAP_TELL_S = 10.0
+"""Sensor seconds between two events that tell of gaps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An event without its time."""
+
+    kind: str
+    text: str
+    elapsed_s: float | None = None
+    channel: str | None = None
+    length_s: float | None = None
+    size: float | None = None
+
+
+class Events:
+    """Tell it what is; it keeps what is new until it is taken."""
+
+    def __init__(self) -> None:
+        self._found: list[Found] = []
+        self._gaps = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
+        self._at_rest = True
+        self._warmup_s = 0.0
+        self._changes: set[tuple[int, str, str]] = set()
+        self._grades: dict[str, SensorGrade] = {}
+
+    def take(self) -> list[Found]:
+        """What happened since the last call, in order."""
+        found, self._found = self._found, []
+        return found
+
+    def tell(self, kind: str, text: str, record: Record | None = None, length_s: float | None = None) -> None:
+        """Tell one thing, `length_s` long, at the present end of the record."""
+        elapsed = record.elapsed_s if record else None
+        self._found.append(Found(kind, text, elapsed_s=elapsed, length_s=length_s))
+
+    def resumed(self, record: Record) -> None:
+        """The record was taken up: the gaps it has were told before."""
+        self._gaps = (record.gaps, record.missing, 0.0)
+
+    def from_guards(self, record: Record) -> None:
+        """Tell what the guards cut out, of a warm-up that is over, and of rest and motion."""
+        for cut in record.found():
+            name = None if cut.channel is None else record.channels[cut.channel]
+            where = "" if name is None else f" on {name}"
+            length = cut.length * record.interval_s
+            self._found.append(
+                Found(
+                    "disturbance",
+                    f"{cut.kind}{where}: {duration(length) if length >= 1 else f'{length:.2g} s'} left out",
+                    elapsed_s=cut.start * record.interval_s,
+                    channel=name,
+                    length_s=length,
+                    size=cut.size,
+                )
+            )
+        warmup = record.warmup_s
+        if warmup > self._warmup_s:
+            self._warmup_s = warmup
+            self.tell("warmup", f"a warm-up of {duration(warmup)} is over and left out", record, warmup)
+        if record.at_rest != self._at_rest:
+            self._at_rest = record.at_rest
+            text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
+            self.tell("rest" if record.at_rest else "motion", text, record)
+
+    def from_gaps(self, record: Record) -> None:
+        """Tell of gaps, those that came since the last telling in one line, ten seconds apart."""
+        new = record.gaps - self._gaps[0]
+        if not new or record.elapsed_s < self._gaps[2]:
+            return
+        missing = record.missing - self._gaps[1]
+        if not missing:
+            return  # of unknown length: told when it came
+        length = missing * record.interval_s
+        plural = "gap" if new == 1 else f"{new} gaps"
+        self.tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", record, length)
+        self._gaps = (record.gaps, record.missing, record.elapsed_s + GAP_TELL_S)
+
+    def from_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Record) -> None:
+        """Tell of changes that are new, by column."""
+        told = {
+            (column, each.against, each.quantity): describe.sentence(record.channels[column], each)
+            for column, of_channel in changes.items()
+            for each in of_channel
+        }
+        for key, sentence in told.items():
+            if key not in self._changes:
+                self.tell("change", sentence, record)
+        self._changes = set(told)
+
+    def from_grades(self, grades: Mapping[str, SensorGrade], record: Record) -> None:
+        """Tell when a headline is another."""
+        for sensor, grade in grades.items():
+            before = self._grades.get(sensor)
+            if grade.nearest != (before.nearest if before else None):
+                was = f" (was {before.nearest})" if before and before.nearest else ""
+                self.tell("grade", f"{sensor} is {grade.nearest or 'without a grade'}{was}", record)
+        self._grades = dict(grades)

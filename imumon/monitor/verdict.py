@@ -1,0 +1,96 @@
+"""Verdict: what may be said of a record now.
+
+Every figure of a channel with its caveats, what has changed, the grade of each sensor, and what stands in a
+grade's way: motion, a record that is mostly cut out, holes, a warm-up that is not over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from imumon.monitor import describe
+from imumon.monitor.findings import Findings
+from imumon.monitor.record import Record
+from imumon.monitor.trends import against_baseline
+from imumon.noise.fit import ChannelFit
+from imumon.noise.grade import LIMITS
+from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
+from imumon.samples import sensor_of
+
+DISTURBED, MOSTLY = 0.1, 0.5
+"""Share of the record cut out above which it is called disturbed, and its grade provisional."""
+
+
+def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
+    """Words that stand for the whole record."""
+    words = {
+        "not_at_rest": not record.at_rest,
+        "disturbed": record.excluded_share > DISTURBED,
+        "gaps": record.missing_share > DISTURBED,
+        "warming_up": guarded and record.warming(),
+    }
+    return tuple(word for word, stands in words.items() if stands)
+
+
+def changes(
+    record: Record, fits: Mapping[str, ChannelFit], baseline: Report | None
+) -> dict[int, tuple[Change, ...]]:
+    """What differs from the hours before, and from a saved baseline, by column."""
+    found: dict[int, list[Change]] = {}
+    for moved in record.history.moved():
+        found.setdefault(moved.column, []).append(describe.change(moved.change, "hours before"))
+    if baseline is not None:
+        for column, (name, fit) in enumerate(fits.items()):
+            for change in against_baseline(baseline, name, fit, record.elapsed_s):
+                found.setdefault(column, []).append(describe.change(change, "baseline"))
+    return {column: tuple(of_channel) for column, of_channel in found.items()}
+
+
+def channels(
+    record: Record,
+    findings: Findings,
+    whole: tuple[str, ...],
+    changed: Mapping[int, tuple[Change, ...]],
+) -> dict[str, Channel]:
+    """Every channel; `whole` are the caveats that stand for all of them."""
+    fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
+    shown = {}
+    for column, name in enumerate(record.channels):
+        fit = fits.get(name)
+        axes = [other for other in record.channels if sensor_of(other) == sensor_of(name)]
+        made = replace(
+            describe.running(findings.channels[name], running.channels[column]),
+            distribution=describe.distribution(
+                name,
+                axes,
+                findings.shapes[column],
+                (float(recent.mean[column]), float(recent.std[column])),
+                describe.bias(name, running, record.channels, fit, record.elapsed_s),
+                running.covariance[record.groups[column]],
+            ),
+        )
+        if not record.at_rest and made.grade is not None:
+            made = replace(made, grade=ChannelGrade())
+        if fit is not None:
+            words = (*whole, *fit.caveats, *(("changed",) if column in changed else ()))
+            made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))
+        shown[name] = made
+    return shown
+
+
+def grades(record: Record, fits: Mapping[str, ChannelFit]) -> dict[str, SensorGrade]:
+    """Headlines; none while the sensor is not at rest."""
+    made = {}
+    for sensor in LIMITS:
+        axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
+        if not axes:
+            continue
+        if not record.at_rest:
+            made[sensor] = SensorGrade(reason="the sensor is not at rest")
+            continue
+        made[sensor] = describe.sensor_grade(sensor, axes)
+        if record.excluded_share > MOSTLY:
+            reason = f"{record.excluded_share:.0%} of the record was cut out"
+            made[sensor] = replace(made[sensor], provisional=True, reason=reason)
+    return made
