@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import re
 import sys
 import xml.etree.ElementTree as ET
@@ -23,7 +22,7 @@ from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
 from imumon.datasheet.sheet import CAVEATS, sheet
-from imumon.datasheet.snippets import FILTER_HZ, worst
+from imumon.datasheet.snippets import worst
 from imumon.noise.synthesis import synthesise
 from imumon.report import Report, from_json, to_json
 from imumon.tui.words import EXPLAINED
@@ -115,24 +114,54 @@ def test_ros_covariance_is_the_variance_of_a_sample() -> None:
         assert np.count_nonzero(matrix) == 3
 
 
-def test_autopilots_get_the_deviation_in_a_step_of_their_filter() -> None:
+@pytest.mark.parametrize(
+    ("form", "line", "step_s", "names"),
+    [
+        (
+            "px4",
+            r"^param set (\w+) (\S+)$",
+            0.010,
+            ("EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_NOISE", "EKF2_ACC_B_NOISE"),
+        ),
+        (
+            "ardupilot",
+            r"^(EK3_\w+),(\S+)$",
+            0.012,
+            ("EK3_GYRO_P_NSE", "EK3_GBIAS_P_NSE", "EK3_ACC_P_NSE", "EK3_ABIAS_P_NSE"),
+        ),
+    ],
+)
+def test_a_filter_that_adds_its_noise_in_every_step_grows_as_the_sensor_does(
+    form: str, line: str, step_s: float, names: tuple[str, ...]
+) -> None:
+    """Both add (s dt)^2 in a step of dt, to angle or velocity and to the bias: N^2 or K^2 a second."""
     made = report(400000.0)
-    px4 = dict(re.findall(r"^param set (\w+) (\S+)$", text(made, "px4"), re.MULTILINE))
-    apm = dict(re.findall(r"^(EK3_\w+),(\S+)$", text(made, "ardupilot"), re.MULTILINE))
-    for one, other, sensor, letter in (
-        ("EKF2_GYR_NOISE", "EK3_GYRO_P_NSE", "gyro", "N"),
-        ("EKF2_GYR_B_NOISE", "EK3_GBIAS_P_NSE", "gyro", "K"),
-        ("EKF2_ACC_NOISE", "EK3_ACC_P_NSE", "accel", "N"),
-        ("EKF2_ACC_B_NOISE", "EK3_ABIAS_P_NSE", "accel", "K"),
+    found = dict(re.findall(line, text(made, form), re.MULTILINE))
+    parts = [(sensor, letter) for sensor in ("gyro", "accel") for letter in "NK"]
+    for name, (sensor, letter) in zip(names, parts, strict=True):
+        grown = sum((float(found[name]) * step_s) ** 2 for _ in range(round(12.0 / step_s)))
+        expected = worst(made, sensor, letter).value or 0.0
+        assert grown == pytest.approx(12.0 * expected**2, rel=1e-3)
+
+
+def test_openvins_gets_every_matrix_it_asks_for() -> None:
+    shown = text(report(10801.0), "openvins")
+    for name, size, diagonal in (
+        ("T_i_b", 4, 1.0),
+        *((name, 3, 1.0) for name in ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC")),
+        ("Tg", 3, 0.0),
     ):
-        expected = (worst(made, sensor, letter).value or 0.0) * math.sqrt(FILTER_HZ)
-        assert float(px4[one]) == pytest.approx(expected, rel=1e-4)
-        assert float(apm[other]) == pytest.approx(expected, rel=1e-4)
+        rows = re.search(rf"^  {name}:\n((?:    - \[.*\]\n)+)", shown, re.MULTILINE)
+        assert rows
+        matrix = np.array([[float(v) for v in row.split(",")] for row in re.findall(r"\[(.*)\]", rows[1])])
+        np.testing.assert_array_equal(matrix, diagonal * np.eye(size))
 
 
 @pytest.mark.parametrize("age", AGES)
-def test_gtsam_is_python(age: str) -> None:
-    compile(text(aged(age), "gtsam"), "gtsam", "exec")
+def test_gtsam_is_python_and_leaves_no_covariance_of_one(age: str) -> None:
+    code = text(aged(age), "gtsam")
+    compile(code, "gtsam", "exec")
+    assert "params.setIntegrationCovariance(" in code
 
 
 @pytest.mark.parametrize("form", ["kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins", "md", "html"])

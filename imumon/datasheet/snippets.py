@@ -6,7 +6,8 @@ bound is known, the line stays commented out: no number is invented. Nothing is 
 margin; what margin a vehicle needs is the user's to say.
 
 N is the density of the rate as an Allan deviation gives it: white noise of N has the deviation
-N / sqrt(dt) in samples of dt. K drives the bias: it walks by K sqrt(t).
+N / sqrt(dt) in samples of dt. K drives the bias: it walks by K sqrt(t). What each program makes of its
+numbers is read in its own documents and source, which the comments name.
 """
 
 from __future__ import annotations
@@ -18,9 +19,6 @@ from dataclasses import dataclass
 from imumon.report import Coefficient, Report
 from imumon.samples import AXES
 from imumon.units import duration
-
-FILTER_HZ = 100.0
-"""Rate at which the filters of PX4 and ArduPilot predict."""
 
 NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
 WORDS = {"N": "white noise density", "K": "random walk of the bias"}
@@ -113,6 +111,9 @@ def head(made: Report) -> list[str]:
     return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
 
 
+SAME_UNIT = "K in rad/s*sqrt(Hz) and m/s^2*sqrt(Hz): the same as rad/s^2/sqrt(Hz) and m/s^3/sqrt(Hz)"
+
+
 def _yaml(made: Report, indent: str = "", order: tuple[str, ...] = ("accel", "gyro")) -> list[str]:
     lines = []
     for sensor in order:
@@ -136,27 +137,37 @@ def _rate(made: Report) -> float:
 
 def kalibr(made: Report) -> str:
     """Kalibr's imu.yaml: continuous-time densities and walks."""
-    lines = _comments(head(made)) + _yaml(made)
+    meaning = "Kalibr wiki, IMU Noise Model: strengths in continuous time, one for all axes"
+    lines = [*_comments([*head(made), meaning, SAME_UNIT]), *_yaml(made)]
     return "\n".join([*lines, "rostopic: /imu/data", f"update_rate: {_rate(made):.6g}"]) + "\n"
 
 
 def openvins(made: Report) -> str:
-    """OpenVINS' kalibr_imu_chain.yaml, the pose of the sensor being that of the body."""
-    rows = ", ".join(str([float(i == j) for j in range(4)]) for i in range(4))
-    lines = ["%YAML:1.0", *_comments(head(made)), "imu0:", f"  T_i_b: [{rows}]", *_yaml(made, "  ")]
-    tail = [
+    """OpenVINS' kalibr_imu_chain.yaml: pose that of the body, axes neither scaled nor turned."""
+    meaning = "OpenVINS, NoiseManager: densities and walks in continuous time, as Kalibr's"
+    lines = ["%YAML:1.0", *_comments([*head(made), meaning, SAME_UNIT]), "imu0:", *_matrix("T_i_b", 4)]
+    lines += [
+        *_yaml(made, "  "),
         "  rostopic: /imu/data",
         "  time_offset: 0.0",
         f"  update_rate: {_rate(made):.6g}",
         '  model: "kalibr"',
+        "  # scale, skew and turn of the axes: OpenVINS asks for all of them; none is measured here",
     ]
-    return "\n".join(lines + tail) + "\n"
+    for name, diagonal in (("Tw", 1.0), ("R_IMUtoGYRO", 1.0), ("Ta", 1.0), ("R_IMUtoACC", 1.0), ("Tg", 0.0)):
+        lines += _matrix(name, 3, diagonal)
+    return "\n".join(lines) + "\n"
+
+
+def _matrix(name: str, size: int, diagonal: float = 1.0) -> list[str]:
+    rows = ([diagonal * (i == j) for j in range(size)] for i in range(size))
+    return [f"  {name}:", *(f"    - {row}" for row in rows)]
 
 
 def ros(made: Report) -> str:
     """Covariances of sensor_msgs/Imu: the variance of one sample of this stream, N^2 times the rate."""
     lines = _comments(head(made))
-    lines.append("# sensor_msgs/Imu: variance of one sample, row-major; axes as the sensor names them")
+    lines.append("# sensor_msgs/Imu: covariance of one sample, row-major; axes as the sensor names them")
     for sensor, field, unit in (
         ("gyro", "angular_velocity_covariance", "(rad/s)^2"),
         ("accel", "linear_acceleration_covariance", "(m/s^2)^2"),
@@ -185,11 +196,28 @@ def ros(made: Report) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _autopilot(made: Report, names: Mapping[tuple[str, str], tuple[str, str]], form: str) -> str:
+@dataclass(frozen=True, slots=True)
+class Step:
+    """How often an autopilot's filter predicts, and where that is written.
+
+    In such a step it adds (s dt)^2 to the variance of an angle or a velocity, and the same of its noise of
+    bias to that of a bias: over a time both grow as N^2 and K^2 where s is N or K over sqrt(dt).
+    """
+
+    length_s: float
+    source: str
+
+
+PX4 = Step(0.010, "PX4 parameter reference: EKF2_PREDICT_US, 10 ms unless changed")
+ARDUPILOT = Step(0.012, "ArduPilot, AP_NavEKF3: EKF_TARGET_DT, 12 ms")
+
+
+def _autopilot(made: Report, names: Mapping[tuple[str, str], tuple[str, str]], step: Step, form: str) -> str:
     lines = _comments(head(made))
     lines += [
-        f"# deviation in one step of the filter at {FILTER_HZ:g} Hz: N sqrt({FILTER_HZ:g} Hz), K "
-        f"sqrt({FILTER_HZ:g} Hz)",
+        f"# {step.source}",
+        f"# deviation in one step of {1e3 * step.length_s:g} ms: N / sqrt({step.length_s:g} s) and "
+        f"K / sqrt({step.length_s:g} s)",
         "# the least the sensor itself asks for. Defaults are far above it, for a vehicle vibrates: keep "
         "them,",
         "# or stay well above these; use them to compare sensors or on a rig at rest",
@@ -200,7 +228,8 @@ def _autopilot(made: Report, names: Mapping[tuple[str, str], tuple[str, str]], f
         if found.value is None:
             lines.append(f"# {name} ?")
         else:
-            lines += [f"# {name} in {unit}", form.format(name=name, value=found.value * math.sqrt(FILTER_HZ))]
+            value = found.value / math.sqrt(step.length_s)
+            lines += [f"# {name} in {unit}", form.format(name=name, value=value)]
     return "\n".join(lines) + "\n"
 
 
@@ -212,7 +241,7 @@ def px4(made: Report) -> str:
         ("accel", "N"): ("EKF2_ACC_NOISE", "m/s^2"),
         ("accel", "K"): ("EKF2_ACC_B_NOISE", "m/s^3"),
     }
-    return _autopilot(made, names, "param set {name} {value:.4e}")
+    return _autopilot(made, names, PX4, "param set {name} {value:.4e}")
 
 
 def ardupilot(made: Report) -> str:
@@ -223,12 +252,12 @@ def ardupilot(made: Report) -> str:
         ("accel", "N"): ("EK3_ACC_P_NSE", "m/s^2"),
         ("accel", "K"): ("EK3_ABIAS_P_NSE", "m/s^3"),
     }
-    return _autopilot(made, names, "{name},{value:.6g}")
+    return _autopilot(made, names, ARDUPILOT, "{name},{value:.6g}")
 
 
 def gtsam(made: Report) -> str:
     """GTSAM's combined preintegration: continuous-time covariances, squares of N and K."""
-    lines = _comments(head(made))
+    lines = _comments([*head(made), "GTSAM, PreintegrationParams: covariances in continuous time"])
     lines += [
         "import gtsam",
         "import numpy as np",
@@ -245,6 +274,10 @@ def gtsam(made: Report) -> str:
         lines += _comments(list(found.lines))
         value = "?" if found.value is None else f"{found.value:.6e}"
         lines.append(f"{'# ' if found.value is None else ''}params.{call}(np.eye(3) * {value}**2)")
+    lines += [
+        "# of the integration, not of the sensor: small, for GTSAM begins with 1",
+        "params.setIntegrationCovariance(np.eye(3) * 1e-8)",
+    ]
     return "\n".join(lines) + "\n"
 
 
