@@ -92,6 +92,7 @@ def test_bytes_go_both_ways_unchanged(line: Line) -> None:
         assert got == every
         assert port.received_bytes == len(every)
         assert port.dropped_bytes == port.overruns == 0
+        assert port.kernel_overruns is None, "a pseudo-terminal counts none, which is not the same as none"
 
 
 def test_read_without_bytes_waits_as_long_as_asked_and_no_longer(line: Line) -> None:
@@ -194,6 +195,7 @@ def test_reading_goes_on_while_nobody_asks(line: Line) -> None:
         sender = threading.Thread(target=_send, args=(line.master, bytes(size)))
         sender.start()
         wait_for(lambda: port.received_bytes == size, 20.0)
+        assert port.most_queued == size
         assert len(gather(port, size)) == size
         assert port.overruns == 0
         sender.join()

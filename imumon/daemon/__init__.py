@@ -409,6 +409,8 @@ class Daemon:
             bad_checksums=decoder.bad_checksums,
             received_bytes=decoder.fed,
             overruns=self._link.overruns,
+            kernel_overruns=self._link.kernel_overruns,
+            most_queued_bytes=self._link.most_queued,
         )
         return self._keeping.added_up(now) if self._keeping else now
 

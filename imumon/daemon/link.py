@@ -87,6 +87,8 @@ class Link:
     session : None while there is no port.
     decoder : goes through all connections, so that its counters are those of the record.
     received_bytes, overruns : of all connections.
+    kernel_overruns : of these, those that a driver counted; None: no driver counts.
+    most_queued : bytes, most that ever waited for the loop at once.
     """
 
     def __init__(
@@ -107,7 +109,8 @@ class Link:
         self._line: Line | None = None
         self._seen: list[PortInfo] = []
         self._serial: str | None = None
-        self._received = self._overruns = 0
+        self._received = self._overruns = self._most_queued = 0
+        self._kernel_overruns: int | None = None
 
     @property
     def received_bytes(self) -> int:
@@ -116,6 +119,15 @@ class Link:
     @property
     def overruns(self) -> int:
         return self._overruns + (self._port.overruns if self._port else 0)
+
+    @property
+    def kernel_overruns(self) -> int | None:
+        now = self._port.kernel_overruns if self._port else None
+        return self._kernel_overruns if now is None else (self._kernel_overruns or 0) + now
+
+    @property
+    def most_queued(self) -> int:
+        return max(self._most_queued, self._port.most_queued if self._port else 0)
 
     def open(self) -> Facts:
         """Open the port and know the sensor.
@@ -147,6 +159,7 @@ class Link:
             self._received += self._port.received_bytes
             self._port.close()
             self._overruns += self._port.overruns
+            self._kernel_overruns, self._most_queued = self.kernel_overruns, self.most_queued
         self._port = self.session = None
 
     def _open(self, path: str) -> Facts:

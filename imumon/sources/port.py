@@ -122,6 +122,7 @@ class SerialPort:
     Attributes
     ----------
     received_bytes, dropped_bytes : taken from the port, and of these dropped at a full queue.
+    most_queued : bytes, most that ever waited for a reader at once.
 
     Raises
     ------
@@ -134,6 +135,7 @@ class SerialPort:
         self.name = path
         self.received_bytes = 0
         self.dropped_bytes = 0
+        self.most_queued = 0
         self._baud = baud
         self._limit = queue_bytes
         self._lossless = lossless
@@ -142,7 +144,7 @@ class SerialPort:
         self._changed = threading.Condition()
         self._episodes = 0
         self._dropping = False
-        self._kernel_before = 0
+        self._kernel_before: int | None = None
         self._gone: str | None = None
         self._closing = False
         self._talking_until = 0.0
@@ -167,7 +169,13 @@ class SerialPort:
     @property
     def overruns(self) -> int:
         """Times bytes were lost on this side: at a full queue, or in the kernel where it counts them."""
-        return self._episodes + self._kernel_before + self._kernel_overruns()
+        return self._episodes + (self.kernel_overruns or 0)
+
+    @property
+    def kernel_overruns(self) -> int | None:
+        """Bytes that the hardware or the tty layer lost; None where the driver counts none, as of a pty."""
+        now = self._kernel_count()
+        return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
 
     def read(self, timeout: float) -> bytes:
         """All that is queued; waits up to `timeout` seconds for the first byte.
@@ -253,11 +261,12 @@ class SerialPort:
 
     def close(self) -> None:
         """Stop the thread and close the port."""
-        self._kernel_before += self._kernel_overruns()
+        self._kernel_before = self.kernel_overruns
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         self._thread.join()
+        self._fd = None
         with contextlib.suppress(*_GONE):
             self._serial.close()
 
@@ -276,8 +285,7 @@ class SerialPort:
             self._fd = self._serial.fileno()
         self._closing, self._gone, self._dropping, self._empty = False, None, False, 0
         try:
-            self._kernel_start = 0
-            self._kernel_start = self._kernel_overruns()
+            self._kernel_start = self._kernel_count() or 0
             if not self.set_baud(self._baud):
                 raise PortError(
                     f"the adapter of {self.name} cannot do {self._baud} baud: choose another --baud"
@@ -342,6 +350,7 @@ class SerialPort:
             self._dropping = False
             self._queue.append(data)
             self._queued += len(data)
+            self.most_queued = max(self.most_queued, self._queued)
             self._changed.notify_all()
 
     def _fail(self, error: Exception) -> None:
@@ -350,16 +359,16 @@ class SerialPort:
                 self._gone = f"{self.name} is gone: {_cause(error)}"
             self._changed.notify_all()
 
-    def _kernel_overruns(self) -> int:
-        """Bytes the hardware or the tty layer lost since opening, as far as the driver counts them."""
+    def _kernel_count(self) -> int | None:
+        """What the driver has counted since it was loaded, None where it does not count."""
         if self._fd is None:
-            return 0
+            return None
         counts = array.array("i", [0] * 20)  # struct serial_icounter_struct
         try:
             fcntl.ioctl(self._fd, _TIOCGICOUNT, counts)
         except OSError:
-            return 0
-        return counts[7] + counts[10] - self._kernel_start
+            return None
+        return counts[7] + counts[10]
 
 
 def _hung_up(fd: int) -> bool:
