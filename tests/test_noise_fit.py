@@ -12,6 +12,7 @@ import pytest
 
 import imumon.noise
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
+from imumon.noise.fit import covariance
 from imumon.noise.fit.covariance import PAIRS, tables
 from imumon.noise.fit.quantiles import chi2_quantile, chi2_tail
 
@@ -100,6 +101,21 @@ def test_the_tables_are_covariances_and_scale_with_the_record():
             assert np.linalg.eigvalsh(matrix / np.outer(size, size))[0] > 0.0
     short, long = (tables(n, 10, averaged=True).pairs[0, 3, 3] for n in (1 << 16, 1 << 18))
     assert short / long == pytest.approx(4.0, rel=0.01)
+
+
+@pytest.mark.parametrize("averaged", [True, False])
+@pytest.mark.parametrize("span", [37 << 11, 100_003])
+def test_tables_that_grow_along_a_line_are_the_sums_over_the_lags(span, averaged):
+    octaves = 16
+    table = covariance._tables(span, octaves, averaged)
+    for i, j in np.argwhere(np.triu(np.arange(octaves) % 3 == np.arange(octaves)[:, None] % 3)).tolist():
+        sums = covariance._sums(i, j, span, averaged) / (table.full[i] * table.full[j])
+        for index, (a, b) in enumerate(PAIRS):
+            exact = sums[index] * (0.5 if a == b else 1.0)
+            assert table.pairs[index, i, j] == table.pairs[index, j, i]
+            assert table.pairs[index, i, j] == pytest.approx(exact, rel=1e-11)
+        size = np.abs(table.means[:, i, j]).max()
+        assert table.means[:, i, j] == pytest.approx(sums[len(PAIRS) :], rel=1e-9, abs=1e-9 * size)
 
 
 def test_quantiles_agree_with_tables():

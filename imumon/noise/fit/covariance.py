@@ -35,6 +35,7 @@ TERMS = ("N", "B", "K", "Q", "R")
 
 PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 """Pairs of noise types of which a table is kept."""
+_LEFT, _RIGHT = ([pair[side] for pair in PAIRS] for side in (0, 1))
 
 REACH = 7  # octaves further apart than this: the shorter difference is a derivative beside the longer one
 TAIL = 8  # cluster lengths after which the covariance of two differences is neglected (flicker: lag^-2)
@@ -75,9 +76,7 @@ class Tables:
         (..., k, k) unit of p squared.
         """
         k = self.full.size
-        left = [a for a, _ in PAIRS]
-        right = [b for _, b in PAIRS]
-        products = p[..., left] * p[..., right]
+        products = p[..., _LEFT] * p[..., _RIGHT]
         total = (products @ self.pairs.reshape(len(PAIRS), k * k)).reshape(*p.shape[:-1], k, k)
         ramp = p[..., 4]
         if np.any(ramp > 0.0):
@@ -135,23 +134,65 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
 @lru_cache(maxsize=32)
 def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
-    stride = np.maximum(1, m // 8)
-    full = (span - 2 * m) // stride + 1
-    pairs = np.zeros((len(PAIRS), octaves, octaves))
-    means = np.zeros((4, octaves, octaves))
-    for i in range(octaves):
-        for j in range(i, octaves):
-            lags, r, each = _differences(i, j, averaged)
-            count = _counts(lags, int(stride[i]), int(stride[j]), int(full[i]), int(full[j]))
-            inside = count > 0
-            r = r[:, inside]
-            weighted = r * (count[inside] * each)
-            size = float(full[i]) * float(full[j])
-            gram = weighted @ r.T
-            for index, (a, b) in enumerate(PAIRS):
-                pairs[index, i, j] = pairs[index, j, i] = (0.5 if a == b else 1.0) * gram[a, b] / size
-            means[:, i, j] = means[:, j, i] = weighted.sum(axis=1) / size
-    return Tables(span, full, pairs, means, design(octaves, averaged=averaged))
+    full = (span - 2 * m) // np.maximum(1, m // 8) + 1
+    sums = np.zeros((len(PAIRS) + 4, octaves, octaves))
+    for first in range(min(octaves, _SHARED + 1)):
+        for apart in range(octaves - first):
+            last = octaves if first == _SHARED else first + apart + 1
+            j = np.arange(first + apart, last)
+            i = j - apart
+            sums[:, i, j] = sums[:, j, i] = _copies(first, apart, span >> (i - first), averaged)
+    for index, (a, b) in enumerate(PAIRS):
+        sums[index] *= 0.5 if a == b else 1.0
+    sums /= np.multiply.outer(full.astype(np.float64), full)
+    return Tables(span, full, sums[: len(PAIRS)], sums[len(PAIRS) :], design(octaves, averaged=averaged))
+
+
+def _copies(i: int, apart: int, spans: Ints, averaged: bool) -> Floats:
+    """Sums of `_sums` of octaves that are scaled copies of i and i + apart, i + n of the nth.
+
+    While the record is much longer than both, every sum grows with its length along a straight line.
+
+    Parameters
+    ----------
+    spans : (n,) length of the record, in samples of the scaled copy: halved for each octave.
+
+    Returns
+    -------
+    (14, n)
+    """
+    j = i + apart
+    line = (spans >= 16 << j) & (spans % max(1, (1 << j) // 8) == 0)
+    found = np.empty((len(PAIRS) + 4, spans.size))
+    if line.any():
+        begin, slope = _line(i, apart, averaged)
+        found[:, line] = begin[:, None] + slope[:, None] * spans[line]
+    for at in np.flatnonzero(~line):
+        found[:, at] = _sums(i, j, int(spans[at]), averaged)
+    scale = 2.0 ** (np.arange(spans.size) * np.array([[-1.0], [0.0], [1.0], [-2.0]]))
+    found[: len(PAIRS)] *= scale[_LEFT] * scale[_RIGHT]
+    found[len(PAIRS) :] *= scale
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _line(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
+    """(14,) sums of octaves i and i + apart at a record of no length, and their growth with each sample."""
+    step = 16 << (i + apart)
+    one, two = (_sums(i, i + apart, span, averaged) for span in (step, 2 * step))
+    return 2.0 * one - two, (two - one) / step
+
+
+def _sums(i: int, j: int, span: int, averaged: bool) -> Floats:
+    """(14,) sums over the lags: of the products of two noise types, by `PAIRS`, and of the types alone."""
+    (stride_i, terms_i), (stride_j, terms_j) = (
+        (stride, (span - (2 << octave)) // stride + 1)
+        for octave in (i, j)
+        for stride in [max(1, (1 << octave) // 8)]
+    )
+    lags, r, each = _differences(i, j, averaged)
+    weighted = r * (_counts(lags, stride_i, stride_j, terms_i, terms_j) * each)
+    return np.concatenate([(weighted @ r.T)[_LEFT, _RIGHT], weighted.sum(axis=1)])
 
 
 def _counts(lags: Ints, stride_i: int, stride_j: int, terms_i: int, terms_j: int) -> Ints:
