@@ -75,6 +75,17 @@ class Stream:
         sensors = map(sensor_of, self.channels)
         return tuple(s in ("gyro", "accel") and self.kind_of(s) == "deltas" for s in sensors)
 
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What must be said of the stream where nobody knows the sensor's settings.
+
+        >>> Stream("deltas", ("gyro/x",), "binary", "startup").caveats
+        ('unknown_compensation',)
+        """
+        if self.kind == "compensated":
+            return ("compensated",)
+        return ("unknown_compensation",) if any(self.averaged) else ()
+
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]

@@ -175,6 +175,29 @@ def test_moving_sensor_is_never_graded() -> None:
     assert "not_at_rest" in made.caveats
 
 
+def test_an_axis_that_never_changes_is_told_and_its_sensor_not_graded() -> None:
+    monitor = Monitor()
+    part = block(6000)
+    part.values[:, 1] = 0.0
+    monitor.feed(part)
+    monitor.flush()
+    made = report(monitor)
+    dead, beside = made.channels["gyro/y"], made.channels["gyro/x"]
+    assert "constant" in dead.caveats
+    assert dead.N is not None
+    assert dead.N.status == "pending"
+    assert dead.spectrum is not None
+    assert dead.spectrum.lines == ()
+    assert made.grade["gyro"].nearest is None
+    assert "y never changed" in (made.grade["gyro"].reason or "")
+    assert beside.caveats == ()
+    assert beside.grade is not None
+    assert beside.grade.nearest is not None
+    assert made.grade["accel"].nearest is not None
+    events = [event for event in monitor.events() if event.kind == "constant"]
+    assert [event.channel for event in events] == ["gyro/y"]
+
+
 def test_baseline_tells_what_has_grown() -> None:
     old = Monitor()
     old.feed(block(60_000))

@@ -82,6 +82,15 @@ def test_mains_is_named_where_it_folds_to() -> None:
     assert mains(20.0, 40.0, 0.1)[1] == "60 Hz mains"
     assert mains(60.0, 200.0, 0.1)[1] == "60 Hz mains"
     assert mains(33.3, 200.0, 0.1) == ((), None)
+    assert mains(0.03, 40.0, 0.1) == ((120.0,), None)  # where any drift is
+
+
+@pytest.mark.parametrize("level", [0.0, 9.8, -1.8562e-3])
+def test_rounding_has_no_lines(level: float) -> None:
+    """Of a constant, and of a few numbers over and over."""
+    assert density(np.full((20_000, 1), level)).lines == ((),)
+    repeated = density(level + np.tile([0.1, 0.3, -0.2, 0.7], 5000)[:, None])
+    assert {round(line.frequency_hz) for line in repeated.lines[0]} == {10, 20}
 
 
 def test_nothing_is_found_where_nothing_is() -> None:

@@ -9,6 +9,8 @@ from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
 WIDTH = 28
+WHY = {"constant": "never changes", "resolution": "hidden by rounding"}
+"""Why a coefficient is not known, in a few letters, by a word of its reason; else the record is too short."""
 
 
 def table(made: Report) -> str:
@@ -33,7 +35,7 @@ def coefficient(found: Coefficient | None) -> str:
         )
     if found.status == "upper_bound" and shown.high is not None:
         return f"< {figures(shown.high)}"
-    return "too short"
+    return next((short for word, short in WHY.items() if word in (found.reason or "")), "too short")
 
 
 def digits(value: float, width: float) -> int:

@@ -23,6 +23,8 @@ from imumon.sources import PortError, PortGone, SerialPort
 FIRST_BAUD = 115200
 LEAP_NS = 10_000_000_000
 BEAT_S = 0.2
+OF_THE_SENSOR = ("compensated", "unknown_compensation", "aliased")
+"""Caveats that stand for the sensor's settings and not for what happened to the record."""
 
 
 class Unheard(Exception):
@@ -136,10 +138,6 @@ def ask_daemon(feed: Any, made: Report, seconds: float) -> Heard:
         last = feed.reports()[made.device.id][0]
     a, b, device = first.session, last.session, last.device
     passed = b.elapsed_s - a.elapsed_s
-    caveats = {
-        "compensated": device.stream == "compensated",
-        "aliased": device.alias_factor is not None and device.alias_factor > 1.001,
-    }
     facts = Facts(
         id=device.id,
         model=device.model,
@@ -153,7 +151,7 @@ def ask_daemon(feed: Any, made: Report, seconds: float) -> Heard:
         sample_rate_hz=device.sample_rate_hz,
         alias_factor=device.alias_factor,
         settings=device.settings,
-        caveats=tuple(name for name, holds in caveats.items() if holds),
+        caveats=tuple(word for word in last.caveats if word in OF_THE_SENSOR),
     )
     return Heard(
         facts=facts,

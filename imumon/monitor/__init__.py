@@ -197,7 +197,8 @@ class Monitor:
         findings.renew(now=state != "running")
         caveats = (*device_caveats, *verdict.caveats(record, guarded=self.wanted.guarded))
         changes = verdict.changes(record, findings.fits, self.wanted.baseline)
-        grades = verdict.grades(record, findings.fits)
+        grades = verdict.grades(record, findings)
+        self._events.from_constants(verdict.constants(findings), record)
         self._events.from_changes(changes, record)
         self._events.from_grades(grades, record)
         return replace(

@@ -6,7 +6,7 @@ room: whoever knows a clock stamps it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from imumon.monitor import describe
@@ -38,6 +38,7 @@ class Events:
         self._gaps = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
         self._warmup_s = 0.0
+        self._constants: set[str] = set()
         self._changes: set[tuple[int, str, str]] = set()
         self._grades: dict[str, SensorGrade] = {}
 
@@ -46,10 +47,17 @@ class Events:
         found, self._found = self._found, []
         return found
 
-    def tell(self, kind: str, text: str, record: Record | None = None, length_s: float | None = None) -> None:
+    def tell(
+        self,
+        kind: str,
+        text: str,
+        record: Record | None = None,
+        length_s: float | None = None,
+        channel: str | None = None,
+    ) -> None:
         """Tell one thing, `length_s` long, at the present end of the record."""
         elapsed = record.elapsed_s if record else None
-        self._found.append(Found(kind, text, elapsed_s=elapsed, length_s=length_s))
+        self._found.append(Found(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
 
     def resumed(self, record: Record) -> None:
         """The record was taken up: the gaps it has were told before."""
@@ -92,6 +100,15 @@ class Events:
         plural = "gap" if new == 1 else f"{new} gaps"
         self.tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", record, length)
         self._gaps = (record.gaps, record.missing, record.elapsed_s + GAP_TELL_S)
+
+    def from_constants(self, names: Iterable[str], record: Record) -> None:
+        """Tell of channels that never change, and of one that does after all."""
+        now = set(names)
+        for name in sorted(now - self._constants):
+            self.tell("constant", f"{name} never changed: dead, stuck or not measured", record, channel=name)
+        for name in sorted(self._constants - now):
+            self.tell("constant", f"{name} changes now", record, channel=name)
+        self._constants = now
 
     def from_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Record) -> None:
         """Tell of changes that are new, by column."""

@@ -1,7 +1,8 @@
 """Verdict: what may be said of a record now.
 
 Every figure of a channel with its caveats, what has changed, the grade of each sensor, and what stands in a
-grade's way: motion, a record that is mostly cut out, holes, a warm-up that is not over.
+grade's way: motion, an axis that never changes, a record that is mostly cut out, holes, a warm-up that is not
+over.
 """
 
 from __future__ import annotations
@@ -33,6 +34,15 @@ def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
     return tuple(word for word, stands in words.items() if stands)
 
 
+def constants(findings: Findings) -> tuple[str, ...]:
+    """Channels that should show noise and have not changed once: dead, stuck, or never measured."""
+    return tuple(
+        name
+        for name, shape in zip(findings.fits, findings.shapes, strict=False)
+        if shape is not None and shape.constant
+    )
+
+
 def changes(
     record: Record, fits: Mapping[str, ChannelFit], baseline: Report | None
 ) -> dict[int, tuple[Change, ...]]:
@@ -55,6 +65,7 @@ def channels(
 ) -> dict[str, Channel]:
     """Every channel; `whole` are the caveats that stand for all of them."""
     fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
+    dead = constants(findings)
     shown = {}
     for column, name in enumerate(record.channels):
         fit = fits.get(name)
@@ -73,14 +84,16 @@ def channels(
         if not record.at_rest and made.grade is not None:
             made = replace(made, grade=ChannelGrade())
         if fit is not None:
-            words = (*whole, *fit.caveats, *(("changed",) if column in changed else ()))
+            own = {"constant": name in dead, "changed": column in changed}
+            words = (*whole, *fit.caveats, *(word for word, stands in own.items() if stands))
             made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))
         shown[name] = made
     return shown
 
 
-def grades(record: Record, fits: Mapping[str, ChannelFit]) -> dict[str, SensorGrade]:
-    """Headlines; none while the sensor is not at rest."""
+def grades(record: Record, findings: Findings) -> dict[str, SensorGrade]:
+    """Headlines; none while the sensor is not at rest, or has an axis that never changes."""
+    fits, dead = findings.fits, constants(findings)
     made = {}
     for sensor in LIMITS:
         axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
@@ -88,6 +101,12 @@ def grades(record: Record, fits: Mapping[str, ChannelFit]) -> dict[str, SensorGr
             continue
         if not record.at_rest:
             made[sensor] = SensorGrade(reason="the sensor is not at rest")
+            continue
+        still = [axis for axis in axes if f"{sensor}/{axis}" in dead]
+        if still:
+            made[sensor] = SensorGrade(
+                reason=f"{', '.join(still)} never changed: dead, stuck or not measured"
+            )
             continue
         made[sensor] = describe.sensor_grade(sensor, axes)
         if record.excluded_share > MOSTLY:

@@ -63,6 +63,11 @@ class Shape:
     excess_kurtosis: float | None
     step: float | None
 
+    @property
+    def constant(self) -> bool:
+        """Whether the channel has not changed once in `LEARN` samples or more."""
+        return len(self.counts) == 1 and self.counts[0] >= LEARN
+
 
 class Histogram:
     """Histograms of some channels.

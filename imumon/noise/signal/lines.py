@@ -29,6 +29,8 @@ MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
 MAINS_WANDER = 0.002
 """Relative deviation of the mains frequency that is common."""
+ROUNDING = 1e-10
+"""Amplitude of a line, as a share of the size of the numbers, below which it may be their rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def beside(power: Floats) -> Floats:
 
 
 def find_lines(
-    power: Floats, sides: Floats, averages: int, rate: float, band: range, sampling: float
+    power: Floats, sides: Floats, averages: int, rate: float, band: range, sampling: float, size: float
 ) -> list[SpectralLine]:
     """Lines of one channel in a band of one stage.
 
@@ -76,6 +78,7 @@ def find_lines(
     power : (BINS,) density.
     sides : (2, BINS) medians left and right.
     band : bins to look at.
+    size : channel unit, of the numbers.
     """
     df = rate / SEGMENT
     nu = 1.89 * averages  # degrees of freedom of a bin: overlap costs 1 + 2 (1/6)^2 (Welch 1967)
@@ -94,6 +97,8 @@ def find_lines(
         excess = np.maximum(power[around] - float(np.nanmean(sides[:, k])) * to_mean, 0.0)
         frequency = float(excess @ around / excess.sum()) * df
         amplitude = math.sqrt(2.0 * float(excess.sum()) * df)
+        if amplitude < ROUNDING * size:
+            continue
         aliases, name = mains(frequency, sampling, 0.75 * df)
         out.append(SpectralLine(frequency, amplitude, aliases, name))
     return out
@@ -110,7 +115,7 @@ def distinct(lines: list[SpectralLine]) -> tuple[SpectralLine, ...]:
 
 def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[float, ...], str | None]:
     """Frequencies of mains and harmonics that appear at `frequency` when sampled, all in Hz; and the
-    likeliest.
+    likeliest. What is slower than the mains wander has no name: any drift appears there.
 
     >>> mains(10.0, 40.0, 0.1)
     ((50.0, 150.0), '50 Hz mains')
@@ -128,4 +133,5 @@ def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[fl
         return (), None
     order, _, base = min(fits)
     name = f"{base:.0f} Hz mains" + (f", harmonic {order}" if order > 1 else "")
-    return tuple(sorted({b * o for o, _, b in fits})), name
+    slow = frequency <= tolerance + MAINS_WANDER * base * order
+    return tuple(sorted({b * o for o, _, b in fits})), None if slow else name

@@ -262,6 +262,8 @@ class Spectrum:
             return Density(np.zeros(0), nothing, np.zeros(nothing.shape, dtype=np.int64), empty, white)
         frequency, density, averages = [], [], []
         lines: list[list[SpectralLine]] = [[] for _ in self._groups]
+        rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)
+        size = np.abs(self._level) + rms
         for s, (rate, power, count) in reversed(list(enumerate(stages))):
             low, high = _band(s, len(stages))
             frequency.append(np.arange(low, high) * rate / SEGMENT)
@@ -271,7 +273,13 @@ class Spectrum:
             for c in range(len(self._groups)):
                 if count[c] >= ENOUGH:
                     lines[c] += find_lines(
-                        power[c], sides[:, c], int(count[c]), rate, range(low, high), self._rate
+                        power[c],
+                        sides[:, c],
+                        int(count[c]),
+                        rate,
+                        range(low, high),
+                        self._rate,
+                        float(size[c]),
                     )
         white = np.array([_white(stages[0][1][c], int(stages[0][2][c])) for c in range(len(self._groups))])
         found = tuple(distinct(each) for each in lines)
