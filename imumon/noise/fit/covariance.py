@@ -190,8 +190,12 @@ def _sums(i: int, j: int, span: int, averaged: bool) -> Floats:
         for octave in (i, j)
         for stride in [max(1, (1 << octave) // 8)]
     )
-    lags, r, each = _differences(i, j, averaged)
-    weighted = r * (_counts(lags, stride_i, stride_j, terms_i, terms_j) * each)
+    steps, r, each = _differences(i, j, averaged)
+    centre = (1 << i) - (1 << j)
+    before, after = (
+        _counts(centre + side * steps, stride_i, stride_j, terms_i, terms_j) for side in (-1, 1)
+    )
+    weighted = r * ((before + after) * each)
     return np.concatenate([(weighted @ r.T)[_LEFT, _RIGHT], weighted.sum(axis=1)])
 
 
@@ -206,48 +210,48 @@ def _counts(lags: Ints, stride_i: int, stride_j: int, terms_i: int, terms_j: int
     return np.asarray(np.maximum(0, last - first + 1))
 
 
-def _differences(i: int, j: int, averaged: bool) -> tuple[Ints, Floats, float]:
-    """Covariance of differences at octaves i <= j by their lag.
+def _differences(i: int, j: int, averaged: bool) -> tuple[Ints, Floats, Floats]:
+    """Covariance of differences at octaves i <= j by the distance of their middles, the same on both sides.
 
     Returns
     -------
-    lags : (l,) samples, from the beginning of the one at octave i to that of the one at octave j.
+    steps : (l,) samples, from the middle of the one at octave i to that of the one at octave j.
     r : (4, l) units of tau0, by noise type.
-    each : lags that each of these stands for.
+    each : (l,) lags that each of these stands for; half as many at distance 0, which is on both sides.
     """
     near = max(i, j - REACH)
     base = min(near, _SHARED)
     steps, r = _base(base, j - near, averaged)
     scale = 2.0 ** (near - base)
     r = r * np.array([1.0 / scale, 1.0, scale, 1.0 / scale**2])[:, None]
-    lags = steps * (1 << (near - base))
+    steps = steps * (1 << (near - base))
+    each = np.where(steps == 0, 0.5, 1.0)
     if near == i:
-        return lags, r, 1.0
+        return steps, r, each
     # So short a difference takes the derivative of a rate that the long one smooths: r goes with m_i. White
     # noise and quantisation have none to speak of.
     r = r[:, ::_COARSE] * np.array([0.0, 1.0, 1.0, 0.0])[:, None] / 2.0 ** (near - i)
     stride_i, stride_near = max(1, (1 << i) // 8), max(1, (1 << near) // 8)
-    return lags[::_COARSE] + ((1 << i) - (1 << near)), r, _COARSE * stride_near / stride_i
+    return steps[::_COARSE], r, each[::_COARSE] * (_COARSE * stride_near / stride_i)
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=64)
 def _base(i: int, apart: int, averaged: bool) -> tuple[Ints, Floats]:
     """`_differences` of the octaves that all others are scaled copies of."""
     short = 1 << i
     long = short << apart
     stride = max(1, short // 8)
-    centre = short - long
-    lags = np.arange(centre - TAIL * long, centre + TAIL * long + 1, stride, dtype=np.int64)
-    phase = _phase(lags.max() + 2 * long + 2 * short, averaged)
-    r = np.zeros((4, lags.size))
+    steps = np.arange(0, TAIL * long + 1, stride, dtype=np.int64)
+    phase = _phase(TAIL * long + long + short + 1, averaged)
+    r = np.zeros((4, steps.size))
     for p, weight_p in enumerate((1.0, -2.0, 1.0)):
         for q, weight_q in enumerate((1.0, -2.0, 1.0)):
-            r += weight_p * weight_q * phase[:, np.abs(lags + q * long - p * short)]
-    return lags, r / (float(short) * float(long))
+            r += weight_p * weight_q * phase[:, np.abs(steps + (q - 1) * long - (p - 1) * short)]
+    return steps, r / (float(short) * float(long))
 
 
-@lru_cache(maxsize=2)
-def _phase_table(size: int, averaged: bool) -> Floats:
+def _phase(size: int, averaged: bool) -> Floats:
+    """(4, size) generalised autocovariance of the phase by lag, one row a noise type."""
     lag = np.arange(size, dtype=np.float64)
     phase = np.zeros((4, size))
     phase[0] = -0.5 * lag
@@ -259,11 +263,6 @@ def _phase_table(size: int, averaged: bool) -> Floats:
         phase[2] = (lag**3 - lag) / 12.0
     phase[3, 0] = 1.0
     return phase
-
-
-def _phase(reach: int, averaged: bool) -> Floats:
-    """(4, l) generalised autocovariance of the phase by lag, one row a noise type."""
-    return _phase_table(1 << int(reach).bit_length(), averaged)
 
 
 def _sampled_flicker(reach: int) -> Floats:
