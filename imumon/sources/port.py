@@ -149,6 +149,7 @@ class SerialPort:
         self._closing = False
         self._talking_until = 0.0
         self._empty = 0
+        self._fd: int | None = None
         self._open()
 
     @property
@@ -280,7 +281,7 @@ class SerialPort:
         self._serial = (
             _open_url(self.name, self._baud) if "://" in self.name else _open_tty(self.name, self._baud)
         )
-        self._fd: int | None = None
+        self._fd = None
         with contextlib.suppress(io.UnsupportedOperation, AttributeError):
             self._fd = self._serial.fileno()
         self._closing, self._gone, self._dropping, self._empty = False, None, False, 0
