@@ -180,7 +180,8 @@ def _check(part: str) -> Callable[[str], Any]:
 
 def search() -> Path | None:
     """First there is of ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml."""
-    home = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    # expanduser, unlike Path.home(), takes a user without a home for no fault: a service may run as one
+    home = Path(os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config"))
     places = (Path("config.toml"), home / "imumon" / "config.toml", Path("/etc/imumon/config.toml"))
     return next((place for place in places if place.is_file()), None)
 

@@ -25,14 +25,15 @@ class Log:
     Parameters
     ----------
     level : least weight that is said.
-    format : ``text``, ``journal`` (priorities in front), ``json``, or ``auto``: journal under the service
-        manager, else text.
+    format : ``text``, ``journal`` (no time, which the journal has), ``json``, or ``auto``: journal where it
+        reads our stderr, else text.
     """
 
     def __init__(self, level: str = "info", format: str = "auto") -> None:
         self._limit = PRIORITY[level]
-        journal = format == "journal" or (format == "auto" and "JOURNAL_STREAM" in os.environ)
-        self._form = "journal" if journal else "json" if format == "json" else "text"
+        read = _journal_reads()
+        self._form = ("journal" if read else "text") if format == "auto" else format
+        self._ranked = read or format == "journal"
 
     def say(self, text: str, level: Level = "info", kind: str = "") -> None:
         """One line; never raises, for a full or closed stderr must not end the daemon."""
@@ -40,16 +41,26 @@ class Log:
         if weight > self._limit:
             return
         if self._form == "journal":
-            line = f"<{weight}>{text}"
+            line = text
         elif self._form == "json":
             said = {"time": stamp(datetime.now(UTC)), "level": level, "kind": kind, "text": text}
             line = json.dumps(said, ensure_ascii=False)
         else:
             line = f"{datetime.now():%H:%M:%S} {'' if level == 'info' else level + ': '}{text}"
+        rank = f"<{weight}>" if self._ranked else ""  # the journal takes it off
         try:
-            print(line, file=sys.stderr, flush=True)
+            print(f"{rank}{line}", file=sys.stderr, flush=True)
         except (OSError, ValueError):
             return
+
+
+def _journal_reads() -> bool:
+    """Whether stderr goes to the journal; its variable alone is inherited by every shell of a desktop."""
+    try:
+        ours = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError, AttributeError):
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{ours.st_dev}:{ours.st_ino}"
 
 
 class Notifier:

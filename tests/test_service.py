@@ -1,0 +1,146 @@
+"""The service: what the unit promises, what the daemon tells its manager and the journal."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from daemons import free_endpoint
+
+from imumon.config import search
+from imumon.daemon.service import Log
+from imumon.emulator import EmulatorSettings, spawn
+
+ROOT = Path(__file__).parents[1]
+UNIT = ROOT / "systemd" / "imumon@.service"
+
+
+def promised() -> dict[str, list[str]]:
+    """Settings of the unit."""
+    found: dict[str, list[str]] = {}
+    for name, value in re.findall(r"^(\w+)=(.*)$", UNIT.read_text(), re.MULTILINE):
+        found.setdefault(name, []).append(value)
+    return found
+
+
+def test_the_unit_says_what_it_is() -> None:
+    unit = promised()
+    assert unit["Type"] == ["notify"]
+    assert unit["ExecStart"] == ["imumon run --port /dev/%I"]
+    assert unit["Documentation"] == ["man:imumon(1)"]
+    assert unit["DynamicUser"] == ["yes"]
+    assert unit["SupplementaryGroups"] == ["dialout"]
+    assert unit["StateDirectory"] == ["imumon/%i"]
+    assert int(unit["WatchdogSec"][0]) >= 10
+    assert "BindsTo" not in unit  # it would end the record at every replug
+
+
+def test_the_unit_names_devices_by_number() -> None:
+    """A name that is not in /proc/devices when the service starts allows nothing, ever."""
+    assert all(re.fullmatch(r"char-\d+ rw", allowed) for allowed in promised()["DeviceAllow"])
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_the_exposure_is_low() -> None:
+    command = ["systemd-analyze", "security", "--offline=true", "--threshold=15", "--no-pager", UNIT]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout.splitlines()[-1:]
+
+
+class Ear:
+    """The manager's end of the notification socket."""
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / "notify"
+        self.heard: list[str] = []
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self.path))
+        self._socket.settimeout(0.1)
+
+    def until(self, text: str, within_s: float = 20.0) -> int:
+        """Place of the first message that begins so."""
+        deadline = time.monotonic() + within_s
+        while time.monotonic() < deadline:
+            for place, message in enumerate(self.heard):
+                if message.startswith(text):
+                    return place
+            try:
+                self.heard.append(self._socket.recv(4096).decode())
+            except TimeoutError:
+                continue
+        raise AssertionError(f"no {text} among {self.heard}")
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def told(ear: Ear, port: str, directory: Path) -> subprocess.Popen[str]:
+    """A daemon that takes us for its service manager."""
+    command = [sys.executable, "-m", "imumon", "run", "--port", port, "--listen", free_endpoint()]
+    manager = {"NOTIFY_SOCKET": str(ear.path), "WATCHDOG_USEC": "1000000", "STATE_DIRECTORY": str(directory)}
+    return subprocess.Popen([*command], env={**os.environ, **manager}, stderr=subprocess.PIPE, text=True)
+
+
+def test_ready_comes_with_the_first_sample_and_the_grade_with_the_status(tmp_path: Path) -> None:
+    ear = Ear(tmp_path)
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        daemon = told(ear, sensor.path, tmp_path)
+        try:
+            assert ear.until("STATUS=starting") < ear.until("READY=1") < ear.until("STATUS=running")
+            ear.until("STATUS=running, gyro industrial, accel industrial")
+            assert ear.heard.count("READY=1") == 1
+            assert ear.heard.count("WATCHDOG=1") > 2
+        finally:
+            daemon.terminate()
+            daemon.communicate(timeout=20)
+    ear.until("STOPPING=1")
+    ear.until("STATUS=stopped")
+    assert daemon.returncode == 0
+    ear.close()
+
+
+def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
+    ear = Ear(tmp_path)
+    daemon = told(ear, str(tmp_path / "ttyNONE"), tmp_path)
+    try:
+        ear.until("READY=1")
+        ear.until("STATUS=waiting: no port")
+        ear.until("WATCHDOG=1")
+    finally:
+        daemon.terminate()
+        _, said = daemon.communicate(timeout=20)
+    assert daemon.returncode == 0
+    assert said.count("waiting") == 1  # said once, however long it lasts
+    ear.close()
+
+
+@pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])
+def test_the_journal_gets_priorities_and_nobody_else(
+    form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with (tmp_path / "err").open("w") as file:
+        monkeypatch.setattr(sys, "stderr", file)
+        monkeypatch.setenv("JOURNAL_STREAM", "9:1")  # inherited from another, as in a terminal of a desktop
+        Log(format=form).say("elsewhere", "warning")
+        place = os.fstat(file.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{place.st_dev}:{place.st_ino}")
+        Log(format=form).say("here", "error")
+    elsewhere, here = (tmp_path / "err").read_text().splitlines()
+    assert elsewhere.startswith("<4>") == (form == "journal")
+    assert here.startswith("<3>")
+
+
+def test_a_user_without_a_home_is_no_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A dynamic user has one only where the name service knows it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
+    assert search() in (None, Path("/etc/imumon/config.toml"))
