@@ -1,9 +1,9 @@
 """Findings: fits, spectra and shapes of a record, renewed when it has grown enough to show.
 
 They cost many times what the samples of a second do, and hardly move in it. So a report that follows
-another takes them over until the record has grown by half a per cent, or by five seconds: what was found
-belongs to one moment, curve and fit together. Counts, means and all else that is cheap is of the moment of
-the report.
+another takes them over until the record has grown by a tenth, or by five seconds and 2 %, or by a minute,
+whichever is first: what was found belongs to one moment, curve and fit together. Counts, means and all else
+that is cheap is of the moment of the report.
 """
 
 from __future__ import annotations
@@ -19,10 +19,17 @@ from imumon.noise.signal.histogram import Shape
 from imumon.report import Channel
 from imumon.samples import UNITS, sensor_of
 
-GROWTH, MOST_S = 0.005, 5.0
-"""Share of the record, and seconds at most, between two renewals."""
-RENEW_SHARE = 0.1
-"""Share of a young record after which limits and terms, the dearest part, are worked out anew."""
+
+def pause_s(elapsed_s: float) -> float:
+    """Growth after which a record so long is worth working out anew, s.
+
+    Up to a minute it is young: what is known changes with every look. For a long one the dearest part,
+    limits and terms, waits for 2 % (`Estimator`), but no curve stands still for more than a minute.
+
+    >>> pause_s(10.0), pause_s(100.0), pause_s(86400.0)
+    (1.0, 7.0, 60.0)
+    """
+    return min(0.1 * elapsed_s, 5.0 + 0.02 * elapsed_s, 60.0)
 
 
 class Findings:
@@ -44,7 +51,7 @@ class Findings:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._trends = Trends(record, averaged=averaged)
-        self._due_s = self._renewed_s = 0.0
+        self._due_s = 0.0
         self._seen = (-1, -1, 0.0)  # samples of the grid, those past the guard, and warm-up then
         self.fits: dict[str, ChannelFit] = {}
         self.shapes: list[Shape | None] = []
@@ -58,14 +65,11 @@ class Findings:
         waits = not now and elapsed < self._due_s and seen[2] == self._seen[2]
         if waits or seen == self._seen:
             return
-        self._seen, self._due_s = seen, elapsed + min(GROWTH * elapsed, MOST_S)
+        self._seen, self._due_s = seen, elapsed + pause_s(elapsed)
         curve, density = record.history.curve(), record.spectrum.result()
         self.shapes = record.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
-        renew = now or elapsed >= self._renewed_s + max(0.02 * elapsed, min(RENEW_SHARE * elapsed, MOST_S))
-        if renew:
-            self._renewed_s = elapsed
-        fits = self._estimator.fit(curve, renew=renew, resolution=steps)
+        fits = self._estimator.fit(curve, renew=now or None, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
         self._trends.renew(self.fits.values(), curve)
         for column, name in enumerate(record.channels):

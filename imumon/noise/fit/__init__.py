@@ -206,11 +206,9 @@ class _Alike:
         if not due:
             return
         former = [self._known[channel].choice if channel in self._known else None for channel in due]
-        chosen = [
-            choose(problems.take(slice(channel, channel + 1)), before)
-            for channel, before in zip(due, former, strict=True)
-        ]
-        fitted = _as_chosen(problems.take(np.array(due)), chosen)
+        fitted = problems.take(np.array(due))
+        chosen = choose(fitted, former)
+        fitted = _as_chosen(fitted, chosen)
         low, high, status, reasons = _limits(fitted, np.array([choice.p for choice in chosen]))
         powers = np.array([choice.p for choice in chosen])
         still = np.full((len(due), 3), np.nan)

@@ -83,26 +83,36 @@ class Choice:
     sought: int = 0
 
 
-def choose(problem: Problems, former: Choice | None) -> Choice:
-    """Choose octaves and terms of one channel.
+def choose(problems: Problems, formers: Sequence[Choice | None]) -> list[Choice]:
+    """Choose octaves and terms of some channels.
 
     Parameters
     ----------
-    problem : one problem, all octaves that have data in use.
-    former : what was chosen before, on a shorter record.
+    problems : one problem a channel, all octaves that have data in use.
+    formers : what was chosen before for each, on a shorter record.
     """
-    everything = problem.used[0]
-    if former is not None:
-        again = _widened(former.used, everything), former.free
-        found = _tried(problem, *again)
-        if found.cured:
-            return _finished(problem, _regained(problem, found, everything))
-        if problem.tables.span < AGAIN * former.sought:
-            return _finished(problem, replace(found, sought=former.sought))
-    found = _with_terms(problem, _tried(problem, everything, _BASE))
-    if not found.cured:
-        found = _sought(problem, found)
-    return _finished(problem, found if found.cured else replace(found, sought=problem.tables.span))
+    found: dict[int, Choice] = {}
+    known = [(row, former) for row, former in enumerate(formers) if former is not None]
+    again = _tried(
+        problems.take(np.array([row for row, _ in known], dtype=np.int64)),
+        [(_widened(former.used, problems.used[row]), former.free) for row, former in known],
+    )
+    stands = [row for (row, _), choice in zip(known, again, strict=True) if choice.cured]
+    for (row, former), choice in zip(known, again, strict=True):
+        if choice.cured or problems.tables.span < AGAIN * former.sought:
+            found[row] = choice if choice.cured else replace(choice, sought=former.sought)
+    found |= zip(stands, _regained(_at(problems, stands), [found[row] for row in stands]), strict=True)
+    new = [row for row in range(len(formers)) if row not in found]
+    fresh = _at(problems, new)
+    plain = _with_terms(fresh, _tried(fresh, [(used, _BASE) for used in fresh.used]))
+    for row, one, choice in zip(new, range(len(new)), plain, strict=True):
+        best = choice if choice.cured else _sought(_at(fresh, [one]), choice)
+        found[row] = best if best.cured else replace(best, sought=problems.tables.span)
+    return _finished(problems, [found[row] for row in range(len(formers))])
+
+
+def _at(problems: Problems, rows: Sequence[int]) -> Problems:
+    return problems.take(np.array(rows, dtype=np.int64))
 
 
 def _widened(used: Bools, available: Bools) -> Bools:
@@ -113,22 +123,17 @@ def _widened(used: Bools, available: Bools) -> Bools:
     return wide & available
 
 
-def _tried(problem: Problems, used: Bools, free: Bools, start: Floats | None = None) -> Choice:
-    """The fit with these octaves and terms."""
-    return _all_tried(problem, used[None], free[None], None if start is None else start[None])[0]
-
-
-def _all_tried(
-    problem: Problems, used: Bools, free: Bools, start: Floats | None = None, rounds: int = _ROUNDS
+def _tried(
+    problems: Problems, described: Sequence[tuple[Bools, Bools]], rounds: int = _ROUNDS
 ) -> list[Choice]:
-    count = len(used)
-    batch = replace(
-        problem.take(np.zeros(count, dtype=np.int64)),
-        used=used,
-        free=free,
-        excess=np.full(count, TOLERATED**2),
-    )
-    p = solve(batch, start=start, rounds=rounds)
+    """The fit of each problem with its octaves and terms."""
+    count = len(described)
+    if not count:
+        return []
+    used = np.array([octaves for octaves, _ in described])
+    free = np.array([terms for _, terms in described])
+    batch = replace(problems, used=used, free=free, excess=np.full(count, TOLERATED**2))
+    p = solve(batch, rounds=rounds)
     chi2, dof = misfit(batch, p)
     choices = []
     for row in range(count):
@@ -149,43 +154,66 @@ def _all_tried(
     return choices
 
 
-def _scores(problem: Problems, choice: Choice, terms: list[int]) -> list[float]:
-    """Scores of terms at zero, given the others."""
-    free = choice.free.copy()
-    free[terms] = True
-    batch = replace(
-        problem.take(np.zeros(len(terms), dtype=np.int64)),
-        used=np.repeat(choice.used[None], len(terms), axis=0),
-        free=np.repeat(choice.free[None], len(terms), axis=0),
-    )
-    batch.free[np.arange(len(terms)), terms] = True
-    start = np.repeat(choice.p[None], len(terms), axis=0)
-    z, _ = score(batch, np.array(terms), np.zeros(len(terms)), start)
+def _all_tried(
+    problem: Problems, described: Sequence[tuple[Bools, Bools]], rounds: int = _ROUNDS
+) -> list[Choice]:
+    """The fits of one problem with all these octaves and terms."""
+    return _tried(_at(problem, [0] * len(described)), described, rounds)
+
+
+def _scores(problems: Problems, choices: Sequence[Choice], wanted: Sequence[tuple[int, int]]) -> list[float]:
+    """Scores of terms at zero, given the others that were chosen; `wanted` are (problem, term)."""
+    if not wanted:
+        return []
+    rows, terms = [row for row, _ in wanted], np.array([term for _, term in wanted])
+    free = np.array([choices[row].free for row in rows])
+    free[np.arange(len(rows)), terms] = True
+    batch = replace(_at(problems, rows), used=np.array([choices[row].used for row in rows]), free=free)
+    start = np.array([choices[row].p for row in rows])
+    z, _ = score(batch, terms, np.zeros(len(rows)), start)
     return [float(value) for value in z]
 
 
-def _with_terms(problem: Problems, choice: Choice) -> Choice:
-    """The choice with quantisation or ramp where their scores want them and the fit then passes."""
-    terms = [term for term in (QUANTISATION, RAMP) if not choice.free[term]]
-    if not terms or choice.used.sum() < FEWEST + len(terms):
-        return choice
-    scores = zip(terms, _scores(problem, choice, terms), strict=True)
-    wanted = [term for term, z in scores if (abs(z) if term == QUANTISATION else z) > WANTED[term]]
+def _with_terms(problems: Problems, choices: Sequence[Choice]) -> list[Choice]:
+    """The choices with quantisation or ramp where their scores want them and the fit then passes."""
+    tested: list[tuple[int, int]] = []
+    for row, choice in enumerate(choices):
+        terms = [term for term in (QUANTISATION, RAMP) if not choice.free[term]]
+        if choice.used.sum() >= FEWEST + len(terms):
+            tested += [(row, term) for term in terms]
+    wanted: dict[int, list[int]] = {}
+    for (row, term), z in zip(tested, _scores(problems, choices, tested), strict=True):
+        if (abs(z) if term == QUANTISATION else z) > WANTED[term]:
+            wanted.setdefault(row, []).append(term)
+    found = list(choices)
+    for row, terms in wanted.items():
+        found[row] = _with(_at(problems, [row]), choices[row], terms)
+    return found
+
+
+def _with(problem: Problems, choice: Choice, wanted: list[int]) -> Choice:
+    """The choice with one of the wanted terms, or all, where the fit then passes."""
     for extra in [[term] for term in wanted] + ([wanted] if len(wanted) > 1 else []):
         free = choice.free.copy()
         free[extra] = True
-        found = _tried(problem, choice.used, free)
+        found = _tried(problem, [(choice.used, free)])[0]
         passes = found.p_value is None or found.p_value >= (REJECTED if choice.cured else CURED)
         if passes and np.all(found.p[extra] != 0.0):
             return found
     return choice
 
 
-def _regained(problem: Problems, choice: Choice, everything: Bools) -> Choice:
+def _regained(problems: Problems, choices: Sequence[Choice]) -> list[Choice]:
+    """The choices with a term more, or else cheaper where that is plainly fine."""
+    return [
+        again if again is not choice else _cheaper(_at(problems, [row]), choice)
+        for row, (choice, again) in enumerate(zip(choices, _with_terms(problems, choices), strict=True))
+    ]
+
+
+def _cheaper(problem: Problems, choice: Choice) -> Choice:
     """The choice with an octave more or a term less, where that is cheaper and plainly fine."""
-    found = _with_terms(problem, choice)
-    if found is not choice:
-        return found
+    everything = problem.used[0]
     masks = [choice.used, everything]
     out = np.flatnonzero(everything & ~choice.used)
     for octave in out[[0, -1]] if out.size else ():
@@ -197,9 +225,7 @@ def _regained(problem: Problems, choice: Choice, everything: Bools) -> Choice:
     tries = [row for row in tries if _cost(*row) < _cost(choice.used, choice.free)]
     if not tries:
         return choice
-    for again in _all_tried(
-        problem, np.array([mask for mask, _ in tries]), np.array([free for _, free in tries])
-    ):
+    for again in _all_tried(problem, tries):
         if again.p_value is not None and again.p_value >= REGAINED and _unwanted(problem, again, choice.free):
             return again
     return choice
@@ -208,7 +234,7 @@ def _regained(problem: Problems, choice: Choice, everything: Bools) -> Choice:
 def _unwanted(problem: Problems, choice: Choice, free: Bools) -> bool:
     """Whether the terms that would be given up are not seen."""
     gone = [int(term) for term in np.flatnonzero(free & ~choice.free)]
-    return not gone or max(_scores(problem, choice, gone)) < KEPT
+    return not gone or max(_scores(problem, [choice], [(0, term) for term in gone])) < KEPT
 
 
 def _terms(used: Bools, extra: Sequence[int]) -> Bools:
@@ -237,10 +263,7 @@ def _sought(problem: Problems, rejected: Choice) -> Choice:
     """The cheapest description that passes, or the best of those that do not."""
     best = rejected
     for cost in range(DEAREST + 1):
-        used, free = _candidates(problem.used[0], cost)
-        if not len(used):
-            continue
-        found = _all_tried(problem, used, free, rounds=_SEARCH_ROUNDS)
+        found = _all_tried(problem, _candidates(problem.used[0], cost), rounds=_SEARCH_ROUNDS)
         found = [choice for choice in found if choice.p[RAMP] > 0.0 or not choice.free[RAMP]]
         passed = [choice for choice in found if choice.p_value is not None and choice.p_value >= CURED]
         if passed:
@@ -254,20 +277,17 @@ def _quality(choice: Choice) -> float:
     return -np.inf if choice.chi2 is None else -choice.chi2 / choice.dof
 
 
-def _candidates(available: Bools, cost: int) -> tuple[Bools, Bools]:
-    """Octaves and terms of all descriptions of one cost: (n, k) and (n, 5)."""
-    octaves = available.size
-    used: list[Bools] = []
-    free: list[Bools] = []
+def _candidates(available: Bools, cost: int) -> list[tuple[Bools, Bools]]:
+    """Octaves, (k,), and terms, (5,), of all descriptions of one cost."""
+    found: list[tuple[Bools, Bools]] = []
     for extra in ((), (QUANTISATION,), (RAMP,), (QUANTISATION, RAMP)):
-        for left_out in _left_out(octaves, cost - TERM_COST * len(extra)):
+        for left_out in _left_out(available.size, cost - TERM_COST * len(extra)):
             mask = available.copy()
             mask[left_out] = False
             terms = _terms(mask, extra)
             if mask.sum() >= FEWEST - 3 + terms.sum() and _cost(mask, terms) == cost:
-                used.append(mask)
-                free.append(terms)
-    return np.array(used, dtype=bool).reshape(-1, octaves), np.array(free, dtype=bool).reshape(-1, len(TERMS))
+                found.append((mask, terms))
+    return found
 
 
 def _left_out(octaves: int, cost: int) -> list[list[int]]:
@@ -285,22 +305,43 @@ def _left_out(octaves: int, cost: int) -> list[list[int]]:
     return found
 
 
-def _finished(problem: Problems, choice: Choice) -> Choice:
-    """The choice with chi-square without tolerance and the model's own error where that is rejected."""
-    one = replace(problem, used=choice.used[None], free=choice.free[None])
-    p = solve(one, start=choice.p[None])
-    chi2, dof = misfit(one, p)
-    if dof[0] <= 0:
-        return replace(choice, p=p[0], chi2=None, dof=0, p_value=None)
-    p_value = chi2_tail(float(chi2[0]), int(dof[0]))
-    excess = 0.0
-    if p_value < REJECTED:
-        low, high = 1e-5, 30.0  # of the Allan variance, one standard deviation
-        for _ in range(14):
-            excess = low * high
-            wide = replace(one, excess=np.array([excess]))
-            p = solve(wide, start=p, rounds=_ROUNDS)
-            left, _ = misfit(wide, p)
-            low, high = (excess**0.5, high) if left[0] > dof[0] else (low, excess**0.5)
-        p = solve(wide, start=p)
-    return replace(choice, p=p[0], excess=excess, chi2=float(chi2[0]), dof=int(dof[0]), p_value=p_value)
+def _finished(problems: Problems, choices: list[Choice]) -> list[Choice]:
+    """The choices with chi-square without tolerance and the model's own error where that is rejected."""
+    all_ = replace(
+        problems,
+        used=np.array([choice.used for choice in choices]),
+        free=np.array([choice.free for choice in choices]),
+    )
+    p = solve(all_, start=np.array([choice.p for choice in choices]))
+    chi2, dof = misfit(all_, p)
+    finished = []
+    for row, choice in enumerate(choices):
+        if dof[row] <= 0:
+            finished.append(replace(choice, p=p[row], chi2=None, dof=0, p_value=None))
+            continue
+        p_value, powers, excess = chi2_tail(float(chi2[row]), int(dof[row])), p[row], 0.0
+        if p_value < REJECTED:
+            powers, excess = _excused(_at(all_, [row]), p[row], int(dof[row]))
+        finished.append(
+            replace(
+                choice,
+                p=powers,
+                excess=excess,
+                chi2=float(chi2[row]),
+                dof=int(dof[row]),
+                p_value=p_value,
+            )
+        )
+    return finished
+
+
+def _excused(one: Problems, p: Floats, dof: int) -> tuple[Floats, float]:
+    """Powers, and the relative variance of the model that makes chi-square its expectation."""
+    low, high, excess, start = 1e-5, 30.0, 0.0, p[None]  # of the Allan variance, one standard deviation
+    for _ in range(14):
+        excess = low * high
+        wide = replace(one, excess=np.array([excess]))
+        start = solve(wide, start=start, rounds=_ROUNDS)
+        left, _ = misfit(wide, start)
+        low, high = (excess**0.5, high) if left[0] > dof else (low, excess**0.5)
+    return solve(wide, start=start)[0], excess
