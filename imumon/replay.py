@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Protocol, TextIO
@@ -64,6 +64,7 @@ class Samples(Protocol):
     ----------
     header : what is known of the sensor, or None.
     problem : after reading: why it ended early, or None.
+    remarks : after reading: what was passed over or is doubtful in it, a line each.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were no good.
     """
 
@@ -71,6 +72,8 @@ class Samples(Protocol):
     def header(self) -> Mapping[str, Any] | None: ...
     @property
     def problem(self) -> str | None: ...
+    @property
+    def remarks(self) -> Sequence[str]: ...
     @property
     def fed(self) -> int: ...
     @property
@@ -91,6 +94,8 @@ class Capture:
     ----------
     piece : bytes that are decoded at once.
     """
+
+    remarks: Sequence[str] = ()
 
     def __init__(self, recording: Recording, piece: int) -> None:
         self.header = recording.header
@@ -169,7 +174,7 @@ def replay(
     ----------
     progress : told the share of the file that is done and the sensor seconds so far, now and then.
     bus : publishes a report every second.
-    tell : told in one line why the recording ended before its end, if it did.
+    tell : told in one line each what is doubtful in the recording, and why it ended before its end.
 
     Raises
     ------
@@ -192,8 +197,8 @@ def replay(
     final = run.report("stopped")
     if not final.session.samples:
         raise NotARecording(samples.verdict())
-    if samples.problem is not None:
-        tell(samples.problem)
+    for text in (*samples.remarks, *([samples.problem] if samples.problem is not None else [])):
+        tell(text)
     if bus is not None:
         bus.publish(final)
     return final

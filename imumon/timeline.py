@@ -248,7 +248,7 @@ class Timeline:
             self._scale = LOOP_S if shortest <= 800 else 1e-6
         interval = _snap(float(np.mean(steps[steps < 1.5 * shortest])) * self._scale)
         if self._told is not None and _multiples(steps * self._scale, self._told):
-            interval = _snap(self._told)
+            interval = self._told
         self.interval_s, self._known = interval, True
 
     def _agree(self, held: SampleBlock) -> None:
@@ -259,7 +259,7 @@ class Timeline:
             return  # the unit of a count is read from its step
         steps = (time if self.clock == "dt" else np.diff(time))[:AGREE] * self._scale
         if (np.abs(steps - self._told) < 0.02 * self._told).all():
-            self.interval_s = _snap(self._told)
+            self.interval_s = self._told
             self._known = True
 
     def _absolute(self, block: SampleBlock, final: bool, room_s: float | None) -> Placed:

@@ -15,7 +15,8 @@ from commands import imumon
 from imumon.replay import Replay, open_samples, replay
 from imumon.samples import SampleBlock
 from imumon.sources import SourceError
-from imumon.sources.columns import understood
+from imumon.sources.names import understood
+from imumon.sources.stamps import Late, interval_of
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
 needs_recordings = pytest.mark.skipif(
@@ -165,6 +166,43 @@ def test_times_of_arrival_are_no_clock(tmp_path: Path) -> None:
     assert found.stream.clock == "none"
     assert found.stream.interval_s == pytest.approx(1 / RATE, rel=0.01)
     assert len(found) == len(t)
+    told: list[str] = []
+    replay(Replay(path=str(path)), tell=told.append)
+    assert "a host's" in "".join(told)
+
+
+DELAYS = {
+    "scheduler": lambda rng, n: rng.exponential(0.3, n),
+    "rounded": lambda rng, n: np.zeros(n),
+    "pairs": lambda rng, n: 1.0 - np.arange(n) % 2 + rng.exponential(0.02, n),
+    "batches": lambda rng, n: 15.0 - np.arange(n) % 16 + rng.exponential(0.02, n),
+    "stalls": lambda rng, n: np.maximum(rng.exponential(0.1, n), 40.0 - (np.arange(n) + 500) % 1000),
+}
+
+
+@pytest.mark.parametrize("kind", DELAYS)
+@pytest.mark.parametrize("piece", [1000, 50_000])
+def test_stamps_of_a_host_tell_rate_and_lost_samples(kind: str, piece: int) -> None:
+    rng = np.random.default_rng(5)
+    n, rate = 30_000, 399.3
+    kept = rng.random(n) >= 0.002
+    kept[[0, -1]] = True
+    kept[20_000:20_777] = False
+    times = np.maximum.accumulate((np.arange(n) + DELAYS[kind](rng, n)) / rate * 1e9)[kept]
+    if kind == "rounded":
+        times = np.rint(times / 1e6) * 1e6
+    times -= times[0]
+    tick, steady = interval_of(times[:20_000])
+    assert not steady
+    assert 1e9 / tick == pytest.approx(rate, rel=2e-5)
+    late = Late(times[:20_000], tick)
+    lost = [late.place(times[at : at + piece]) for at in range(0, n, piece)]
+    lost.append(late.place(np.empty(0), final=True))
+    found = np.cumsum(np.concatenate(lost) + 1) - 1
+    assert not late.rough
+    # lost before the first sample behind a batch, if in it: nobody knows where in it
+    assert np.abs(found - np.flatnonzero(kept)).max() <= (16 if kind == "batches" else 2)
+    assert found[-1] == n - 1
 
 
 HEAD = "t,wx,wy,wz,ax,ay,az\n"
@@ -174,8 +212,11 @@ ROWS = [f"{k / 100},0.001,0.002,{k % 7}e-4,0.1,0.2,-9.8" for k in range(200)]
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (HEAD + "\n".join([*ROWS[:99], "0.99,oops,0,0,0,0,-9.8", *ROWS[100:]]), ("line 101", "oops")),
-        (HEAD + "\n".join([*ROWS[:99], "0.99,0.1", *ROWS[100:]]), ("line 101", "2 columns")),
+        (
+            HEAD + "\n".join([*ROWS[:99], *["0.99,oops,0,0,0,0,-9.8"] * 40, ROWS[150]]),
+            ("line 101", "oops", "40 of 140"),
+        ),
+        (HEAD + "\n".join([*ROWS[:99], *["0.99,0.1"] * 40]), ("line 101", "2 columns")),
         ("t,wx,wy,speed\n" + "\n".join("0.1,2,3,4" for _ in ROWS), ("wx, wy", "--map")),
         ("t,gyroo_x,b,c\n" + "\n".join("0.1,2,3,4" for _ in ROWS), ("gyroo_x", "--map")),
         (HEAD.replace("wx", "wx [furlong]") + "\n".join(ROWS), ("furlong", "deg/s")),
@@ -194,6 +235,25 @@ def test_a_bad_file_is_one_clear_line(tmp_path: Path, text: str, says: tuple[str
     assert "bad.csv" in told
     for word in says:
         assert word in told
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "says"),
+    [("0.99,oops,0,0,0,0,-9.8", "'oops'"), ("0.99,0.1", "2 columns"), ("\x00\x7f garbage", "line 101")],
+    ids=["word", "short", "garbage"],
+)
+def test_a_spoilt_row_is_a_lost_sample_and_is_named(tmp_path: Path, spoilt: str, says: str) -> None:
+    path = tmp_path / "spoilt.csv"
+    path.write_text(
+        HEAD + "\n".join([*ROWS[:99], spoilt, *ROWS[100:150], HEAD.strip(), "# note", *ROWS[150:]])
+    )
+    told: list[str] = []
+    session = replay(Replay(path=str(path), guarded=False), tell=told.append).session
+    assert (session.samples, session.missing, session.gaps, session.bad_checksums) == (199, 1, 1, 1)
+    assert len(told) == 1
+    assert "1 row is no row of numbers" in told[0]
+    assert "line 101" in told[0]
+    assert says in told[0]
 
 
 def test_a_line_cut_off_at_the_end_is_left_out(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,11 @@ class Archive:
             self.fed += piece.nbytes
             yield list(self._rows.blocks(self._rows.pick(piece)))
             self.bad_checksums, self.progress = self._rows.lost, min(1.0, (start + ROWS) / count)
+        yield list(self._rows.finish())
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        return self._rows.remarks
 
     def verdict(self) -> str:
         return f"{self.path} holds arrays without a sample"

@@ -6,15 +6,16 @@ driver puts into a message (compensated or not) no bag says; it counts as uncomp
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from imumon.samples import ACCEL, GYRO, SampleBlock
-from imumon.sources.columns import Column, Layout
+from imumon.sources.columns import Layout
 from imumon.sources.errors import SourceError
+from imumon.sources.names import Column
 from imumon.sources.table import ROWS, Rows, Wanted
 
 IMU = "sensor_msgs/msg/Imu"
@@ -107,6 +108,11 @@ class Bag:
         if gathered:
             self.progress = None if total is None else 1.0
             yield list(self._rows.blocks(self._rows.pick(np.array(gathered))))
+        yield list(self._rows.finish())
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        return self._rows.remarks
 
     def verdict(self) -> str:
         return f"{self.path} has no message on {self._topic}"

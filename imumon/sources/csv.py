@@ -1,11 +1,13 @@
 """CSV: tables as text, of any dialect, in pieces.
 
-The header line tells separator and columns; what stands before it is passed over. Rows that lack a number are
-lost samples; a row that is no row is an error that names its line. Memory does not grow with the length.
+The header line tells separator and columns; what stands before it is passed over, and so are comments and
+headers that come again. A row that lacks a number is a lost sample, and so is one that is no row: they are
+counted and the first is named; a file that is full of them is no table. Memory does not grow with the length.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
@@ -20,6 +22,9 @@ from imumon.sources.table import ROWS, Rows, Wanted
 
 PREAMBLE = 30
 """Lines before which the header must come."""
+
+SPOILT_SHARE, SPOILT_ROWS = 0.1, 10
+"""More rows than these that are no rows of numbers make a file no table."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """What stands where a number is missing."""
@@ -46,6 +51,13 @@ class Csv:
         self.path = recording.path
         self.fed = 0
         self.bad_checksums = 0
+        self._reader: _Reader | None = None
+        self._rows: Rows | None = None
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        spoilt = self._reader.remarks if self._reader is not None else []
+        return [*spoilt, *(self._rows.remarks if self._rows is not None else [])]
 
     @property
     def problem(self) -> str | None:
@@ -57,8 +69,9 @@ class Csv:
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         lines = self._lines()
-        separator, rows, first, number = self._head(lines)
-        reader = _Reader(self.path, separator, rows.columns)
+        head, separator, rows, first, number = self._head(lines)
+        self._reader = reader = _Reader(self.path, head, separator, rows.columns)
+        self._rows = rows
         gathered: list[str] = []
         before = number - len(first)
         for line in chain(first, chain.from_iterable(lines)):
@@ -69,6 +82,7 @@ class Csv:
                 gathered = []
         if gathered:
             yield self._hand(rows, reader, gathered, before, last=True)
+        yield list(rows.finish())
 
     def _hand(
         self, rows: Rows, reader: _Reader, lines: list[str], before: int, *, last: bool = False
@@ -87,8 +101,8 @@ class Csv:
         if rest.strip():
             yield [rest.decode("utf-8-sig", "replace").rstrip("\r")]
 
-    def _head(self, lines: Iterator[list[str]]) -> tuple[str | None, Rows, list[str], int]:
-        """Separator, columns, the rows read along with the header, and lines read so far."""
+    def _head(self, lines: Iterator[list[str]]) -> tuple[str, str | None, Rows, list[str], int]:
+        """The header, separator, columns, the rows read along with it, and lines read so far."""
         seen: list[str] = []
         for piece in lines:
             seen += piece
@@ -104,9 +118,9 @@ class Csv:
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
         rows = Rows(self.path, found, "csv", self._wanted.rate_hz)
-        return separator, rows, seen[names_at + 1 :], len(seen)
+        return seen[names_at], separator, rows, seen[names_at + 1 :], len(seen)
 
-    def _headless(self, seen: list[str]) -> tuple[str | None, Rows, list[str], int]:
+    def _headless(self, seen: list[str]) -> tuple[str, str | None, Rows, list[str], int]:
         """Numbers from the first line on: columns by their number, if the user names them."""
         start = next(
             (k for k, line in enumerate(seen) if line.strip() and line.lstrip()[0] not in "#%"), None
@@ -124,7 +138,7 @@ class Csv:
             found = layout(names, self._wanted.kind, self._wanted.given)
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
-        return separator, Rows(self.path, found, "csv", self._wanted.rate_hz), seen[start:], len(seen)
+        return "", separator, Rows(self.path, found, "csv", self._wanted.rate_hz), seen[start:], len(seen)
 
     def verdict(self) -> str:
         return f"{self.path} has a header and no row of numbers behind it"
@@ -160,48 +174,85 @@ def _is_number(text: str) -> bool:
 
 
 class _Reader:
-    """Lines to numbers."""
+    """Lines to numbers.
 
-    def __init__(self, path: str, separator: str | None, columns: Sequence[int]) -> None:
-        self._path, self._separator, self._columns = path, separator, list(columns)
+    Attributes
+    ----------
+    read, spoilt : rows so far, and how many of them were no rows of numbers.
+    """
+
+    def __init__(self, path: str, head: str, separator: str | None, columns: Sequence[int]) -> None:
+        self._path, self._head, self._separator, self._columns = path, head, separator, list(columns)
+        self.read = self.spoilt = 0
+        self._first = ""  # of the spoilt rows, and what is wrong with it
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was passed over, for people."""
+        if not self.spoilt:
+            return []
+        rows = "1 row is no row" if self.spoilt == 1 else f"{self.spoilt:,} rows are no rows"
+        return [f"{self._path}: {rows} of numbers and taken as lost: {self._first}"]
 
     def numbers(self, lines: list[str], before: int, *, last: bool) -> Floats:
-        """(n, k) of the wanted columns.
+        """(n, k) of the wanted columns; a row that is no row is not a number.
 
         Raises
         ------
-        SourceError : a cell is no number; it names the line.
+        SourceError : there are too many such rows; it names the first.
         """
         try:
-            found = np.loadtxt(
-                lines, delimiter=self._separator, usecols=self._columns, ndmin=2, comments=None, quotechar='"'
+            found = np.asarray(
+                np.loadtxt(
+                    lines,
+                    delimiter=self._separator,
+                    usecols=self._columns,
+                    ndmin=2,
+                    comments=None,
+                    quotechar='"',
+                ),
+                dtype=np.float64,
             )
-            return np.asarray(found, dtype=np.float64)
         except (ValueError, IndexError):
             end = len(lines) - 1 if last else -1
-            rows = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines) if line.strip()]
-            return np.array([row for row in rows if row]).reshape(-1, len(self._columns))
+            rows = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines)]
+            found = np.array([row for row in rows if row]).reshape(-1, len(self._columns))
+        self.read += len(found)
+        if self.spoilt > SPOILT_ROWS and self.spoilt > SPOILT_SHARE * self.read:
+            raise SourceError(
+                f"{self._path} {self._first}; {self.spoilt:,} of {self.read:,} rows are no rows of numbers"
+            )
+        return found
 
     def _row(self, line: str, number: int, last: bool) -> list[float]:
-        """Numbers of a line that is not quite regular; nothing for a last line that is cut off."""
+        """Numbers of a line that is not quite regular; nothing for a line that stands for no sample."""
+        if not line.strip() or line.lstrip()[0] in "#%" or line == self._head:
+            return []
         cells = split(line, self._separator)
-        out = []
-        for column in self._columns:
-            if column >= len(cells):
-                if last:
-                    return []
-                raise SourceError(
-                    f"{self._path} line {number} has {len(cells)} columns, column {column + 1} is wanted"
-                )
-            text = cells[column]
-            if self._separator == ";":
-                text = text.replace(",", ".")
-            try:
-                out.append(float(text))
-            except ValueError:
-                if text.lower() not in MISSING:
-                    raise SourceError(
-                        f"{self._path} line {number} column {column + 1}: {text[:30]!r} is no number"
-                    ) from None
-                out.append(float("nan"))
-        return out
+        try:
+            return [self._number(cells, column) for column in self._columns]
+        except ValueError as error:
+            if last:  # cut off
+                return []
+            self.spoilt += 1
+            self._first = self._first or f"line {number} {error}"
+            return [math.nan] * len(self._columns)
+
+    def _number(self, cells: Sequence[str], column: int) -> float:
+        """Number in a cell, NaN where it is left open.
+
+        Raises
+        ------
+        ValueError : there is none; it says so in words.
+        """
+        if column >= len(cells):
+            raise ValueError(f"has {len(cells)} columns, column {column + 1} is wanted")
+        text = cells[column]
+        if self._separator == ";":
+            text = text.replace(",", ".")
+        if text.lower() in MISSING:
+            return math.nan
+        try:
+            return float(text)
+        except ValueError:
+            raise ValueError(f"column {column + 1}: {text[:30]!r} is no number") from None

@@ -37,11 +37,13 @@ def open_file(path: str, wanted: Wanted) -> File:
 
 def is_csv(path: str, head: bytes, wanted: Wanted) -> bool:
     """Whether text is a table: its name says so, or its header names an inertial sensor."""
-    if b"\0" in head or b"$VN" in head or head.startswith(MARK):
+    if b"$VN" in head or head.startswith(MARK):
         return False
     name = path.lower().removesuffix(".gz")
     if name.endswith((".csv", ".tsv")) or wanted.given:
         return True
+    if b"\0" in head:
+        return False
     lines = head[: 1 << 14].decode("utf-8-sig", "replace").splitlines()
     at = header_line(lines)
     if at is None:

@@ -1,7 +1,8 @@
 """Tables: rows of numbers as blocks of samples, whatever file they come from.
 
 A table has a column for each channel (`columns`) and mostly one of time. The time of its first rows tells
-the sampling interval; a table without one needs the rate. Rows that lack a number are lost samples.
+the sampling interval and whether the stamps are a sensor's or a host's (`stamps`); a table without one needs
+the rate. Rows that lack a number are lost samples.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from typing import Any
 import numpy as np
 
 from imumon.samples import Clock, Floats, Ints, Kind, SampleBlock, Stream
-from imumon.sources.columns import UNITS, Column, Layout
+from imumon.sources.columns import Layout
 from imumon.sources.errors import SourceError
+from imumon.sources.names import UNITS, Column
+from imumon.sources.stamps import Late, interval_of
 
 ROWS = 1 << 15
 """Rows handed over at once."""
 
-BATCHED = 0.1
-"""Share of steps of no length from which times are those of arrival, which tell nothing of the sensor."""
+FAR_OFF = 0.02
+"""Share by which a rate that was told may miss that of the stamps before it is a remark."""
 
 ZERO_CELSIUS = 273.15
 GRAVITY = 9.80665
@@ -56,6 +59,7 @@ class Rows:
     Attributes
     ----------
     lost : rows that lacked a number.
+    remarks : what a reader should know of its stamps.
     """
 
     def __init__(self, path: str, found: Layout, what: str, rate_hz: float | None) -> None:
@@ -65,7 +69,10 @@ class Rows:
         self._scales: list[float] = []  # ns in a unit of each column of time
         self._owed = 0
         self._picked: list[int] = []
+        self._late: Late | None = None  # stamps of a host: rows wait until it has placed them
+        self._waiting: list[Floats] = []
         self.lost = 0
+        self.remarks: list[str] = []
 
     @property
     def columns(self) -> list[int]:
@@ -111,7 +118,26 @@ class Rows:
                 values[:, k] -= ZERO_CELSIUS
         if layout_.kind == "deltas":
             values = self._over_interval(values, rows)
-        yield SampleBlock(self._stream, values, self._times(rows), lost)
+        if self._late is None:
+            yield SampleBlock(self._stream, values, self._times(rows), lost)
+            return
+        self._waiting.append(values)
+        stamps = rows[:, width : width + len(layout_.times)]
+        yield from self._placed(self._late.place(self._nanoseconds(stamps).astype(np.float64)))
+
+    def finish(self) -> Iterator[SampleBlock]:
+        """Rows that still wait, at the end of the table."""
+        if self._late is not None:
+            yield from self._placed(self._late.place(np.empty(0), final=True))
+
+    def _placed(self, lost: Ints) -> Iterator[SampleBlock]:
+        """The oldest rows that wait, for which it is known how many were lost before."""
+        if not len(lost):
+            return
+        assert self._stream is not None
+        values = np.concatenate(self._waiting)
+        self._waiting = [values[len(lost) :]]
+        yield SampleBlock(self._stream, values[: len(lost)], None, lost)
 
     # ------------------------------------------------------------ what the first rows tell
 
@@ -123,7 +149,8 @@ class Rows:
         seen = rows[np.isfinite(rows).all(axis=1)]
         width = len(found.columns)
         times = seen[:, width : width + len(found.times)]
-        interval, clock = None if self._rate is None else 1.0 / self._rate, "none"
+        interval: float | None = None if self._rate is None else 1.0 / self._rate
+        clock: Clock = "none"
         if found.times and len(times):
             self._origin = times[0].copy()
             self._scales = [_scale(c, times[:, k], self._rate) for k, c in enumerate(found.times)]
@@ -131,9 +158,8 @@ class Rows:
             interval = interval or measured
         elif found.interval is not None:
             clock = "dt"
-        known: Clock = "startup" if clock == "startup" else "dt" if clock == "dt" else "none"
         first = found.columns[0].name.partition(" [")[0]
-        self._stream = Stream(found.kind, found.channels, f"{self._what} {first}", known, interval)
+        self._stream = Stream(found.kind, found.channels, f"{self._what} {first}", clock, interval)
         return rows
 
     def _drop(self, rows: Floats) -> Floats:
@@ -177,21 +203,23 @@ class Rows:
                 likely = "deg/s" if sensor == "gyro" else "mg"
                 raise SourceError(_unit(self._path, columns, size, likely))
 
-    def _clock(self, times: Floats) -> tuple[str, float | None]:
+    def _clock(self, times: Floats) -> tuple[Clock, float]:
         """Clock and interval, s, from the times of the first rows."""
         t = self._nanoseconds(times).astype(np.float64)
-        steps = np.diff(t)
-        ahead = steps[steps > 0.0]
-        if not len(ahead):
+        if not (np.diff(t) > 0.0).any():
             raise SourceError(f"{self._path}: the time in {self._layout.times[0].name} stands still")
-        typical = float(np.median(ahead))
-        short = ahead[ahead < 1.5 * typical]
-        near = float(short.mean())
-        ticks = np.rint(ahead / near)
-        if (np.rint(steps / near) == 0.0).mean() > BATCHED:
-            return "none", float(ahead.sum()) / len(steps) * 1e-9
-        plain = ticks < 100.0
-        return "startup", float(ahead[plain].sum() / ticks[plain].sum()) * 1e-9
+        tick, steady = interval_of(t)
+        found = 1e9 / tick
+        if self._rate is not None and abs(self._rate / found - 1.0) > FAR_OFF:
+            self.remarks.append(f"{self._path}: its stamps tell {found:.6g} Hz, --rate says {self._rate:g}")
+        if steady:
+            return "startup", tick * 1e-9
+        self._late = Late(t, tick)
+        told = f"{self._path}: its stamps are a host's, not the sensor's: only their mean rate is used"
+        if self._late.rough:
+            told += ", and single lost samples cannot be told"
+        self.remarks.append(told)
+        return "none", tick * 1e-9
 
     # ------------------------------------------------------------ every block
 
