@@ -3,7 +3,8 @@
 One file a device, written whole beside the old one and then put in its place, so that a reader finds either
 the old state or the new one, never a half. The generation before is kept: if the newest file is damaged,
 the one before serves. A file that cannot serve is set aside under another name with a reason, never
-overwritten and never mixed in.
+overwritten and never mixed in. Where nothing can be written, what is there is read, every save tries anew,
+and `Checkpoint.failed` says why.
 
 The file: one line ``imumon-state 1 SHA256 LENGTH`` and then LENGTH bytes of a NumPy archive; ``meta`` in it
 is JSON. Writing goes on in a thread of its own: a slow disk must not hold up the samples.
@@ -83,7 +84,7 @@ class Checkpoint:
 
     Raises
     ------
-    StateError : the directory cannot be made or written, or another daemon holds this device's state.
+    StateError : another daemon holds this device's state.
     """
 
     def __init__(self, directory: Path, device: str) -> None:
@@ -91,25 +92,41 @@ class Checkpoint:
         self.previous = directory / f"{device}.state.1"
         self.failed: str | None = None  # why the last save did not reach the disk
         self.saved = 0
+        self._device, self._lock = device, -1
+        self._owed: list[tuple[str, Path | None]] = []  # what is to be set aside, once that can be done
         try:
-            directory.mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(directory / f"{device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            self._take_hold()
         except OSError as error:
-            raise StateError(
-                f"state directory {directory}: {error.strerror}; give another with --state"
-            ) from None
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(self._lock)
-            raise StateError(
-                f"another imumon keeps the state of {device} in {directory}; stop it or give another --state"
-            ) from None
+            self.failed = self._why(error)
         self._wake = threading.Condition()
         self._next: State | None = None
         self._busy = False
         self._closing = False
         self._thread: threading.Thread | None = None
+
+    def _take_hold(self) -> None:
+        """Have the directory and the lock in it.
+
+        Raises
+        ------
+        OSError : it cannot be made or written.
+        StateError : another daemon has the lock.
+        """
+        directory = self.path.parent
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = os.open(directory / f"{self._device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            raise StateError(
+                f"another imumon keeps the state of {self._device} in {directory}; "
+                "stop it or give another --state"
+            ) from None
+        self._lock = lock
+        for reason, path in self._owed:
+            self.set_aside(reason, path)
+        self._owed = []
 
     @property
     def there(self) -> bool:
@@ -129,7 +146,7 @@ class Checkpoint:
         return None, said
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:
-        """Move the state to a name of its own: ``DEVICE.REASON-N.state``.
+        """Move the state to a name of its own: ``DEVICE.REASON-N.state``; later, if it cannot be moved now.
 
         Raises
         ------
@@ -141,6 +158,9 @@ class Checkpoint:
             aside = self.path.with_name(f"{stem}.{reason}-{number}.state")
             if not aside.exists():
                 break
+        if self._lock < 0:
+            self._owed.append((reason, path))
+            return source
         try:
             if source.exists():
                 source.rename(aside)
@@ -172,7 +192,8 @@ class Checkpoint:
             self._closing = True
             self._wake.notify_all()
         self.settle(timeout_s)
-        os.close(self._lock)
+        if self._lock >= 0:
+            os.close(self._lock)
 
     def _write_all(self) -> None:
         while True:
@@ -183,14 +204,22 @@ class Checkpoint:
                     return
                 self._busy = True
             try:
+                if self._lock < 0:
+                    self._take_hold()
                 self._write(encode(state))
                 self.failed, self.saved = None, self.saved + 1
             except Exception as error:  # whatever it is, the next save gets its chance
-                why = error.strerror if isinstance(error, OSError) else str(error)
-                self.failed = f"{self.path.parent}: {why or type(error).__name__}"
+                self.failed = self._why(error)
             with self._wake:
                 self._busy = False
                 self._wake.notify_all()
+
+    def _why(self, error: Exception) -> str:
+        """What is wrong, and how to mend it."""
+        if isinstance(error, StateError):
+            return str(error)
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        return f"{self.path.parent}: {why or type(error).__name__}; make room there or give another --state"
 
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from imumon.bus import Viewer
@@ -22,13 +23,28 @@ def free_endpoint() -> str:
 
 
 class Daemon:
-    """`imumon run` with the given words; end it with `stop`, or leave the context."""
+    """`imumon run` with the given words; end it with `stop`, or leave the context.
 
-    def __init__(self, port: str, state: Path, *words: str, listen: str | None = None) -> None:
+    Parameters
+    ----------
+    before : words in front of the command, such as ``unshare``, that make its world and then become it.
+    environment : variables beside those of the test.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        state: Path,
+        *words: str,
+        listen: str | None = None,
+        before: Sequence[str] = (),
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.endpoint = listen or free_endpoint()
         command = [sys.executable, "-m", "imumon", "run", "--port", port, "--state", str(state)]
         self.process = subprocess.Popen(
-            [*command, "--listen", self.endpoint, *words],
+            [*before, *command, "--listen", self.endpoint, *words],
+            env={**os.environ, **(environment or {})},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,

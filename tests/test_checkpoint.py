@@ -67,10 +67,33 @@ def test_two_daemons_do_not_share_a_state(tmp_path: Path) -> None:
     Checkpoint(tmp_path, "d").close()
 
 
-def test_directory_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StateError, match="--state"):
-        Checkpoint(tmp_path / "file" / "state", "d")
+def test_directory_that_cannot_be_had_is_one_clear_line_until_it_can(tmp_path: Path) -> None:
+    place = tmp_path / "file"
+    place.write_text("")
+    keeper = Checkpoint(place / "state", "d")
+    assert keeper.failed is not None
+    assert "--state" in keeper.failed
+    keeper.save(STATE)
+    keeper.settle()
+    assert keeper.failed
+    place.unlink()
+    keeper.close(STATE)
+    assert keeper.failed is None
+    assert same(Checkpoint(place / "state", "d").load()[0], STATE)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_what_does_not_serve_is_set_aside_once_that_can_be_done(tmp_path: Path) -> None:
+    (tmp_path / "d.state").write_bytes(b"GIF89a")
+    tmp_path.chmod(0o500)
+    keeper = Checkpoint(tmp_path, "d")
+    state, said = keeper.load()
+    assert state is None
+    assert "d.state" in said[0]
+    tmp_path.chmod(0o700)
+    keeper.close(STATE)
+    assert (tmp_path / "d.damaged-1.state").read_bytes() == b"GIF89a"
+    assert same(Checkpoint(tmp_path, "d").load()[0], STATE)
 
 
 def test_failing_disk_is_said_and_the_old_state_stays(tmp_path: Path) -> None:

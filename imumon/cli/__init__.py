@@ -23,7 +23,7 @@ from typing import TypeAlias
 
 from imumon import __version__
 from imumon.cli import care, documents, look, recording, run
-from imumon.cli.words import DONE, INTERRUPTED, USAGE, Parser, Stop
+from imumon.cli.words import DONE, FAILED, INTERRUPTED, USAGE, Parser, Stop
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,6 +52,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Stop as stop:
         print(f"imumon: {stop}", file=sys.stderr)
         return stop.code
+    except MemoryError:
+        print(
+            "imumon: out of memory: let it have more (MemoryMax=, ulimit); the last save is kept",
+            file=sys.stderr,
+        )
+        return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from imumon import __version__
 from imumon.checkpoint import Checkpoint, State
+from imumon.daemon.service import Level
 from imumon.monitor import Monitor
 from imumon.report import Session, stamp
 from imumon.sensors.vn100.session import Facts
@@ -56,7 +57,7 @@ class Keeping:
 
     Raises
     ------
-    StateError : the directory cannot be written, or another daemon holds this device's state.
+    StateError : another daemon holds this device's state.
     """
 
     def __init__(self, directory: Path, device: str, identity: str, monitor: Monitor, run: Run) -> None:
@@ -157,17 +158,24 @@ class Keeping:
         """Hand the state over to be written."""
         self._checkpoint.save(self._state(session, started))
 
-    def close(self, session: Session, started: str | None) -> None:
-        """Write the last state and wait for the disk."""
-        state = self._state(session, started) if self._monitor.samples else None
+    def close(self, session: Session | None, started: str | None) -> None:
+        """Write the last state, unless there is none to be trusted, and wait for the disk."""
+        state = self._state(session, started) if session and self._monitor.samples else None
         self._checkpoint.close(state)
 
     def complaint(self) -> str | None:
-        """Why the last save failed, once per change."""
+        """Why the last save failed, or that they succeed again: once per change."""
         if self._checkpoint.failed == self._complained:
             return None
         self._complained = self._checkpoint.failed
-        return f"the state cannot be saved: {self._complained}" if self._complained else None
+        if self._complained is None:
+            return "the state is saved again"
+        return f"the state cannot be saved: {self._complained}"
+
+    @property
+    def level(self) -> Level:
+        """Weight of the last complaint."""
+        return "error" if self._complained else "info"
 
     def _state(self, session: Session, started: str | None) -> State:
         meta, arrays = self._monitor.save()
