@@ -15,6 +15,7 @@ A bus carries it. A screen draws it. Three things cross boundaries: bytes, Sampl
   bus/           reports on Zenoh, and back
   config.py      settings, with errors a user can act on
   checkpoint.py  the state on disk, atomically
+  words.py       what caveats and grades mean, for people
   sensors/       bytes to samples and back, no I/O
   noise/         Allan variance, fit, grade, guards: pure mathematics
   timeline.py    the sensor's clock: which tick each sample is

@@ -79,6 +79,59 @@ def figures(value: float, digits: int = 3) -> str:
     return f"{round(value, decimals):,.0f}"
 
 
+def number(value: float, digits: int) -> str:
+    """Number in at most eight cells, its sign not counted.
+
+    >>> number(0.30451, 4), number(8.858e-5, 4), number(123456.7, 4)
+    ('0.3045', '8.86e-05', '123,500')
+    """
+    text = figures(value, digits)
+    return figures(value, min(digits, 3)) if "e" in text else text
+
+
+def short(value: float) -> str:
+    """Positive number in at most seven cells.
+
+    >>> short(0.03213), short(0.00057), short(12345.6)
+    ('0.0321', '5.7e-04', '12,300')
+    """
+    text = figures(value, 3)
+    return figures(value, 2) if "e" in text else text
+
+
+def percent(relative: float) -> str:
+    """Relative uncertainty in at most four cells.
+
+    >>> percent(0.0312), percent(1.234), percent(34.2), percent(2000.0)
+    ('0.1%', '1.2%', '34%', '>9x')
+    """
+    if relative > 999.0:
+        return ">9x"
+    return f"{max(relative, 0.1):.1f}%" if relative < 9.95 else f"{relative:.0f}%"
+
+
+def measured(value: float, low: float | None, high: float | None, about: str = "±") -> str:
+    """Value with the half-width of its limits in percent.
+
+    >>> measured(0.30451, 0.301, 0.308), measured(0.00123, 0.0002, 0.0031), measured(1.2, None, None)
+    ('0.305 ±1.1%', '0.0012 ±118%', '1.20')
+    """
+    if low is None or high is None or value <= 0.0:
+        return number(value, 3)
+    relative = 50.0 * (high - low) / value
+    digits = 4 if relative < 0.5 else 3 if relative < 10.0 else 2
+    return f"{number(value, digits)} {about}{percent(relative)}"
+
+
+def counted(count: int, what: str) -> str:
+    """So many of something.
+
+    >>> counted(1, "gap"), counted(1200, "sample")
+    ('1 gap', '1,200 samples')
+    """
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
 def duration(seconds: float) -> str:
     """Length of time in the two largest units that matter.
 

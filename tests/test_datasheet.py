@@ -21,11 +21,10 @@ from reports import nothing_yet, report
 from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
-from imumon.datasheet.sheet import CAVEATS, sheet
+from imumon.datasheet.sheet import sheet
 from imumon.datasheet.snippets import worst
 from imumon.noise.synthesis import synthesise
 from imumon.report import Report, from_json, to_json
-from imumon.tui.words import EXPLAINED
 
 AGES = {"nothing": 0.0, "seconds": 5.0, "minutes": 200.0, "hours": 10801.0, "days": 400000.0}
 
@@ -175,10 +174,6 @@ def test_no_document_hides_what_is_wrong_with_the_stream(form: str) -> None:
 
 
 # ---------------------------------------------------------------- the sheet and its forms
-
-
-def test_every_caveat_is_explained_with_its_consequence() -> None:
-    assert set(EXPLAINED) <= set(CAVEATS)
 
 
 @pytest.mark.parametrize("age", AGES)

@@ -15,7 +15,7 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from imumon.report import Report, from_json
-from imumon.tui import picture, save
+from imumon.tui import save
 from imumon.tui.app import THEMES, Monitor
 from imumon.tui.paint import Paper, Sheet
 from imumon.tui.scene import VIEWS, Scene
@@ -488,14 +488,6 @@ def test_without_a_converter_the_picture_is_kept_as_svg(
     drive(reports.Recorded(reports.report()), script)
     (only,) = tmp_path.iterdir()
     assert only.suffix == ".svg"
-
-
-def test_a_picture_is_made_without_a_terminal(tmp_path: Path) -> None:
-    target = tmp_path / "overview.svg"
-    picture(reports.report(), target, signal=reports.signal(), events=reports.events())
-    text = target.read_text()
-    assert "industrial" in text
-    assert len(text) < 100_000
 
 
 def test_scenes_without_anything_save_nothing_wrong() -> None:

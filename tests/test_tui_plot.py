@@ -11,6 +11,7 @@ import reports
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon import units
 from imumon.report import Coefficient, Readable
 from imumon.tui import charts, letters, lists, pages, plot, table, words
 from imumon.tui.scene import Scene
@@ -107,7 +108,7 @@ def test_a_coefficient_never_outgrows_its_column(
 @given(value=st.just(0.0) | st.floats(1e-90, 1e12) | st.floats(-1e12, -1e-90))
 def test_means_and_deviations_fit_their_columns(value: float) -> None:
     assert len(words.signed(value)) < table.COLUMNS["mean"] + 1
-    assert len(words.short(abs(value))) < table.COLUMNS["std"]
+    assert len(units.short(abs(value))) < table.COLUMNS["std"]
 
 
 @pytest.mark.parametrize("ascii", [False, True])

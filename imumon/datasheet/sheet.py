@@ -17,6 +17,7 @@ from imumon.datasheet.text import coefficient
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import AXES
 from imumon.units import READABLE, duration, figures, pretty
+from imumon.words import CAVEATS, CLOCKS, caveats, within
 
 SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 COEFFICIENT_NAMES = {
@@ -24,37 +25,6 @@ COEFFICIENT_NAMES = {
     "accel": {"N": "velocity random walk N", "B": "bias instability B", "K": "acceleration random walk K"},
     "mag": {"N": "white noise N", "B": "bias instability B", "K": "random walk K"},
 }
-
-CAVEATS = {
-    "aliased": "The sensor's own filter lets noise from above half the output rate fold down: N of this "
-    "stream is too high. It is right for whoever uses this very stream, and wrong as a figure of the "
-    "sensor. Take delta angles and velocities, or widen the filter (register 85) to 800 Hz divided by the "
-    "rate.",
-    "unknown_compensation": "Nobody knows whether the sensor takes its gyroscope bias out of its deltas "
-    "(it was only listened to). If it does, mean, B and K describe its filter.",
-    "compensated": "The sensor's Kalman filter takes its gyroscope bias out of this stream live: mean, B "
-    "and K of the gyroscope describe that filter, not the device. N is not touched. Take deltas or the "
-    "uncompensated fields.",
-    "warming_up": "The record is still within the warm-up: the ramp of the bias looks like K.",
-    "vibration": "A vibration or a spectral line shows in the curve: the octaves that it bends were left "
-    "out of the fit.",
-    "misfit": "The curve is not the sum of N, B and K: the limits understate what is not known.",
-    "not_at_rest": "The sensor moved. Motion is not noise, and no grade is given.",
-    "motion": "The sensor moved. Motion is not noise, and no grade is given.",
-    "gaps": "More than a tenth of the samples is missing: the limits at long times are somewhat too narrow.",
-    "filtered": "A filter of the sensor bends the shortest octaves: they were left out of the fit.",
-    "correlated": "Neighbouring samples are not independent (a filter, or values that repeat): the "
-    "shortest octaves were left out of the fit.",
-    "ramp": "The mean runs away steadily: a ramp is part of the fitted model, beside K.",
-    "changed": "N, B or the bias differs from the hours before or from the baseline.",
-    "truncated": "The recording is damaged or cut off: only what comes before that is in it.",
-    "stuck": "The values stood still for a while.",
-    "saturated": "A range was exceeded.",
-    "quantised": "The resolution of the values shows in the curve.",
-    "temperature": "Temperature explains part of the drift.",
-}
-"""What a caveat means for the numbers, and what to do about it."""
-
 
 MAG_HZ = 250.0
 """Readings of the magnetometer in a second."""
@@ -118,30 +88,15 @@ def _why(sensor: str, grade: SensorGrade) -> str:
         name = COEFFICIENT_NAMES[sensor][grade.decided_by.coefficient]
         axis = grade.decided_by.axis.rpartition("/")[2]
         said.append(f"decided by {name} of axis {axis}")
-    meets = (
-        f"every figure meets {grade.meets} or better"
-        if grade.meets
-        else "not every figure meets even consumer"
-    )
-    said.append(meets)
+    said.append(within(grade.meets))
     if grade.provisional:
         said.append(f"provisional{f': {grade.reason}' if grade.reason else ''}")
     return "; ".join(said) + "."
 
 
-def caveats(made: Report) -> dict[str, list[str]]:
-    """Channels by caveat; none for one that holds for the whole record."""
-    found: dict[str, list[str]] = {word: [] for word in made.caveats}
-    for name, channel in made.channels.items():
-        for word in channel.caveats:
-            if word not in made.caveats:
-                found.setdefault(word, []).append(name)
-    return found
-
-
 def _warnings(made: Report) -> Iterator[Block]:
     for word, channels in caveats(made).items():
-        text = CAVEATS.get(word, "")
+        text = CAVEATS[word].advice if word in CAVEATS else ""
         if word == "aliased" and made.device.alias_factor:
             text = f"By a factor of {made.device.alias_factor:.2f}, nominally. {text}"
         where = f" ({', '.join(channels)})" if channels else ""
@@ -284,8 +239,8 @@ def _grades(made: Report) -> Iterator[Block]:
     yield Table(head, rows, strong=frozenset(i for i, name in enumerate(order) if name in own))
     yield Text(
         "Table 3.1 of the VectorNav inertial navigation primer. The grade given is the nearest on a "
-        "logarithmic scale, the worst over N and B and over the axes; “meets” is the best grade that no "
-        "figure exceeds."
+        "logarithmic scale, the worst over N and B and over the axes; beside it stands the best "
+        "grade whose limits no figure exceeds."
     )
 
 
@@ -296,16 +251,10 @@ def _record(made: Report) -> Iterator[Block]:
     device, session = made.device, made.session
     share = session.missing / (session.samples + session.missing) if session.samples else 0.0
     reasons = ", ".join(f"{why} {_seconds(s)}" for why, s in session.excluded_by.items())
-    clocks = {
-        "startup": "the sensor's own clock",
-        "counter": "a count of the sensor's loop",
-        "dt": "the interval of each sample",
-        "none": "none: the rate was given",
-    }
     rows = [
         ("Stream", " ".join(part for part in (device.stream, device.source) if part) or "not known"),
         ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "not known"),
-        ("Time from", clocks.get(device.clock or "", "not known")),
+        ("Time from", CLOCKS.get(device.clock or "", "not known")),
         ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "not known"),
         ("Began", session.started or "not known"),
         (

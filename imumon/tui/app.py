@@ -279,7 +279,7 @@ class Monitor(App[int]):
         at = names.index(self.scene.other) if self.scene.other in names else 0
         other = names[(at + 1) % len(names)]
         baseline = self.scene.reports.get(other) if other is not None else None
-        self.change(other=other, baseline=baseline, baseline_name=other or "saved")
+        self.change(other=other, baseline=baseline, baseline_name="compared" if other else "saved")
 
     def toggle(self, name: str) -> None:
         self.change(**{name: not getattr(self.scene, name)})
@@ -357,7 +357,7 @@ class Monitor(App[int]):
         except (OSError, ValueError) as error:
             self.notify(f"not saved: {error}", severity="error", markup=False)
 
-    def export_screenshot(self, *, title: str | None = None, simplify: bool = False) -> str:
+    def export_screenshot(self, *, title: str | None = None, simplify: bool = True) -> str:
         """Picture of the screen as SVG."""
         return redrawn(super().export_screenshot(title=title or "imumon", simplify=simplify))
 
@@ -375,10 +375,10 @@ class Monitor(App[int]):
         """The names of the views at the foot can be clicked."""
         if event.widget is not None and event.widget.id == "foot":
             at = 0
-            for name, (text, _) in zip(VIEWS, _tabs(self.scene), strict=True):
-                if at <= event.x < at + len(text) + 1:
+            for name, (text, _) in zip(VIEWS, _tabs(self.scene, self.size.width), strict=True):
+                if at <= event.x < at + len(text):
                     self.action_view(name)
-                at += len(text) + 1
+                at += len(text)
 
 
 def _settled(scene: Scene) -> Scene:
@@ -394,19 +394,30 @@ def _settled(scene: Scene) -> Scene:
     return scene
 
 
-def _tabs(scene: Scene) -> list[tuple[str, str]]:
-    return [(f" {k} {name}", "tab" if name == scene.view else "muted") for k, name in enumerate(VIEWS, 1)]
+ROOMY = 100
+"""Cells from which on the views at the foot, and the keys, stand apart by two blanks."""
+
+
+def _tabs(scene: Scene, width: int) -> Line:
+    """The views by name, the one that is seen on a ground of its own."""
+    roles = ["tab" if name == scene.view else "muted" for name in VIEWS]
+    names = [f"{k} {name}" for k, name in enumerate(VIEWS, 1)]
+    if width >= ROOMY:
+        return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
+    before = ["muted", *roles]
+    return [
+        (f"{'' if left == 'tab' else ' '}{name}{' ' if role == 'tab' else ''}", role)
+        for name, role, left in zip(names, roles, before, strict=False)
+    ]
 
 
 def foot(scene: Scene, width: int, height: int = 1) -> list[Line]:
     """Views and the keys one needs to find all others."""
-    line: Line = []
-    for text, role in _tabs(scene):
-        line += [(text + " ", role)]
-    keys = (("?", "help"), ("q", "quit"), ("f", "freeze"), ("s", "save"), ("u", "units"), ("^p", "palette"))
+    line = _tabs(scene, width)
+    keys = (("?", "help"), ("q", "quit"), ("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
     right: Line = []
     for key, name in keys:
-        item: Line = [(f" {key} ", "key"), (f"{name} ", "muted")]
+        item: Line = [(f"  {key} " if width >= ROOMY else f" {key} ", "key"), (name, "muted")]
         if length(line) + length(right) + length(item) < width:
             right += item
-    return [on(padded(line, max(width - length(right), 0)) + right, "foot")]
+    return [on([*padded(line, max(width - length(right) - 1, 0)), *right, (" ", "text")], "foot")]

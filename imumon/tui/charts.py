@@ -17,7 +17,8 @@ from imumon.report import Line as SpectralLine
 from imumon.samples import sensor_of
 from imumon.tui.plot import Canvas, Floats, Frame, Scale, linear, logarithmic
 from imumon.tui.scene import Scene
-from imumon.tui.words import Line, Notation, about, length, number, padded
+from imumon.tui.words import Line, Notation, about, length, padded
+from imumon.units import number
 
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Height of the flat part of an Allan deviation over B."""
@@ -83,10 +84,11 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
             legend.append([("▪ ", "leftout"), ("left out", "muted")])
     if scene.baseline is not None:
         legend.insert(1, [("━ ", "baseline"), (scene.baseline_name, "muted")])
+    back: Line = [("z", "key"), (" back to the numbers ", "muted")] if scene.zoomed else []
     for item in legend:
-        if length(title) + length(item) + 3 <= width:
+        if length(title) + length(item) + 3 <= width - length(back):
             title += [("   ", "text"), *item]
-    return padded(title, width)
+    return [*padded(title, width - length(back)), *back]
 
 
 def _allan_frame(scene: Scene, canvas: Canvas, factor: float) -> Frame:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.report import COEFFICIENTS, Channel, Drift, Event, Report
-from imumon.samples import sensor_of
-from imumon.tui.pages import caveats_of
+from imumon.report import Channel, Drift, Event, Report
+from imumon.tui.compare import comparison
 from imumon.tui.scene import Scene
 from imumon.tui.table import GRADED
-from imumon.tui.words import CELL, Line, about, clock, explain, fitted, length, number, padded, wrap
+from imumon.tui.words import Line, about, clock, fitted, length, padded, wrap
+from imumon.units import number
+from imumon.words import CLOCKS, told
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
@@ -81,7 +82,7 @@ def _stream(report: Report) -> list[Line]:
         _pair("stream", d.stream, meaning.get(d.stream or "", ""), "strong"),
         _pair("message", d.source),
         _pair("sample rate", rate),
-        _pair("time from", d.clock),
+        _pair("time from", CLOCKS.get(d.clock or "", d.clock)),
         _pair("alias factor", alias, note, role),
     ]
 
@@ -130,8 +131,8 @@ def _left_out(report: Report) -> list[Line]:
 
 def _notes(report: Report, width: int) -> list[Line]:
     lines: list[Line] = []
-    for caveat, where in caveats_of(report):
-        for k, text in enumerate(wrap(f"{where}{explain(caveat)}", max(width - 5, 10))):
+    for caveat in told(report):
+        for k, text in enumerate(wrap(caveat, max(width - 5, 10))):
             lines.append([("  ! " if not k else "    ", "warn"), (text, "text")])
     return [_title("Caveats"), *lines] if lines else []
 
@@ -157,7 +158,10 @@ def events(scene: Scene, width: int, height: int = 0) -> list[Line]:
     found = chosen_events(scene.events, scene.needle)
     kept = f"{len(found)} of {len(scene.events)}" if scene.needle else f"{len(found)}"
     head: Line = [(" events ", "title"), (kept, "muted")]
-    head += [(f"   with '{scene.needle}'", "bound")] if scene.needle else [("   / filters", "faint")]
+    if scene.needle:
+        head += [(f"   with '{scene.needle}'", "bound"), ("   esc", "key"), (" shows all again", "muted")]
+    else:
+        head += [("   /", "key"), (" filters", "muted")]
     lines: list[Line] = [padded(head, width), []]
     if not found:
         lines.append([(" nothing has happened" if not scene.events else " none of them matches", "faint")])
@@ -209,38 +213,15 @@ def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
             [
                 ("   arrows choose", "faint"),
                 (" · ", "faint"),
-                ("c compares the chosen one with the next", "faint"),
+                (
+                    "c compares the chosen one with the next"
+                    if scene.other is None
+                    else "c goes on to the next, then to none",
+                    "faint",
+                ),
             ],
         ]
-    return [padded(line, width) for line in [*lines, [], *comparison(scene, width)]]
-
-
-def comparison(scene: Scene, width: int) -> list[Line]:
-    """N, B, K of two devices, channel by channel, one under the other."""
-    mine, other = scene.report, scene.reports.get(scene.other or "")
-    if mine is None or other is None or scene.id is None or scene.other is None:
-        return []
-    lines: list[Line] = []
-    last = None
-    for channel, part in mine.channels.items():
-        twin, sensor = other.channels.get(channel), sensor_of(channel)
-        if "/" not in channel or twin is None:
-            continue
-        if sensor != last:
-            head: Line = [(f" {sensor:<31}", "title")]
-            for name in COEFFICIENTS:
-                text = f"{name} {scene.notation.coefficient_unit(sensor, name)}"
-                head += [(" " * (CELL + 1 - len(text)), "text"), (name, name), (text[1:], "muted")]
-            lines.append(head)
-        last = sensor
-        for k, (owner, name) in enumerate(((part, scene.id), (twin, scene.other))):
-            shown = name if len(name) <= 24 else f"{name[:23]}…"
-            line: Line = [(f"   {'' if k else channel[-1]:<3}{shown:<26}", "muted" if k else "text")]
-            for coefficient in COEFFICIENTS:
-                text, role = scene.notation.coefficient(getattr(owner, coefficient), None)
-                line.append((text.rjust(CELL + 1), "muted" if k and role == "text" else role))
-            lines.append(line)
-    return lines
+    return [padded(line, width) for line in [*lines, [], *comparison(scene)]]
 
 
 def drift(scene: Scene, width: int, height: int = 0) -> list[Line]:

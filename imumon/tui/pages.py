@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import sensor_of
 from imumon.tui.letters import headline
@@ -14,16 +12,16 @@ from imumon.tui.words import (
     Notation,
     about,
     clock,
-    explain,
     fitted,
     length,
-    number,
     on,
     padded,
     remaining,
     signed,
     wrap,
 )
+from imumon.units import counted, number
+from imumon.words import caveats, told, within
 
 # ---------------------------------------------------------------------------- status line
 
@@ -58,8 +56,8 @@ def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
     if device.sample_rate_hz is not None:
         facts.append([(f"{device.sample_rate_hz:.4g} Hz", "text")])
     facts.append([(clock(session.elapsed_s), "text")])
-    facts.append([_count(session.gaps, "gap")])
-    facts.append([_count(session.bad_checksums, "error")])
+    for count, what in ((session.gaps, "gap"), (session.bad_checksums, "error")):
+        facts.append([(counted(count, what), "warn" if count else "text")])
     degrees = report.channels.get("temperature")
     if degrees is not None and degrees.last is not None:
         facts.append([(f"{degrees.last:.1f} {notation.unit('degC')}", "text")])
@@ -76,10 +74,6 @@ def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
     return facts
 
 
-def _count(count: int, what: str) -> tuple[str, str]:
-    return f"{count:,} {what}{'' if count == 1 else 's'}", "warn" if count else "text"
-
-
 # ---------------------------------------------------------------------------- headline grades
 
 
@@ -93,7 +87,7 @@ def plates(scene: Scene, width: int, height: int) -> list[Line]:
     line: Line = []
     for sensor in GRADED:
         line += [("   " if line else " ", "text"), *_small(sensor, report.grade.get(sensor))]
-    found = [caveat.replace("_", " ") for caveat, _ in caveats_of(report)]
+    found = [caveat.replace("_", " ") for caveat in caveats(report)]
     lines = [_with_caveats(line, found, width)]
     return lines + _caveats(scene, width, height - 1) if height > 1 else lines
 
@@ -111,7 +105,8 @@ def _small(sensor: str, grade: SensorGrade | None) -> Line:
     """Headline grade in a few words."""
     if grade is None or grade.nearest is None:
         return [(f"{sensor} ", "muted"), ("not graded yet", "faint")]
-    by = f" by {grade.decided_by.axis[-1]} {grade.decided_by.coefficient}" if grade.decided_by else ""
+    decided = grade.decided_by
+    by = f" by {decided.coefficient} of {decided.axis[-1]}" if decided else ""
     tail = ", for now" if grade.provisional else ""
     return [
         (f"{sensor} ", "muted"),
@@ -125,15 +120,16 @@ def _large(report: Report, notation: Notation, width: int) -> list[Line]:
     half = width // 2
     lines: list[Line] = [[] for _ in range(6)]
     for sensor in GRADED:
-        for line, part in zip(lines, _plate(sensor, report.grade.get(sensor), notation, half), strict=True):
+        for line, part in zip(lines, _plate(sensor, report, notation, half), strict=True):
             line += padded(part, half)
     return [padded(line, width) for line in lines]
 
 
-def _plate(sensor: str, grade: SensorGrade | None, notation: Notation, width: int) -> list[Line]:
+def _plate(sensor: str, report: Report, notation: Notation, width: int) -> list[Line]:
     """Six lines of one sensor's headline."""
     title = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor]
     head: Line = [("  ", "text"), (title, "title")]
+    grade = report.grade.get(sensor)
     if grade is None or grade.nearest is None:
         reason = (grade.reason if grade is not None else None) or "no coefficient is known well enough"
         text = [f"  {line}" for line in wrap(reason, width - 4)[:2]]
@@ -144,19 +140,36 @@ def _plate(sensor: str, grade: SensorGrade | None, notation: Notation, width: in
             *([(line, "faint")] for line in [*text, ""][:2]),
             [],
         ]
-    if grade.provisional:
-        head.append(("  for now", "warn"))
+    head.append(("  nearest grade, for now" if grade.provisional else "  nearest grade", "faint"))
     role = f"grade-{grade.nearest}"
     rows = ["", grade.nearest.upper(), ""] if notation.ascii else headline(grade.nearest)
-    tail: Line = [("  ", "text")]
-    if grade.decided_by is not None:
-        tail += [
-            ("decided by ", "faint"),
-            (f"{grade.decided_by.axis[-1]} {grade.decided_by.coefficient}", "text"),
-            (" · ", "faint"),
-        ]
-    tail.append((f"meets {grade.meets}" if grade.meets else "meets none", "muted"))
-    return [head, *([("  ", "text"), (row, role)] for row in rows), tail, []]
+    return [
+        head,
+        *([("  ", "text"), (row, role)] for row in rows),
+        fitted(_decided(sensor, grade, report, notation), width),
+        [(f"  {within(grade.meets)}", "muted")],
+    ]
+
+
+def _decided(sensor: str, grade: SensorGrade, report: Report, notation: Notation) -> list[Line]:
+    """The figure that decides a grade, and the limit of that grade."""
+    if grade.decided_by is None or grade.nearest is None:
+        return [[]]
+    axis, name = grade.decided_by.axis[-1], grade.decided_by.coefficient
+    parts: list[Line] = [[("  by ", "faint"), (f"{name} of {axis}", "text")]]
+    channel = report.channels.get(f"{sensor}/{axis}")
+    figure: Coefficient | None = getattr(channel, name, None)
+    limit = report.limits.get(sensor, {}).get(name, {}).get(grade.nearest)
+    if figure is None:
+        return parts
+    value, _, high = notation.limits(figure)
+    unit = notation.coefficient_unit(sensor, name)
+    if value is not None or high is not None:
+        text = number(value, 3) if value is not None else f"< {number(high or 0.0, 2)}"
+        parts.append([(f", {text} {unit}", "text")])
+    if limit is not None:
+        parts.append([(f", limit {notation.limit(sensor, name, limit)}", "faint")])
+    return parts
 
 
 # ---------------------------------------------------------------------------- the chosen channel
@@ -251,33 +264,10 @@ def _caveats(scene: Scene, width: int, height: int) -> list[Line]:
     if report is None or height < 1:
         return []
     lines: list[Line] = []
-    for caveat, where in caveats_of(report):
-        for k, text in enumerate(wrap(f"{where}{explain(caveat)}", max(width - 6, 10))):
+    for caveat in told(report):
+        for k, text in enumerate(wrap(caveat, max(width - 6, 10))):
             lines.append([("   ! " if not k else "     ", "warn"), (text, "muted")])
     return [padded(line, width) for line in lines[:height]]
-
-
-def caveats_of(report: Report) -> list[tuple[str, str]]:
-    """Caveats with where they hold: nothing for the whole record, else the channels' names."""
-    found: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
-    whole = set(found)
-    for name, channel in report.channels.items():
-        for caveat in channel.caveats:
-            found.setdefault(caveat, []).append(name)
-    return [(c, "" if c in whole else f"{_joined(names)}: ") for c, names in found.items()]
-
-
-def _joined(names: Sequence[str]) -> str:
-    """Names of channels in few words.
-
-    >>> _joined(["gyro/x", "gyro/y", "accel/z"])
-    'gyro xy, accel z'
-    """
-    by: dict[str, str] = {}
-    for name in names:
-        sensor, _, axis = name.partition("/")
-        by[sensor] = by.get(sensor, "") + axis
-    return ", ".join(f"{sensor} {axes}".strip() for sensor, axes in by.items())
 
 
 # ---------------------------------------------------------------------------- nothing to show

@@ -289,10 +289,11 @@ class Frame:
         return 2 * self.left + fx * (2 * self.width - 1), 4 * self.top + (1 - fy) * (4 * self.height - 1)
 
     def points(self, x: Floats, y: Floats, role: str) -> None:
-        """Marks of 2 x 2 dots."""
-        a, b = self.across(x), self.down(y)
-        for dx, dy in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
-            self.canvas.dots(a + dx, b + dy, role)
+        """Marks of 3 x 3 dots: nobody takes them for a part of a line."""
+        a, b = np.rint(self.across(x)), np.rint(self.down(y))
+        for dx in (-1, 0, 1):
+            for dy in (-1, 0, 1):
+                self.canvas.dots(a + dx, b + dy, role)
 
     def band(self, x: Floats, low: Floats, high: Floats, role: str) -> None:
         """Band between two curves, a column of cells at a time.

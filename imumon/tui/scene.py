@@ -68,6 +68,7 @@ class Scene:
     window: str = "minute"
     limits: bool = False
     overlay: bool = False
+    zoomed: bool = False
     baseline: Report | None = None
     baseline_name: str = "baseline"
     other: str | None = None

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from imumon.report import COEFFICIENTS, Channel
 from imumon.samples import sensor_of
 from imumon.tui.scene import Scene
-from imumon.tui.words import CELL, Line, Notation, fitted, number, on, padded, remaining, short, signed
+from imumon.tui.words import CELL, Line, Notation, fitted, on, padded, remaining, signed
+from imumon.units import number, short
 
 TABLE = 80
 """Cells the whole table takes."""

@@ -83,13 +83,14 @@ class Overview(ChannelView):
         if size.width < 132 and size.height < 34:
             rows = min(rows, 12)
         self.query_one("#table", Paper).styles.height = max(rows, 1)
+        self.set_class(scene.zoomed, "zoomed")
         super().show(scene)
 
     def action_sensor(self, step: int) -> None:
         self.monitor.step_sensor(step)
 
     def action_zoom(self) -> None:
-        self.toggle_class("zoomed")
+        self.monitor.toggle("zoomed")
 
     def action_overlay(self) -> None:
         self.monitor.toggle("overlay")
@@ -132,11 +133,9 @@ class SignalView(ChannelView):
 
 
 class ScrolledView(View):
-    """A page that is one long sheet."""
+    """A page with a long sheet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("down,j", "scroll(1)", "down"),
-        Binding("up,k", "scroll(-1)", "up"),
         Binding("pagedown", "scroll(10)", "a page down"),
         Binding("pageup", "scroll(-10)", "a page up"),
         Binding("home", "scroll(-100000)", "to the top"),
@@ -148,10 +147,17 @@ class ScrolledView(View):
         sheet.scroll_to(y=sheet.scroll_offset.y + step, animate=False)
 
 
+_LINE_KEYS: list[BindingType] = [
+    Binding("down,j", "scroll(1)", "down"),
+    Binding("up,k", "scroll(-1)", "up"),
+]
+
+
 class DeviceView(ScrolledView):
     """Who the sensor is, what its numbers describe, how the line does."""
 
     title = "device"
+    BINDINGS: ClassVar[list[BindingType]] = _LINE_KEYS
 
     def compose(self) -> ComposeResult:
         yield Sheet(lists.device, id="device-sheet")
@@ -162,6 +168,7 @@ class EventsView(ScrolledView):
 
     title = "events"
     BINDINGS: ClassVar[list[BindingType]] = [
+        *_LINE_KEYS,
         Binding("slash", "filter", "filter by words", key_display="/"),
         Binding("escape", "clear", "drop the filter"),
     ]
@@ -190,14 +197,14 @@ class EventsView(ScrolledView):
         self.focus()
 
 
-class SensorsView(View):
+class SensorsView(ScrolledView):
     """Every sensor that is heard, and two of them compared."""
 
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "device(1)", "next sensor"),
         Binding("up,k", "device(-1)", "previous sensor"),
-        Binding("enter", "open", "its overview"),
+        Binding("enter", "open", "its numbers"),
         Binding("c", "compare", "compare with the next one, and no more"),
     ]
 

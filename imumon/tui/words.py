@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from imumon.report import Coefficient, TimeTo
 from imumon.samples import UNITS, sensor_of
-from imumon.units import DEG, READABLE, SI, duration, figures, pretty
+from imumon.units import DEG, READABLE, SI, duration, measured, number, pretty
 
 Piece = tuple[str, str]
 """Some text and the role it plays; the widget knows the colour of the role."""
@@ -20,27 +20,6 @@ Line = list[Piece]
 
 CELL = 14
 """Cells that the text of a coefficient takes at most."""
-
-EXPLAINED = {
-    "unknown_compensation": "the sensor may take its bias out of the deltas: it was only listened to",
-    "compensated": "the sensor takes its bias out live: B and K describe its filter, not the device",
-    "aliased": "the sensor's own filter folds noise: N is too high",
-    "warming_up": "still warming up: the drift looks like K",
-    "vibration": "something vibrates: short times are distorted",
-    "misfit": "the curve is not N + B + K: the fit is poor",
-    "not_at_rest": "the sensor moves: motion is not noise",
-    "motion": "the sensor moves: motion is not noise",
-    "gaps": "more than a tenth of the samples is missing",
-    "filtered": "a filter bends the shortest times: they are left out",
-    "ramp": "the mean runs away steadily: a ramp is part of the model",
-    "changed": "differs from the hours before or from the baseline: see the events",
-    "truncated": "the recording is damaged or cut off",
-    "stuck": "the values stood still: a frozen channel",
-    "saturated": "a range was exceeded",
-    "quantised": "the resolution of the values shows in the curve",
-    "temperature": "the temperature explains part of the drift",
-}
-"""What a caveat means, for people."""
 
 _ASCII = str.maketrans(
     {
@@ -143,6 +122,15 @@ class Notation:
         shown = part if self.si else part.readable
         return shown.value, shown.low, shown.high
 
+    def limit(self, sensor: str, name: str, value: float) -> str:
+        """Limit of a grade as its table prints it, from SI.
+
+        >>> Notation().limit("gyro", "N", 5.8178e-5), Notation(si=True).limit("gyro", "N", 5.8178e-5)
+        ('0.2', '5.82e-05')
+        """
+        scale = READABLE.get((sensor, name))
+        return f"{value * (1.0 if self.si or scale is None else scale.factor):.3g}"
+
     def coefficient(self, part: Coefficient | None, seconds: float | None) -> Piece:
         """A coefficient in at most `CELL` cells: value and half-width, `< bound`, or how long still.
 
@@ -154,45 +142,10 @@ class Notation:
             return "–", "faint"
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
-            if low is None or high is None or value <= 0.0:
-                return number(value, 3), "text"
-            relative = 50.0 * (high - low) / value
-            digits = 4 if relative < 0.5 else 3 if relative < 10.0 else 2
-            return f"{number(value, digits)} {self.about}{percent(relative)}"[:CELL], "text"
+            return measured(value, low, high, self.about)[:CELL], "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
         return (f"in {about(seconds)}", "muted") if seconds else ("pending", "faint")
-
-
-def number(value: float, digits: int) -> str:
-    """Number in at most eight cells, its sign not counted.
-
-    >>> number(0.30451, 4), number(8.858e-5, 4), number(123456.7, 4)
-    ('0.3045', '8.86e-05', '123,500')
-    """
-    text = figures(value, digits)
-    return figures(value, min(digits, 3)) if "e" in text else text
-
-
-def short(value: float) -> str:
-    """Positive number in at most seven cells.
-
-    >>> short(0.03213), short(0.00057), short(12345.6)
-    ('0.0321', '5.7e-04', '12,300')
-    """
-    text = figures(value, 3)
-    return figures(value, 2) if "e" in text else text
-
-
-def percent(relative: float) -> str:
-    """Relative uncertainty in at most four cells.
-
-    >>> percent(0.0312), percent(1.234), percent(34.2), percent(2000.0)
-    ('0.1%', '1.2%', '34%', '>9x')
-    """
-    if relative > 999.0:
-        return ">9x"
-    return f"{max(relative, 0.1):.1f}%" if relative < 9.95 else f"{relative:.0f}%"
 
 
 def about(seconds: float) -> str:
@@ -231,11 +184,6 @@ def signed(value: float, digits: int = 4) -> str:
     ('-9.807', '1.23e-05')
     """
     return number(value, digits)
-
-
-def explain(caveat: str) -> str:
-    """What a caveat means; its own name where nothing better is known."""
-    return EXPLAINED.get(caveat, caveat.replace("_", " "))
 
 
 def wrap(text: str, width: int) -> list[str]:

@@ -1,0 +1,79 @@
+"""Two sensors compared: ratios, and the word that they differ only where that is shown."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reports
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.report import Coefficient
+from imumon.tui.compare import ratio
+
+
+def known(value: float, spread: float) -> Coefficient:
+    return reports.coefficient("gyro", "N", value, spread)
+
+
+def test_a_ratio_differs_beyond_the_limits_of_both() -> None:
+    assert ratio(known(1.0, 0.05), known(2.0, 0.05)) == ("2.00 differs", "warn")
+    assert ratio(known(2.0, 0.05), known(1.0, 0.05)) == ("0.500 differs", "warn")
+    assert ratio(known(1.0, 0.05), known(1.06, 0.05)) == ("1.06  within", "muted")
+
+
+def test_limits_that_touch_need_not_be_alike() -> None:
+    """Half-widths add by their squares: overlapping limits may yet differ."""
+    one, two = known(1.0, 0.1), known(1.17, 0.1)
+    assert one.high is not None
+    assert two.low is not None
+    assert one.high > two.low
+    assert ratio(one, two)[0] == "1.17 differs"
+
+
+def test_a_bound_differs_only_from_what_is_measured_beyond_it() -> None:
+    bound, pending = known(1.0, 1.5), known(1.0, 9.0)
+    assert (bound.status, pending.status) == ("upper_bound", "pending")
+    assert ratio(known(10.0, 0.05), bound) == ("< 0.250 differs", "warn")
+    assert ratio(bound, known(10.0, 0.05)) == ("> 4.00 differs", "warn")
+    for other in (known(1.0, 0.05), bound, pending):
+        assert ratio(bound, other) == ("–", "faint")
+        assert ratio(pending, other) == ("–", "faint")
+    assert ratio(None, bound) == ("", "faint")
+
+
+@given(
+    value=st.floats(1e-12, 1e12),
+    factor=st.floats(1e-3, 1e3),
+    low=st.none() | st.floats(0.0, 0.9),
+    spread=st.sampled_from([0.01, 0.2, 0.8, 1.5, 9.0]),
+)
+def test_which_is_first_does_not_matter(
+    value: float, factor: float, low: float | None, spread: float
+) -> None:
+    one, two = known(value, spread), known(value * factor, 0.1)
+    two = replace(two, low=None if low is None or two.value is None else two.value * low)
+    here, there = ratio(one, two), ratio(two, one)
+    assert here[1] == there[1]
+    assert len(here[0]) <= 15
+    assert "differs" not in here[0] or factor != 1.0
+
+
+@pytest.mark.slow
+def test_alike_sensors_differ_in_one_pair_of_twenty() -> None:
+    """Estimates with log-normal scatter and their own 95 % limits: the word is wrong at 5 % of them."""
+    rng, wrong, pairs = np.random.default_rng(3), 0, 2000
+    for _ in range(pairs):
+        spread = rng.uniform(0.02, 0.4, 2)
+        one, two = (_estimate(float(s), float(rng.standard_normal())) for s in spread)
+        wrong += "differs" in ratio(one, two)[0]
+    assert abs(wrong / pairs - 0.05) < 3 * math.sqrt(0.05 * 0.95 / pairs)
+
+
+def _estimate(spread: float, luck: float) -> Coefficient:
+    value = math.exp(spread * luck)
+    wide = math.exp(1.96 * spread)
+    return replace(known(1.0, 0.1), value=value, low=value / wide, high=value * wide)
