@@ -119,6 +119,38 @@ def test_stuck() -> None:
     assert events[0].size is None
 
 
+def test_an_axis_that_hangs_while_its_neighbours_go_on() -> None:
+    values = quiet(400)
+    values[8000:10400, 1] = values[7999, 1]
+    guard, valid, events = cuts(values)
+    assert not valid[8080:10400, :2].any()
+    assert valid[:, 2].all()
+    assert (~valid[:, 0]).sum() < 2400 + 120
+    assert [(e.kind, e.channel) for e in events] == [("stuck", 1)]
+    guard = Guard(SENSORS, 40.0)
+    guard.update(values[:9600])
+    assert guard.repeating == "stuck"
+    guard.update(values[9600:])
+    assert guard.repeating is None
+
+
+def test_a_coarse_axis_may_stand_still() -> None:
+    """Its level wanders from between two steps, where it toggles, to the middle of one, where it does not."""
+    values = quiet(1200)
+    wander = 0.05 * np.sin(np.arange(len(values)) * 2e-4)
+    values[:, 3] = np.rint((values[:, 3] + wander) / 0.03) * 0.03
+    _, valid, _ = cuts(values)
+    assert valid.mean() > 1 - 1e-4
+
+
+def test_a_turning_table_is_not_rest() -> None:
+    values = quiet(120)
+    values[:, 2] += np.radians(10.0)
+    guard, valid, _ = cuts(values)
+    assert not guard.at_rest
+    assert not valid[:, :2].any()
+
+
 def test_lawful_repeats_are_not_stuck() -> None:
     """A magnetometer read faster than it measures, a constant channel, and one of three levels."""
     values = quiet(120, 800.0)
@@ -152,6 +184,14 @@ def test_a_replayed_loop_counts_once() -> None:
     values = np.concatenate((values, quiet(60, seed=9)))
     _, valid, _ = cuts(values)
     assert valid[-50 * 40 :].all()
+
+
+@pytest.mark.parametrize("rows", [2, 4, 9, 40])
+def test_a_loop_of_a_few_samples_is_one(rows: int) -> None:
+    values = np.tile(quiet(rows / 40.0), (4000 // rows, 1))
+    guard, valid, _ = cuts(values)
+    assert guard.repeating == "loop"
+    assert (~valid[:, 0]).mean() > 0.75
 
 
 def test_what_is_cut_from_a_magnetometer_alone_is_counted() -> None:

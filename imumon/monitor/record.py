@@ -218,6 +218,17 @@ class Record:
         cut = self.guard.excluded
         return {str(reason): n * self.interval_s for reason, n in cut.items()}
 
+    @property
+    def repeating(self) -> str | None:
+        """Reason why what comes now is taken for no measurement: ``stuck`` or ``loop``."""
+        return self.guard.repeating if self.guarded else None
+
+    @property
+    def repeated_share(self) -> float:
+        """Part of the received samples that only repeated others, 0 to 1."""
+        cut = self.guard.excluded
+        return (cut.get("stuck", 0) + cut.get("loop", 0)) / max(self.samples, 1)
+
     def warming(self) -> bool:
         """Whether the sensor's temperature still rises."""
         return warming(self.history.drift, self.temperature)

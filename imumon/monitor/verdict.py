@@ -1,8 +1,8 @@
 """Verdict: what may be said of a record now.
 
 Every figure of a channel with its caveats, what has changed, the grade of each sensor, and what stands in a
-grade's way: motion, an axis that never changes, a record that is mostly cut out, holes, a warm-up that is not
-over.
+grade's way: motion, an axis that never changes, a source that repeats itself, a record that is mostly cut
+out, holes, a warm-up that is not over.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
     words = {
         "not_at_rest": not record.at_rest,
         "disturbed": record.excluded_share > DISTURBED,
+        "stuck": record.repeating == "stuck",
+        "loop": record.repeating == "loop",
         "gaps": record.missing_share > DISTURBED,
         "warming_up": guarded and record.warming(),
     }
@@ -81,7 +83,7 @@ def channels(
                 running.covariance[record.groups[column]],
             ),
         )
-        if not record.at_rest and made.grade is not None:
+        if made.grade is not None and (not record.at_rest or record.repeating):
             made = replace(made, grade=ChannelGrade())
         if fit is not None:
             own = {"constant": name in dead, "changed": column in changed}
@@ -92,7 +94,7 @@ def channels(
 
 
 def grades(record: Record, findings: Findings) -> dict[str, SensorGrade]:
-    """Headlines; none while the sensor is not at rest, or has an axis that never changes."""
+    """Headlines; none while the sensor moves or repeats itself, nor with an axis that never changes."""
     fits, dead = findings.fits, constants(findings)
     made = {}
     for sensor in LIMITS:
@@ -101,6 +103,10 @@ def grades(record: Record, findings: Findings) -> dict[str, SensorGrade]:
             continue
         if not record.at_rest:
             made[sensor] = SensorGrade(reason="the sensor is not at rest")
+            continue
+        if record.repeating or record.repeated_share > MOSTLY:
+            what = "stuck" if record.repeating == "stuck" else "stuck or replayed"
+            made[sensor] = SensorGrade(reason=f"{record.repeated_share:.0%} of the samples repeat: {what}")
             continue
         still = [axis for axis in axes if f"{sensor}/{axis}" in dead]
         if still:

@@ -3,9 +3,9 @@
 People bump tables, lines glitch, ranges clip, sensors hang and files are replayed in loops. One sample of +1
 rad/s in five hours triples N. The guard keeps samples back for one to two frames (a frame is about a second,
 and ten samples where they come slowly; at the very beginning four), has each frame judged (`watch` by the
-sensor's own noise, `repeats`), and passes all samples on in their order, those it cut marked invalid, with a
-margin before and after. Nothing is cut silently: every cut has a reason, is counted by samples and told as a
-`Disturbance`.
+sensor's own noise, `repeats`, `still`), and passes all samples on in their order, those it cut marked
+invalid, with a margin before and after. Nothing is cut silently: every cut has a reason, is counted by
+samples and told as a `Disturbance`.
 
 The rules:
 - Gyro and accelerometer sit on the same table: what disturbs one cuts both. The magnetometer stands alone.
@@ -20,11 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from imumon.noise.guards.reference import PARTS
 from imumon.noise.guards.repeats import Repeats
+from imumon.noise.guards.still import Still
 from imumon.noise.guards.watch import (
     CLIPPED,
     INERTIAL,
@@ -95,6 +97,8 @@ class Guard:
         ]
         watched = self._watches[0].channels if self._watches else []
         self._repeats = Repeats(self.groups, watched, rate_hz)
+        everyone = [c for watch in self._watches for c in watch.channels]
+        self._still = Still(everyone, self.groups)
         self._values = np.zeros((len(self.groups), 0)).T  # one channel behind the other
         self._valid = np.zeros((0, len(names)), dtype=bool)
         self._saturated = np.zeros(0, dtype=bool)
@@ -111,6 +115,16 @@ class Guard:
     def at_rest(self) -> bool:
         """False while the sensor moves or is handled."""
         return not any(watch.moving for watch in self._watches if watch.inertial)
+
+    @property
+    def repeating(self) -> Literal["stuck", "loop"] | None:
+        """Whether gyro or accelerometer only send now what they sent before."""
+        if not self._watches or not self._watches[0].inertial:
+            return None
+        watch = self._watches[0]
+        if self._repeats.stuck[watch.groups].any() or self._still.stuck[: len(watch.channels)].any():
+            return "stuck"
+        return "loop" if self._repeats.period is not None else None
 
     @property
     def excluded(self) -> dict[Reason, int]:
@@ -214,6 +228,8 @@ class Guard:
         rows = slice(done, done + k * self._frame)
         values, valid, saturated = self._values[rows], self._valid[rows], self._saturated[rows]
         stuck, looped = self._repeats.update(values, valid)
+        for f, group in self._still.update(values, valid, k):
+            stuck[f * self._frame : (f + 1) * self._frame, group] = True
         codes = np.zeros((k, PARTS, len(self._watches)), dtype=np.int8)
         clean = bool(valid.all()) and not (stuck.any() or looped.any() or saturated.any())
         shape = (k, PARTS, self._part)
@@ -321,7 +337,8 @@ class Guard:
         }
         for w, watch in enumerate(self._watches):
             out |= {f"watch{w}.{name}": value for name, value in watch.save().items()}
-        return out | {f"repeats.{name}": value for name, value in self._repeats.save().items()}
+        out |= {f"repeats.{name}": value for name, value in self._repeats.save().items()}
+        return out | {f"still.{name}": value for name, value in self._still.save().items()}
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Guard:
@@ -335,6 +352,7 @@ class Guard:
         for w, watch in enumerate(self._watches):
             watch.restore(under(saved, f"watch{w}."))
         self._repeats.restore(under(saved, "repeats."))
+        self._still.restore(under(saved, "still."))
         return self
 
 

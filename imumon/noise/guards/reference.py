@@ -38,6 +38,8 @@ REST_LIMIT = {"gyro": 1.5e-3, "accel": 3e-2}
 """Allan deviation at 1 s, rad/s and m/s^2, above which a sensor with a coloured spectrum is not at rest: two
 to three times what the consumer grade has; a parked car with its engine running stays below, a driven one
 does not."""
+TURNING = 0.1
+"""rad/s that the gyroscope reads on end, by its length: more than the bias of a sensor at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +131,7 @@ class Reference:
     def __init__(self, sensors: tuple[str, ...], frame: int, rate_hz: float) -> None:
         c = len(sensors)
         self._frame = frame
+        self._gyro = [i for i, s in enumerate(sensors) if s == "gyro"]
         self._limit = np.array([REST_LIMIT.get(s, np.inf) for s in sensors])
         # Behind the sensor's own filter of 5 ms, samples faster than 200 Hz are not independent.
         self._white = np.sqrt(PARTS / frame * max(1.0, rate_hz / 200.0))
@@ -258,7 +261,9 @@ class Reference:
         return np.asarray(np.maximum(limits, steps), dtype=np.float64)
 
     def _looks_like_rest(self, n: int) -> bool:
-        """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT`."""
+        """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT` and `TURNING`."""
+        if float(np.linalg.norm(self.level[self._gyro])) > TURNING:
+            return False
         k = min(n, REST_FRAMES)
         if k < 4:
             return True

@@ -9,7 +9,8 @@ when p^r is beyond chance (`CHANCE`), and never before `LEAST` of them.
 Loops are found by content-selected fingerprints: a row is chosen by the value of its own hash, so a replay
 chooses the same rows again; when several of them in a row were last seen the same number of rows ago, that
 number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`), and the last `REMEMBERED` of
-them kept: half an hour.
+them kept: half an hour. A loop of a few rows may have none that is chosen: so `WINDOW` rows on end are taken
+as they come, at the beginning and every `WINDOW_S`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ LEAST = 5
 
 REMEMBERED = 8192
 FINGERPRINTS_HZ = 5.0
+WINDOW, WINDOW_S = 64, 20.0
 _GOLDEN = 0x9E3779B97F4A7C15
 _MASK = (1 << 64) - 1
 
@@ -53,6 +55,7 @@ class Repeats:
         keys = [(_GOLDEN * (2 * c + 3) * (2 * c + 3) | 1) & _MASK for c in range(len(groups))]
         self._keys = np.array(keys, dtype=np.uint64)
         g = len(self._channels) + 1  # the last one is the row of `loops`
+        self._every = max(2 * WINDOW, round(WINDOW_S * rate_hz))  # rows from one window to the next
         self._previous = np.zeros(g, dtype=np.uint64)
         self._started = np.zeros(g, dtype=bool)
         self._run = np.zeros(g, dtype=np.int64)
@@ -65,6 +68,11 @@ class Repeats:
         self._distance = 0
         self._matches = 0
         self.period: int | None = None
+
+    @property
+    def stuck(self) -> Bools:
+        """(g,) Groups that are stuck now."""
+        return np.asarray((self._run >= self._longest)[: len(self._channels)])
 
     def update(self, values: Floats, valid: Bools) -> tuple[Bools, Bools]:
         """Which rows are stuck, and which replayed.
@@ -149,8 +157,15 @@ class Repeats:
 
     def _looped(self, mixed: np.ndarray, received: Bools, fresh: Bools, out: Bools) -> None:
         """Follow the fingerprints; marks rows of a recognised loop in `out`."""
-        chosen = np.flatnonzero(fresh & (mixed < self._select))
-        rows = np.cumsum(received)[chosen] if not received.all() else chosen + 1
+        wanted, begin = mixed < self._select, self._row
+        place = None if received.all() else np.cumsum(received)
+        if place is not None:
+            wanted |= (begin + place - 1) % self._every < WINDOW
+        else:
+            for window in range(begin // self._every * self._every, begin + len(mixed), self._every):
+                wanted[max(0, window - begin) : max(0, window + WINDOW - begin)] = True
+        chosen = np.flatnonzero(fresh & wanted)
+        rows = chosen + 1 if place is None else place[chosen]
         keys = mixed[chosen].tolist()
         if keys and not self.period and self._seen.keys().isdisjoint(keys) and len(set(keys)) == len(keys):
             self._distance = self._matches = 0  # nothing comes again: the usual case
@@ -163,8 +178,10 @@ class Repeats:
             here = self._row + row
             before = self._seen.pop(key, None)
             self._seen[key] = here
+            if before is None and mixed[i] >= self._select:
+                continue  # of a window: that it was not chosen before says nothing
             distance = 0 if before is None else here - before
-            if distance and distance == self._distance:
+            if distance and (distance == self._distance or (self.period and distance % self.period == 0)):
                 self._matches += 1
             else:
                 self._distance, self._matches = distance, int(distance > 0)

@@ -44,7 +44,8 @@ class Disturbance:
     start : samples on the grid since the guard began, margin included.
     length : samples, margins included.
     size : channel unit, greatest distance from the level; None where that says nothing (stuck, loop).
-    channel : index of the channel where that distance is greatest against its noise, or None.
+    channel : index of the channel where that distance is greatest against its noise, or which alone is
+        stuck; None.
     """
 
     kind: Reason
@@ -83,6 +84,7 @@ class Watch:
         self._lately: list[Frames] = []  # while moving: candidates for a new reference
         self.open: list[int] = []
         self._size = (0.0, 0.0, 0)  # of it: relative to the noise, in channel unit, channel
+        self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # of it: values like the one before
 
     def compare(self, x: Floats, seen: Bools | None, codes: Codes, index: int) -> list[int]:
         """Judge frames, learn from the quiet ones; returns where on the grid the record breaks.
@@ -214,9 +216,11 @@ class Watch:
         """A disturbance begins or goes on; `values` (n, c) are its samples in all channels of the stream."""
         if not self.open:
             self.open, self._size = [start, end, code], (0.0, 0.0, 0)
+            self._repeats[:] = 0
         self.open[1:] = [end, max(code, self.open[2])]
         if not len(values):
             return
+        self._repeats += (np.diff(values[:, self.channels], axis=0) == 0.0).sum(axis=0)
         far = np.abs(values[:, self.channels] - self.reference.level).max(axis=0)
         relative = far / np.maximum(self.reference.sample, np.finfo(np.float64).tiny)
         worst = int(np.argmax(relative))
@@ -230,6 +234,8 @@ class Watch:
         told = self.inertial or code in (CLIPPED, STUCK, LOOP)
         sized = code not in (STUCK, LOOP) and self._size[1] > 0.0
         size, channel = (self._size[1], self._size[2]) if sized else (None, None)
+        if code == STUCK and np.median(self._repeats) < 0.5 * self._repeats.max():
+            channel = self.channels[int(np.argmax(self._repeats))]  # one axis alone
         return Disturbance(REASONS[code - 1] if told else "magnetic", start, end - start, size, channel)
 
     def save(self) -> dict[str, np.ndarray]:
