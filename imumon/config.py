@@ -7,7 +7,8 @@ is for stands beside its type; `config.toml` at the top of the project is `rende
 is valid. Empty text, 0 and [] mean "not given".
 
 Only this file knows pydantic, and it imports it where there is something to check: it takes its time and
-8 MB, which nobody pays who has neither a file nor a flag.
+8 MB, which nobody pays who has neither a file nor a flag, and a daemon only until the check is done
+(`load_apart`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import pickle
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -235,6 +237,35 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
     given = {f"{part}.{leaf}" for part, table in values.items() for leaf in table}
     origins = {name: _where(name, at, file) if name in given else "default" for name in NAMES}
     return Settings(**sections, path=place, origins=origins)
+
+
+def load_apart(path: Path | str | None, overrides: Mapping[str, Any] | None) -> Callable[[], Settings]:
+    """`load` in a process of its own, whose memory goes with it; call the answer for the settings.
+
+    For a program that has no threads yet.
+    """
+    ours, theirs = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            told: object = load(path, overrides)
+        except BaseException as error:
+            told = error
+        with open(theirs, "wb") as out:
+            pickle.dump(told, out)
+        os._exit(0)
+    os.close(theirs)
+
+    def answer() -> Settings:
+        with open(ours, "rb") as heard:
+            told = pickle.load(heard)
+        os.waitpid(child, 0)
+        if isinstance(told, BaseException):
+            raise told
+        assert isinstance(told, Settings)
+        return told
+
+    return answer
 
 
 def render(settings: Settings, *, origins: bool = False) -> str:

@@ -210,3 +210,24 @@ def test_no_text_does_worse_than_a_config_error(tmp_path_factory: pytest.TempPat
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
     with contextlib.suppress(ConfigError):
         load(file)
+
+
+def test_read_apart_the_settings_are_the_same_and_pydantic_stays_out(tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text("[report]\nperiod_s = 2.0\n")
+    bad.write_text("[report]\nperiod_s = 0\n")
+    code = f"""
+import sys
+from imumon.config import ConfigError, load, load_apart
+flags = {{"device.baud": 9600}}
+made = load_apart({str(good)!r}, flags)()
+try:
+    load_apart({str(bad)!r}, flags)()
+except ConfigError as error:
+    said = str(error)
+assert "pydantic" not in sys.modules
+assert made == load({str(good)!r}, flags), made
+assert "bad.toml:2: report.period_s" in said, said
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -24,7 +24,7 @@ from imumon.cli.words import (
     positive,
     print_report,
     rate,
-    settings,
+    settings_apart,
     state_directory,
 )
 
@@ -78,11 +78,8 @@ def run(words: argparse.Namespace) -> int:
 
 def _run_emulated(words: argparse.Namespace, made: Any) -> int:
     """`run --port sim`: an emulator of its own, and a state that is thrown away unless one is asked for."""
-    from importlib import import_module
     from pathlib import Path
-    from threading import Thread
 
-    Thread(target=import_module, args=("imumon.daemon",)).start()  # while the emulator starts
     with _emulator(words.speed, words.seed) as sensor, _scratch() as scratch:
         directory = Path(made.state.directory or scratch)
         return _daemon(words, made, sensor.path, directory)
@@ -105,7 +102,7 @@ def _scratch() -> Any:
 def _settings(words: argparse.Namespace) -> Any:
     """Settings with the flags of `run` on top."""
     speed = words.baud
-    return settings(
+    return settings_apart(
         words,
         {
             "device.port": words.port,

@@ -6,6 +6,8 @@ import argparse
 import difflib
 import os
 import re
+import shutil
+import sys
 from typing import Any, NoReturn
 
 DONE, FAILED, USAGE, NOTHING_THERE, NOT_IN_TIME, INTERRUPTED = 0, 1, 2, 3, 4, 130
@@ -118,7 +120,7 @@ def print_report(made: Any, as_json: bool) -> None:
     else:
         from imumon.datasheet.text import table
 
-        print(table(made))
+        print(table(made, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
 
 
 def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
@@ -127,6 +129,21 @@ def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None)
 
     try:
         return load(getattr(words, "config", None), overrides or {})
+    except ConfigError as error:
+        raise Stop(str(error), USAGE) from None
+
+
+def settings_apart(words: argparse.Namespace, overrides: dict[str, Any]) -> Any:
+    """`settings`, read in a process of its own; meanwhile this one begins to import the daemon."""
+    from importlib import import_module
+    from threading import Thread
+
+    from imumon.config import ConfigError, load_apart
+
+    answer = load_apart(words.config, overrides)
+    Thread(target=import_module, args=("imumon.daemon",)).start()
+    try:
+        return answer()
     except ConfigError as error:
         raise Stop(str(error), USAGE) from None
 

@@ -28,7 +28,8 @@ import numpy.typing as npt
 
 from imumon.samples import Floats
 
-Seed: TypeAlias = int | np.random.Generator | None
+# in quotes: numpy loads its generators when they are first named, and only an emulator needs their 6 MB
+Seed: TypeAlias = "int | np.random.Generator | None"
 Strength: TypeAlias = float | npt.ArrayLike
 
 LOWEST_POLE_HZ = 1e-10
