@@ -19,7 +19,7 @@ from imumon.bus import Publisher
 from imumon.monitor import Monitor
 from imumon.samples import Kind, SampleBlock
 from imumon.sensors.vn100 import Decoder
-from imumon.sources import Recording, SourceError, Wanted, open_file
+from imumon.sources import Lost, Recording, SourceError, Wanted, open_file
 
 FAST, PACED = 1 << 20, 1 << 12
 """Bytes decoded at once: as many samples as make the work on arrays worth the name; a second or less when a
@@ -82,7 +82,7 @@ class Samples(Protocol):
     def bad_checksums(self) -> int: ...
     @property
     def progress(self) -> float | None: ...
-    def __iter__(self) -> Iterator[list[SampleBlock]]: ...
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | Lost]]: ...
     def verdict(self) -> str:
         """Why there is nothing to characterise."""
 
@@ -123,8 +123,11 @@ class Capture:
     def bad_checksums(self) -> int:
         return self._decoder.bad_checksums
 
-    def __iter__(self) -> Iterator[list[SampleBlock]]:
-        for data in _pieces(self._recording, self._piece):
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | Lost]]:
+        for data in _pieces(self._recording.pieces(), self._piece):
+            if isinstance(data, Lost):
+                yield [data]
+                continue
             yield [item for item in self._decoder.feed(data) if isinstance(item, SampleBlock)]
         yield [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
 
@@ -135,10 +138,15 @@ class Capture:
         return f"{path} is no recording of a VN-100: not one valid message in {decoder.fed} bytes"
 
 
-def _pieces(chunks: Iterable[bytes], size: int) -> Iterator[bytes]:
-    """The same bytes in pieces of about that size."""
+def _pieces(chunks: Iterable[bytes | Lost], size: int) -> Iterator[bytes | Lost]:
+    """The same bytes in pieces of about that size, none across a lost link."""
     waiting: list[bytes] = []
     for chunk in chunks:
+        if isinstance(chunk, Lost):
+            yield b"".join(waiting)
+            yield chunk
+            waiting = []
+            continue
         for at in range(0, len(chunk), size):
             waiting.append(chunk[at : at + size])
             if sum(map(len, waiting)) >= size:
@@ -184,9 +192,9 @@ def replay(
     run = _Run(task, samples)
     pace = _Pace(task.speed)
     due = 0.0
-    for blocks in samples:
-        for block in blocks:
-            run.monitor.feed(block)
+    for items in samples:
+        for item in items:
+            run.take(item)
         if progress is not None:
             progress(samples.progress, run.elapsed_s)
         if bus is not None and time.monotonic() >= due:
@@ -222,6 +230,15 @@ class _Run:
             settings=header.get("settings", {}),
         )
         self.started = header.get("time")
+
+    def take(self, item: SampleBlock | Lost) -> None:
+        """As the daemon does."""
+        if isinstance(item, SampleBlock):
+            self.monitor.feed(item)
+            return
+        if item.away_s is not None:
+            self.monitor.flush()
+        self.monitor.gap(item.away_s)
 
     @property
     def elapsed_s(self) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -11,15 +10,12 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from daemons import Daemon
 
 from imumon.checkpoint import Checkpoint, decode
 from imumon.daemon import keeping
 from imumon.daemon.keeping import Keeping, differing
-from imumon.emulator import EmulatorSettings, spawn
 from imumon.monitor import Monitor
-from imumon.replay import Replay, replay
-from imumon.report import Report, Session, from_json
+from imumon.report import Session
 from imumon.samples import SampleBlock, Stream
 from imumon.sensors.vn100.session import Facts
 from imumon.sensors.vn100.session import Session as Sensor
@@ -160,39 +156,3 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     place.rmdir()
     kept.close(Session(), None)
     assert Checkpoint(tmp_path, "lab").load()[0] is not None
-
-
-def values(made: Any) -> dict[str, tuple[float, ...]]:
-    return {name: tuple(channel.allan.sigma) for name, channel in made.channels.items() if channel.allan}
-
-
-@pytest.mark.parametrize("compress", [False, True])
-def test_a_recording_gives_the_daemons_report(tmp_path: Path, compress: bool) -> None:
-    path = tmp_path / ("raw.bin.gz" if compress else "raw.bin")
-    with spawn(EmulatorSettings(seed=11)) as sensor:
-        daemon = Daemon(sensor.path, tmp_path, "--record", str(path), "--duration", "6", "--json")
-        out, err = daemon.process.communicate(timeout=40)
-        daemon.viewer.close()
-    assert daemon.process.returncode == 0, err
-    lived = from_json(Report, out)
-    again = replay(Replay(path=str(path)))
-    same: Callable[[Any], Any] = lambda r: (  # noqa: E731
-        r.session.samples,
-        r.session.missing,
-        r.session.gaps,
-        r.session.received_bytes,
-        r.session.bad_checksums,
-        r.device.id,
-        r.device.model,
-        r.device.serial,
-        r.device.firmware,
-        r.device.stream,
-        r.device.sample_rate_hz,
-        r.device.alias_factor,
-        dict(r.device.settings),
-        set(r.caveats),
-    )
-    assert same(again) == same(lived)
-    assert lived.session.samples > 300
-    for name, sigma in values(lived).items():
-        assert values(again)[name] == pytest.approx(sigma, rel=1e-12)

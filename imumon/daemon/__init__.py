@@ -3,6 +3,7 @@
     Daemon      the loop                                          daemon/__init__.py
     link        the sensor on its port, lost and found again      daemon/link.py
     keeping     the state: taken up, saved, set aside             daemon/keeping.py
+    tape        the raw bytes, kept if that is wanted             daemon/tape.py
     service     service manager and log                           daemon/service.py
 
 One thread does all of it but three things that may stall: draining the port, sending on the bus, and writing
@@ -27,18 +28,17 @@ from imumon.config import Settings
 from imumon.daemon.keeping import Keeping
 from imumon.daemon.link import BEAT_S, Link, Stopped
 from imumon.daemon.service import Level, Log, Notifier
+from imumon.daemon.tape import Tape
 from imumon.monitor import Monitor
 from imumon.monitor import Wanted as Watched
 from imumon.samples import SampleBlock, Stream
 from imumon.sensors.vn100.session import Facts, SensorChanged, SessionError, Wanted
-from imumon.sources import PortError, PortGone, Recorder, SourceError
+from imumon.sources import PortError, PortGone, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
-EARLY_BYTES = 1 << 20
-"""Bytes after which a recording begins even though nothing of the stream is known yet."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -104,7 +104,7 @@ class Daemon:
         self._facts: Facts | None = None
         self._bus: Publisher | None = None
         self._keeping: Keeping | None = None
-        self._recorder: Recorder | None = None
+        self._tape = Tape(settings.record)
         self._signal: int | None = None
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
         self._next_report = self._next_save = self._next_alive = 0.0
@@ -115,8 +115,6 @@ class Daemon:
         self._started: str | None = None
         self._streams: set[Stream] = set()
         self._remarked: set[str] = set()
-        self._early = bytearray()  # bytes that came before the stream was known, for the recording
-        self._recorded = False
 
     def run(self) -> Outcome:
         """Read until a signal comes or the time is over.
@@ -124,9 +122,12 @@ class Daemon:
         Raises
         ------
         NoSensor, PortError, SessionError : there is no sensor to read at the start (under a service manager
-            it is waited for instead). BusError, StateError, SourceError : no place to publish or to keep.
+            it is waited for instead). BusError, StateError : no place to publish or to keep.
+        SourceError : what is to be recorded can never be written there.
         RateNeeded : the stream has no clock and no rate was given.
         """
+        if not self._notifier.listens:
+            self._tape.check()
         final = None
         with self._listening_to_signals():
             try:
@@ -177,15 +178,12 @@ class Daemon:
 
     def _record(self, data: bytes) -> None:
         """Keep the raw bytes, if that is wanted; it begins when the stream is known, with the first byte."""
-        wanted, facts = self.settings.record, self._facts
-        if not wanted.file or facts is None:
+        tape, facts = self._tape, self._facts
+        tape.take(data)
+        if facts is None or not tape.waits or not (self._monitor.samples or tape.full):
             return
-        if self._recorder is None and not self._recorded:
-            self._early += data
-            if not self._monitor.samples and len(self._early) < EARLY_BYTES:
-                return
-            data, self._early, self._recorded = bytes(self._early), bytearray(), True
-            header = {
+        tape.begin(
+            {
                 "time": report.stamp(datetime.now(UTC)),
                 "id": self._bus.id if self._bus else facts.id,
                 "model": facts.model,
@@ -197,16 +195,7 @@ class Daemon:
                 "caveats": facts.caveats,
                 "settings": dict(facts.settings),
             }
-            try:
-                self._recorder = Recorder(
-                    wanted.file, header, rotate_bytes=int(wanted.rotate_mb * 1e6), compress=wanted.gzip
-                )
-            except SourceError as error:
-                if not self._notifier.listens:
-                    raise
-                self._tell("recording", str(error), "error")
-        if self._recorder is not None:
-            self._recorder.write(data)
+        )
 
     # ------------------------------------------------------------------ the loop
 
@@ -223,7 +212,7 @@ class Daemon:
             for notice in session.tick():
                 self._tell(notice.kind, notice.text, "warning")
                 if notice.kind in INTERRUPTED:
-                    self._monitor.gap()
+                    self._gap(None)
             self._learn(session.facts())
         except (PortGone, SensorChanged) as error:
             self._lose(str(error))
@@ -304,16 +293,22 @@ class Daemon:
             return
         assert self._lost_at is not None
         away = time.monotonic() - self._lost_at
-        self._monitor.gap(away * self.task.speed)
+        self._gap(away * self.task.speed)
         self._streams.clear()
         if self._keeping.differing(self._facts) and self._monitor.samples:
             self._begin_anew(self._facts)
         self._tell("connect", f"{self._who()} is back on {self._facts.port} after {away:.1f} s", "info")
 
+    def _gap(self, away_s: float | None) -> None:
+        """The stream was interrupted, s of the sensor's time, None where nobody knows."""
+        self._monitor.gap(away_s)
+        self._tape.lost(away_s)
+
     def _begin_anew(self, facts: Facts) -> None:
         """The sensor came back with other settings: another record."""
         assert self._keeping is not None
         self._monitor = Monitor(self._watched, rate_hz=self.settings.device.rate_hz or None)
+        self._tape.begin_anew()
         self._tell("state", self._keeping.begin_anew(facts, self._monitor, self._session()), "warning")
         self._started = None
 
@@ -363,9 +358,8 @@ class Daemon:
             )
             self._bus.event(event)
             self.log.say(found.text, _level(found.kind), found.kind)
-        if self._recorder is not None and self._recorder.stopped:
-            self._tell("recording", self._recorder.stopped, "error")
-            self._recorder = None
+        if complaint := self._tape.complaint():
+            self._tell("recording", complaint, "error")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
             self._tell("state", complaint, "error")
         self._notifier.status(_status(made))
@@ -445,8 +439,9 @@ class Daemon:
         if self._keeping is not None:
             self._keeping.close(self._session(), self._started)
         self._put_back()
-        if self._recorder is not None:
-            self._recorder.close()
+        self._tape.close()
+        if complaint := self._tape.complaint():
+            self.log.say(complaint, "error")
         if self._bus is not None:
             self._bus.close()
         return final

@@ -14,10 +14,11 @@ kinds       which of them a file is
 from imumon.sources.errors import SourceError
 from imumon.sources.kinds import open_file
 from imumon.sources.port import PortError, PortGone, PortInfo, SerialPort, find_again, find_ports, holders
-from imumon.sources.recording import Recorder, Recording, read_file
+from imumon.sources.recording import Lost, Recorder, Recording, check_place, read_file
 from imumon.sources.table import Wanted
 
 __all__ = [
+    "Lost",
     "PortError",
     "PortGone",
     "PortInfo",
@@ -26,6 +27,7 @@ __all__ = [
     "SerialPort",
     "SourceError",
     "Wanted",
+    "check_place",
     "find_again",
     "find_ports",
     "holders",

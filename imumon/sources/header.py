@@ -80,6 +80,7 @@ _TAKEN: Mapping[str, Callable[[Any], Any]] = {
     "alias_factor": _number(1e-3, 1e3),
     "caveats": _texts,
     "settings": _named,
+    "away_s": _number(0.0, 1e10),
     "run": _path,
     "part": _count,
     "base": _path,

@@ -1,9 +1,11 @@
 """Recordings: raw bytes kept on disk, and read back.
 
 A recording is what came from the port, byte for byte, behind one line that says what it is:
-``#imumon-recording {JSON}``. A decoder resynchronises over that line, and `Recording` takes it off. Writing
-goes on in a thread of its own, and a full disk ends the recording, not the reading. What is there already
-is never overwritten: a new run takes the next free number.
+``#imumon-recording {JSON}``. Where the link was lost and found again, another such line says for how long,
+``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. A decoder resynchronises
+over these lines, and `Recording` takes them out. Writing goes on in a thread of its own, and a full disk ends
+the recording, not the reading. What is there already is never overwritten: a new run takes the next free
+number.
 """
 
 from __future__ import annotations
@@ -18,12 +20,14 @@ import threading
 import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 from imumon.sources.errors import SourceError
 from imumon.sources.header import read_header
 
 MARK = b"#imumon-recording "
+LONGEST_LINE = 1 << 16
 CHUNK = 256 << 10
 BACKLOG = 8 << 20  # bytes that wait for a slow disk; with more the recording ends
 FLUSH_S = 1.0  # what a kill may cost; ten times that when compressing
@@ -54,11 +58,18 @@ def part_path(path: str, part: int) -> str:
     return os.path.join(folder, f"{stem}.{part:04d}{dot}{suffix}")
 
 
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Here the link was lost; `away_s`: s of the sensor's time until it was back, None where nobody knows."""
+
+    away_s: float | None
+
+
 class Recording:
     """A recording as chunks of bytes, in memory that does not grow with its length.
 
     Iterate to get the chunks: of a raw capture, of gzip of one, or of what `Recorder` made; of the latter
-    the further parts of the same run follow by themselves.
+    the further parts of the same run follow by themselves. `pieces` has `Lost` where the link was.
 
     Parameters
     ----------
@@ -86,7 +97,7 @@ class Recording:
     @property
     def head(self) -> bytes:
         """The first bytes, before iterating: what tells what it is."""
-        return self._part.ahead
+        return self._part.head
 
     @property
     def progress(self) -> float | None:
@@ -94,14 +105,23 @@ class Recording:
         return min(1.0, (self._behind + self._part.taken) / self._total) if self._total else None
 
     def __iter__(self) -> Iterator[bytes]:
+        return (piece for piece in self.pieces() if isinstance(piece, bytes))
+
+    def pieces(self) -> Iterator[bytes | Lost]:
+        """Chunks of bytes, and where the link was lost between them."""
         yield from self._read_part()
         for path in self._later:
             self._behind += self._part.taken
             self._part = _Part(path)
             yield from self._read_part()
 
-    def _read_part(self) -> Iterator[bytes]:
-        yield from self._part
+    def _read_part(self) -> Iterator[bytes | Lost]:
+        run = (self.header or {}).get("run")
+        for item in self._part:
+            if isinstance(item, bytes):
+                yield item
+            elif run is None or item.get("run") != run:  # else: parts of one run, put together in one file
+                yield Lost(item.get("away_s"))
         if self._part.problem is not None and self.problem is None:
             self.problem = f"{self._part.path} {self._part.problem}"
 
@@ -131,17 +151,20 @@ class _Part:
             if head.startswith(magic):
                 raise SourceError(f"{path} is not a recording but {what}")
         raw = self._read(head)
-        self._chunks = self._unzip(raw) if head[:2] == b"\x1f\x8b" else raw
-        self.ahead = next(self._chunks, b"")
-        if self.ahead.startswith(MARK):
-            line, _, self.ahead = self.ahead.partition(b"\n")
-            self.header = read_header(line[len(MARK) :])
+        self._items = _split(self._unzip(raw) if head[:2] == b"\x1f\x8b" else raw)
+        self._next: bytes | dict[str, Any] = next(self._items, b"")
+        if isinstance(self._next, dict):
+            self.header, self._next = self._next, next(self._items, b"")
 
-    def __iter__(self) -> Iterator[bytes]:
-        if self.ahead:
-            yield self.ahead
-        self.ahead = b""
-        yield from self._chunks
+    @property
+    def head(self) -> bytes:
+        return self._next if isinstance(self._next, bytes) else b""
+
+    def __iter__(self) -> Iterator[bytes | dict[str, Any]]:
+        if self._next != b"":
+            yield self._next
+        self._next = b""
+        yield from self._items
         self.close()
 
     def close(self) -> None:
@@ -181,6 +204,38 @@ class _Part:
             self.problem = "is cut off: what is there is used"
 
 
+def _split(chunks: Iterator[bytes]) -> Iterator[bytes | dict[str, Any]]:
+    """Bytes, and what the lines between them say; one that cannot be read says nothing.
+
+    >>> list(_split(iter([b"ab#imumon-rec", b'ording {"away_s": 2}', b"\\ncd#", b"e"])))
+    [b'ab', {'away_s': 2.0}, b'cd', b'#e']
+    """
+    held = b""
+    for chunk in chunks:
+        held += chunk
+        while (at := held.find(MARK)) >= 0:
+            end = held.find(b"\n", at, at + LONGEST_LINE)
+            if end < 0 and len(held) - at < LONGEST_LINE:
+                break  # the line goes on in the next chunk
+            if end < 0:
+                at += len(MARK)  # no line of ours
+                yield held[:at]
+                held = held[at:]
+                continue
+            if at:
+                yield held[:at]
+            yield read_header(held[at + len(MARK) : end]) or {}
+            held = held[end + 1 :]
+        if at < 0:
+            at = held.rfind(MARK[:1], -len(MARK))
+            at = at if at >= 0 and MARK.startswith(held[at:]) else len(held)
+        if at:
+            yield held[:at]
+            held = held[at:]
+    if held:
+        yield held
+
+
 def _undamaged(member: Any, data: bytes) -> Iterator[bytes]:
     """What a member still gives of the chunk with the damage, to the last byte before it."""
     with contextlib.suppress(zlib.error):
@@ -205,6 +260,26 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
         if part.header is None or part.header.get("run") != header.get("run"):
             return found
         found.append(following)
+
+
+def check_place(path: str) -> None:
+    """Look whether a recording can be made there at all; that a disk is full is another matter.
+
+    Raises
+    ------
+    SourceError : the path is plainly wrong.
+    """
+    folder = os.path.dirname(path) or "."
+    place = path if os.path.exists(path) else folder
+    if not os.path.isdir(folder):
+        why = f"there is no folder {folder}; make it, or give another --record"
+    elif os.path.isdir(path):
+        why = f"that is a folder; name a file in it, such as {os.path.join(path, 'run.bin')}"
+    elif not os.access(place, os.W_OK) and not os.statvfs(folder).f_flag & os.ST_RDONLY:
+        why = f"no permission to write {place}; give another --record"
+    else:
+        return
+    raise SourceError(f"cannot record to {path}: {why}")
 
 
 class Recorder:
@@ -262,12 +337,16 @@ class Recorder:
             self._waiting += len(data)
             self._changed.notify()
 
-    def close(self) -> None:
-        """Write what waits and end the recording."""
+    def lost(self, away_s: float | None) -> None:
+        """Note that the link was lost and found again; see `Lost`."""
+        self.write(MARK + json.dumps({"away_s": away_s}).encode() + b"\n")
+
+    def close(self, wait_s: float = 10.0) -> None:
+        """End the recording, and wait so long until what waits is written."""
         with self._changed:
             self._closing = True
             self._changed.notify()
-        self._thread.join(timeout=10.0)
+        self._thread.join(timeout=wait_s)
 
     def _begin_part(self) -> None:
         """Open the next file whose name is free; a pipe or a device is used as it is."""
@@ -316,8 +395,9 @@ class Recorder:
                 self._flush()
                 self._in_part += len(data)
                 self.written_bytes += len(data)
-        except OSError as error:
-            self._stop((error.strerror or str(error)).lower())
+        except Exception as error:  # whatever it is, it is told
+            why = error.strerror if isinstance(error, OSError) else str(error)
+            self._stop((why or type(error).__name__).lower())
         with contextlib.suppress(OSError):
             self._end_part()
 

@@ -1,0 +1,182 @@
+"""What the daemon records: replayed it gives the daemon's report, and a full disk ends nothing else."""
+
+from __future__ import annotations
+
+import random
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import imumon
+from daemons import Daemon
+
+from imumon.emulator import EmulatorSettings, spawn
+from imumon.replay import Replay, replay
+from imumon.report import Report, from_json
+from imumon.sources import Recording, SourceError, check_place
+from imumon.sources.recording import MARK, Lost, _split
+
+CONFIG = """
+[record]
+rotate_mb = 0.5
+gzip = true
+"""
+
+
+def same(live: Report, path: Path) -> Report:
+    """The daemon's report, held against that of its recording."""
+    again = replay(Replay(path=str(path)))
+    for part, names in {
+        "session": "samples missing gaps restarts elapsed_s received_bytes discarded_bytes bad_checksums "
+        "duplicates excluded_s disturbances warmup_s",
+        "device": "id model serial firmware stream sample_rate_hz alias_factor settings",
+    }.items():
+        for name in names.split():
+            assert getattr(getattr(again, part), name) == getattr(getattr(live, part), name), name
+    assert set(again.caveats) == set(live.caveats)
+    assert set(again.channels) == set(live.channels)
+    for name, channel in live.channels.items():
+        other = again.channels[name]
+        assert (other.count, other.min, other.max) == (channel.count, channel.min, channel.max)
+        assert other.mean == pytest.approx(channel.mean, rel=1e-12, abs=1e-15)
+        assert other.std == pytest.approx(channel.std, rel=1e-9)
+        if channel.allan is not None:
+            assert other.allan is not None
+            assert other.allan.sigma == pytest.approx(channel.allan.sigma, rel=1e-12)
+    return live
+
+
+def ended(daemon: Daemon) -> tuple[Report, str]:
+    """Final report of a daemon that was told to print one, and what it said."""
+    daemon.process.send_signal(signal.SIGTERM)
+    out, said = daemon.process.communicate(timeout=20)
+    assert "Traceback" not in said
+    return from_json(Report, out), said
+
+
+def test_a_recording_in_zipped_parts_gives_the_daemons_report(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text(CONFIG)
+    words = ("--speed", "400", "--seed", "11", "--config", str(config), "--json", "--duration", "1e4")
+    with Daemon("sim", tmp_path, "--record", str(tmp_path / "raw.bin.gz"), *words) as daemon:
+        daemon.samples(40_000)
+        live, _ = ended(daemon)
+    same(live, tmp_path / "raw.bin.gz")
+    parts = sorted(tmp_path.glob("raw*.gz"))
+    assert len(parts) >= 2
+    assert all(part.read_bytes()[:2] == b"\x1f\x8b" for part in parts)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(["--listen-only", "--rate", "40"], id="no-clock"),
+        pytest.param([], id="clock", marks=pytest.mark.slow),
+    ],
+)
+def test_a_lost_link_is_in_the_recording(tmp_path: Path, words: list[str]) -> None:
+    """Also where the stream has no clock of its own, and shows no hole by itself."""
+    path, link = tmp_path / "raw.bin", tmp_path / "sensor"
+    with spawn(EmulatorSettings(seed=12, link=str(link))) as sensor:
+        options = ("--record", str(path), "--json", "--duration", "1e4", *words)
+        with Daemon(str(link), tmp_path, *options) as daemon:
+            before = daemon.samples(60)
+            sensor.ask("unplug")
+            daemon.wait(lambda r: r.state == "waiting")
+            sensor.ask("replug")
+            daemon.wait(lambda r: r.state == "running" and r.session.samples > before.session.samples + 60)
+            live, _ = ended(daemon)
+    assert same(live, path).session.gaps == 1
+    [lost] = [piece for piece in Recording(str(path)).pieces() if isinstance(piece, Lost)]
+    assert lost.away_s is not None
+    assert 0.0 < lost.away_s < 10.0
+
+
+def test_any_chunking_finds_the_same_lines() -> None:
+    rng = random.Random(1)
+    data = b"".join(
+        rng.choice((b"#", MARK, MARK + b'{"away_s": 1.5}\n', MARK + b"garbage\n", b"\n", rng.randbytes(9)))
+        for _ in range(300)
+    )
+    whole = join(_split(iter([data])))
+    for size in (1, 2, 7, 18, 100):
+        assert join(_split(data[at : at + size] for at in range(0, len(data), size))) == whole
+    said = sum(isinstance(item, dict) for item in whole)
+    assert said > 50
+    kept = b"".join(item for item in whole if isinstance(item, bytes))
+    assert kept == re.sub(re.escape(MARK) + rb"[^\n]*\n", b"", data)
+
+
+def join(items: Any) -> list[Any]:
+    """Bytes that follow one another as one."""
+    joined: list[Any] = []
+    for item in items:
+        if joined and isinstance(item, bytes) and isinstance(joined[-1], bytes):
+            joined[-1] += item
+        else:
+            joined.append(item)
+    return joined
+
+
+def test_a_line_that_never_ends_is_no_line() -> None:
+    data = MARK + b"x" * 200_000
+    assert b"".join(item for item in _split(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
+
+
+def test_a_device_that_is_full_from_the_start_is_said_and_the_daemon_runs(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=13)) as sensor:
+        words = ("--record", "/dev/full", "--json", "--duration", "1e4")
+        with Daemon(sensor.path, tmp_path, *words) as daemon:
+            daemon.samples(150)
+            told = [e for e in daemon.viewer.events("vn100-0100056785") if e.kind == "recording"]
+            live, said = ended(daemon)
+    assert live.session.missing == 0
+    assert [event.text for event in told] == ["cannot record to /dev/full: no space left on device"]
+    assert said.count("no space left") == 1
+
+
+def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) -> None:
+    """A limit on the size of files stands for the disk; the state does not fit either, and says so."""
+    path = tmp_path / "raw.bin"
+    program = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000));"
+        "from imumon.cli import main; sys.exit(main())"
+    )
+    with spawn(EmulatorSettings(seed=14)) as sensor:
+        words = ["--record", str(path), "--duration", "4", "--json", "--state", str(tmp_path / "state")]
+        done = subprocess.run(
+            [sys.executable, "-c", program, "run", "--port", sensor.path, *words],
+            capture_output=True,
+            text=True,
+            timeout=40,
+            check=False,
+        )
+    assert done.returncode == 0, done.stderr
+    live = from_json(Report, done.stdout)
+    assert live.session.samples > 150
+    assert live.session.missing == 0
+    assert done.stderr.count("has ended: file too large") == 1
+    assert done.stderr.count("the state cannot be saved") == 1
+    kept = replay(Replay(path=str(path)))
+    assert 50 < kept.session.samples < live.session.samples
+    assert path.stat().st_size <= 8_000
+
+
+def test_a_path_that_is_plainly_wrong_is_refused_at_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "none" / "raw.bin"
+    said = imumon("run", "--port", "/dev/ttyNOWHERE", "--state", tmp_path, "--record", path, code=1)
+    assert f"cannot record to {path}: there is no folder" in said
+
+
+@pytest.mark.parametrize("name", ["file/raw.bin", ".", "none/raw.bin"])
+def test_wrong_places(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(SourceError, match=r"cannot record to .*folder"):
+        check_place(str(tmp_path / name))
+    check_place(str(tmp_path / "file"))
+    check_place("/dev/full")
