@@ -58,7 +58,7 @@ class Replay:
 
 
 class Samples(Protocol):
-    """A recording of whatever form: iterate to get blocks of samples.
+    """A recording of whatever form: iterate to get blocks of samples, and where the link to them was lost.
 
     Attributes
     ----------
@@ -253,10 +253,11 @@ class _Run:
             received_bytes=self.samples.fed,
         )
         stream = self.monitor.stream
-        noted = (self.samples.header or {}).get("caveats", ())
-        caveats = ("compensated",) if stream is not None and stream.kind == "compensated" else ()
+        noted = (self.samples.header or {}).get("caveats")  # by whoever could ask the sensor
+        own = stream.caveats if stream is not None else ()
+        caveats = (*(own if noted is None else noted), *(word for word in own if word == "compensated"))
         cut = ("truncated",) if self.samples.problem is not None else ()
-        caveats = tuple(dict.fromkeys((*noted, *caveats, *cut)))
+        caveats = tuple(dict.fromkeys((*caveats, *cut)))
         return self.monitor.report(datetime.now(UTC), self.device, state, session, device_caveats=caveats)
 
 

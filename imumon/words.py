@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from imumon.report import Report
+from imumon.report import Coefficient, Report
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,8 @@ CAVEATS: Mapping[str, Meaning] = {
     ),
     "stuck": Meaning(
         "the values stand still: an axis or the whole sensor hangs",
-        "The values stand still: an axis or the whole sensor hangs. What repeats is left out; no grade is given.",
+        "The values stand still: an axis or the whole sensor hangs. What repeats is left out, and no grade is "
+        "given.",
     ),
     "loop": Meaning(
         "the same samples over and over: replayed, not measured",
@@ -115,6 +116,14 @@ CLOCKS: Mapping[str, str] = {
     "none": "a count of the samples, at the rate that was given or that stamps of a host tell",
 }
 """Where the time of the samples comes from, by its name in a report."""
+
+
+_LACKING = {"constant": "never changes", "resolution": "rounded away"}
+
+
+def lacking(found: Coefficient) -> str | None:
+    """Why a coefficient will not be known, in at most 14 letters; None where more time may tell."""
+    return next((short for word, short in _LACKING.items() if word in (found.reason or "")), None)
 
 
 def line(caveat: str) -> str:

@@ -140,6 +140,17 @@ def test_a_header_of_another_form_counts_as_none(tmp_path: Path, header: bytes) 
     assert made["device"]["alias_factor"] is None
 
 
+def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
+    """Only the sensor's register 82 tells, and nobody could ask."""
+    path = tmp_path / "a.csv"
+    names = [f"delta_{name}_{axis}" for name in ("theta", "vel") for axis in "xyz"]
+    rows = np.random.default_rng(3).normal((0, 0, 0, 0, 0, -0.098), 1e-4, (600, 6))
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    made = json.loads(imumon("replay", path, "--rate", "100", "--json"))
+    assert made["device"]["stream"] == "deltas"
+    assert made["caveats"] == ["unknown_compensation"]
+
+
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
 def test_a_damaged_recording_is_used_as_far_as_it_goes_and_says_so(tmp_path: Path, damage: str) -> None:
     path = capture(tmp_path / "a.txt.gz", n=2000)
