@@ -91,8 +91,8 @@ CAVEATS: Mapping[str, Meaning] = {
     ),
     "stuck": Meaning(
         "the values stand still: an axis or the whole sensor hangs",
-        "The values stand still: an axis or the whole sensor hangs. What repeats is left out, and no grade is "
-        "given.",
+        "The values stand still: an axis or the whole sensor hangs. What repeats is left out, and no grade "
+        "is given.",
     ),
     "loop": Meaning(
         "the same samples over and over: replayed, not measured",

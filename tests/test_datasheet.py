@@ -23,6 +23,7 @@ from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
 from imumon.datasheet.sheet import sheet
 from imumon.datasheet.snippets import worst
+from imumon.datasheet.text import table
 from imumon.noise.synthesis import synthesise
 from imumon.report import Report, from_json, to_json
 
@@ -340,3 +341,22 @@ def test_mistakes_are_one_line(tmp_path: Path, recording: Path) -> None:
 
 def test_nothing_is_lost_between_report_and_json() -> None:
     assert json.loads(to_json(report(200.0)))["schema"] == "imumon.report/1"
+
+
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("width", [80, 95, 100, 134])
+def test_the_table_fits_the_terminal_and_cuts_nothing(age: str, width: int) -> None:
+    """Narrower: uncertainties in percent instead of limits; into a pipe goes everything."""
+    made = aged(age)
+    lines = table(made, width).splitlines()
+    rows = lines[lines.index("") : len(lines) - lines[::-1].index("")]
+    assert max((len(line) for line in rows), default=0) <= width
+    assert "…" not in "".join(lines)
+    assert table(made) == table(made, 134)
+
+
+def test_the_table_says_what_its_caveats_mean_and_counts_in_the_singular() -> None:
+    said = table(replace(report(), caveats=("aliased",)))
+    assert "caveat aliased: the sensor's own filter folds noise" in said
+    assert "caveat vibration (accel y): something vibrates" in said
+    assert "1 disturbance," in said

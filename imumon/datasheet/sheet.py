@@ -16,7 +16,7 @@ from imumon.datasheet.snippets import kalibr, who
 from imumon.datasheet.text import coefficient
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import AXES
-from imumon.units import READABLE, duration, figures, pretty
+from imumon.units import READABLE, counted, duration, figures, pretty
 from imumon.words import CAVEATS, CLOCKS, caveats, within
 
 SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
@@ -259,16 +259,21 @@ def _record(made: Report) -> Iterator[Block]:
         ("Began", session.started or "not known"),
         (
             "Length",
-            f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s), {session.samples:,} samples",
+            f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s), "
+            f"{counted(session.samples, 'sample')}",
         ),
-        ("Missing", f"{session.missing:,} samples in {session.gaps:,} gaps ({share:.3%})"),
+        ("Missing", f"{counted(session.missing, 'sample')} in {counted(session.gaps, 'gap')} ({share:.3%})"),
         (
             "Left out as disturbed",
-            f"{_seconds(session.excluded_s)} in {session.disturbances:,} "
-            f"pieces{f': {reasons}' if reasons else ''}",
+            f"{_seconds(session.excluded_s)} in "
+            f"{counted(session.disturbances, 'piece')}{f': {reasons}' if reasons else ''}",
         ),
         ("Left out as warm-up", _seconds(session.warmup_s)),
-        ("Line", f"{session.bad_checksums:,} bad checksums, {session.discarded_bytes:,} bytes of no message"),
+        (
+            "Line",
+            f"{counted(session.bad_checksums, 'bad checksum')}, "
+            f"{counted(session.discarded_bytes, 'byte')} of no message",
+        ),
         ("Restarts", f"{session.restarts:,}"),
     ]
     rows += [

@@ -3,19 +3,50 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
-from imumon.units import duration, figures, pretty
-
-WIDTH = 28
-WHY = {"constant": "never changes", "resolution": "hidden by rounding"}
-"""Why a coefficient is not known, in a few letters, by a word of its reason; else the record is too short."""
+from imumon.units import counted, duration, figures, measured, pretty
+from imumon.words import caveats, joined, lacking, line, within
 
 
-def table(made: Report) -> str:
-    """The whole report as lines of text."""
-    return "\n".join([*_head(made), "", *_rows(made), "", *_grades(made), *_caveats(made)])
+@dataclass(frozen=True, slots=True)
+class Form:
+    """How a line of the table is laid out.
+
+    Attributes
+    ----------
+    cell : cells of a coefficient.
+    limits : with its 95 % limits, else with their half-width in percent.
+    std : with the standard deviation.
+    """
+
+    cell: int
+    limits: bool
+    std: bool
+
+    @property
+    def width(self) -> int:
+        """Cells of the whole line."""
+        return NAME + (NUMBER + 1) * (1 + self.std) + (self.cell + 1) * len(COEFFICIENTS) + 1 + GRADE
+
+
+NAME, NUMBER, GRADE = 12, 11, 10
+FULL = Form(28, limits=True, std=True)
+FORMS = (FULL, Form(15, limits=False, std=True), Form(14, limits=False, std=False))
+"""From the fullest to the narrowest."""
+
+
+def table(made: Report, width: int | None = None) -> str:
+    """The whole report as lines of text.
+
+    Parameters
+    ----------
+    width : cells of the terminal; None where it does not go to one: then everything is told.
+    """
+    form = FULL if width is None else next((form for form in FORMS if form.width <= width), FORMS[-1])
+    return "\n".join([*_head(made), "", *_rows(made, form), "", *_grades(made), *_caveats(made)])
 
 
 def coefficient(found: Coefficient | None) -> str:
@@ -35,7 +66,7 @@ def coefficient(found: Coefficient | None) -> str:
         )
     if found.status == "upper_bound" and shown.high is not None:
         return f"< {figures(shown.high)}"
-    return next((short for word, short in WHY.items() if word in (found.reason or "")), "too short")
+    return lacking(found) or "too short"
 
 
 def digits(value: float, width: float) -> int:
@@ -55,14 +86,14 @@ def _head(made: Report) -> list[str]:
     rate = f"{device.sample_rate_hz:g} Hz" if device.sample_rate_hz else "rate not known"
     lines = [
         f"{who}  {device.source or ''} {device.stream or ''}  {rate}  {made.state}",
-        f"{duration(session.elapsed_s)}, {session.samples:,} samples, {session.missing:,} missing in "
-        f"{session.gaps:,} gaps, {session.bad_checksums:,} bad checksums, "
-        f"{session.discarded_bytes:,} bytes discarded",
+        f"{duration(session.elapsed_s)}, {counted(session.samples, 'sample')}, {session.missing:,} missing "
+        f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, 'bad checksum')}, "
+        f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
     if session.disturbances or session.excluded_s:
         reasons = ", ".join(f"{why} {seconds:.1f} s" for why, seconds in session.excluded_by.items())
         lines.append(
-            f"{session.disturbances:,} disturbances, {session.excluded_s:.1f} s cut out"
+            f"{counted(session.disturbances, 'disturbance')}, {session.excluded_s:.1f} s cut out"
             + (f" ({reasons})" if reasons else "")
         )
     if session.warmup_s:
@@ -70,26 +101,39 @@ def _head(made: Report) -> list[str]:
     return lines
 
 
-def _rows(made: Report) -> list[str]:
+def _rows(made: Report, form: Form) -> list[str]:
     lines, before = [], ""
     for name, channel in made.channels.items():
         sensor = sensor_of(name)
         if sensor != before:
             before = sensor
-            lines.append(_heading(sensor, channel))
-        cells = [f"{name:<12}", _number(channel.mean), _number(channel.std)]
-        cells += [f"{coefficient(getattr(channel, letter)):<{WIDTH}}" for letter in COEFFICIENTS]
+            lines.append(_heading(sensor, channel, form))
+        cells = [f"{name:<{NAME}}", _number(channel.mean), *([_number(channel.std)] if form.std else [])]
+        for letter in COEFFICIENTS:
+            found: Coefficient | None = getattr(channel, letter)
+            text = coefficient(found) if form.limits else _shorter(found)
+            cells.append(f"{text:<{form.cell}}")
         grade = channel.grade.nearest if channel.grade else None
         lines.append(" ".join([*cells, grade or ""]).rstrip())
     return lines
 
 
-def _heading(sensor: str, channel: Channel) -> str:
-    cells = [f"{'':<12}", f"{'mean':>11}", f"{'std':>11}"]
+def _shorter(found: Coefficient | None) -> str:
+    """N, B or K with the half-width of its limits: ``0.358 ±1.5%``."""
+    if found is not None and found.status == "measured" and found.readable.value is not None:
+        return measured(found.readable.value, found.readable.low, found.readable.high)
+    return coefficient(found)
+
+
+def _heading(sensor: str, channel: Channel, form: Form) -> str:
+    unit = pretty(channel.unit)
+    cells = [f"{'' if form.limits else f'in {unit}':<{NAME}}", f"{'mean':>{NUMBER}}"]
+    cells += [f"{'std':>{NUMBER}}"] if form.std else []
     for letter in COEFFICIENTS:
         found: Coefficient | None = getattr(channel, letter)
-        cells.append(f"{f'{letter} in {pretty(found.readable.unit)}' if found else '':<{WIDTH}}")
-    return " ".join(cells).rstrip() + f"   ({sensor} in {pretty(channel.unit)})"
+        named = f"{letter} in " if form.limits else f"{letter} "
+        cells.append(f"{f'{named}{pretty(found.readable.unit)}' if found else '':<{form.cell}}")
+    return " ".join(cells).rstrip() + (f"   ({sensor} in {unit})" if form.limits else "")
 
 
 def _number(value: float | None) -> str:
@@ -107,19 +151,15 @@ def _grades(made: Report) -> list[str]:
             if grade.decided_by
             else ""
         )
-        meets = f", meets {grade.meets or 'none'}" if grade.meets != grade.nearest else ""
         maybe = f" (provisional: {grade.reason})" if grade.provisional and grade.reason else ""
-        lines.append(f"{sensor}: {grade.nearest}{by}{meets}{maybe}")
+        lines.append(f"{sensor}: nearest grade {grade.nearest}{by}; {within(grade.meets)}{maybe}")
     return lines
 
 
 def _caveats(made: Report) -> list[str]:
-    by_caveat: dict[str, list[str]] = {}
-    for name, channel in made.channels.items():
-        for word in channel.caveats:
-            by_caveat.setdefault(word, []).append(name)
+    """Each caveat by its word, with the channels it holds for and what it means."""
     noisy = sum(1 for channel in made.channels.values() if channel.allan is not None)
     return [
-        f"caveat {word}: {'all' if len(names) == noisy else ', '.join(names)}"
-        for word, names in by_caveat.items()
+        f"caveat {word}{f' ({joined(names)})' if 0 < len(names) < noisy else ''}: {line(word)}"
+        for word, names in caveats(made).items()
     ]

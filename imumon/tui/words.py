@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from imumon.report import Coefficient, TimeTo
 from imumon.samples import UNITS, sensor_of
 from imumon.units import DEG, READABLE, SI, duration, measured, number, pretty
+from imumon.words import lacking
 
 Piece = tuple[str, str]
 """Some text and the role it plays; the widget knows the colour of the role."""
@@ -145,6 +146,8 @@ class Notation:
             return measured(value, low, high, self.about)[:CELL], "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
+        if (why := lacking(part)) is not None:
+            return why, "warn"
         return (f"in {about(seconds)}", "muted") if seconds else ("pending", "faint")
 
 
