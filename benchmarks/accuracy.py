@@ -19,6 +19,7 @@ import multiprocessing
 import os
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -26,6 +27,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import allantools
 import numpy as np
 from allantools.realtime import oadev_realtime
+from figures import Figure
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, read_slopes, synthesise
 from imumon.noise.fit.covariance import _phase, design, octaves_in, tables
@@ -37,7 +39,8 @@ LENGTHS = (36_000, 144_000, LONGEST)
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 DURATIONS = {"15 min": (36_000, 40.0), "1 h": (144_000, 40.0), "5 h": (LONGEST, 40.0)}
 WALKS = (1e-7, 3e-7, 1e-6, 3e-6)
-HERE = os.path.dirname(os.path.abspath(__file__))
+CRAMER_RAO = {("5 h", 40.0): (0.086, 2.6, 25.0), ("1 h", 200.0): (0.084, 5.9, 63.0)}
+"""Least deviation of N, B and K, %, that an unbiased estimator on every sample can have, at K = 1e-6."""
 
 
 # Records -------------------------------------------------------------------------
@@ -189,6 +192,13 @@ def within(hits: np.ndarray, low: float, high: float) -> str:
     return share(hits) + ("" if low - 2 * error <= mean <= high + 2 * error else " **!**")
 
 
+def root_mean_square(error: np.ndarray) -> tuple[float, float]:
+    """Of relative errors, with its standard error; records without a value are left out."""
+    error = error[np.isfinite(error)]
+    rmse = math.sqrt(np.mean(error**2))
+    return rmse, float(np.std(error**2)) / (2 * rmse * math.sqrt(len(error)))
+
+
 def accuracy_table(cells: list[Cell]) -> None:
     say(
         "Point estimates",
@@ -197,15 +207,12 @@ def accuracy_table(cells: list[Cell]) -> None:
         " 33 % (5 h, K = 1e-6).",
     )
     header("record", "K", "N", "GLS N", "CRB N", "B", "GLS B", "CRB B", "K", "GLS K", "CRB K")
-    known = {("5 h", 40.0): (0.086, 2.6, 25.0), ("1 h", 200.0): (0.084, 5.9, 63.0)}
     for c in cells:
         best = 100 * bound(c.n, c.rate, c.K)
         columns = []
         for term, truth in enumerate((N, B, c.K)):
-            error = c.values[:, term] / truth - 1.0
-            rmse = math.sqrt(np.mean(error**2))
-            spread = float(np.std(error**2)) / (2 * rmse * math.sqrt(len(error)))
-            limits = known.get((c.duration, c.rate)) if c.K == 1e-6 else None
+            rmse, spread = root_mean_square(c.values[:, term] / truth - 1.0)
+            limits = CRAMER_RAO.get((c.duration, c.rate)) if c.K == 1e-6 else None
             goal = (
                 None
                 if limits is None
@@ -302,6 +309,22 @@ def least_squares(values: np.ndarray, rate: float) -> tuple[float, ...]:
     return tuple(np.sqrt(nnls(rows, np.ones(tau.size))[0]))
 
 
+PEERS = {"slope reading (MATLAB's example)": matlab_slope, "allantools + least squares": least_squares}
+
+
+def peer_errors(count: int, rates: tuple[float, ...] = (40.0, 200.0)) -> dict[str, list[np.ndarray]]:
+    """For each peer and rate (count, 3) relative errors of N, B, K; NaN where it reads none."""
+    errors: dict[str, list[list[list[float]]]] = {name: [[] for _ in rates] for name in PEERS}
+    for seed in range(count):
+        parts = components(seed)
+        for at, rate in enumerate(rates):
+            values = strengths(1e-6, rate) @ parts
+            for name, method in PEERS.items():
+                found = zip(method(values, rate), (N, B, 1e-6), strict=True)
+                errors[name][at].append([math.nan if v is None else v / t - 1 for v, t in found])
+    return {name: [np.array(rows) for rows in both] for name, both in errors.items()}
+
+
 def peer_table(cells: list[Cell], count: int) -> None:
     say(
         "Beside peers",
@@ -309,32 +332,48 @@ def peer_table(cells: list[Cell], count: int) -> None:
         " or B the record is left out, to its advantage.",
     )
     header("method", "5 h at 40 Hz: N", "B", "K", "1 h at 200 Hz: N", "B", "K")
-    errors: dict[str, list[list[list[float]]]] = {
-        "slope reading (MATLAB's example)": [[], []],
-        "allantools + least squares": [[], []],
-    }
-    for seed in range(count):
-        parts = components(seed)
-        for at, rate in enumerate((40.0, 200.0)):
-            values = strengths(1e-6, rate) @ parts
-            for name, method in zip(errors, (matlab_slope, least_squares), strict=True):
-                errors[name][at].append(
-                    [
-                        math.nan if v is None else v / t - 1
-                        for v, t in zip(method(values, rate), (N, B, 1e-6), strict=True)
-                    ]
-                )
-    ours = [c for c in cells if c.K == 1e-6 and (c.duration, c.rate) in (("5 h", 40.0), ("1 h", 200.0))]
-    errors["**imumon**"] = [
-        [list(row / [N, B, 1e-6] - 1) for row in c.values[:count]] for c in sorted(ours, key=lambda c: c.rate)
-    ]
+    errors = peer_errors(count)
+    ours = [c for c in cells if c.K == 1e-6 and (c.duration, c.rate) in CRAMER_RAO]
+    errors["**imumon**"] = [c.values[:count] / [N, B, 1e-6] - 1 for c in sorted(ours, key=lambda c: c.rate)]
     for name, both in errors.items():
         columns = [
-            f"{100 * np.nanmean(e[:, t]):+.2g} / {100 * math.sqrt(np.nanmean(e[:, t] ** 2)):.2g}"
-            for e in map(np.array, both)
+            f"{100 * np.nanmean(e[:, t]):+.2g} / {100 * root_mean_square(e[:, t])[0]:.2g}"
+            for e in both
             for t in range(3)
         ]
         print(f"| {name} | " + " | ".join(columns) + " |")
+
+
+def measure(count: int, peers: int) -> Iterator[Figure]:
+    """Records of five hours at 40 Hz, K = 1e-6: errors beside peers and the bound, and limits that hold."""
+    with multiprocessing.Pool(2) as pool:
+        sums = np.array([row[2] for row in pool.imap(sums_of, range(count), chunksize=5)])
+        ours = cell(pool, sums, "5 h", LONGEST, 40.0, 1e-6)
+    errors = peer_errors(peers, (40.0,))
+    held = (ours.low <= [N, B, 1e-6]) & (np.array([N, B, 1e-6]) <= ours.high)
+    for term, (name, truth) in enumerate(zip("NBK", (N, B, 1e-6), strict=True)):
+        rmse, spread = root_mean_square(ours.values[:, term] / truth - 1.0)
+        least = CRAMER_RAO["5 h", 40.0][term]
+        goal = 33.0 if name == "K" else 1.03 * least
+        beside = [
+            f"{peer} {100 * root_mean_square(both[0][:, term])[0]:.2g}" for peer, both in errors.items()
+        ]
+        yield Figure(
+            f"error of {name}, root mean square, 5 h at 40 Hz, {count} records",
+            f"{100 * rmse:.3g} ± {100 * spread:.1g} %",
+            ", ".join([*beside, f"Cramér–Rao {least:g}"]) + f" % ({peers} records)",
+            f"≤ {goal:.3g} %",
+            100 * (rmse - 2 * spread) <= goal,
+        )
+        share_held = float(held[:, term].mean())
+        unsure = 2 * math.sqrt(max(share_held * (1 - share_held), 1 / count) / count)
+        yield Figure(
+            f"95 % limits of {name} that hold the truth",
+            f"{share(held[:, term])} %",
+            "the others give none",
+            "93–97 %",
+            0.93 - unsure <= share_held <= 0.97 + unsure,
+        )
 
 
 # Disturbances --------------------------------------------------------------------

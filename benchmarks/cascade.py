@@ -3,19 +3,19 @@
     python benchmarks/cascade.py            one table, about 15 s
     python benchmarks/cascade.py --long     also 10^8 samples against exact integer arithmetic, about 1 min
 
-All figures come from one run; every time is the shortest of its repetitions, the one that other work on the
-machine disturbed least. `ratio` is to one pass of np.sum over the same array.
+All figures come from one run; every time is the shortest of its repetitions. One pass of np.sum over the same
+array is the yardstick.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 
 import allantools
 import numpy as np
+from figures import Figure, at_most, seconds, show
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.signal.moments import Moments
@@ -25,60 +25,34 @@ GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)
 SEED = 20240229
 
 
-def seconds(work: Callable[[], object], repeat: int, warm: int = 2) -> float:
-    """Shortest time of one call."""
-    for _ in range(warm):
-        work()
-    times = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def row(what: str, value: str, ratio: str = "", goal: str = "") -> None:
-    print(f"| {what:<52} | {value:>16} | {ratio:>7} | {goal:>10} |")
-
-
-def per_sample(what: str, elapsed: float, samples: int, unit: float, goal: str = "") -> None:
-    row(what, f"{elapsed / samples * 1e9:.2f} ns", f"{elapsed / samples / unit:.1f}", goal)
-
-
-def costs() -> None:
+def costs() -> Iterator[Figure]:
     rng = np.random.default_rng(SEED)
     values = 9.8 + 1e-3 * rng.standard_normal((8000, 9))
     valid = rng.random((8000, 3)) >= 0.005
     unit = seconds(values.sum, 200) / values.size
-    per_sample("np.sum over 8,000 x 9, a channel-sample", unit * values.size, values.size, unit)
-    cascade = OctaveCascade(9, 1 / 200, groups=GROUPS)
+
+    def cost(elapsed: float, samples: int = values.size) -> tuple[float, str]:
+        """ns a sample, and beside one pass of np.sum."""
+        return elapsed / samples * 1e9, f"{elapsed / samples / unit:,.0f} × np.sum"
+
+    cascade, moments = OctaveCascade(9, 1 / 200, groups=GROUPS), Moments(9, GROUPS)
     cascade.skip(10**8)  # as deep as in a run of days
-    per_sample(
-        "cascade, blocks of 8,000 x 9",
-        seconds(lambda: cascade.update(values), 60),
-        values.size,
-        unit,
-        "<= 12",
-    )
-    per_sample(
-        "cascade, 0.5 % of samples missing",
-        seconds(lambda: cascade.update(values, valid), 40),
-        values.size,
-        unit,
-    )
-    moments = Moments(9, GROUPS)
-    per_sample(
-        "moments, blocks of 8,000 x 9", seconds(lambda: moments.update(values), 60), values.size, unit, "<= 6"
-    )
+    ns, ratio = cost(seconds(lambda: cascade.update(values), 60))
+    yield at_most("a channel-sample, octaves, blocks of 8,000 × 9", ns, 12.0, "ns", ratio)
+    ns, ratio = cost(seconds(lambda: cascade.update(values, valid), 40))
+    yield Figure("the same, 0.5 % of the samples missing", f"{ns:.3g} ns", ratio)
+    ns, ratio = cost(seconds(lambda: moments.update(values), 60))
+    yield at_most("a channel-sample, moments to the fourth", ns, 6.0, "ns", ratio)
+    noise = NoiseStream(800.0, N=np.full(9, 1e-3), B=1e-4, K=1e-5, seed=SEED)
+    ns, ratio = cost(seconds(lambda: noise.take(8000), 20))
+    yield Figure("synthesis of N, B and K", f"{ns:.3g} ns", ratio)
     record = np.ascontiguousarray(np.tile(values[:, :1], (25, 1))[:, 0])
     elapsed = seconds(lambda: allantools.oadev(record, rate=200.0, data_type="freq", taus="octave"), 5, 1)
-    per_sample('allantools.oadev(taus="octave"), 200,000 samples', elapsed, len(record), unit)
-    per_sample(
-        "allantools, realtime, 20,000 samples", seconds(lambda: realtime(record[:20_000]), 1, 0), 20_000, unit
-    )
-    noise = NoiseStream(800.0, N=np.full(9, 1e-3), B=1e-4, K=1e-5, seed=SEED)
-    per_sample("synthesis, N, B and K", seconds(lambda: noise.take(8000), 20), values.size, unit)
-    live(cascade, moments, values)
+    ns, ratio = cost(elapsed, len(record))
+    yield Figure("allantools, offline, 200,000 samples", "", f"{ns:,.0f} ns, {ratio}")
+    ns, ratio = cost(seconds(lambda: realtime(record[:20_000]), 1, 0), 20_000)
+    yield Figure("allantools, realtime, 20,000 samples, 10 octaves", "", f"{ns:,.0f} ns, {ratio}")
+    yield from live(cascade, moments, values)
 
 
 def realtime(record: np.ndarray) -> object:
@@ -90,52 +64,42 @@ def realtime(record: np.ndarray) -> object:
     return tool
 
 
-def live(cascade: OctaveCascade, moments: Moments, values: np.ndarray) -> None:
+def live(cascade: OctaveCascade, moments: Moments, values: np.ndarray) -> Iterator[Figure]:
     """Small blocks as a port delivers them, and what is asked for every second."""
     blocks = [values[i : i + 40] for i in range(0, 8000, 40)]
 
-    def all_of(update: Callable[[np.ndarray], None]) -> Callable[[], None]:
-        def run() -> None:
-            for block in blocks:
-                update(block)
+    def all_of(update: Callable[[np.ndarray], None]) -> float:
+        """us a block."""
+        return seconds(lambda: [update(block) for block in blocks], 10) / len(blocks) * 1e6
 
-        return run
-
-    row(
-        "cascade, live block of 40 x 9",
-        f"{seconds(all_of(cascade.update), 10) / 200 * 1e6:.1f} us",
-        "",
-        "<= 100 us",
-    )
-    row("moments, live block of 40 x 9", f"{seconds(all_of(moments.update), 10) / 200 * 1e6:.1f} us")
-    row("cascade, result()", f"{seconds(cascade.result, 100) * 1e6:.0f} us")
-    row("cascade, save()", f"{seconds(cascade.save, 100) * 1e6:.0f} us")
+    yield at_most("a live block of 40 × 9, octaves", all_of(cascade.update), 100.0, "µs")
+    yield Figure("a live block of 40 × 9, moments", f"{all_of(moments.update):.3g} µs")
     state = cascade.save()
-    row("cascade, restore()", f"{seconds(lambda: OctaveCascade.restore(state), 50) * 1e6:.0f} us")
-    row("cascade, skip(10^9)", f"{seconds(lambda: cascade.copy().skip(10**9), 20) * 1e6:.0f} us")
+    for what, work in (
+        ("result()", cascade.result),
+        ("save()", cascade.save),
+        ("restore()", lambda: OctaveCascade.restore(state)),
+        ("skip(10^9)", lambda: cascade.copy().skip(10**9)),
+    ):
+        yield Figure(f"cascade, {what}", f"{seconds(work, 50) * 1e6:,.0f} µs")
 
 
-def accuracy() -> None:
-    """Against the offline tool, on the octaves that overlap fully."""
+def agreement() -> Figure:
+    """With the offline tool, on the octaves that overlap fully."""
     y = np.random.default_rng(SEED).standard_normal((100_000, 1))
     cascade = OctaveCascade(1, 1.0)
     cascade.update(y)
     curve = cascade.result()
     _, sigma, _, _ = allantools.oadev(y[:, 0], rate=1.0, data_type="freq", taus=curve.tau[:4])
-    row(
-        "relative error against allantools.oadev, m <= 8",
-        f"{np.abs(curve.sigma[:4, 0] / sigma - 1).max():.1e}",
-        "",
-        "1e-12",
-    )
+    error = float(np.abs(curve.sigma[:4, 0] / sigma - 1).max())
+    return Figure("difference from allantools, m ≤ 8", f"{error:.0e}", "", "≤ 1e-12", error <= 1e-12)
 
 
-def state_sizes() -> None:
-    for exponent in (4, 6, 8, 10, 12):
+def state_sizes() -> Iterator[Figure]:
+    for exponent in (10, 12):
         cascade = OctaveCascade(9, 1 / 800, groups=GROUPS)
         cascade.skip(10**exponent)
-        goal = "<= 64 kB" if exponent == 10 else ""
-        row(f"state of 9 channels at n = 10^{exponent}", f"{cascade.nbytes / 1000:.1f} kB", "", goal)
+        yield at_most(f"state of 9 channels at n = 10^{exponent}", cascade.nbytes / 1000, 64.0, "kB")
 
 
 class ExactCascade:
@@ -177,7 +141,7 @@ class ExactCascade:
         return Fraction(self.squares[j], (2 * self.terms[j]) << 2 * j) / 2**98
 
 
-def exactness(n: int) -> None:
+def exactness(n: int) -> Figure:
     """Relative error after n samples around 9.8 of deviation 1e-3."""
     rng = np.random.default_rng(SEED)
     cascade, exact = OctaveCascade(1, 1 / 200), ExactCascade(12)
@@ -187,21 +151,19 @@ def exactness(n: int) -> None:
         exact.update(block)
     curve = cascade.result()
     assert curve.terms[:12, 0].tolist() == exact.terms
-    errors = [abs(float(Fraction(float(curve.avar[j, 0])) / exact.avar(j) - 1)) for j in range(12)]
-    row(f"relative error after {n:.0e} samples, m = 1 ... 2048", f"{max(errors):.1e}", "", "1e-9")
+    error = max(abs(float(Fraction(float(curve.avar[j, 0])) / exact.avar(j) - 1)) for j in range(12))
+    what = f"error against exact integers after {n:.0e} samples, m = 1 ... 2048"
+    return Figure(what, f"{error:.0e}", "", "≤ 1e-9", error <= 1e-9)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--long", action="store_true", help="10^8 samples against exact arithmetic")
-    long = parser.parse_args().long
-    row("what", "value", "ratio", "goal")
-    row("---", "---:", "---:", "---:")
-    costs()
-    accuracy()
-    exactness(10**8 if long else 10**6)
-    state_sizes()
+def measure(long: bool = False) -> Iterator[Figure]:
+    yield from costs()
+    yield agreement()
+    yield exactness(10**8 if long else 10**6)
+    yield from state_sizes()
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--long", action="store_true", help="10^8 samples against exact arithmetic")
+    show(measure(parser.parse_args().long))

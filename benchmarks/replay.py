@@ -17,9 +17,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from figures import Figure, at_most, show
 
 from imumon.noise.synthesis import NoiseStream
 from imumon.sensors.vn100 import ascii, binary
@@ -83,19 +85,15 @@ def children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hours", type=float, default=2.0)
-    parser.add_argument("--sentences", type=int, default=200_000)
-    asked = parser.parse_args()
+def measure(hours: float = 2.0, sentences: int = 200_000) -> Iterator[Figure]:
     import allantools
 
-    samples = round(asked.hours * 3600 * RATE)
+    samples = round(hours * 3600 * RATE)
     with tempfile.TemporaryDirectory() as folder:
         path, short, text = (Path(folder) / name for name in ("long.bin", "short.bin", "text.txt"))
         axes = make(path, samples)
         make(short, samples // 4)
-        make_ascii(text, asked.sentences)
+        make_ascii(text, sentences)
         ours, ours_cpu, memory = replay(path)
         began, spent = time.perf_counter(), time.process_time()
         for column in range(6):
@@ -104,18 +102,29 @@ def main() -> None:
         bare, bare_cpu, _ = replay(path, "--no-guards")
         _, _, memory_short = replay(short)
         spoken, spoken_cpu, _ = replay(text, "--rate", "200")
-    print(f"replay of {asked.hours:g} h at {RATE:g} Hz: {samples:,} samples of {LAYOUT.length} bytes")
-    print(f"{'':24}{'clock s':>9}{'cpu s':>9}{'samples/s':>14}")
-    for name, clock, cpu, count in (
-        ("replay --json", ours, ours_cpu, samples),
-        ("replay, no guards", bare, bare_cpu, samples),
-        ("replay, $VNYMR", spoken, spoken_cpu, asked.sentences),
-        ("allantools, six axes", theirs, theirs_cpu, samples),
-    ):
-        print(f"{name:24}{clock:9.2f}{cpu:9.2f}{count / clock:14,.0f}")
-    print(f"ratio to allantools: clock {ours / theirs:.2f}, cpu {ours_cpu / theirs_cpu:.2f} (goal 3)")
-    print(f"peak memory {memory:.0f} MB; of a quarter of the length {memory_short:.0f} MB")
+    what = f"{hours:g} h of nine channels at {RATE:g} Hz"
+    yield Figure(
+        f"`imumon replay`, {what}, as a whole process",
+        f"{samples / ours:,.0f} samples/s, processor {ours_cpu:.1f} s",
+        f"allantools offline, six axes as arrays: {samples / theirs:,.0f} samples/s, {theirs_cpu:.1f} s",
+    )
+    ratio = ours_cpu / theirs_cpu
+    what = "its processor time over that of allantools"
+    whole = hours >= 2.0  # in a shorter one starting weighs more
+    yield at_most(what, ratio, 3.0, "×") if whole else Figure(what, f"{ratio:.3g} ×")
+    yield Figure(
+        "the same with `--no-guards`", f"{samples / bare:,.0f} samples/s, processor {bare_cpu:.1f} s"
+    )
+    yield Figure(
+        f"the same of {sentences:,} `$VNYMR` sentences",
+        f"{sentences / spoken:,.0f} samples/s, processor {spoken_cpu:.1f} s",
+    )
+    yield Figure("its peak memory", f"{memory:.0f} MB", f"for a quarter of the length {memory_short:.0f} MB")
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--hours", type=float, default=2.0)
+    parser.add_argument("--sentences", type=int, default=200_000)
+    asked = parser.parse_args()
+    show(measure(asked.hours, asked.sentences))

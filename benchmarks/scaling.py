@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import allantools
 import numpy as np
+from figures import Figure, show
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.signal.moments import Moments
@@ -55,7 +57,7 @@ def offline(values: np.ndarray) -> float:
     return time.process_time() - start
 
 
-def measure(exponent: int) -> Row:
+def row(exponent: int) -> Row:
     n, repeat = 10**exponent, max(1, min(5, 10 ** (7 - exponent)))
     rng = np.random.default_rng(SEED)
     block = 9.8 + 1e-3 * rng.standard_normal((BLOCK, 1))
@@ -96,27 +98,28 @@ def plot(rows: list[Row], path: str) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-def main() -> None:
+def measure(most: int = 7, path: str | None = None) -> Iterator[Figure]:
+    """Rows of the table from 10^4 to 10^most samples; the plot, if it is to go somewhere."""
+    rows = []
+    for exponent in range(4, most + 1):
+        found = row(exponent)
+        rows.append(found)
+        peer = f"allantools {found.offline_ns:.0f} ns, " if found.offline_ns is not None else ""
+        yield Figure(
+            f"n = 10^{exponent}: a sample of one channel, octaves (with moments); state of 1 (9) channels",
+            f"{found.cascade_ns:.0f} ({found.with_moments_ns:.0f}) ns; "
+            f"{found.state_one / 1e3:.1f} ({found.state_nine / 1e3:.1f}) kB",
+            f"{peer}a record {found.offline_bytes / 1e6:g} MB",
+        )
+    growth = rows[-1].cascade_ns / rows[1].cascade_ns
+    yield Figure(f"cost of a sample at n = 10^{most} over that at 10^5", f"{growth:.2f} ×")
+    if path is not None:
+        plot(rows, path)
+
+
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--most", type=int, default=7, help="samples at most, as a power of ten; default 7")
     parser.add_argument("--plot", metavar="FILE", help="draw it, SVG")
     words = parser.parse_args()
-    print("| n | octaves, ns a sample | with moments | allantools | state, 1 channel | 9 channels | record |")
-    print("|---:|---:|---:|---:|---:|---:|---:|")
-    rows = []
-    for exponent in range(4, words.most + 1):
-        row = measure(exponent)
-        rows.append(row)
-        peer = f"{row.offline_ns:.0f}" if row.offline_ns is not None else "–"
-        print(
-            f"| 10^{exponent} | {row.cascade_ns:.0f} | {row.with_moments_ns:.0f} | {peer} "
-            f"| {row.state_one / 1e3:.1f} kB | {row.state_nine / 1e3:.1f} kB "
-            f"| {row.offline_bytes / 1e6:g} MB |",
-            flush=True,
-        )
-    if words.plot:
-        plot(rows, words.plot)
-
-
-if __name__ == "__main__":
-    main()
+    show(measure(words.most, words.plot))

@@ -145,6 +145,15 @@ def test_links_lead_somewhere(path: Path) -> None:
             assert (path.parent / target).exists(), f"{path.name}: {target}"
 
 
+def test_the_benchmarks_are_one_command_and_their_table_has_its_place() -> None:
+    command = [sys.executable, "-m", "benchmarks", "--help"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    assert "--quick" in done.stdout
+    text = (ROOT / "docs" / "PERFORMANCE.md").read_text("utf-8")
+    marks = re.findall(r"^<!-- .*table.* -->$", text, re.MULTILINE)
+    assert marks == ["<!-- table: python -m benchmarks --into -->", "<!-- end of the table -->"]
+
+
 def test_the_changelog_keeps_its_grammar() -> None:
     text = (ROOT / "CHANGELOG.md").read_text("utf-8")
     heads = re.findall(r"^## (.+)$", text, re.MULTILINE)
