@@ -36,9 +36,9 @@ pyserial: Any = _pyserial  # it has no types
 QUEUE_BYTES = 8 << 20  # 90 s at 921600 baud
 POLL_S = 0.1
 TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
-BATCH_S = 0.02  # afterwards it lets bytes gather so long,
+BATCH_S = 0.05  # afterwards it lets bytes gather so long,
 BATCH = 2048  # or until there are so many, half of what a tty holds
-GATHER_S = 0.1  # and `read` lets batches gather this long: each round of a reader costs as much as its bytes
+GATHER_S = 0.2  # and `read` lets batches gather this long: each round of a reader costs as much as its bytes
 ENOUGH = 1 << 14  # unless so many bytes are waiting
 
 _TIOCGICOUNT = 0x545D
@@ -181,7 +181,7 @@ class SerialPort:
     def read(self, timeout: float) -> bytes:
         """All that is queued; waits up to `timeout` seconds for the first byte.
 
-        While nothing is asked of the far end, bytes gather for up to a tenth of a second.
+        While nothing is asked of the far end, bytes gather for up to a fifth of a second.
 
         Raises
         ------

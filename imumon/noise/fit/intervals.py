@@ -27,7 +27,8 @@ _NODES = np.linspace(-5.0, 5.0, 81)  # normal scores of the gamma part
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 _SMOOTH = 0.05  # least normal share of the variance: what the nodes resolve
 _SKEWEST = 2.8  # a single square
-_CLOSE = 4e-3  # standard deviations: as near to a quantile as a limit need be
+_CLOSE = 4e-3  # standard deviations: as near to a quantile as a limit need be,
+_NEAR = 2e-4  # and, where the score leaps over it, relative to the limit too
 _FAR = 1e6  # times estimate and deviation: a bound out there says nothing
 _ROUNDS = 4  # of weighing the other terms anew: they start from those of a value nearby
 
@@ -156,7 +157,8 @@ def limits(
         here_x = x[todo]
         left[todo] = np.where(g > 0.0, here_x, left[todo])
         right[todo] = np.where(g > 0.0, right[todo], here_x)
-        done = (np.abs(g) < _CLOSE) | (right[todo] - left[todo] < 1e-6 * here_x)
+        between = right[todo] - left[todo]
+        done = (np.abs(g) < _CLOSE) | (between < np.minimum(_CLOSE * spread[todo], _NEAR * here_x))
         found[todo[done]] = here_x[done]
         x[todo] = _next(here_x, g, last_x[todo], last_g[todo], left[todo], right[todo])
         last_x[todo], last_g[todo] = here_x, g

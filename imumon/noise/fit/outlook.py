@@ -84,14 +84,20 @@ def _spreads(problems: Problems, p: Floats, span: int, averaged: bool) -> tuple[
         lengths.append(float(length))
         found.append(_relative(longest, p))
     k = longest.used.shape[1]
-    for step in range(1, k - 6):
-        scale = 2.0**step
-        used = np.ones_like(longest.used)
-        used[:, : k - step] = longest.used[:, step:]
-        powers = p * np.array([1.0 / scale, 1.0, scale, 1.0 / scale**2, scale**2])
-        lengths.append(lengths[NEAR] * scale)
-        found.append(_relative(replace(longest, used=used), powers))
-    return np.array(lengths), np.stack(found, axis=1)
+    steps = np.arange(1, k - 6)
+    scale = 2.0**steps
+    used = np.ones((steps.size, *longest.used.shape), dtype=bool)
+    for row, step in enumerate(steps):
+        used[row, :, : k - step] = longest.used[:, step:]
+    powers = (
+        p * np.stack([1.0 / scale, np.ones_like(scale), scale, 1.0 / scale**2, scale**2], axis=1)[:, None]
+    )
+    each = longest.take(np.tile(np.arange(len(p)), steps.size))
+    far = _relative(replace(each, used=used.reshape(-1, k)), powers.reshape(-1, p.shape[1]))
+    lengths += (lengths[NEAR] * scale).tolist()
+    return np.array(lengths), np.concatenate(
+        [np.stack(found, axis=1), far.reshape(steps.size, *found[0].shape).swapaxes(0, 1)], axis=1
+    )
 
 
 def _not_yet(problems: Problems) -> Bools:

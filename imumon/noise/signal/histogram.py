@@ -377,9 +377,9 @@ def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
     reach = math.ceil(3.0 * h)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / h) ** 2)
     kernel /= kernel.sum()
-    smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid")
+    smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid").tolist()
     error = math.sqrt(float(kernel @ kernel))
-    need = max(0.1 * float(smooth.max()), 0.0)
+    need = 0.1 * max(smooth)
     found: list[int] = []
     top, bottom, rising = 0, 0, True
     for i in range(len(smooth)):
@@ -394,5 +394,5 @@ def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
                 rising, top = True, i
     if rising and (not found or top not in found):
         found.append(top)
-    found.sort(key=lambda i: -float(smooth[i]))
+    found.sort(key=lambda i: -smooth[i])
     return tuple(float(centres[i]) for i in found)
