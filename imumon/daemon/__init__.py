@@ -206,7 +206,7 @@ class Daemon:
             self._reconnect()
             return
         try:
-            data = session.read(BEAT_S)
+            data = session.read(min(BEAT_S, self.settings.report.period_s))
             self._heard(data)
             self._take(data)
             for notice in session.tick():
