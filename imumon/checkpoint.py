@@ -6,18 +6,21 @@ the one before serves. A file that cannot serve is set aside under another name 
 overwritten and never mixed in. Where nothing can be written, what is there is read, every save tries anew,
 and `Checkpoint.failed` says why.
 
-The file: one line ``imumon-state 1 SHA256 LENGTH`` and then LENGTH bytes of a NumPy archive; ``meta`` in it
-is JSON. Writing goes on in a thread of its own: a slow disk must not hold up the samples.
+The file: one line ``imumon-state 2 CRC32 LENGTH`` and then LENGTH bytes of zlib: a line of JSON (``meta``,
+and name, type and shape of every array), and the arrays, of each the first bytes of all its numbers, then all
+second ones and so on, which is how numbers alike in size pack best: a state is written thousands of times a
+day, often to a memory card. Packing and writing go on in a thread of their own: a slow disk must not hold up
+the samples.
 """
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
-import io
 import json
+import math
 import os
 import threading
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +29,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-FORMAT = 1
+FORMAT = 2
+LEVEL = 1  # of zlib: the next ones take twice the time for 3 % less
 _MAGIC = "imumon-state"
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
@@ -46,12 +50,18 @@ class State:
 
 def encode(state: State) -> bytes:
     """File contents of a state."""
-    body = io.BytesIO()
-    meta = json.dumps(state.meta, allow_nan=False).encode()
-    parts: dict[str, Any] = {f"a.{name}": array for name, array in state.arrays.items()}
-    np.savez(body, meta=np.frombuffer(meta, dtype=np.uint8), **parts)
-    data = body.getvalue()
-    return f"{_MAGIC} {FORMAT} {hashlib.sha256(data).hexdigest()} {len(data)}\n".encode() + data
+    arrays = {name: np.asarray(array) for name, array in state.arrays.items()}
+    index = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+    head = json.dumps({"meta": state.meta, "arrays": index}, allow_nan=False).encode()
+    whole = b"".join((head, b"\n", *map(_by_bytes, arrays.values())))
+    data = zlib.compress(whole, LEVEL)
+    return f"{_MAGIC} {FORMAT} {zlib.crc32(data):08x} {len(data)}\n".encode() + data
+
+
+def _by_bytes(array: npt.NDArray[Any]) -> bytes:
+    """First bytes of all numbers, then all second ones ..."""
+    flat = np.ascontiguousarray(array).reshape(-1)
+    return flat.view(np.uint8).reshape(flat.size, flat.itemsize).T.tobytes()
 
 
 def decode(data: bytes) -> State:
@@ -59,7 +69,7 @@ def decode(data: bytes) -> State:
 
     Raises
     ------
-    StateError : not a state, of a newer format, or damaged.
+    StateError : not a state, of another format, or damaged.
     """
     line, _, body = data.partition(b"\n")
     words = line.decode("ascii", "replace").split()
@@ -67,11 +77,18 @@ def decode(data: bytes) -> State:
         raise StateError("not a state file")
     if words[1] != str(FORMAT):
         raise StateError(f"format {words[1]}, this version reads {FORMAT}")
-    if len(body) != int(words[3]) or hashlib.sha256(body).hexdigest() != words[2]:
+    if len(body) != int(words[3]) or f"{zlib.crc32(body):08x}" != words[2]:
         raise StateError("damaged (its checksum does not match)")
-    with np.load(io.BytesIO(body), allow_pickle=False) as archive:
-        meta = json.loads(archive["meta"].tobytes())
-        return State(meta, {k[2:]: archive[k] for k in archive.files if k.startswith("a.")})
+    head, _, rest = zlib.decompress(body).partition(b"\n")
+    told = json.loads(head)
+    arrays, begin = {}, 0
+    for name, kind, shape in told["arrays"]:
+        dtype, count = np.dtype(kind), math.prod(shape)
+        end = begin + count * dtype.itemsize
+        numbers = np.frombuffer(rest[begin:end], np.uint8).reshape(dtype.itemsize, count).T
+        arrays[name] = np.ascontiguousarray(numbers).reshape(-1).view(dtype).reshape(shape)
+        begin = end
+    return State(told["meta"], arrays)
 
 
 class Checkpoint:

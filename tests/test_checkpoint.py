@@ -47,7 +47,7 @@ def test_damaged_file_is_set_aside_and_the_generation_before_serves(tmp_path: Pa
 
 
 def test_newer_format_is_not_touched_but_named() -> None:
-    data = encode(STATE).replace(b"imumon-state 1", b"imumon-state 9", 1)
+    data = encode(STATE).replace(b"imumon-state 2", b"imumon-state 9", 1)
     with pytest.raises(StateError, match="format 9"):
         decode(data)
 
@@ -116,3 +116,19 @@ def test_fresh_start_keeps_the_old_one(tmp_path: Path) -> None:
     aside = keeper.set_aside("before-fresh")
     assert keeper.load() == (None, [])
     assert same(decode(aside.read_bytes()), STATE)
+
+
+def test_arrays_of_any_kind_and_shape_come_back() -> None:
+    arrays = {
+        "scalar": np.array(3),
+        "empty": np.zeros((0, 4)),
+        "words": np.array(["gyro", "accel"]),
+        "flags": np.array([[True, False]]),
+        "across": np.arange(12.0).reshape(3, 4).T,
+        "unknown": np.array([np.nan, 1.0], dtype=np.float32),
+    }
+    back = decode(encode(State({}, arrays))).arrays
+    assert list(back) == list(arrays)
+    for name, array in arrays.items():
+        assert back[name].dtype == array.dtype
+        np.testing.assert_array_equal(back[name], array)

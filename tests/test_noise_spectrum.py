@@ -179,3 +179,18 @@ def test_nothing_yet() -> None:
     assert found.density.shape == (0, 2)
     assert found.lines == ((), ())
     assert np.isnan(found.white).all()
+
+
+def test_short_hops_that_a_state_leaves_out_cost_a_segment_or_two() -> None:
+    values = white(40_000, 1)
+    first = Spectrum((0,), RATE)
+    first.update(values[:17_777])
+    whole, brief = (Spectrum.restore(first.save(least_s=s)) for s in (0.0, 1e9))
+    for spectrum in (whole, brief):
+        spectrum.update(values[17_777:])
+    a, b = whole.result(), brief.result()
+    assert (a.frequency_hz == b.frequency_hz).all()
+    assert (a.averages - b.averages <= 3).all()
+    assert (a.averages - b.averages >= 0).all()
+    assert np.isfinite(b.density).all()
+    np.testing.assert_allclose(b.white, a.white, rtol=0.02)

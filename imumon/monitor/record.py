@@ -36,6 +36,13 @@ COUNTS = ("samples", "missing", "gaps", "span")
 PARTS: dict[str, Any] = {"spectrum": Spectrum, "histogram": Histogram}
 """Statistics beside the history, by their names in the saved state."""
 
+ROUNDED = ("strip.", "spectrum.", "guard.watch")
+"""Beginnings of the names of what is kept to seven digits: what is drawn, and what the guard compares with.
+Samples that wait and what is summed for the figures are kept whole: they go on as if nothing had happened."""
+
+LONG_S = 3600.0
+"""Segments of the spectrum of less than this are not kept: beginning them anew costs a few of many."""
+
 Saved = dict[str, npt.NDArray[Any]]
 
 
@@ -245,8 +252,15 @@ class Record:
             "strip": self.strip.save(),
             "history": self._passed.history.save(),
         }
-        parts |= {name: getattr(self._passed, name).save() for name in PARTS}
-        return meta, {f"{name}.{key}": array for name, own in parts.items() for key, array in own.items()}
+        parts |= {
+            "spectrum": self._passed.spectrum.save(least_s=LONG_S),
+            "histogram": self._passed.histogram.save(),
+        }
+        named = {f"{name}.{key}": array for name, own in parts.items() for key, array in own.items()}
+        return meta, {
+            name: array.astype(np.float32) if name.startswith(ROUNDED) and _is_table(array) else array
+            for name, array in named.items()
+        }
 
     def resume(self, meta: Mapping[str, Any], arrays: Saved) -> None:
         """Continue from a state, in a record just made with the same arguments."""
@@ -254,7 +268,11 @@ class Record:
             setattr(self, name, int(meta[name]))
 
         def own(name: str) -> Saved:
-            return {k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")}
+            return {
+                k.removeprefix(f"{name}."): v.astype(np.float64) if v.dtype == np.float32 else v
+                for k, v in arrays.items()
+                if k.startswith(f"{name}.")
+            }
 
         self.guard, self.strip = Guard.restore(own("guard")), Strip.restore(own("strip"))
         self._passed.history.resume(own("history"))
@@ -265,3 +283,7 @@ class Record:
         if present is None:
             return None
         return np.repeat(present[:, None], max(self.groups) + 1, axis=1)
+
+
+def _is_table(array: npt.NDArray[Any]) -> bool:
+    return array.dtype == np.float64 and array.ndim > 1

@@ -192,9 +192,7 @@ def _sums(i: int, j: int, span: int, averaged: bool) -> Floats:
     )
     steps, r, each = _differences(i, j, averaged)
     centre = (1 << i) - (1 << j)
-    before, after = (
-        _counts(centre + side * steps, stride_i, stride_j, terms_i, terms_j) for side in (-1, 1)
-    )
+    before, after = (_counts(centre + side * steps, stride_i, stride_j, terms_i, terms_j) for side in (-1, 1))
     weighted = r * ((before + after) * each)
     return np.concatenate([(weighted @ r.T)[_LEFT, _RIGHT], weighted.sum(axis=1)])
 

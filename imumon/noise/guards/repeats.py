@@ -28,6 +28,8 @@ LEAST = 5
 
 REMEMBERED = 8192
 FINGERPRINTS_HZ = 5.0
+SAVED = 1024
+"""Fingerprints that a state keeps: a longer loop that runs on is found again within one round."""
 WINDOW, WINDOW_S = 64, 20.0
 _GOLDEN = 0x9E3779B97F4A7C15
 _MASK = (1 << 64) - 1
@@ -202,7 +204,7 @@ class Repeats:
 
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""
-        keys = np.array(list(self._seen.keys()), dtype=np.uint64)
+        keys = np.array(list(self._seen.keys())[-SAVED:], dtype=np.uint64)
         return {
             "previous": self._previous.copy(),
             "started": self._started.copy(),
@@ -211,7 +213,7 @@ class Repeats:
             "rows": self._rows.copy(),
             "longest": self._longest.copy(),
             "seen_key": keys,
-            "seen_row": np.array(list(self._seen.values()), dtype=np.int64),
+            "seen_row": np.array(list(self._seen.values())[-SAVED:], dtype=np.int64),
             "loop": np.array(
                 [self._row, self._distance, self._matches, self.period or 0, self._frames], dtype=np.int64
             ),

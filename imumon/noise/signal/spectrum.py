@@ -303,8 +303,14 @@ class Spectrum:
             out.append((rate, power, count))
         return out
 
-    def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
+    def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
+        """State as arrays.
+
+        Parameters
+        ----------
+        least_s : s; of hops that take less, and wait for the next one, only the mean is kept: they count as
+            missing, which costs a segment or two.
+        """
         self._settle()
         rows = np.zeros((0, len(self._groups)))
         valid = np.zeros((0, self._g), dtype=bool)
@@ -323,6 +329,12 @@ class Spectrum:
             for name, value in vars(stage).items():
                 if value is not None and name != "waiting":
                     out[f"{s}.{name}"] = np.array(value)
+            if HOP * 2**s / self._rate < least_s:
+                for name in ("last", "half", "history"):
+                    if (hop := out.get(f"{s}.{name}")) is not None:
+                        hop[:] = hop.mean(axis=1, keepdims=True)
+                    if (share := out.get(f"{s}.{name}_share")) is not None:
+                        share[:] = 0.0
         return out
 
     @classmethod
