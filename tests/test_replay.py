@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from commands import imumon
 
+from imumon.datasheet.signal import signal
+from imumon.report import Report, from_json
 from imumon.sensors.vn100 import ascii as sentences
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
@@ -95,6 +97,40 @@ def test_table_names_every_channel(tmp_path: Path) -> None:
     shown = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
     for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveat compensated"):
         assert name in shown
+
+
+def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
+    """Of known truth: a machine that shakes two axes, mains, a temperature with its effect, three biases."""
+    n, rate = 40_000, 40.0
+    t, rng = np.arange(n) / rate, np.random.default_rng(8)
+    gyro, accel = rng.normal((1e-3, 0, 0), 4e-4, (n, 3)), rng.normal((0, 0, -9.8), 6e-3, (n, 3))
+    mag = rng.normal((0.2, 0, 0.4), 1e-3, (n, 3))
+    degrees = 25.0 + 2.0 * np.sin(2 * np.pi * t / 300.0)
+    gyro[:, 1] += 1e-4 * (degrees - 25.0)
+    accel[:, :2] += 0.01 * np.sin(2 * np.pi * 13.3 * t)[:, None]
+    mag[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.0 * t)
+    path = tmp_path / "a.npz"
+    np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
+    text = imumon("replay", path, "--json")
+    channels = json.loads(text)["channels"]
+    shown = "\n".join(signal(from_json(Report, text)))
+    bias = channels["gyro/x"]["distribution"]
+    assert bias["bias_low"] < 1e-3 < bias["bias_high"]
+    drift = channels["gyro/y"]["drift"]
+    assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
+    assert drift["explained"] > 0.9
+    assert drift["steady_N"]["status"] == "measured"
+    assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
+    for told in (
+        "gyro/y: follows the temperature by 1.0",
+        "accel/x: lines at 13.3 Hz of 0.0",
+        "accel/x: moves together with accel/y (+0.5",
+        "mag/x: lines at 10",
+        "(50 Hz mains)",
+    ):
+        assert told in shown
+    for name in ("gyro/x", "gyro/z", "accel/z", "mag/y", "mag/z"):
+        assert f"\n{name}:" not in shown
 
 
 def test_stream_without_a_clock_needs_its_rate(tmp_path: Path) -> None:

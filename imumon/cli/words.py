@@ -118,9 +118,11 @@ def print_report(made: Any, as_json: bool) -> None:
 
         print(to_json(made))
     else:
+        from imumon.datasheet.signal import signal
         from imumon.datasheet.text import table
 
-        print(table(made, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+        print("\n".join([table(made, width), "", *signal(made, width)]).rstrip())
 
 
 def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:

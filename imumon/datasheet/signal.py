@@ -1,0 +1,103 @@
+"""Signal: what is in the values besides N, B and K, in lines of text.
+
+A line a channel for what every channel has: bias, the last minute beside the whole record, drift. Below it
+a line for what only some have: values that are not Gaussian, spectral lines, an effect of temperature, axes
+that move together, what has changed.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+
+from imumon.datasheet.text import coefficient
+from imumon.report import COEFFICIENTS, Channel, Report
+from imumon.samples import sensor_of
+from imumon.units import READABLE, pretty
+
+LINES = 4
+"""Spectral lines told of a channel."""
+TOGETHER = 0.3
+"""Correlation from which two axes are said to move together."""
+LEAST = 60
+"""Cells that a note is broken at, at least."""
+
+
+def signal(made: Report, width: int | None = None) -> list[str]:
+    """Lines of text; none before the first sample.
+
+    Parameters
+    ----------
+    width : cells of the terminal; None: no line is broken.
+    """
+    rows = [_row(name, channel) for name, channel in made.channels.items() if channel.mean is not None]
+    if not rows:
+        return []
+    head = f"{'':<12}{'bias, 95 %':>21}{'last minute':>12}{'std':>10}{'drift per hour':>21}"
+    lines = [head, *rows]
+    for name, channel in made.channels.items():
+        for note in _notes(name, channel):
+            text = f"{name}: {note}"
+            lines += (
+                [text] if width is None else textwrap.wrap(text, max(width, LEAST), subsequent_indent="  ")
+            )
+    return lines
+
+
+def _row(name: str, channel: Channel) -> str:
+    shape, drift = channel.distribution, channel.drift
+    bias = minute = spread = slope = ""
+    if shape is not None:
+        bias = _about(shape.bias, shape.bias_low, shape.bias_high)
+        minute = "" if shape.recent_mean is None else f"{shape.recent_mean:.4e}"
+        spread = "" if shape.recent_std is None else f"{shape.recent_std:.2e}"
+    if drift is not None:
+        slope = _about(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+    return f"{name:<12}{bias:>21}{minute:>12}{spread:>10}{slope:>21}".rstrip()
+
+
+def _about(value: float | None, low: float | None, high: float | None) -> str:
+    """Value and half-width of its limits.
+
+    >>> _about(1.2e-3, 1.1e-3, 1.3e-3), _about(None, None, None)
+    ('1.200e-03 ±1.0e-04', '')
+    """
+    if value is None:
+        return ""
+    half = "" if low is None or high is None else f" ±{(high - low) / 2.0:.1e}"
+    return f"{value:.3e}{half}"
+
+
+def _notes(name: str, channel: Channel) -> Iterator[str]:
+    """What only some channels have, a sentence each."""
+    unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
+    if shape is not None and shape.gaussian is False and shape.verdict:
+        yield shape.verdict
+    if channel.spectrum is not None and channel.spectrum.lines:
+        told = [
+            f"{line.frequency_hz:.4g} Hz of {line.amplitude:.2g} {unit}"
+            + (f" ({line.name})" if line.name else "")
+            for line in channel.spectrum.lines[:LINES]
+        ]
+        more = len(channel.spectrum.lines) - LINES
+        yield f"lines at {', '.join(told)}" + (f" and {more} more" if more > 0 else "")
+    if drift is not None and drift.significant:
+        yield "the drift is more than the noise makes"
+    if drift is not None and drift.per_degC is not None and drift.steady_N is not None:
+        half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
+        share = "" if drift.explained is None else f", {drift.explained:.0%} of what is slow"
+        steady = ", ".join(
+            f"{letter} {coefficient(found)} {pretty(READABLE[sensor_of(name), letter].unit)}"
+            for letter in COEFFICIENTS
+            if (found := getattr(drift, f"steady_{letter}")) is not None
+        )
+        yield (
+            f"follows the temperature by {drift.per_degC:.2e}{half} {unit} a degree{share}; "
+            f"without that (the table is with it) {steady}"
+        )
+    if shape is not None:
+        beside = [f"{other} ({r:+.2f})" for other, r in shape.correlation.items() if abs(r) >= TOGETHER]
+        if beside:
+            yield f"moves together with {', '.join(beside)}"
+    for change in channel.changes:
+        yield f"{change.quantity} was {change.before:.3g}, is {change.now:.3g} (against the {change.against})"
