@@ -6,6 +6,7 @@ installation would put it, and an emulated sensor waits on /dev/ttySIM.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import site
@@ -17,6 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BOOT_S = 60.0
+PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 SENSOR = """[Unit]
 Description=an emulated sensor
 
@@ -80,7 +82,9 @@ class Machine:
     def run(self, *words: str, check: bool = True) -> str:
         """Standard output of a command on the machine."""
         inside = ["nsenter", "--target", str(self._first), "--all", "--"]
-        done = subprocess.run([*inside, *words], capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(
+            [*inside, *words], capture_output=True, text=True, timeout=60, check=False, env={"PATH": PATH}
+        )
         assert done.returncode == 0 or not check, f"{words}: {done.stdout}{done.stderr}"
         return done.stdout
 
@@ -104,8 +108,18 @@ class Machine:
             time.sleep(0.02)
         return time.monotonic() - start
 
-    def pid_here(self, unit: str) -> int:
-        """Number of a unit's main process as it is counted outside of the machine."""
+    def took_s(self, unit: str, first: str, last: str) -> float:
+        """Seconds between the last two lines of the manager on a unit that begin so, by the journal."""
+        lines = self.run("journalctl", "--quiet", "--output=json", f"UNIT={unit}").splitlines()
+        said = [json.loads(line) for line in lines]
+        times = [
+            max(int(line["__MONOTONIC_TIMESTAMP"]) for line in said if line["MESSAGE"].startswith(word))
+            for word in (first, last)
+        ]
+        return (times[1] - times[0]) / 1e6
+
+    def process(self, unit: str) -> int:
+        """A unit's main process, by its number outside of the machine."""
         inside = self.show(unit, "MainPID")
         for status in Path("/proc").glob("[0-9]*/status"):
             numbers = _field(status, "NSpid").split()
@@ -120,7 +134,7 @@ class Machine:
                 self.root.mkdir(parents=True, exist_ok=True)
                 (self.root / name).symlink_to(os.readlink(f"/{name}"))
         local = self.root / "opt/local"
-        for place in ("usr/lib", "etc/systemd/system", "opt/local/bin", "opt/local/share/man", "opt/site"):
+        for place in ("usr/lib", "etc/systemd/system", "opt/local/bin", "opt/local/share", "opt/site"):
             (self.root / place).mkdir(parents=True)
         (self.root / "usr/lib/os-release").write_text("ID=test\n")  # else nspawn takes it for no system
         (self.root / "etc/passwd").write_text("root:x:0:0:root:/root:/bin/sh\n")
@@ -138,6 +152,12 @@ class Machine:
             f'LD_LIBRARY_PATH={python}/lib\nexec {python}/bin/{name} -m imumon "$@"\n'
         )
         program.chmod(0o755)
+        for page in (ROOT / "docs/man").iterdir():
+            place = local / f"share/man/man{page.suffix[1:]}"
+            place.mkdir(parents=True, exist_ok=True)
+            shutil.copy(page, place)
+        if Path("/etc/manpath.config").exists():
+            shutil.copy("/etc/manpath.config", self.root / "etc")
         units = self.root / "etc/systemd/system"
         shutil.copy(ROOT / "systemd/imumon@.service", units)
         (units / "sensor.service").write_text(SENSOR)

@@ -20,6 +20,7 @@ from imumon.emulator import EmulatorSettings, spawn
 
 ROOT = Path(__file__).parents[1]
 UNIT = ROOT / "systemd" / "imumon@.service"
+RULE = ROOT / "systemd" / "90-imumon.rules.example"
 
 
 def promised() -> dict[str, list[str]]:
@@ -144,3 +145,48 @@ def test_a_user_without_a_home_is_no_fault(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
     assert search() in (None, Path("/etc/imumon/config.toml"))
+
+
+USB = """
+mount -t tmpfs none /sys && mount -t tmpfs none /run && mount -t tmpfs none /dev
+mknod /dev/null c 1 3 && mknod /dev/ttyUSB0 c 188 0
+adapter=/sys/devices/usb1/1-1 port=/sys/devices/usb1/1-1/1-1:1.0/ttyUSB0 tty=$port/tty/ttyUSB0
+mkdir -p $tty /sys/class/tty /sys/bus/usb /sys/bus/usb-serial/drivers/ftdi_sio /run/udev/rules.d
+echo A1B2C3D4 > $adapter/serial; ln -s /sys/bus/usb $adapter/subsystem
+printf 'DEVTYPE=usb_device\nDRIVER=usb\n' > $adapter/uevent
+echo 'DRIVER=ftdi_sio' > $port/uevent; ln -s /sys/bus/usb-serial $port/subsystem
+echo 16 > $port/latency_timer
+ln -s /sys/bus/usb-serial/drivers/ftdi_sio $port/driver
+printf 'MAJOR=188\nMINOR=0\nDEVNAME=ttyUSB0\n' > $tty/uevent; ln -s /sys/class/tty $tty/subsystem
+cp "$1" /run/udev/rules.d/90-imumon.rules
+export SYSTEMD_DEVICE_VERIFY_SYSFS=0
+udevadm test --action=add $tty 2>&1 && udevadm test --action=add $port 2>&1
+readlink /dev/imumon/*
+"""
+"""A plugged-in adapter as udev finds it, in folders of our own."""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give udev other folders")
+@pytest.mark.skipif(shutil.which("udevadm") is None, reason="udevadm is not installed")
+def test_the_rule_names_one_adapter_and_starts_its_service(tmp_path: Path) -> None:
+    text = RULE.read_text()
+    for serial, taken in (("A1B2C3D4", True), ("FT4XYZ12", False)):
+        rule = tmp_path / "rules"
+        rule.write_text(text.replace("A1B2C3D4", serial))
+        command = ["unshare", "--mount", "sh", "-c", USB, "sh", rule]
+        said = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+        assert "ACTION=add" in said
+        assert "Invalid" not in said
+        assert ("SYSTEMD_WANTS=imumon@imumon-A1B2C3D4.service" in said) == taken
+        assert ("ID_MM_DEVICE_IGNORE=1" in said) == taken
+        assert bool(re.search("latency_timer' writing '1'", said)) == taken
+        assert said.endswith("\n../ttyUSB0\n") == taken  # what /dev/imumon/A1B2C3D4 leads to
+
+
+def test_the_service_of_the_rule_reads_its_name() -> None:
+    """The instance of the unit, unescaped, is the path below /dev."""
+    instance = re.search(r"imumon@(\S+)\.service", RULE.read_text())
+    link = re.search(r'SYMLINK\+="([^"]+)"', RULE.read_text())
+    assert instance
+    assert link
+    assert instance[1].replace("-", "/") == link[1]
