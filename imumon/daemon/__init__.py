@@ -26,7 +26,7 @@ from imumon import report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
 from imumon.daemon.keeping import Keeping
-from imumon.daemon.link import BEAT_S, Link, Stopped
+from imumon.daemon.link import BEAT_S, Link, NoSensor, Stopped
 from imumon.daemon.service import Level, Log, Notifier
 from imumon.daemon.tape import Tape
 from imumon.monitor import Monitor
@@ -149,7 +149,7 @@ class Daemon:
             try:
                 self._meet(self._link.open())
                 return
-            except (PortError, PortGone, SessionError) as error:
+            except (NoSensor, PortError, PortGone, SessionError) as error:
                 if not self._notifier.listens:
                     raise
                 if str(error) != complaint:
@@ -223,7 +223,7 @@ class Daemon:
         now = time.monotonic()
         if data or self._silent_since is None:
             self._silent_since = None if data else now
-        elif self._state == "running" and now - self._silent_since > self._stale_s():
+        elif self._state != "waiting" and now - self._silent_since > self._stale_s():
             self._state = "waiting"
             self._tell("silent", "nothing comes from the sensor", "warning")
 
