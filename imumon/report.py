@@ -358,10 +358,12 @@ def to_json(part: Any, *, indent: int | None = None) -> str:
     ------
     ValueError : a number is not finite.
     """
-    separators = (",", ":") if indent is None else None
-    return json.dumps(
-        to_dict(part), allow_nan=False, ensure_ascii=False, indent=indent, separators=separators
-    )
+    if indent is None:
+        return _COMPACT.encode(to_dict(part))
+    return json.dumps(to_dict(part), allow_nan=False, ensure_ascii=False, indent=indent)
+
+
+_COMPACT = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 
 
 T = typing.TypeVar("T")

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -17,8 +18,9 @@ from hypothesis import strategies as st
 
 from imumon.bus import BusError, Options, Publisher, Viewer, clean_id
 from imumon.bus.session import check_endpoint, explain, is_local
+from imumon.bus.texts import BULKY, Texts
 from imumon.config import Zenoh
-from imumon.report import Event, Report, from_json, to_dict
+from imumon.report import Event, Report, from_json, to_dict, to_json
 
 
 def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:
@@ -327,3 +329,20 @@ def test_any_endpoint_is_understood_or_refused(text: str) -> None:
 def test_errors_show_nothing_of_zenoh_itself() -> None:
     error = zenoh.ZError("Boom [x]: odd at /home/x/.cargo/git/a.rs:12.] at /home/x/.cargo/git/b.rs:3.")
     assert explain(error, ["tcp/h:1"]) == "tcp/h:1: Boom [x]: odd"
+
+
+def test_texts_are_those_of_the_report_whatever_of_it_is_new() -> None:
+    texts = Texts()
+    first, other = report("a", 100), report("a", 200)
+    grown = replace(
+        first,
+        session=replace(first.session, samples=101),
+        channels={name: replace(each, count=101) for name, each in first.channels.items()},
+    )
+    for made in (first, grown, other, replace(first, channels={}), first):
+        texts.write(made)
+        assert texts.report == to_json(made)
+        assert set(texts.channels) == set(made.channels)
+        for name, text in texts.channels.items():
+            whole = to_dict(made.channels[name])
+            assert json.loads(text) == {key: whole[key] for key in whole if key not in BULKY}

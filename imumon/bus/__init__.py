@@ -3,6 +3,7 @@
 session     addresses, security and errors: what both ends share
 publisher   the daemon's end: the keys of docs/ZENOH.md, never in the way of the data
 link        one session of a daemon, and what is declared on it
+texts       the JSON of a report, of which little is new each time
 answers     the last value of every key, for those who ask
 viewer      the other end: newest report of every device there is
 """

@@ -10,7 +10,6 @@ are sent only when asked for.
 from __future__ import annotations
 
 import atexit
-import json
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -23,10 +22,8 @@ import zenoh
 from imumon.bus.answers import Answers
 from imumon.bus.link import Link, open_local, open_uplink
 from imumon.bus.session import RETRY_S, BusError, Options, Unreachable, check_endpoint, clean_id
-from imumon.report import Event, Report, Signal, to_dict, to_json
-
-BULKY = ("allan", "histogram", "spectrum")
-"""Parts of a channel that its own key leaves out; the report has them."""
+from imumon.bus.texts import Texts
+from imumon.report import Event, Report, Signal, to_json
 
 _EVENTS_QUEUED = 1000
 _FIRST_ATTEMPT_S = 3.0  # a router that drops packets must not hold up the start for longer
@@ -87,6 +84,7 @@ class Publisher:
         self._closing = False
         self._reports = self._replaced = self._sent_events = self._dropped = self._errors = 0
         self._answers = Answers(self._root)
+        self._texts = Texts()
         self._grade: str | None = None
         self._over = threading.Event()
         self._faults: dict[str, str] = {}
@@ -206,12 +204,12 @@ class Publisher:
             self._sent_events += 1
 
     def _send_report(self, report: Report, signals: Mapping[str, Signal] | None) -> None:
-        plain = to_dict(report)
+        self._texts.write(report)
         self._answers.show(signals or {})
-        self._put("report", _json(plain))
-        for name, channel in plain["channels"].items():
-            self._put(name, _json({key: value for key, value in channel.items() if key not in BULKY}))
-        grade = _json(plain["grade"])
+        self._put("report", self._texts.report)
+        for name, text in self._texts.channels.items():
+            self._put(name, text)
+        grade = to_json(report.grade)
         if grade != self._grade:
             self._put("grade", grade)
             self._grade = grade
@@ -257,9 +255,5 @@ class Publisher:
     def _answer(self, query: zenoh.Query) -> None:
         try:
             self._answers.answer(query)
-        except (zenoh.ZError, ValueError) as error:
+        except Exception as error:  # a question must not end the thread that answers the next one
             self.last_error = f"{type(error).__name__}: {error}"
-
-
-def _json(plain: Any) -> str:
-    return json.dumps(plain, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
