@@ -45,7 +45,7 @@ caption { caption-side: bottom; text-align: left; color: var(--warn); padding-to
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0;
   border-bottom: 1px solid var(--rule); }
 thead th { color: var(--muted); font-weight: 600; vertical-align: bottom; }
-tbody th { font-weight: 600; white-space: nowrap; }
+tbody th { font-weight: 600; } tbody th, .one { white-space: nowrap; }
 tr.strong td, tr.strong th { background: var(--soft); font-weight: 700; }
 table.facts { width: auto; } table.facts th { font-weight: 400; color: var(--muted); padding-right: 1.6rem; }
 figure { margin: 1rem 0 1.6rem; }
@@ -63,7 +63,7 @@ pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow
 @media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
-  svg.allan { width: 64%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
+  svg.allan { width: 56%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
   .short, figure, pre, tr, .warned, .verdict { break-inside: avoid; }
   .wide { overflow: visible; margin: .5rem 0; }
   table { font-size: 7.8pt; } .note, figcaption, .warned, .verdict span { font-size: 8pt; }
@@ -131,7 +131,7 @@ def _table(table: Table) -> str:
 
 def _cell(text: str) -> str:
     """Cell whose number and limits stay on one line, as long as they are short."""
-    return html.escape(text.replace(" ", "\u00a0") if len(text) <= TOGETHER else text)
+    return html.escape(text) if len(text) > TOGETHER else f'<span class="one">{html.escape(text)}</span>'
 
 
 def _title(text: str) -> str:

@@ -189,7 +189,7 @@ def _beside(made: Report, there: Sequence[str]) -> Iterator[Block]:
                     " / ".join(figures(v * scale.factor) for v in lab) if lab else "–",
                 )
             )
-    head = ("", "this sensor, worst axis", "VN-100, manufacturer", "", "VN-100, laboratory report x / y / z")
+    head = ("", "this sensor, worst axis", "VN-100, manufacturer", "", "laboratory report, x / y / z")
     yield Table(head, tuple(rows))
     yield Text(
         "The laboratory report is from five hours of $VNYMR at 40 Hz and concludes "
@@ -262,11 +262,18 @@ def _record(made: Report) -> Iterator[Block]:
             f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s), "
             f"{counted(session.samples, 'sample')}",
         ),
-        ("Missing", f"{counted(session.missing, 'sample')} in {counted(session.gaps, 'gap')} ({share:.3%})"),
+        (
+            "Missing",
+            f"{counted(session.missing, 'sample')} in {counted(session.gaps, 'gap')}, {100 * share:.2g} %"
+            if session.missing
+            else "nothing",
+        ),
         (
             "Left out as disturbed",
             f"{_seconds(session.excluded_s)} in "
-            f"{counted(session.disturbances, 'piece')}{f': {reasons}' if reasons else ''}",
+            f"{counted(session.disturbances, 'piece')}{f': {reasons}' if reasons else ''}"
+            if session.excluded_s
+            else "nothing",
         ),
         ("Left out as warm-up", _seconds(session.warmup_s)),
         (
