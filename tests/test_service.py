@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from daemons import free_endpoint
 
-from imumon.config import search
+from imumon.config import Settings, search
+from imumon.daemon import Daemon, Task
 from imumon.daemon.service import Log
 from imumon.emulator import EmulatorSettings, spawn
 
@@ -119,6 +120,16 @@ def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
         _, said = daemon.communicate(timeout=20)
     assert daemon.returncode == 0
     assert said.count("waiting") == 1  # said once, however long it lasts
+    ear.close()
+
+
+def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ear = Ear(tmp_path)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
+    monkeypatch.setattr("imumon.daemon.link.find_ports", list)
+    outcome = Daemon(Settings(), Task(path=None, state_directory=tmp_path, duration_s=0.3)).run()
+    assert outcome.report is None
+    assert ear.until("READY=1") < ear.until("STATUS=waiting: no serial port on this machine")
     ear.close()
 
 

@@ -317,7 +317,7 @@ def service(look: ServiceLook) -> Check:
     if not look.running:
         return Check("service", "ok", "no systemd here: imumon run by hand")
     if not look.installed:
-        return Check("service", "ok", "not installed: imumon run by hand, or systemd/imumon@.service")
+        return Check("service", "ok", "not installed: imumon run by hand, or as the README says")
     failed = [name for name, state in look.units if state == "failed"]
     if failed:
         cure = f"journalctl -u {failed[0]} tells why; then systemctl restart {failed[0]}"
