@@ -175,6 +175,18 @@ def test_moving_sensor_is_never_graded() -> None:
     assert "not_at_rest" in made.caveats
 
 
+def test_a_line_is_not_called_rounding() -> None:
+    monitor = Monitor()
+    part = block(30_000)
+    part.values[:, 3] += 0.02 * np.sin(2 * np.pi * 33.3 * np.arange(30_000) / 100.0)
+    monitor.feed(part)
+    monitor.flush()
+    channels = report(monitor).channels
+    assert set(channels["accel/x"].caveats) <= {"vibration", "misfit"}
+    assert "vibration" in channels["accel/x"].caveats
+    assert channels["accel/y"].caveats == ()
+
+
 def test_an_axis_that_never_changes_is_told_and_its_sensor_not_graded() -> None:
     monitor = Monitor()
     part = block(6000)

@@ -16,9 +16,14 @@ from imumon.monitor.record import Record
 from imumon.monitor.trends import against_baseline
 from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS
+from imumon.noise.signal.histogram import Shape
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
+ROUNDED = 0.3
+"""Step of the values against the Allan deviation at the shortest time from which rounding may show in it."""
+STRONG = 0.05
+"""Share of the variance from which a spectral line bends the curve."""
 DISTURBED, MOSTLY = 0.1, 0.5
 """Share of the record cut out above which it is called disturbed, and its grade provisional."""
 
@@ -34,6 +39,21 @@ def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
         "warming_up": guarded and record.warming(),
     }
     return tuple(word for word, stands in words.items() if stands)
+
+
+def bent(fit: ChannelFit, made: Channel, shape: Shape | None) -> tuple[str, ...]:
+    """Caveats of a fit, what bends its shortest octaves by its right name.
+
+    The curve alone cannot tell a line from rounding or a filter; the spectrum and the steps of values can.
+    """
+    lines = made.spectrum.lines if made.spectrum is not None else ()
+    shakes = any(0.5 * line.amplitude**2 > STRONG * (made.std or 0.0) ** 2 for line in lines)
+    step = shape.step if shape is not None else None
+    sigma = made.allan.sigma if made.allan is not None else ()
+    rounded = step is not None and len(sigma) > 0 and step > ROUNDED * sigma[0]
+    other = "vibration" if shakes else "correlated"
+    names = {"correlated": other, "quantised": "quantised" if rounded else other}
+    return tuple(names.get(word, word) for word in fit.caveats)
 
 
 def constants(findings: Findings) -> tuple[str, ...]:
@@ -87,7 +107,11 @@ def channels(
             made = replace(made, grade=ChannelGrade())
         if fit is not None:
             own = {"constant": name in dead, "changed": column in changed}
-            words = (*whole, *fit.caveats, *(word for word, stands in own.items() if stands))
+            words = (
+                *whole,
+                *bent(fit, made, findings.shapes[column]),
+                *(word for word, stands in own.items() if stands),
+            )
             made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))
         shown[name] = made
     return shown
