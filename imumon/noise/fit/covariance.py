@@ -131,7 +131,7 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     return _tables(span >> step << step, octaves, averaged)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=16)
 def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
     full = (span - 2 * m) // np.maximum(1, m // 8) + 1

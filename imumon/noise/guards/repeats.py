@@ -198,7 +198,7 @@ class Repeats:
 
     def _forget(self, received: Bools) -> None:
         """Count these rows, and drop the oldest fingerprints."""
-        if len(self._seen) > 2 * REMEMBERED:
+        if len(self._seen) > REMEMBERED + REMEMBERED // 4:
             self._seen = dict(list(self._seen.items())[-REMEMBERED:])
         self._row += int(received.sum())
 
