@@ -52,18 +52,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Stop as stop:
         print(f"imumon: {stop}", file=sys.stderr)
         return stop.code
-    except MemoryError:
-        print(
-            "imumon: out of memory: let it have more (MemoryMax=, ulimit); the last save is kept",
-            file=sys.stderr,
-        )
-        return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has left (`imumon status | head -1`): no complaint, no traceback
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+    except (MemoryError, RuntimeError, ImportError, OSError) as error:
+        if not _out_of_memory(error):
+            raise
+        print("imumon: out of memory: grant more; what was saved last is kept", file=sys.stderr, flush=True)
+        os._exit(FAILED)  # what is left to do would want memory, and wait for it
+
+
+def _out_of_memory(error: Exception) -> bool:
+    """Whether that is the cause: each library says it in its own words."""
+    said = ("start new thread", "failed to map segment", "Cannot allocate memory")
+    return isinstance(error, MemoryError) or any(text in str(error) for text in said)
 
 
 Act: TypeAlias = Callable[[argparse.Namespace], int]

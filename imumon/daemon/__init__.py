@@ -122,23 +122,22 @@ class Daemon:
         Raises
         ------
         NoSensor, PortError, SessionError : there is no sensor to read at the start (under a service manager
-            it is waited for instead). BusError, StateError : no place to publish or to keep.
+            it is waited for instead). BusError, StateError : the address or the state is another daemon's.
         SourceError : what is to be recorded can never be written there.
         RateNeeded : the stream has no clock and no rate was given.
         """
         if not self._notifier.listens:
             self._tape.check()
-        final = None
         with self._listening_to_signals():
             try:
                 self._first()
                 while True:
                     self._serve()
             except Stopped:
-                pass
-            finally:
-                final = self._end()
-        return Outcome(final, self._signal)
+                return Outcome(self._end(), self._signal)
+            except BaseException:
+                self._give_up()
+                raise
 
     # ------------------------------------------------------------------ getting there
 
@@ -361,7 +360,7 @@ class Daemon:
         if complaint := self._tape.complaint():
             self._tell("recording", complaint, "error")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
-            self._tell("state", complaint, "error")
+            self._tell("state", complaint, self._keeping.level)
         self._notifier.status(_status(made))
         return made
 
@@ -438,6 +437,8 @@ class Daemon:
                 final = self._publish()
         if self._keeping is not None:
             self._keeping.close(self._session(), self._started)
+            if complaint := self._keeping.complaint():
+                self.log.say(complaint, self._keeping.level)
         self._put_back()
         self._tape.close()
         if complaint := self._tape.complaint():
@@ -445,6 +446,15 @@ class Daemon:
         if self._bus is not None:
             self._bus.close()
         return final
+
+    def _give_up(self) -> None:
+        """Leave the sensor as it was; what was saved last stays, for samples may be counted by half.
+
+        Nothing is waited for: where memory is out, not even a thread begins.
+        """
+        self._notifier.stopping()
+        with suppress(Exception):
+            self._put_back()
 
     def _put_back(self) -> None:
         """Restore the sensor's settings; a beat would end it at once, so it goes without."""

@@ -158,9 +158,9 @@ class Keeping:
         """Hand the state over to be written."""
         self._checkpoint.save(self._state(session, started))
 
-    def close(self, session: Session | None, started: str | None) -> None:
-        """Write the last state, unless there is none to be trusted, and wait for the disk."""
-        state = self._state(session, started) if session and self._monitor.samples else None
+    def close(self, session: Session, started: str | None) -> None:
+        """Write the last state and wait for the disk."""
+        state = self._state(session, started) if self._monitor.samples else None
         self._checkpoint.close(state)
 
     def complaint(self) -> str | None:

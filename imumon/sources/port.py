@@ -310,7 +310,7 @@ class SerialPort:
                     self._keep(data)
                     if len(data) < BATCH and time.monotonic() > self._talking_until:
                         time.sleep(min(BATCH_S, 10 * BATCH / self._baud))
-        except (*_GONE, TypeError, ValueError) as error:  # the last two: closed under our hands
+        except Exception as error:  # closed under our hands, out of memory: whatever it is, it must be seen
             self._fail(error)
 
     def _receive(self) -> bytes:
