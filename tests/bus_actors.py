@@ -169,6 +169,33 @@ def router(port: int) -> None:
         sys.stdin.read()
 
 
+def stranger(connect: str, id: str, count: int, seed: int) -> None:
+    """Publishes random messages on keys of a device and others, asks, and talks nonsense to its port."""
+    import numpy as np
+    import zenoh
+
+    rng = np.random.default_rng(seed)
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", json.dumps([connect]))
+    config.insert_json5("mode", '"client"')
+    names = ("report", "event", "grade", "alive", "gyro/x", "signal/gyro/x", "%", "a b", "ä/ö", "x" * 300)
+    keys = [f"imumon/{id}/{name}" for name in names] + ["imumon/other/report", "imumon", "a/b"]
+    asked = [f"imumon/{id}/**", "imumon/*/gyro/*", f"imumon/{id}/signal/accel/y?x=1;y=[", "**", "imumon/none"]
+    host, _, port = connect.removeprefix("tcp/").rpartition(":")
+    noise, answers = rng.bytes(1 << 16), 0
+    say(ready=True)
+    with zenoh.open(config) as session:
+        chosen, starts = rng.integers(0, len(keys), count), rng.integers(0, 1 << 15, count)
+        lengths = rng.geometric(0.01, count)
+        for number, (key, start, length) in enumerate(zip(chosen, starts, lengths, strict=True)):
+            session.put(keys[key], noise[start : start + length])
+            if number % 1000 == 0:
+                answers += sum(1 for _ in session.get(asked[number // 1000 % len(asked)], timeout=1.0))
+                with suppress(OSError), socket.create_connection((host, int(port)), timeout=1.0) as raw:
+                    raw.sendall(noise[start : start + 2000])
+    say(put=count, answers=answers)
+
+
 class Actor:
     """A process that plays a role; what it says is read on a thread."""
 
@@ -261,4 +288,6 @@ def free() -> str:
 
 
 if __name__ == "__main__":
-    {"daemon": daemon, "viewer": viewer, "router": router}[sys.argv[1]](**json.loads(sys.argv[2]))
+    {"daemon": daemon, "viewer": viewer, "router": router, "stranger": stranger}[sys.argv[1]](
+        **json.loads(sys.argv[2])
+    )

@@ -1,0 +1,90 @@
+"""Faults of the surroundings: what others hold, what was written wrongly, what there is too little of."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+from pathlib import Path
+
+import pytest
+import serial
+from commands import imumon
+from daemons import free_endpoint
+from laws import Fault
+from scene import ID, scene
+
+MEMORY_MAX_KB = 256 << 10
+"""What the service unit grants."""
+
+
+def test_14_port_is_taken_by_another_program(tmp_path: Path) -> None:
+    with scene(tmp_path, seed=14, start=False) as play:
+        with serial.Serial(play.port, exclusive=True):
+            words = ("run", "--port", play.port, "--state", play.state, "--listen", free_endpoint())
+            said = imumon(*words, code=1)
+        assert play.port in said
+        assert str(os.getpid()) in said  # who has it
+
+
+def test_15_two_daemons(tmp_path: Path) -> None:
+    """The same port, endpoint or state: each is refused in one line; the first notices nothing."""
+    with scene(tmp_path, seed=15) as play:
+        before = play.calm()
+        elsewhere = ("--listen", free_endpoint())
+        said = imumon("run", "--port", play.port, "--state", tmp_path / "b", *elsewhere, code=1)
+        assert play.port in said
+        with scene(tmp_path / "b", seed=16, start=False) as other:
+            words = ("run", "--port", other.port, "--duration", "20", "--state")
+            said = imumon(*words, tmp_path / "c", "--listen", play.daemon.endpoint, code=1)
+            assert play.daemon.endpoint.rpartition(":")[2] in said
+            said = imumon(*words, play.state, *elsewhere, code=1)
+            assert str(play.state) in said
+            assert "another imumon" in said
+        after = play.calm()
+        assert after.report.session.missing == 0
+        play.end(before, after)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[device]\nbaud = 115201\n", "baud"),
+        pytest.param("[state]\nsave_period_s = -1\n", "save_period_s", marks=pytest.mark.slow),
+        pytest.param("[devise]\nport = 'x'\n", "device", marks=pytest.mark.slow),
+        pytest.param("not toml at all", "line 1", marks=pytest.mark.slow),
+    ],
+)
+def test_16_bad_config(tmp_path: Path, text: str, said: str) -> None:
+    """The start is refused, with file and line, before anything is touched."""
+    config = tmp_path / "config.toml"
+    config.write_text(text)
+    told = imumon("run", "--port", "sim", "--state", tmp_path / "state", "--config", config, code=2)
+    assert str(config) in told
+    assert said in told
+    assert not (tmp_path / "state").exists()
+
+
+@pytest.mark.slow
+def test_17_memory_that_the_service_unit_grants(tmp_path: Path) -> None:
+    """All of its data, not only what is resident, fits in the unit's limit."""
+    with scene(tmp_path, seed=17, start=False) as play:
+        play.start(before=("sh", "-c", f'ulimit -d {MEMORY_MAX_KB} && exec "$@"', "sh"))
+        before = play.calm()
+        after = play.calm(more=1500, timeout=40)
+        play.end(before, after)
+
+
+def test_18_memory_runs_out(tmp_path: Path) -> None:
+    """It ends in one line, or is ended by a library, and the next one goes on with what was saved."""
+    with scene(tmp_path, seed=18) as play:
+        before = play.calm()
+        play.daemon.wait(lambda r: (play.state / f"{ID}.state").exists())
+        resource.prlimit(play.daemon.process.pid, resource.RLIMIT_DATA, (1 << 20, 1 << 20))
+        code = play.daemon.process.wait(20)
+        play.kill()
+        assert code in (1, -signal.SIGABRT), play.said
+        assert code != 1 or play.said.strip().splitlines()[-1].startswith("imumon: out of memory")
+        play.start()
+        play.away_s += 3.0  # the save period, and what it takes to save
+        play.end(before, play.calm(), Fault(restarts=1))

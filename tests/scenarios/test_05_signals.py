@@ -1,0 +1,103 @@
+"""SIGTERM in every phase of a daemon's life: a clean end within seconds, and nothing half done."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from laws import adds_up, is_kept
+from scene import ID, STOP_S, Scene, scene
+
+from imumon.report import Report, from_json
+
+SLOW_DISK = Path(__file__).parents[2] / "benchmarks" / "slow_disk.c"
+
+
+def starting(play: Scene) -> None:
+    play.start()
+    time.sleep(0.4)
+
+
+def waiting_for_a_port(play: Scene) -> None:
+    play.sensor.ask("unplug")
+    play.start(environment={"NOTIFY_SOCKET": str(play.folder / "nobody")})  # a service waits
+    time.sleep(2.0)
+
+
+def shaking_hands(play: Scene) -> None:
+    """The sensor does not answer yet."""
+    play.sensor.ask("silence 30")
+    play.start()
+    time.sleep(2.0)
+
+
+def first_samples(play: Scene) -> None:
+    play.start()
+    play.daemon.wait(lambda r: r.session.samples >= 1)
+
+
+def running(play: Scene) -> None:
+    play.start()
+    play.calm()
+
+
+def saving(play: Scene) -> None:
+    """The disk has stopped answering in the middle of a save; it comes back a second later."""
+    if shutil.which("cc") is None:
+        pytest.skip("a C compiler makes the slow disk; install gcc")
+    library = play.folder / "slow_disk.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, SLOW_DISK, "-ldl"], check=True)
+    play.start(environment={"LD_PRELOAD": str(library), "SLOW_DISK": str(play.state)})
+    play.calm()
+    hang = Path(f"{play.state}.hang")
+    hang.touch()
+    play.daemon.wait(lambda r: (play.state / f"{ID}.state.new").exists())
+    subprocess.Popen(["sh", "-c", 'sleep 1; rm "$0"', str(hang)])
+
+
+def reconnecting(play: Scene) -> None:
+    play.start()
+    play.calm()
+    play.sensor.ask("unplug")
+    play.daemon.wait(lambda r: r.state == "waiting")
+
+
+def stopping(play: Scene) -> None:
+    """It is told a second time while it stops."""
+    play.start()
+    play.calm()
+    play.daemon.process.send_signal(signal.SIGTERM)
+    time.sleep(0.1)
+
+
+PHASES = [starting, waiting_for_a_port, shaking_hands, first_samples, running, saving, reconnecting, stopping]
+QUICK = (starting, first_samples, stopping)
+
+
+@pytest.mark.parametrize(
+    "phase",
+    [pytest.param(p, marks=[] if p in QUICK else [pytest.mark.slow]) for p in PHASES],
+    ids=lambda phase: phase.__name__,
+)
+def test_19_terminated_while(tmp_path: Path, phase: Callable[[Scene], None]) -> None:
+    with scene(tmp_path, seed=19, start=False) as play:
+        phase(play)
+        asked = time.monotonic()
+        code, out, said = play.daemon.stop(signal.SIGTERM)
+        assert time.monotonic() - asked < STOP_S
+        # before it has begun it has nothing to look after, and ends as any process does
+        assert code == 0 or (phase is starting and code == -signal.SIGTERM), said
+        assert not list(play.state.glob("*.found.json")) or phase is reconnecting
+        if out:
+            final = from_json(Report, out)
+            assert final.state == "stopped"
+            adds_up(final)
+            if final.session.samples:
+                is_kept(play.state / f"{ID}.state", final)
+        else:
+            assert phase in (starting, waiting_for_a_port, shaking_hands)
