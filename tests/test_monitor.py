@@ -38,6 +38,23 @@ def test_report_survives_json() -> None:
     assert from_json(Report, to_json(made)) == made
 
 
+def test_a_young_record_has_n_at_once_and_no_fit_is_older_than_five_seconds_and_two_per_cent() -> None:
+    monitor, at, known, oldest = Monitor(), 0.0, None, 0.0
+    for second in range(150):
+        monitor.feed(block(100, start=100 * second))
+        found = report(monitor).channels["gyro/x"].N
+        if found is not known:
+            at, known = second, found
+        if second == 2:
+            assert found is not None
+            assert found.value is not None
+        assert second - at <= min(0.1 * second, 5.0 + 0.02 * second) + 1.0
+        oldest = max(oldest, second - at)
+    assert oldest >= 5.0  # nor is it worked out with every report
+    stopped = monitor.report(NOW, Device(id="x"), "stopped", Session())
+    assert stopped.channels["gyro/x"].N is not known  # the last one is of everything
+
+
 def test_before_the_first_sample_there_is_a_report_too() -> None:
     made = report(Monitor())
     assert made.channels == {}
