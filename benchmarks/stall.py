@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -27,6 +26,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +37,9 @@ from daemons import Daemon
 from usage import cpu_s, resident_kb
 
 from imumon.emulator import EmulatorSettings, spawn
+from imumon.emulator.process import EmulatorProcess
 from imumon.replay import Replay, replay
-from imumon.report import Report, from_json
+from imumon.report import Report, from_json, stamp
 
 BAUD = 921600
 WRITE_MS, SYNC_MS = 50, 2000
@@ -48,8 +49,8 @@ CONFIG = "[report]\nperiod_s = 0.1\n[state]\nsave_period_s = 5\n"
 
 
 @contextmanager
-def slow_disk(scratch: Path) -> Iterator[Path]:
-    """Directory on a slow disk, for processes started within."""
+def slow_disk(scratch: Path) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Directory on a slow disk, and the environment of a process that sees it so."""
     compiler = shutil.which("cc")
     if compiler is None:
         raise SystemExit("stall.py makes a slow disk with a C compiler: install gcc")
@@ -57,25 +58,28 @@ def slow_disk(scratch: Path) -> Iterator[Path]:
     source = Path(__file__).with_name("slow_disk.c")
     subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
     directory.mkdir()
-    told = {
-        "SLOW_DISK": str(directory),
-        "SLOW_DISK_WRITE_MS": str(WRITE_MS),
-        "SLOW_DISK_SYNC_MS": str(SYNC_MS),
-    }
-    os.environ |= {"LD_PRELOAD": str(library), **told}
-    yield directory
+    slow = {"SLOW_DISK_WRITE_MS": str(WRITE_MS), "SLOW_DISK_SYNC_MS": str(SYNC_MS)}
+    yield directory, {"LD_PRELOAD": str(library), "SLOW_DISK": str(directory), **slow}
     Path(f"{directory}.hang").unlink(missing_ok=True)
 
 
-def settled(sensor: Any, daemon: Daemon, still_s: float) -> tuple[dict[str, int], Report]:
-    """Counters of both sides once nothing is on the way any more: the sensor keeps still."""
-    before, since = -1, time.monotonic()
-    while time.monotonic() - since < still_s:
-        report = daemon.wait(lambda r: True)
-        if report.session.samples != before:
-            before, since = report.session.samples, time.monotonic()
-        time.sleep(0.02)
-    return sensor.ask("counters"), report
+def still(sensor: EmulatorProcess, daemon: Daemon, word: str) -> tuple[dict[str, Any], Report]:
+    """Counters of both sides with nothing on the way: for a moment the sensor is told to keep still.
+
+    With ``silence`` what it makes meanwhile is lost, with ``stall`` it waits, and so does what it answers.
+    """
+    begun = stamp(datetime.now(UTC) + timedelta(seconds=0.5))
+    replies = sensor.ask(f"{word} 600")["replies"]
+    said: list[Report] = []
+
+    def newer(report: Report) -> bool:
+        return report.time > (said[-1].time if said else begun)
+
+    while len(said) < 2 or said[-1].session.samples != said[-2].session.samples:
+        said.append(daemon.wait(newer))
+    counted = sensor.ask("counters")
+    sensor.ask(f"{word} 0")
+    return counted | {"replies": replies}, said[-1]
 
 
 class Adversity:
@@ -107,49 +111,45 @@ class Adversity:
         self._stuck.kill(signal.SIGCONT)
 
 
+def watch(daemon: Daemon, adversity: Adversity, until: float) -> float:
+    """Longest time between two reports at the healthy subscriber, s."""
+    longest, arrived, version = 0.0, time.monotonic(), -1
+    while (now := time.monotonic()) < until and daemon.process.poll() is None:
+        adversity.go_on()
+        if daemon.viewer.version != version:
+            version = daemon.viewer.version
+            newest = max(at for _, at in daemon.viewer.reports().values())
+            longest, arrived = max(longest, newest - arrived), max(newest, arrived)
+        time.sleep(0.01)
+    return max(longest, now - arrived)
+
+
 def run(minutes: float, scratch: Path) -> dict[str, Any]:
     """What was counted, by what it is."""
     (scratch / "config.toml").write_text(CONFIG)
-    with spawn(EmulatorSettings(seed=1, baud=BAUD)) as sensor, slow_disk(scratch) as disk:
-        recording = disk / "run.bin"
-        words = (
-            "--set-baud",
-            str(BAUD),
-            "--config",
-            str(scratch / "config.toml"),
-            "--record",
-            str(recording),
-        )
-        with Daemon(sensor.path, disk / "state", *words, "--json", "--duration", "1e6") as daemon:
-            os.environ.pop("LD_PRELOAD")
+    with spawn(EmulatorSettings(seed=1, baud=BAUD)) as sensor, slow_disk(scratch) as (disk, environment):
+        config, recording = str(scratch / "config.toml"), str(disk / "run.bin")
+        words = ["--set-baud", str(BAUD), "--config", config, "--record", recording]
+        words += ["--json", "--duration", "1e6"]
+        with Daemon(sensor.path, disk / "state", *words, environment=environment) as daemon:
             daemon.samples(2000)
-            sensor.ask("silence 1.8")
-            first, at_first = settled(sensor, daemon, 1.0)
+            first, at_first = still(sensor, daemon, "silence")
             daemon.wait(lambda r: r.session.samples > at_first.session.samples + 800)
             stuck = Actor("viewer", connect=[daemon.endpoint]).ready()
             adversity = Adversity(disk, stuck)
             pid, begun = daemon.process.pid, time.monotonic()
-            used, resident, longest, waited_at, version = cpu_s(pid), resident_kb(pid), 0.0, begun, -1
-            while (now := time.monotonic()) < begun + 60.0 * minutes and daemon.process.poll() is None:
-                adversity.go_on()
-                if daemon.viewer.version != version:
-                    version = daemon.viewer.version
-                    arrived = max(at for _, at in daemon.viewer.reports().values())
-                    longest, waited_at = max(longest, arrived - waited_at), max(arrived, waited_at)
-                time.sleep(0.01)
-            longest = max(longest, now - waited_at)
-            cpu = 100.0 * (cpu_s(pid) - used) / (now - begun)
+            used, resident = cpu_s(pid), resident_kb(pid)
+            longest = watch(daemon, adversity, begun + 60.0 * minutes)
+            cpu = 100.0 * (cpu_s(pid) - used) / (time.monotonic() - begun)
             ended = resident_kb(pid)
             adversity.end()
-            replies = sensor.ask("stall 60")["replies"]  # what is answered from now on stays behind
-            last, at_last = settled(sensor, daemon, 3.0)
-            sensor.ask("stall 0")
+            last, at_last = still(sensor, daemon, "stall")
             daemon.process.send_signal(signal.SIGTERM)
             out, err = daemon.process.communicate(timeout=60)
             stuck.end()
         final = from_json(Report, out)
-        again = replay(Replay(path=str(recording)))
-    sent = (last["sent"] - replies) - (first["sent"] - first["replies"])
+        again = replay(Replay(path=recording))
+    sent = (last["sent"] - last["replies"]) - (first["sent"] - first["replies"])
     session = at_last.session
     received = session.samples - at_first.session.samples
     return {
