@@ -1,0 +1,29 @@
+"""A daemon on an emulator in time-lapse that somebody else holds, and can ask what it has sent.
+
+    python benchmarks/lapse.py SPEED ... run --port PATH --state DIR --listen ENDPOINT --config FILE
+
+`imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same task;
+the words before ``run`` are passed over, so that it can stand before any command that starts a daemon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from imumon.config import load
+from imumon.daemon import Daemon, Task
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("--port", "--state", "--listen", "--config"):
+        parser.add_argument(name, required=True)
+    speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
+    settings = load(words.config, {"zenoh.listen": [words.listen]})
+    Daemon(settings, Task(path=words.port, state_directory=Path(words.state), speed=speed)).run()
+
+
+if __name__ == "__main__":
+    main()
