@@ -72,6 +72,7 @@ def test_it_is_active_when_samples_come_and_shows_the_grade(machine: Machine) ->
     assert 'Status: "running, gyro industrial' in machine.run("systemctl", "status", UNIT)
     running = Path(f"/proc/{machine.process(UNIT)}")
     assert running.stat().st_uid >= 61184  # of the range of dynamic users
+    assert (running / "root/proc/sys/kernel/random/boot_id").read_text()  # it tells restart from reboot
     for hidden in ("root", "home"):
         assert list((running / "root" / hidden).iterdir()) == []
 
@@ -159,6 +160,17 @@ def test_the_journal_knows_errors_from_the_rest(machine: Machine) -> None:
     assert any(line.startswith("reading VN-100") for line in machine.journal(UNIT, "-p", "info"))
     said = json.loads(machine.run("journalctl", "-o", "json", "-n1", "-u", UNIT, "-g", "^reading VN-100"))
     assert said["PRIORITY"] == "6"
+
+
+def test_a_port_may_have_settings_of_its_own(machine: Machine) -> None:
+    start(machine)  # so that the directory is there
+    place = "/var/lib/imumon/ttySIM"
+    machine.run("sh", "-c", f"printf '[record]\\nfile = \"capture.bin\"\\n' > {place}/config.toml")
+    try:
+        machine.run("systemctl", "restart", UNIT)
+        machine.until(lambda: machine.run("stat", "-c%s", f"{place}/capture.bin", check=False) > "0")
+    finally:
+        machine.run("rm", f"{place}/config.toml")
 
 
 def test_faulty_settings_are_said_once_and_not_tried_again(machine: Machine) -> None:
