@@ -23,6 +23,7 @@ from textual.widgets import Input
 
 from imumon.report import Report
 from imumon.tui.app import Monitor
+from imumon.tui.paint import Painted
 from imumon.tui.scene import Scene
 from imumon.tui.words import Notation
 
@@ -138,6 +139,8 @@ async def _draw(app: Monitor, pilot: Pilot[int], feed: Handed, wanted: Picture) 
     app._asked = None
     feed.take(wanted.feed)
     app.look()
+    for part in app.query(Painted):
+        part.refresh()
     await pilot.pause()
     await pilot.press(*wanted.keys)
     await pilot.pause()

@@ -37,6 +37,7 @@ from imumon.report import (
     Strip,
     TimeTo,
 )
+from imumon.sensors.vn100.registers import CHANGE_THE_DATA, REGISTERS
 from imumon.units import READABLE, SI
 
 ID = "vn100-0100056785"
@@ -65,6 +66,10 @@ LIMITS = {
         "B": {"consumer": 9.807e-2, "industrial": 9.807e-3, "tactical": 9.807e-4, "navigation": 9.807e-5},
     },
 }
+SETTINGS = {
+    f"{number} {REGISTERS[number].name}": REGISTERS[number].factory[2] for number in sorted(CHANGE_THE_DATA)
+} | {"75 binary output 1": "1,20,01,0739", "of tomorrow": "a value without words"}
+
 GRADES: Mapping[str, tuple[GradeName, GradeName]] = {
     "gyro/x": ("industrial", "tactical"),
     "gyro/y": ("industrial", "industrial"),
@@ -238,6 +243,8 @@ def report(
             provisional=not settled,
         ),
     }
+    if "not_at_rest" in caveats:
+        graded, none = False, SensorGrade(reason="the sensor moves")
     hours, rest = divmod(int(elapsed_s), 3600)
     return Report(
         time=f"2026-03-01T{8 + hours % 12:02d}:{rest // 60:02d}:{rest % 60:02d}.000Z",
@@ -253,7 +260,7 @@ def report(
             alias_factor=2.236,
             source="binary 01:0739",
             clock="startup",
-            settings={"IMU filter": "window 4, mode 3", "VPE": "on", "async output": "off"},
+            settings=SETTINGS,
         ),
         state=state,  # type: ignore[arg-type]
         session=Session(
@@ -394,8 +401,9 @@ class Recorded:
         self.watched.append((id, channel))
 
     def signal(self) -> tuple[Signal, float] | None:
-        chosen = self.watched[-1][1] if self.watched else None
-        return (signal(chosen), self.now) if chosen in TRUTH else None
+        id, chosen = self.watched[-1] if self.watched else ("", None)
+        short = id in self._reports and self._reports[id][0].session.elapsed_s < 10.0
+        return (signal(chosen), self.now) if chosen in TRUTH and not short else None
 
     def connected(self) -> bool:
         return self._connected

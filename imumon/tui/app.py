@@ -394,14 +394,16 @@ def _settled(scene: Scene) -> Scene:
     return scene
 
 
-ROOMY = 100
-"""Cells from which on the views at the foot, and the keys, stand apart by two blanks."""
+ROOMY, TIGHT = 100, 66
+"""Cells from which on the views at the foot, and the keys, stand apart by two blanks; and from which on
+all views have their names."""
 
 
 def _tabs(scene: Scene, width: int) -> Line:
     """The views by name, the one that is seen on a ground of its own."""
     roles = ["tab" if name == scene.view else "muted" for name in VIEWS]
-    names = [f"{k} {name}" for k, name in enumerate(VIEWS, 1)]
+    named = width >= TIGHT
+    names = [f"{k} {name}" if named or name == scene.view else str(k) for k, name in enumerate(VIEWS, 1)]
     if width >= ROOMY:
         return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
     before = ["muted", *roles]

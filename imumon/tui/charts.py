@@ -75,16 +75,16 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
         legend = [[("━ ", f"axis-{c[-1]}"), (c[-1], "muted")] for c in scene.siblings()]
     else:
         legend = [
-            [("▪ ", "point"), ("measured", "muted")],
+            [("⠿ ", "point"), ("measured", "muted")],
             [("██ ", "bandkey"), ("95 %", "muted")],
             [("━ ", "model"), ("model", "muted")],
         ]
         allan = scene.chosen.allan if scene.chosen is not None else None
         if allan is not None and not all(allan.used):
-            legend.append([("▪ ", "leftout"), ("left out", "muted")])
+            legend.append([("⠿ ", "leftout"), ("left out", "muted")])
     if scene.baseline is not None:
         legend.insert(1, [("━ ", "baseline"), (scene.baseline_name, "muted")])
-    back: Line = [("z", "key"), (" back to the numbers ", "muted")] if scene.zoomed else []
+    back: Line = [("   z", "key"), (" back ", "muted")] if scene.zoomed else []
     for item in legend:
         if length(title) + length(item) + 3 <= width - length(back):
             title += [("   ", "text"), *item]

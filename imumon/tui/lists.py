@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from imumon.report import Channel, Drift, Event, Report
+from imumon.sensors.vn100.meanings import meaning
 from imumon.tui.compare import comparison
 from imumon.tui.scene import Scene
 from imumon.tui.table import GRADED
@@ -32,23 +33,20 @@ def device(scene: Scene, width: int, height: int = 0) -> list[Line]:
     report = scene.report
     if report is None:
         return []
-    cards = [
-        _identity(report),
-        _stream(report),
-        _settings(report),
-        _link(report),
-        _left_out(report),
-        _notes(report, width),
-    ]
-    if width < 110:
+    wide = width >= 110
+    half = width // 2 if wide else width
+    first = [_identity(report), _stream(report), _notes(report, half)]
+    second = [_link(report), _left_out(report)]
+    settings = _settings(report, width)
+    if not wide:
+        cards = [*first, settings, *second]
         return [padded(line, width) for card in cards if card for line in [*card, []]]
-    half = width // 2
-    left = [line for card in cards[:3] if card for line in [*card, []]]
-    right = [line for card in [*cards[3:5], _notes(report, half)] if card for line in [*card, []]]
+    left, right = ([line for card in cards if card for line in [*card, []]] for cards in (first, second))
     count = max(len(left), len(right))
     left += [[]] * (count - len(left))
     right += [[]] * (count - len(right))
-    return [padded(a, half) + padded(b, width - half) for a, b in zip(left, right, strict=True)]
+    both = [padded(a, half) + padded(b, width - half) for a, b in zip(left, right, strict=True)]
+    return both + [padded(line, width) for line in settings]
 
 
 def _identity(report: Report) -> list[Line]:
@@ -87,12 +85,19 @@ def _stream(report: Report) -> list[Line]:
     ]
 
 
-def _settings(report: Report) -> list[Line]:
-    head = _title("Settings that change the data")
-    if not report.device.settings:
-        return [head, [("  not read from the sensor", "faint")]]
-    wide = max(map(len, report.device.settings))
-    return [head, *([(f"  {k:<{wide}}   ", "muted"), (v, "text")] for k, v in report.device.settings.items())]
+def _settings(report: Report, width: int) -> list[Line]:
+    """Registers by name, what each does, and behind that its value as it is."""
+    settings = report.device.settings
+    lines = [_title("Settings that change the data")]
+    if not settings:
+        return [*lines, [("  not read from the sensor", "faint")]]
+    wide = min(max(map(len, settings)), max(width // 2 - 6, 1))
+    for name, value in settings.items():
+        said = meaning(name, value)
+        line: Line = [(f"  {name[:wide]:<{wide}}   ", "muted"), (said or value, "text")]
+        raw: Line = [(f"   {value}", "faint")] if said else []
+        lines.append(fitted([line, raw], width))
+    return lines
 
 
 def _link(report: Report) -> list[Line]:
@@ -120,18 +125,19 @@ def _link(report: Report) -> list[Line]:
 
 def _left_out(report: Report) -> list[Line]:
     s = report.session
-    lines = [
+    return [
         _title("Cut out"),
         _pair("disturbances", f"{s.disturbances:,}"),
         _pair("excluded", clock(s.excluded_s)),
+        *(_pair(f"  by {reason}", clock(seconds)) for reason, seconds in s.excluded_by.items()),
         _pair("warm-up", clock(s.warmup_s)),
     ]
-    return lines + [_pair(f"  by {reason}", clock(seconds)) for reason, seconds in s.excluded_by.items()]
 
 
 def _notes(report: Report, width: int) -> list[Line]:
+    """Caveats of the numbers, and what is not known of the sensor or not as it should be."""
     lines: list[Line] = []
-    for caveat in told(report):
+    for caveat in (*told(report), *report.device.remarks):
         for k, text in enumerate(wrap(caveat, max(width - 5, 10))):
             lines.append([("  ! " if not k else "    ", "warn"), (text, "text")])
     return [_title("Caveats"), *lines] if lines else []
@@ -207,7 +213,9 @@ def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
         line.append((tail, "bound" if name == scene.other else "warn"))
         line = padded(line, width)
         lines.append([(t, f"{r.partition('/')[0]}/chosen") for t, r in line] if name == scene.id else line)
-    if len(scene.reports) > 1:
+    if len(scene.reports) < 2:
+        lines += [[], [("   another sensor stands here as soon as its daemon answers", "faint")]]
+    else:
         lines += [
             [],
             [

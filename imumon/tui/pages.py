@@ -53,6 +53,8 @@ def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
     """What the status line tells, the most important first."""
     device, session = report.device, report.session
     facts: list[Line] = [[(device.id, "strong")]]
+    if not session.samples:
+        return facts + ([[(device.port, "muted")]] if device.port is not None else [])
     if device.sample_rate_hz is not None:
         facts.append([(f"{device.sample_rate_hz:.4g} Hz", "text")])
     facts.append([(clock(session.elapsed_s), "text")])
@@ -84,30 +86,39 @@ def plates(scene: Scene, width: int, height: int) -> list[Line]:
         return []
     if height >= 6 and width >= 78:
         return _large(report, scene.notation, width)
-    line: Line = []
-    for sensor in GRADED:
-        line += [("   " if line else " ", "text"), *_small(sensor, report.grade.get(sensor))]
-    found = [caveat.replace("_", " ") for caveat in caveats(report)]
-    lines = [_with_caveats(line, found, width)]
+    lines = [_one_line(report, width)]
     return lines + _caveats(scene, width, height - 1) if height > 1 else lines
 
 
-def _with_caveats(line: Line, found: list[str], width: int) -> Line:
-    """The caveats by name at the end of a line, or their number where they do not fit."""
-    room = width - length(line) - 3
-    for text in (f"! {', '.join(found)} ", f"! {len(found)} caveats ", f"! {len(found)} "):
-        if found and len(text) <= room:
-            return [*padded(line, width - len(text)), (text, "warn")]
+def _one_line(report: Report, width: int) -> Line:
+    """Headline grades, and at the end the caveats by name, or their number where they do not fit.
+
+    That there are caveats is worth more than what decides the grades.
+    """
+    found = [caveat.replace("_", " ") for caveat in caveats(report)]
+    line: Line = []
+    for why in (True, False):
+        line = []
+        for sensor in GRADED:
+            line += [("   " if line else " ", "text"), *_small(sensor, report.grade.get(sensor), why)]
+        for text in (f"! {', '.join(found)} ", f"! {counted(len(found), 'caveat')} "):
+            if found and length(line) + len(text) + 2 <= width:
+                return [*padded(line, width - len(text)), (text, "warn")]
+        if not found:
+            break
+    short = f"!{len(found)} "
+    if found and length(line) + len(short) < width:
+        return [*padded(line, width - len(short)), (short, "warn")]
     return padded(line, width)
 
 
-def _small(sensor: str, grade: SensorGrade | None) -> Line:
-    """Headline grade in a few words."""
+def _small(sensor: str, grade: SensorGrade | None, why: bool) -> Line:
+    """Headline grade in a few words, if wanted with what decides it."""
     if grade is None or grade.nearest is None:
-        return [(f"{sensor} ", "muted"), ("not graded yet", "faint")]
+        return [(f"{sensor} ", "muted"), ("no grade yet", "faint")]
     decided = grade.decided_by
-    by = f" by {decided.coefficient} of {decided.axis[-1]}" if decided else ""
-    tail = ", for now" if grade.provisional else ""
+    by = f" by {decided.coefficient} of {decided.axis[-1]}" if decided and why else ""
+    tail = " for now" if grade.provisional else ""
     return [
         (f"{sensor} ", "muted"),
         (grade.nearest.upper(), f"grade-{grade.nearest}-strong"),
@@ -136,11 +147,11 @@ def _plate(sensor: str, report: Report, notation: Notation, width: int) -> list[
         return [
             head,
             [],
-            [("  not graded yet", "muted")],
+            [("  no grade yet", "muted")],
             *([(line, "faint")] for line in [*text, ""][:2]),
             [],
         ]
-    head.append(("  nearest grade, for now" if grade.provisional else "  nearest grade", "faint"))
+    head += [("  nearest grade", "faint"), (", for now" if grade.provisional else "", "warn")]
     role = f"grade-{grade.nearest}"
     rows = ["", grade.nearest.upper(), ""] if notation.ascii else headline(grade.nearest)
     return [

@@ -289,10 +289,12 @@ class Frame:
         return 2 * self.left + fx * (2 * self.width - 1), 4 * self.top + (1 - fy) * (4 * self.height - 1)
 
     def points(self, x: Floats, y: Floats, role: str) -> None:
-        """Marks of 3 x 3 dots: nobody takes them for a part of a line."""
+        """Marks of 3 x 3 dots, which nobody takes for a part of a line; of 2 x 2 where they stand close."""
         a, b = np.rint(self.across(x)), np.rint(self.down(y))
-        for dx in (-1, 0, 1):
-            for dy in (-1, 0, 1):
+        apart = np.nanmin(np.diff(a), initial=np.inf)
+        beside = (-1, 0, 1) if apart >= 5 else (-1, 0)
+        for dx in beside:
+            for dy in beside:
                 self.canvas.dots(a + dx, b + dy, role)
 
     def band(self, x: Floats, low: Floats, high: Floats, role: str) -> None:

@@ -5,6 +5,7 @@ dialogue  find its baud, ask it, write its registers
 facts     what a report says of it
 settings  what to ask it for, what that does to the noise, what to put back
 registers fields, factory values, what may be written
+meanings  what its settings do to the data, in words
 decoder   bytes to samples, responses and errors
 ascii     sentences, read and written
 binary    packets, read and written

@@ -1,0 +1,58 @@
+"""Settings in words: every register that changes the data has some, and nothing that comes makes it fail."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.sensors.vn100.meanings import meaning
+from imumon.sensors.vn100.registers import CHANGE_THE_DATA, REGISTERS
+
+
+def named(number: int) -> str:
+    return f"{number} {REGISTERS[number].name}"
+
+
+@pytest.mark.parametrize("number", CHANGE_THE_DATA)
+@pytest.mark.parametrize("generation", [2, 3])
+def test_factory_settings_have_words(number: int, generation: int) -> None:
+    said = meaning(named(number), REGISTERS[number].factory[generation])  # type: ignore[index]
+    assert said
+    assert len(said) <= 60
+
+
+@pytest.mark.parametrize(
+    ("number", "text", "words"),
+    [
+        (85, "0,20,20,4,0,0,3,3,3,0", "accel and gyro averaged over 20 samples (25 ms); temperature"),
+        (85, "0,1,0,0,0,0,3,3,3,0", "nothing is averaged"),
+        (85, "0,0,8,0,0,0,0,2,0,0", "gyro averaged over 8 samples (10 ms), compensated outputs alone"),
+        (82, "0,1,0,0,0", "bias of gyro taken out"),
+        (75, "1,8,05,0001,00F2", "100 Hz on port 1"),
+        (84, "1.01,0,0,0,1,0,0,0,1,0,0,0.1", "scale or axes and bias changed by its user"),
+        (43, "+00.001000,+00.000000,-00.002000", "0.001, 0, -0.002 rad/s"),
+        (6, "14", "$VNYMR"),
+        (6, "0", "none"),
+        (35, "0,1,1,1", "no attitude filter"),
+    ],
+)
+def test_a_setting_says_what_it_does(number: int, text: str, words: str) -> None:
+    assert words in (meaning(named(number), text) or "")
+
+
+def test_what_is_not_known_has_no_words() -> None:
+    for name, text in (
+        ("", ""),
+        ("VPE", "on"),
+        ("999 what", "1"),
+        ("85 IMU filtering", "x"),
+        ("6 type", "77"),
+    ):
+        assert meaning(name, text) is None
+
+
+@given(number=st.sampled_from(CHANGE_THE_DATA), text=st.text("0123456789,.-+AFx", max_size=40))
+def test_nothing_that_a_stranger_reports_makes_it_fail(number: int, text: str) -> None:
+    said = meaning(named(number), text)
+    assert said is None or said
