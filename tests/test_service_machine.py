@@ -67,6 +67,7 @@ def test_nothing_in_the_unit_is_complained_of(machine: Machine) -> None:
 def test_it_is_active_when_samples_come_and_shows_the_grade(machine: Machine) -> None:
     report = start(machine)
     tell("start to READY", machine.took_s(UNIT, "Starting", "Started"))
+    tell("processor so far", int(machine.show(UNIT, "CPUUsageNSec")) / 1e9)
     assert report.session.started is not None
     machine.until(lambda: "industrial" in machine.show(UNIT, "StatusText"))
     assert 'Status: "running, gyro industrial' in machine.run("systemctl", "status", UNIT)
