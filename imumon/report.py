@@ -63,8 +63,8 @@ class Session:
     duplicates: int = 0  # samples that came twice and were counted once
     received_bytes: int = 0
     overruns: int = 0  # times the kernel or the queue had to drop bytes
-    kernel_overruns: int | None = None  # of these the kernel's; null where its driver counts none, as of a pty
-    most_queued_bytes: int | None = None  # most that ever waited for the daemon; null: of no daemon
+    kernel_overruns: int | None = None  # of these the kernel's; null: its driver counts none
+    most_queued_bytes: int | None = None  # most that ever waited for the daemon at once
     excluded_by: Mapping[str, float] = field(default_factory=dict)  # seconds by reason
 
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from imumon.checkpoint import Checkpoint, decode
+from imumon.checkpoint import Checkpoint, decode, encode
 from imumon.daemon import keeping
 from imumon.daemon.keeping import Keeping, differing
 from imumon.monitor import Monitor
@@ -70,6 +70,17 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     assert "goes on" in said[0]
     assert kept.added_up(Session()).restarts == 1
     kept.close(Session(), kept.started)
+
+
+def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> None:
+    """It is written by another thread, while samples go on."""
+    kept, monitor, _ = begun(tmp_path, facts())
+    monitor.feed(block(0, 5000))
+    waiting = kept._state(Session(), None)
+    before = encode(waiting)
+    monitor.feed(block(5000, 5000))
+    assert encode(waiting) == before
+    kept.close(Session(), None)
 
 
 @pytest.mark.parametrize(

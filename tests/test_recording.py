@@ -127,18 +127,7 @@ def test_a_line_that_never_ends_is_no_line() -> None:
     assert b"".join(item for item in _split(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
 
 
-def test_a_device_that_is_full_from_the_start_is_said_and_the_daemon_runs(tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=13)) as sensor:
-        words = ("--record", "/dev/full", "--json", "--duration", "1e4")
-        with Daemon(sensor.path, tmp_path, *words) as daemon:
-            daemon.samples(150)
-            told = [e for e in daemon.viewer.events("vn100-0100056785") if e.kind == "recording"]
-            live, said = ended(daemon)
-    assert live.session.missing == 0
-    assert [event.text for event in told] == ["cannot record to /dev/full: no space left on device"]
-    assert said.count("no space left") == 1
-
-
+@pytest.mark.slow  # scenario 09 does it with a disk, where one can be mounted
 def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) -> None:
     """A limit on the size of files stands for the disk; the state does not fit either, and says so."""
     path = tmp_path / "raw.bin"
