@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -171,6 +172,7 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
         "CPU, percent of a core": round(cpu, 1),
         "resident at first, MB": round(resident / 1024, 1),
         "resident at the end, MB": round(ended / 1024, 1),
+        "load average of the machine": " ".join(f"{load:.1f}" for load in os.getloadavg()),
         "said": [line for line in err.splitlines() if "error" in line or "warning" in line],
     }
 
@@ -193,10 +195,10 @@ def main() -> int:
         for name, value in found.items():
             print(f"{name:32} {value:,}" if isinstance(value, int) else f"{name:32} {value}")
     lost = found["samples sent by the emulator"] - found["samples received"]
+    lost += found["missing, by the sensor's clock"]
     whole = found["samples in the recording"] == found["samples at the end"]
-    faults = [found["missing, by the sensor's clock"], found["dropped at a full terminal"]]
     print(f"{lost} samples lost{'' if whole else '; the recording is not whole'}", file=sys.stderr)
-    return 1 if lost or any(faults) or not whole else 0
+    return 0 if lost == 0 and whole else 1
 
 
 if __name__ == "__main__":
