@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,8 @@ from imumon.cli import parsers
 from imumon.cli.manual import ABOUT, COMMON, pages
 from imumon.config import NAMES
 
-PLACE = Path(__file__).parents[1] / "docs" / "man"
+ROOT = Path(__file__).parents[1]
+PLACE = ROOT / "docs" / "man"
 WHOLE, COMMANDS = parsers()
 PAGES = pages(WHOLE, COMMANDS)
 
@@ -22,6 +24,13 @@ PAGES = pages(WHOLE, COMMANDS)
 def test_the_pages_are_those_of_the_parsers() -> None:
     kept = {path.name: path.read_text() for path in PLACE.iterdir()}
     assert kept == PAGES, "make them anew: python -m imumon.cli.manual"
+
+
+def test_an_installation_has_them() -> None:
+    shipped = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["data-files"]
+    files = {path for patterns in shipped.values() for pattern in patterns for path in ROOT.glob(pattern)}
+    assert {PLACE / name for name in PAGES} <= files
+    assert all(list(ROOT.glob(pattern)) for patterns in shipped.values() for pattern in patterns)
 
 
 def test_every_option_and_setting_has_its_place() -> None:

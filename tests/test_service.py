@@ -133,6 +133,18 @@ def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.Monkey
     ear.close()
 
 
+def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it would never be ready, and be killed and started again for ever."""
+    daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
+    monkeypatch.setattr(daemon, "_stale_s", lambda: 0.0)
+    daemon._heard(b"")
+    assert daemon._state == "starting"
+    daemon._heard(b"")
+    assert daemon._state == "waiting"
+
+
 @pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])
 def test_the_journal_gets_priorities_and_nobody_else(
     form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

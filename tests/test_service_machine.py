@@ -88,6 +88,17 @@ def test_it_waits_for_a_sensor_that_comes_later(machine: Machine) -> None:
     assert machine.show(UNIT, "NRestarts") == "0"
 
 
+def test_a_port_is_also_read_by_the_name_that_udev_gave_it(machine: Machine) -> None:
+    start(machine)
+    machine.run("systemctl", "stop", UNIT)
+    name = "serial/by-id/usb-FTDI_VN-100-if00-port0"
+    machine.run("sh", "-c", f"mkdir -p /dev/serial/by-id; ln -sf /dev/ttySIM /dev/{name}")
+    unit = machine.run("systemd-escape", "--template=imumon@.service", name).strip()
+    machine.run("systemctl", "start", unit)
+    assert status(machine).device.port == f"/dev/{name}"
+    machine.run("systemctl", "stop", unit)
+
+
 def test_a_driver_may_load_after_the_start(machine: Machine) -> None:
     """No driver of a USB adapter is loaded here: its port says so, not that it is forbidden."""
     machine.run("sh", "-c", "[ -e /dev/ttyUSB0 ] || mknod /dev/ttyUSB0 c 188 0; chgrp dialout /dev/ttyUSB0")
