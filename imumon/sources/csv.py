@@ -192,7 +192,7 @@ class _Reader:
         if not self.spoilt:
             return []
         rows = "1 row is no row" if self.spoilt == 1 else f"{self.spoilt:,} rows are no rows"
-        return [f"{self._path}: {rows} of numbers and taken as lost: {self._first}"]
+        return [f"{self._path}: {rows} of numbers and taken as lost; first {self._first}"]
 
     def numbers(self, lines: list[str], before: int, *, last: bool) -> Floats:
         """(n, k) of the wanted columns; a row that is no row is not a number.
