@@ -16,51 +16,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from terminals import ENVIRONMENT, Tmux, until
 
 HERE = Path(__file__).parent
 ACTOR = [sys.executable, str(HERE / "screen_actor.py")]
-ENVIRONMENT = {**os.environ, "TERM": "xterm-256color", "LANG": "C.UTF-8", "PYTHONPATH": str(HERE.parent)}
-
-
-def until(condition: Callable[[], object], seconds: float = 20.0) -> None:
-    """Wait for a condition, not for a time."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.05)
-
-
-class Tmux:
-    """A terminal multiplexer of our own, with one pane that runs the screen."""
-
-    def __init__(self, socket: Path, command: str, size: tuple[int, int] = (150, 40)) -> None:
-        self._base = ["tmux", "-S", str(socket)]
-        run = f"{command}; echo EXIT=$?; exec cat"
-        environment = [part for k in ("LANG", "PYTHONPATH") for part in ("-e", f"{k}={ENVIRONMENT[k]}")]
-        where = ["-x", str(size[0]), "-y", str(size[1])]
-        self.tell("-f", "/dev/null", "new-session", "-d", *environment, *where, "sh", "-c", run)
-
-    def tell(self, *words: str) -> str:
-        done = subprocess.run([*self._base, *words], capture_output=True, text=True, check=True, timeout=20)
-        return done.stdout
-
-    def text(self) -> str:
-        return self.tell("capture-pane", "-p")
-
-    def flag(self, name: str) -> str:
-        return self.tell("display-message", "-p", f"#{{{name}}}").strip()
-
-    def press(self, *keys: str) -> None:
-        self.tell("send-keys", *keys)
-
-    def screen(self) -> int:
-        """Process of the screen in the pane."""
-        shell = int(self.flag("pane_pid"))
-        children = Path(f"/proc/{shell}/task/{shell}/children").read_text().split()
-        return int(children[0])
-
-    def close(self) -> None:
-        subprocess.run([*self._base, "kill-server"], capture_output=True, check=False, timeout=20)
 
 
 @pytest.fixture

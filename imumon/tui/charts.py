@@ -71,17 +71,18 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
     name = sensor_of(channel) if scene.overlay else channel.replace("/", " ")
     title: Line = [(" " * GUTTER, "text"), (name, "title"), (f"  {scene.notation.sigma} [{unit}]", "muted")]
     legend: list[Line] = []
+    mark = "o " if scene.notation.ascii else "⠿ "
     if scene.overlay:
         legend = [[("━ ", f"axis-{c[-1]}"), (c[-1], "muted")] for c in scene.siblings()]
     else:
         legend = [
-            [("⠿ ", "point"), ("measured", "muted")],
+            [(mark, "point"), ("measured", "muted")],
             [("██ ", "bandkey"), ("95 %", "muted")],
             [("━ ", "model"), ("model", "muted")],
         ]
         allan = scene.chosen.allan if scene.chosen is not None else None
         if allan is not None and not all(allan.used):
-            legend.append([("⠿ ", "leftout"), ("left out", "muted")])
+            legend.append([(mark, "leftout"), ("left out", "muted")])
     if scene.baseline is not None:
         legend.insert(1, [("━ ", "baseline"), (scene.baseline_name, "muted")])
     back: Line = [("   z", "key"), (" back ", "muted")] if scene.zoomed else []
@@ -194,8 +195,9 @@ def _curve(frame: Frame, notation: Notation, channel: Channel, sensor: str, fact
             frame.curve(ends, slope * part.value * factor, name, (3, 3))
     frame.curve(tau, numbers(allan.model, factor), "model")
     used = np.array(allan.used, dtype=np.bool_) if allan.used else np.ones(len(tau), dtype=np.bool_)
-    frame.points(tau[used], sigma[used], "point")
-    frame.points(tau[~used], sigma[~used], "leftout")
+    letter = "o" if notation.ascii else None
+    frame.points(tau[used], sigma[used], "point", letter)
+    frame.points(tau[~used], sigma[~used], "leftout", letter)
     for name, part, _, at, height in lines:
         if part is None or part.value is None:
             continue

@@ -288,9 +288,18 @@ class Frame:
         fx = np.where(outside, np.nan, fx)
         return 2 * self.left + fx * (2 * self.width - 1), 4 * self.top + (1 - fy) * (4 * self.height - 1)
 
-    def points(self, x: Floats, y: Floats, role: str) -> None:
-        """Marks of 3 x 3 dots, which nobody takes for a part of a line; of 2 x 2 where they stand close."""
+    def points(self, x: Floats, y: Floats, role: str, letter: str | None = None) -> None:
+        """Marks of 3 x 3 dots, which nobody takes for a part of a line; of 2 x 2 where they stand close.
+
+        Parameters
+        ----------
+        letter : mark where dots cannot be told from a line.
+        """
         a, b = np.rint(self.across(x)), np.rint(self.down(y))
+        if letter is not None:
+            for column, row in zip(a[np.isfinite(a * b)] // 2, b[np.isfinite(a * b)] // 4, strict=True):
+                self.canvas.text(int(column), int(row), letter, role)
+            return
         apart = np.nanmin(np.diff(a), initial=np.inf)
         beside = (-1, 0, 1) if apart >= 5 else (-1, 0)
         for dx in beside:
