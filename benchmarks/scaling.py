@@ -3,8 +3,9 @@
     python benchmarks/scaling.py [--most 8] [--plot docs/scaling.svg]
 
 One channel in blocks of 1,000, processor time, the least of some repetitions where a run is short. allantools
-works offline on the whole record, `oadev` at all octaves, up to 10^7 samples; what it holds is the record as
-phase. The state of nine channels is that of a live run.
+works offline on the whole record, `oadev` at all octaves, up to 10^7 samples, and sample by sample with its
+realtime class at ten octaves, up to 10^5; what it holds is the record as phase. The state of nine channels is
+that of a live run.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import NamedTuple
 
 import allantools
 import numpy as np
+from cascade import realtime
 from figures import Figure, show
 
 from imumon.noise.allan import OctaveCascade
@@ -24,7 +26,7 @@ from imumon.noise.signal.moments import Moments
 BLOCK = 1000
 SEED = 20240229
 GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)
-OFFLINE_MOST = 7
+OFFLINE_MOST, REALTIME_MOST = 7, 5
 
 
 class Row(NamedTuple):
@@ -34,6 +36,7 @@ class Row(NamedTuple):
     cascade_ns: float
     with_moments_ns: float
     offline_ns: float | None
+    realtime_ns: float | None
     state_one: int
     state_nine: int
     offline_bytes: int
@@ -67,10 +70,23 @@ def row(exponent: int) -> Row:
     if exponent <= OFFLINE_MOST:
         record = np.tile(block[:, 0], n // BLOCK)
         peer = min(offline(record) for _ in range(repeat)) / n * 1e9
+    live = None
+    if exponent <= REALTIME_MOST:
+        record = np.tile(block[:, 0], n // BLOCK)
+        start = time.process_time()
+        realtime(record)
+        live = (time.process_time() - start) / n * 1e9
     nine = OctaveCascade(9, 1 / 200, groups=GROUPS)
     nine.skip(n)
     return Row(
-        n, min(r[0] for r in runs) / n * 1e9, both / n * 1e9, peer, runs[-1][1].nbytes, nine.nbytes, 8 * n
+        n,
+        min(r[0] for r in runs) / n * 1e9,
+        both / n * 1e9,
+        peer,
+        live,
+        runs[-1][1].nbytes,
+        nine.nbytes,
+        8 * n,
     )
 
 
@@ -87,7 +103,11 @@ def plot(rows: list[Row], path: str) -> None:
     cost.loglog(n, [row.with_moments_ns for row in rows], "s-", label="imumon: octaves and moments")
     done = [row for row in rows if row.offline_ns is not None]
     cost.loglog([r.n for r in done], [r.offline_ns or 0.0 for r in done], "^--", label="allantools, offline")
-    cost.set(xlabel="samples n", ylabel="processor time, ns a sample", title="Cost", ylim=(10, 1e4))
+    done = [row for row in rows if row.realtime_ns is not None]
+    cost.loglog(
+        [r.n for r in done], [r.realtime_ns or 0.0 for r in done], "v--", label="allantools, realtime"
+    )
+    cost.set(xlabel="samples n", ylabel="processor time, ns a sample", title="Cost", ylim=(10, 1e7))
     state.loglog(n, [row.state_nine for row in rows], "o-", label="imumon: octaves of 9 channels")
     state.loglog(n, [row.state_one for row in rows], "s-", label="imumon: octaves of 1 channel")
     state.loglog(n, [row.offline_bytes for row in rows], "^--", label="a record of 1 channel")
@@ -105,6 +125,7 @@ def measure(most: int = 7, path: str | None = None) -> Iterator[Figure]:
         found = row(exponent)
         rows.append(found)
         peer = f"allantools {found.offline_ns:.0f} ns, " if found.offline_ns is not None else ""
+        peer += f"realtime {found.realtime_ns:,.0f} ns, " if found.realtime_ns is not None else ""
         yield Figure(
             f"n = 10^{exponent}: a sample of one channel, octaves (with moments); state of 1 (9) channels",
             f"{found.cascade_ns:.0f} ({found.with_moments_ns:.0f}) ns; "
