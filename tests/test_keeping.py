@@ -52,7 +52,7 @@ def block(first: int, n: int = 200) -> SampleBlock:
 def begun(directory: Path, of: Facts, *, fresh: bool = False) -> tuple[Keeping, Monitor, list[str]]:
     monitor = Monitor(rate_hz=100.0)
     kept = Keeping(directory, "lab", of.id, monitor, Run(fresh))
-    return kept, monitor, kept.take_up(of)
+    return kept, monitor, [text for text, _ in kept.take_up(of)]
 
 
 def leave(directory: Path) -> None:
@@ -70,6 +70,14 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     assert "goes on" in said[0]
     assert kept.added_up(Session()).restarts == 1
     kept.close(Session(), kept.started)
+
+
+def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
+    leave(tmp_path)
+    for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):
+        kept = Keeping(tmp_path, "lab", of.id, Monitor(rate_hz=100.0), Run(False))
+        assert [weight for _, weight in kept.take_up(of)] == [level]
+        kept.close(Session(), None)
 
 
 def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> None:

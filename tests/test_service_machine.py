@@ -168,7 +168,11 @@ def test_stop_is_quick_and_a_restart_goes_on_with_the_record(machine: Machine) -
 def test_the_journal_knows_errors_from_the_rest(machine: Machine) -> None:
     machine.run("journalctl", "--rotate", "--vacuum-time=1s")
     start(machine)
+    machine.run("systemctl", "restart", UNIT)
+    status(machine)
     assert machine.journal(UNIT, "-p", "err") == []
+    assert any("goes on" in line for line in machine.journal(UNIT))
+    assert not any("goes on" in line for line in machine.journal(UNIT, "-p", "warning"))
     assert any(line.startswith("reading VN-100") for line in machine.journal(UNIT, "-p", "info"))
     said = json.loads(machine.run("journalctl", "-o", "json", "-n1", "-u", UNIT, "-g", "^reading VN-100"))
     assert said["PRIORITY"] == "6"

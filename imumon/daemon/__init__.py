@@ -166,8 +166,8 @@ class Daemon:
         assert self._link.session is not None
         self._keeping.remember(self._link.session)
         self._facts = self._link.session.configure()
-        for text in self._keeping.take_up(self._facts):
-            self._tell("state", text, "warning")
+        for text, level in self._keeping.take_up(self._facts):
+            self._tell("state", text, level)
         self._started = self._keeping.started
         self.log.say(f"reading {self._who()} on {self._facts.port} at {self._facts.baud} baud")
         self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")

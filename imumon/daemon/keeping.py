@@ -73,21 +73,23 @@ class Keeping:
         self._complained: str | None = None
         self.started: str | None = None
 
-    def take_up(self, facts: Facts) -> list[str]:
+    def take_up(self, facts: Facts) -> list[tuple[str, Level]]:
         """Have the monitor go on with the kept record, if it is one of this sensor as it is set now.
 
         Returns
         -------
-        What had to be decided, in words.
+        What had to be decided, in words and by weight: that a record goes on is no warning.
         """
         self._serial, self._settings, self._device = facts.serial, data_settings(facts), _device(facts)
         if self._run.fresh:
             if not self._checkpoint.there:
                 return []
-            return [f"started anew; the old state is {self._checkpoint.set_aside('old').name}"]
-        state, said = self._checkpoint.load()
+            return [(f"started anew; the old state is {self._checkpoint.set_aside('old').name}", "info")]
+        state, complaints = self._checkpoint.load()
+        said: list[tuple[str, Level]] = [(text, "warning") for text in complaints]
         if state is not None:
-            said.append(self._take_up(state))
+            text = self._take_up(state)
+            said.append((text, "warning" if self.started is None else "info"))
         return said
 
     def _take_up(self, state: State) -> str:
