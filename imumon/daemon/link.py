@@ -13,10 +13,12 @@ from collections.abc import Callable
 
 from imumon.sensors.vn100 import Decoder
 from imumon.sensors.vn100.session import Facts, Session, SessionError, Wanted
-from imumon.sources import PortError, PortInfo, SerialPort, SourceError, find_again, find_ports
+from imumon.sources import QUEUE_BYTES, PortError, PortInfo, SerialPort, SourceError, find_again, find_ports
 
 BEAT_S = 0.2
 FIRST_BAUD = 115200
+LAPSE_BYTES = 1 << 19
+"""Bytes that may wait of a sensor in time-lapse: it waits itself, and what is decoded at once takes memory."""
 
 
 class Stopped(Exception):
@@ -163,7 +165,8 @@ class Link:
         self._port = self.session = None
 
     def _open(self, path: str) -> Facts:
-        port = SerialPort(path, self.wanted.baud or FIRST_BAUD, lossless=self._lossless)
+        baud, held = self.wanted.baud or FIRST_BAUD, LAPSE_BYTES if self._lossless else QUEUE_BYTES
+        port = SerialPort(path, baud, queue_bytes=held, lossless=self._lossless)
         line = Line(port, self._beat)
         try:
             session = Session(

@@ -13,11 +13,21 @@ kinds       which of them a file is
 
 from imumon.sources.errors import SourceError
 from imumon.sources.kinds import open_file
-from imumon.sources.port import PortError, PortGone, PortInfo, SerialPort, find_again, find_ports, holders
+from imumon.sources.port import (
+    QUEUE_BYTES,
+    PortError,
+    PortGone,
+    PortInfo,
+    SerialPort,
+    find_again,
+    find_ports,
+    holders,
+)
 from imumon.sources.recording import Lost, Recorder, Recording, check_place, read_file
 from imumon.sources.table import Wanted
 
 __all__ = [
+    "QUEUE_BYTES",
     "Lost",
     "PortError",
     "PortGone",
