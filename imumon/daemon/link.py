@@ -18,7 +18,7 @@ from imumon.sources import QUEUE_BYTES, PortError, PortInfo, SerialPort, SourceE
 BEAT_S = 0.2
 FIRST_BAUD = 115200
 LAPSE_BYTES = 1 << 19
-"""Bytes that may wait of a sensor in time-lapse: it waits itself, and what is decoded at once takes memory."""
+"""Bytes of a sensor in time-lapse that may wait: it waits itself, and to decode more at once takes memory."""
 
 
 class Stopped(Exception):
