@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from imumon.noise.allan import OctaveCascade
+from imumon.noise.fit import fit_curve
 from imumon.noise.history.drift import Drift, Trend
 from imumon.noise.history.wander import Wander
 from imumon.noise.synthesis import synthesise
@@ -150,3 +151,34 @@ def test_means_step_as_the_noise_says(noise: str) -> None:
     values = synthesise(12_000, RATE, N=[n] * 400, B=b, K=k, seed=7)
     steps = values[8000:].mean(axis=0) - values[:6000].mean(axis=0)
     assert np.std(steps) == pytest.approx(wander.step(600.0, 400.0, 200.0), rel=0.12)
+
+
+@pytest.mark.parametrize("at", [0.5, 0.62])
+def test_a_step_of_the_bias_is_found_where_it_is(at: float) -> None:
+    n = 72_000
+    values = synthesise(n, RATE, N=[6e-5] * 3, B=5e-6, seed=5)
+    values[round(at * n) :, 1] += 1e-4
+    drift, wander = Drift((0,) * 3, RATE), Wander(6e-5, 5e-6, 5e-7)
+    drift.update(values)
+    step = drift.step(1, wander)
+    assert step is not None
+    assert step.at_s == pytest.approx(at * n / RATE, abs=130.0)
+    assert step.behind - step.before == pytest.approx(1e-4, rel=0.3)
+    assert drift.step(0, wander) is drift.step(2, wander) is None
+
+
+def test_no_step_is_seen_in_what_wanders_drifts_or_follows_the_weather() -> None:
+    n, found = 72_000, 0
+    t = np.arange(n) / RATE
+    slow = np.stack((1e-7 * t, 1e-4 * np.sin(t / 900.0), 1e-3 * np.exp(-t / 600.0)), axis=1)
+    for seed in range(2):
+        for k in (0.0, 1e-6):
+            values = synthesise(n, RATE, N=[6e-5] * 6, B=5e-6, K=k, seed=seed)
+            values[:, :3] += slow
+            drift = Drift((0,) * 6, RATE)
+            drift.update(values)
+            cascade = OctaveCascade(6, 1.0 / RATE)
+            cascade.update(values)
+            wanders = [Wander.of(fit) for fit in fit_curve(cascade.result(), averaged=True, outlook=False)]
+            found += sum(w is not None and drift.step(c, w) is not None for c, w in enumerate(wanders))
+    assert found == 0

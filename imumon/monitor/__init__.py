@@ -196,7 +196,7 @@ class Monitor:
             return bare
         findings.renew(now=state != "running")
         caveats = (*device_caveats, *verdict.caveats(record, guarded=self.wanted.guarded))
-        changes = verdict.changes(record, findings.fits, self.wanted.baseline)
+        changes = verdict.changes(record, findings, self.wanted.baseline)
         grades = verdict.grades(record, findings)
         self._events.from_constants(verdict.constants(findings), record)
         self._events.from_changes(changes, record)

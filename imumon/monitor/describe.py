@@ -16,7 +16,7 @@ from imumon import report
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
 from imumon.noise.grade import LIMITS, grade_channel, grade_sensor
-from imumon.noise.history.drift import Trend
+from imumon.noise.history.drift import Step, Trend
 from imumon.noise.history.stationarity import Change
 from imumon.noise.history.wander import Wander
 from imumon.noise.signal.histogram import Shape
@@ -225,6 +225,18 @@ def change(found: Change, against: str) -> report.Change:
         before=found.before,
         now=found.now,
         ratio=found.ratio,
+        sigma=found.sigma,
+    )
+
+
+def step(found: Step) -> report.Change:
+    """A sudden change of the bias."""
+    return report.Change(
+        against="time before",
+        quantity="bias",
+        before=found.before,
+        now=found.behind,
+        ratio=None,
         sigma=found.sigma,
     )
 

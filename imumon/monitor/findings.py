@@ -15,6 +15,7 @@ from imumon.monitor import describe
 from imumon.monitor.record import Record
 from imumon.monitor.trends import Trends
 from imumon.noise.fit import ChannelFit, Estimator
+from imumon.noise.history.drift import Step
 from imumon.noise.signal.histogram import Shape
 from imumon.report import Channel
 from imumon.samples import UNITS, sensor_of
@@ -56,6 +57,10 @@ class Findings:
         self.fits: dict[str, ChannelFit] = {}
         self.shapes: list[Shape | None] = []
         self.channels: dict[str, Channel] = {}
+
+    def step(self, column: int) -> Step | None:
+        """Sudden change of a channel's mean; None where there is none."""
+        return self._trends.step(column)
 
     def renew(self, *, now: bool) -> None:
         """Work everything out anew where it is due, or whatever has changed, `now`."""

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from imumon.monitor.record import Record
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.history.drift import Trend
+from imumon.noise.history.drift import Step, Trend
 from imumon.noise.history.stationarity import Behaviour, Change, Estimate, changes
 from imumon.noise.history.wander import Wander
 from imumon.report import Coefficient, Report
@@ -27,6 +27,7 @@ class Trends:
         self._due_s = 0.0
         self._found: list[Trend | None] = []
         self._steady: tuple[ChannelFit, ...] = ()
+        self._steps: list[Step | None] = []
 
     def renew(self, fits: Iterable[ChannelFit], curve: AllanCurve) -> None:
         """Work all of it out anew where the record has grown by a twentieth."""
@@ -38,12 +39,18 @@ class Trends:
         wanders += [None] * (len(self._record.channels) - len(wanders))
         drift = self._record.history.drift
         self._found = drift.result(wanders)
+        begin = self._record.history.begin_s
+        self._steps = [None if w is None else drift.step(c, w, begin) for c, w in enumerate(wanders)]
         steady = drift.without_temperature(curve, self._found)
         self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged, outlook=False)
 
     def of(self, column: int) -> Trend | None:
         """Trend of a channel; None while nothing can be said."""
         return self._found[column] if column < len(self._found) else None
+
+    def step(self, column: int) -> Step | None:
+        """Sudden change of a channel's mean; None where there is none."""
+        return self._steps[column] if column < len(self._steps) else None
 
     def steady(self, column: int) -> ChannelFit | None:
         """Fit of a channel without the temperature's part; None where it follows no temperature."""

@@ -65,13 +65,16 @@ def constants(findings: Findings) -> tuple[str, ...]:
     )
 
 
-def changes(
-    record: Record, fits: Mapping[str, ChannelFit], baseline: Report | None
-) -> dict[int, tuple[Change, ...]]:
-    """What differs from the hours before, and from a saved baseline, by column."""
+def changes(record: Record, findings: Findings, baseline: Report | None) -> dict[int, tuple[Change, ...]]:
+    """What differs from the time before, and from a saved baseline, by column."""
+    fits = findings.fits
     found: dict[int, list[Change]] = {}
     for moved in record.history.moved():
         found.setdefault(moved.column, []).append(describe.change(moved.change, "hours before"))
+    for column in range(len(fits)):
+        step = findings.step(column)
+        if step is not None and not any(change.quantity == "bias" for change in found.get(column, ())):
+            found.setdefault(column, []).append(describe.step(step))
     if baseline is not None:
         for column, (name, fit) in enumerate(fits.items()):
             for change in against_baseline(baseline, name, fit, record.elapsed_s):

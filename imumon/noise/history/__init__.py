@@ -110,6 +110,11 @@ class History:
         self._moved: list[Moved] = []
 
     @property
+    def begin_s(self) -> float:
+        """s since the first sample, end of the warm-up."""
+        return self._start * self._interval
+
+    @property
     def position(self) -> int:
         """Samples of the grid so far."""
         return self._cascade.position

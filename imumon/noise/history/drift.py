@@ -27,6 +27,9 @@ LEAST_NODES = 8
 LIMIT = 1.96
 SIGNIFICANT = 3.9
 """Standard errors beyond which a slope is told: 1e-4, for it is asked for nine channels every second."""
+STEP, ABRUPT = 6.0, 4.0
+"""Standard errors beyond which a step is told: of its size against all the noise, and of the jump from one
+mean to the next but one."""
 LEAST_SPAN_DEGC = 0.3
 """Range of temperature below which nothing is said about its effect."""
 HOUR = 3600.0
@@ -59,6 +62,23 @@ class Slope:
     @property
     def significant(self) -> bool:
         return abs(self.value) > SIGNIFICANT * self.error
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A sudden change of the mean.
+
+    Attributes
+    ----------
+    at_s : s since the first sample.
+    before, behind : channel unit, means on both sides.
+    sigma : by how many standard errors they differ.
+    """
+
+    at_s: float
+    before: float
+    behind: float
+    sigma: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +249,48 @@ class Drift:
             return None
         return self._fitted(at, mean, count, at * width, wander)
 
+    def step(self, c: int, wander: Wander, begin_s: float = 0.0) -> Step | None:
+        """The greatest sudden change of a channel's mean beside a slope; None where noise explains it.
+
+        A step between two means is one element of their differences. So with P the inverse covariance of
+        these, the slope's part taken off, its generalised least-squares size is (P d)_j / P_jj, for all
+        places at once. What drifts may look like a step from afar: so it must also be seen close by. A step
+        raises the K that is fitted over it: half of that is taken.
+
+        Parameters
+        ----------
+        begin_s : s since the first sample; from there on.
+        """
+        at, mean, count = self._nodes(c)
+        width = self._width / self._rate
+        inside = at * width >= begin_s - 0.5 * width
+        at, mean, count = at[inside], mean[inside], count[inside]
+        if len(at) < 2 * LEAST_NODES:
+            return None
+        noise = self._contrasts(at, count, replace(wander, K=0.5 * wander.K))
+        try:
+            weights = np.linalg.inv(noise)
+        except np.linalg.LinAlgError:
+            return None
+        jumps, slope = np.diff(mean), np.diff(at * width)
+        along = weights @ slope
+        weights -= np.outer(along, along) / max(float(slope @ along), 1e-300)
+        pulls = weights @ jumps
+        own = np.maximum(np.diag(weights), 1e-300)
+        scores = np.abs(pulls) / np.sqrt(own)
+        j = int(np.argmax(scores))
+        misfit = (float(jumps @ pulls) - float(scores[j]) ** 2) / (len(jumps) - 2)
+        sigma = float(scores[j]) / math.sqrt(max(1.0, misfit))
+        near = [mean[min(j + b, len(mean) - 1)] - mean[max(j - a, 0)] for a, b in ((0, 1), (1, 1), (0, 2))]
+        close = max(abs(float(v)) for v in near) / math.sqrt(float(noise[j, j]))
+        if not (sigma > STEP and close > ABRUPT):
+            return None
+        offset = 0.0 if self._offset is None else float(self._offset[c])
+        sides = [
+            float(np.average(mean[part], weights=count[part])) for part in (slice(j + 1), slice(j + 1, None))
+        ]
+        return Step(float(at[j] + 1) * width, offset + sides[0], offset + sides[1], sigma)
+
     def change(self, c: int, begin_s: float, end_s: float) -> float | None:
         """How far a channel moved between two times, by the stretches they fall into; None where one is
         empty."""
@@ -261,14 +323,7 @@ class Drift:
         mean, count : (k,) channel unit; valid samples behind it.
         regressor : (k,) s or degC.
         """
-        width = self._width / self._rate
-        lags = np.asarray(np.arange(int(at[-1] - at[0]) + 1) * width, dtype=np.float64)
-        by_lag = wander.covariance(lags, width, width)
-        by_lag -= by_lag.mean()  # contrasts do not see a constant, but rounding does
-        c = by_lag[np.abs(at[:, None] - at[None, :])]
-        c[np.diag_indices(len(at))] += wander.N**2 * (self._rate / count - 1.0 / width)
-        c = c[1:] - c[:-1]
-        c = c[:, 1:] - c[:, :-1]
+        c = self._contrasts(at, count, wander)
         y, x = np.diff(mean), np.diff(regressor)
         try:
             root = np.linalg.cholesky(c)
@@ -282,6 +337,17 @@ class Drift:
         residual = white[:, 0] - value * white[:, 1]
         misfit = max(1.0, float(residual @ residual) / max(1, len(y) - 1))
         return Slope(value, math.sqrt(misfit / power), len(at), math.sqrt(1.0 / power))
+
+    def _contrasts(self, at: np.ndarray, count: Floats, wander: Wander) -> Floats:
+        """(k-1, k-1) Covariance that the noise gives the differences of neighbouring means."""
+        width = self._width / self._rate
+        lags = np.asarray(np.arange(int(at[-1] - at[0]) + 1) * width, dtype=np.float64)
+        by_lag = wander.covariance(lags, width, width)
+        by_lag -= by_lag.mean()  # contrasts do not see a constant, but rounding does
+        c = by_lag[np.abs(at[:, None] - at[None, :])]
+        c[np.diag_indices(len(at))] += wander.N**2 * (self._rate / count - 1.0 / width)
+        c = c[1:] - c[:-1]
+        return np.asarray(c[:, 1:] - c[:, :-1], dtype=np.float64)
 
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""
