@@ -223,7 +223,7 @@ class Drift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """N, B or bias of the last hour against hours before, behind a step, or of the record against a baseline."""
+    """N, B or bias against the hours before, before a step, or against a baseline."""
 
     against: str  # "hours before", "time before" (a step of the bias) or "baseline"
     quantity: str  # "N", "B" or "bias"
