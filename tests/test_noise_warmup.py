@@ -78,3 +78,10 @@ def test_a_rising_temperature_is_warming() -> None:
     drift.update(values[1500:])
     assert not warming(drift, 1)
     assert not warming(drift, None)
+
+
+def test_a_room_that_grows_warm_again_is_no_warmup() -> None:
+    t = np.arange(72_000) / RATE
+    drift = Drift((0, 1), RATE, temperature=1)
+    drift.update(np.column_stack((np.zeros(len(t)), 25.0 + 3.0 * np.sin(2 * np.pi * t / 2400.0))))
+    assert not warming(drift, 1)

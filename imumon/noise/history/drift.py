@@ -303,6 +303,11 @@ class Drift:
             return None
         return float(mean[min(int(places[1]), len(at) - 1)] - mean[int(places[0])])
 
+    def highest(self, c: int) -> bool:
+        """Whether the mean of a channel is at its highest now, but for a tenth of its range."""
+        _, mean, _ = self._nodes(c)
+        return len(mean) > 0 and float(mean[-1]) >= float(mean.max() - 0.1 * np.ptp(mean))
+
     def _nodes(self, c: int) -> tuple[np.ndarray, Floats, Floats]:
         """Numbers of the stretches that count, their means about the offset, and their samples."""
         count = self._counts[:, c]

@@ -38,9 +38,9 @@ def settles(before: Slope | None, behind: Slope | None) -> bool:
 
 def warming(drift: Drift, temperature: int | None) -> bool:
     """Whether the temperature still rises: by `WARMING_DEGC` over the last tenth of the record, one minute at
-    least."""
+    least, to where it never was before. A room that grows warm again is no warm-up."""
     if temperature is None or drift.elapsed_s < 120.0:
         return False
     span = max(60.0, 0.1 * drift.elapsed_s)
     rise = drift.change(temperature, drift.elapsed_s - span, drift.elapsed_s)
-    return rise is not None and rise > WARMING_DEGC
+    return rise is not None and rise > WARMING_DEGC and drift.highest(temperature)
