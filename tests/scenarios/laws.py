@@ -35,7 +35,7 @@ MOST_SIGMAS = 7.0
 """No value of a Gaussian noise lies farther out in a scenario's samples."""
 CLOCK_S = 3.0
 """A report, and the answer of the emulator that belongs to it, are so far apart on a busy machine."""
-YOUNG_S, YOUNG_KB, MEMORY_KB = 10.0, 14_000, 2_000
+YOUNG_S, YOUNG_KB, MEMORY_KB = 10.0, 8_000, 2_000
 """What memory may grow by: a record younger than this gets its octaves, and what is imported late."""
 
 

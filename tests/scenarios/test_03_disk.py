@@ -76,6 +76,7 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path) -> None:
         assert play.said.count("cannot be saved") == play.said.count("recording to") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
 def test_10_recording_where_nothing_can_be_written(tmp_path: Path) -> None:
     """It is said, and the daemon does its work without."""
@@ -123,13 +124,10 @@ def test_12_killed(tmp_path: Path) -> None:
         assert play.daemon.samples(10).device.source == "$VNYMR"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damage", "serves"),
-    [
-        ("cut", True),
-        pytest.param("empty", True, marks=pytest.mark.slow),
-        pytest.param("both", False, marks=pytest.mark.slow),
-    ],
+    [("cut", True), ("empty", True), ("both", False)],
 )
 def test_13_power_cut_in_the_middle_of_a_save(tmp_path: Path, damage: str, serves: bool) -> None:
     """Half a file is never taken for a whole one: the one before serves, or a new record begins."""

@@ -52,7 +52,7 @@ def test_15_two_daemons(tmp_path: Path) -> None:
         ("[device]\nbaud = 115201\n", "baud"),
         pytest.param("[state]\nsave_period_s = -1\n", "save_period_s", marks=pytest.mark.slow),
         pytest.param("[devise]\nport = 'x'\n", "device", marks=pytest.mark.slow),
-        pytest.param("not toml at all", "line 1", marks=pytest.mark.slow),
+        pytest.param("not toml at all", "not TOML", marks=pytest.mark.slow),
     ],
 )
 def test_16_bad_config(tmp_path: Path, text: str, said: str) -> None:
