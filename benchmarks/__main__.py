@@ -38,13 +38,13 @@ BEGIN, END = "<!-- table: python -m benchmarks --into -->", "<!-- end of the tab
 def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
     """What is measured, in the order of the table; nothing runs before it is asked for."""
     return {
-        "Accuracy": accuracy.measure(40 if quick else 200, 10 if quick else 40),
+        "Accuracy": accuracy.measure(40 if quick else 100, 10 if quick else 20),
         "A sample": cascade.measure(),
         "A day of samples": memory.measure(6.0 if quick else 24.0),
         "The length of the record": scaling.measure(7 if quick else 8, plot),
         "Bytes": codec.measure(),
         "A recording": replay.measure(0.5 if quick else 2.0, 50_000 if quick else 200_000),
-        "The daemon": soak.measure(1.0 if quick else 4.0),
+        "The daemon": soak.measure(1.0 if quick else 3.0),
     }
 
 

@@ -46,12 +46,12 @@ def at_most(what: str, value: float, goal: float, unit: str, beside: str = "", d
 
 
 def seconds(work: Callable[[], object], repeat: int, warm: int = 2) -> float:
-    """Shortest time of one call, the one that other work on the machine disturbed least."""
+    """Processor time of one call, the least: what other work on the machine disturbed least."""
     for _ in range(warm):
         work()
     times = []
     for _ in range(repeat):
-        start = time.perf_counter()
+        start = time.process_time()
         work()
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return min(times)
