@@ -3,8 +3,8 @@
     python benchmarks/cascade.py            one table, about 15 s
     python benchmarks/cascade.py --long     also 10^8 samples against exact integer arithmetic, about 1 min
 
-All figures come from one run; every time is the least processor time of its repetitions. One pass of np.sum over the same
-array is the yardstick.
+All figures come from one run; every time is the least processor time of its repetitions. One pass of np.sum
+over the same array is the yardstick.
 """
 
 from __future__ import annotations
