@@ -42,6 +42,8 @@ from imumon.tui.words import Line, Notation, length, on, padded
 
 PERIOD = 0.5
 """Seconds between two looks at the feed: the screen is drawn at most so often."""
+EAGER = 0.1
+"""Seconds between two looks while there is nothing to show yet: looking costs nothing."""
 POLL = 5.0
 """Seconds between two looks whether the terminal is still there."""
 
@@ -166,6 +168,7 @@ class Monitor(App[int]):
     def on_mount(self) -> None:
         self._built = True
         self.set_interval(PERIOD, self.look)
+        self._eager = self.set_interval(EAGER, self.look)
         self.look()
         if not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
@@ -198,6 +201,8 @@ class Monitor(App[int]):
             ended=ended,
         )
         self._show(_settled(scene))
+        if self.scene.channels:
+            self._eager.stop()
 
     def _show(self, scene: Scene) -> None:
         """Take what belongs to the chosen device and channel from the feed, then draw."""
