@@ -256,7 +256,7 @@ def edf(n: int, m: int, stride: int, kind: int) -> float:
     """Equivalent degrees of freedom of an octave, from the covariance of its differences, exactly."""
     terms = (n - 2 * m) // stride + 1
     lags = np.arange(-(terms - 1), terms) * stride
-    phase = _phase(int(np.abs(lags).max()) + 2 * m, True)[kind]
+    phase = _phase(int(np.abs(lags).max()) + 2 * m + 1, True)[kind]
     r = sum(
         wp * wq * phase[np.abs(lags + (q - p) * m)]
         for p, wp in enumerate((1, -2, 1))
