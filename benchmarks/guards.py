@@ -259,9 +259,9 @@ def line(report: Report, sensor: str) -> str:
 
 
 def slope(report: Report, sensor: str) -> str:
-    """The classical readings of N and B."""
+    """The classical readings of N, B and K."""
     out = []
-    for name in "NB":
+    for name in "NBK":
         values = []
         for axis in "xyz":
             readings = report.channels[f"{sensor}/{axis}"].readings
@@ -296,7 +296,7 @@ def recordings(folder: Path) -> None:
     for sensor in ("gyro", "accel"):
         units = [pretty(READABLE[sensor, name].unit) for name in "NBK"]
         print(f"\n### {sensor}, x / y / z; N in {units[0]}, B in {units[1]}, K in {units[2]}\n")
-        print("| recording | guards | N | B | K | grade | slope reading N; B |")
+        print("| recording | guards | N | B | K | grade | slope reading N; B; K |")
         print("|---|---|---|---|---|---|---|")
         for name, pair in _reports(folder).items():
             for guarded, each in pair.items():
