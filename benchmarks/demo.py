@@ -1,22 +1,24 @@
 """What a person sees of `imumon demo`: how soon it lives, and what two minutes of it show.
 
-    python benchmarks/demo.py [SECONDS]
+    python benchmarks/demo.py [SECONDS [PICTURE.svg]]
 
 Runs it in a terminal multiplexer of 150 x 40 and reads the screen there: when the first numbers stand, how
 many of the 18 coefficients of gyroscope and accelerometer are measured (the others are bounds, or pending),
 how long the curve is, and since when the grades are no longer "for now". Misses are said, and exit 1.
+With a picture it saves the screen at the end, by its own key: so `docs/screen.svg` is made.
 """
 
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 import tempfile
 import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from terminals import Tmux
+from terminals import Tmux, until
 
 ALIVE_S, SETTLED_S = 5.0, 120.0
 CELL = re.compile(r"(\S+ ±\S+|< \S+|in \S+ \w+|pending|never changes|rounded away|–)")
@@ -42,13 +44,20 @@ def seen(text: str) -> tuple[int, int, str, str]:
     return sum("±" in cell for cell in cells), len(cells), length, grades
 
 
-def watch(seconds: float) -> int:
+def watch(seconds: float, picture: Path | None = None) -> int:
     """Watch a demo; exit code."""
     with tempfile.TemporaryDirectory() as folder:
         begin = time.monotonic()
-        pane = Tmux(Path(folder) / "tmux", f"{sys.executable} -P -m imumon demo")
+        pane = Tmux(Path(folder) / "tmux", f"cd {folder}; {sys.executable} -P -m imumon demo")
         try:
             alive, settled, first, last = _watched(pane, begin, seconds)
+            if picture is not None:
+                pane.press("s")
+                until(lambda: "save what is seen" in pane.text())
+                pane.press("v")
+                until(lambda: list(Path(folder).glob("*.svg")))
+                until(lambda: "saved imumon" in pane.text())
+                shutil.copy(next(Path(folder).glob("*.svg")), picture)
             pane.press("q")
         finally:
             time.sleep(1.0)
@@ -86,4 +95,5 @@ def _or_never(moment: float | None) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(watch(float(sys.argv[1]) if len(sys.argv) > 1 else SETTLED_S))
+    span = float(sys.argv[1]) if len(sys.argv) > 1 else SETTLED_S
+    sys.exit(watch(span, Path(sys.argv[2]) if len(sys.argv) > 2 else None))

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import pytest
 import reports
+from pictures import FEEDS, Handed
 from textual.app import App
 from textual.pilot import Pilot
 from textual.widgets import Input
 
 from imumon.report import Report, from_json
 from imumon.tui import save
-from imumon.tui.app import THEMES, Monitor
+from imumon.tui.app import THEMES, Monitor, foot
 from imumon.tui.paint import Paper, Sheet
 from imumon.tui.scene import VIEWS, Scene
 from imumon.tui.views import View, keys_of
@@ -316,6 +317,53 @@ def test_nothing_is_drawn_when_nothing_is_new() -> None:
         assert app.scene is not scene
 
     drive(feed, script)
+
+
+def test_no_view_hides_how_things_stand() -> None:
+    """In every state and view: the state's word, numbers dimmed unless of this moment, never a blank."""
+    feed = Handed()
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for name in FEEDS:
+            feed.take(name)
+            app.look()
+            now = app.scene.situation()
+            for view in VIEWS:
+                app.action_view(view)
+                await pilot.pause()
+                assert status(app).startswith(f" {now.mark} {now.word} "), (name, view)
+                assert len(seen(app).split()) > 10, (name, view)
+                if app.scene.channels:
+                    assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
+
+    drive(feed, script, (80, 24))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("width", [44, 66, 80, 99, 100, 150])
+def test_the_foot_names_the_views_and_the_keys_that_fit(width: int) -> None:
+    text = "".join(text for text, _ in foot(Scene(view="device"), width)[0])
+    assert len(text) == width
+    assert "3 device" in text
+    assert "? help" in text
+    for name in VIEWS if width >= 66 else ():
+        assert name in text
+    for key in ("q quit", "s save", "u units") if width >= 80 else ():
+        assert key in text
+    assert "…" not in text
+
+
+def test_every_mode_says_how_it_is_left() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        await pilot.press("f")
+        assert "f goes on" in status(app)
+        await pilot.press("f", "z")
+        assert "z back" in seen(app)
+        await pilot.press("z", "4", "slash", "g", "enter")
+        assert "esc shows all again" in seen(app)
+        await pilot.press("escape")
+        assert "esc" not in seen(app)
+
+    drive(reports.Recorded(reports.report()), script, (80, 24))
 
 
 # ---------------------------------------------------------------------------- traps
