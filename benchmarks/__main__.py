@@ -41,7 +41,7 @@ def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
         "Accuracy": accuracy.measure(40 if quick else 100, 10 if quick else 20),
         "A sample": cascade.measure(),
         "A day of samples": memory.measure(6.0 if quick else 24.0),
-        "The length of the record": scaling.measure(7 if quick else 8, plot),
+        "The length of the record": scaling.measure(8, plot),
         "Bytes": codec.measure(),
         "A recording": replay.measure(0.5 if quick else 2.0, 50_000 if quick else 200_000),
         "The daemon": soak.measure(1.0 if quick else 3.0),
