@@ -192,6 +192,17 @@ def test_moving_sensor_is_never_graded() -> None:
     assert "not_at_rest" in made.caveats
 
 
+def test_a_range_that_was_exceeded_is_told() -> None:
+    monitor = Monitor()
+    flags = np.zeros(6000, dtype=bool)
+    flags[3000:3004] = True
+    monitor.feed(replace(block(6000), saturated=flags))
+    monitor.flush()
+    made = report(monitor)
+    assert "saturated" in made.caveats
+    assert made.session.excluded_by["clipped"] > 0.0
+
+
 def test_a_line_is_not_called_rounding() -> None:
     monitor = Monitor()
     part = block(30_000)

@@ -120,6 +120,7 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
     assert drift["explained"] > 0.9
     assert drift["steady_N"]["status"] == "measured"
+    assert "temperature" in channels["gyro/y"]["caveats"]
     assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
     for told in (
         "gyro/y: follows the temperature by 1.0",

@@ -33,6 +33,7 @@ def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
     words = {
         "not_at_rest": not record.at_rest,
         "disturbed": record.excluded_share > DISTURBED,
+        "saturated": "clipped" in record.excluded_by,
         "stuck": record.repeating == "stuck",
         "loop": record.repeating == "loop",
         "gaps": record.missing_share > DISTURBED,
@@ -109,7 +110,8 @@ def channels(
         if made.grade is not None and (not record.at_rest or record.repeating):
             made = replace(made, grade=ChannelGrade())
         if fit is not None:
-            own = {"constant": name in dead, "changed": column in changed}
+            warm = made.drift is not None and made.drift.steady_N is not None
+            own = {"constant": name in dead, "changed": column in changed, "temperature": warm}
             words = (
                 *whole,
                 *bent(fit, made, findings.shapes[column]),
