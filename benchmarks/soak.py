@@ -114,6 +114,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
                 print(f"{done:6.1%}  {taken[-1]} kB  state {states[-1]} B", file=sys.stderr, flush=True)
         cpu = 100.0 * (cpu_s(pid) - steady[0]) / (time.monotonic() - steady[1])
         counted, latest = still(sensor, daemon, "stall")
+        cost = {who: cpu_s(number) for who, number in (("emulator", sensor.pid), ("daemon", pid))}
         asked = time.monotonic()
         daemon.process.terminate()
         daemon.process.wait(20)
@@ -131,6 +132,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
         "growth_kb": growth_kb(taken),
         "state_bytes_by_tenth": by_tenth(states),
         "times_as_fast_as_the_clock": round(latest.session.elapsed_s / (time.monotonic() - began), 1),
+        "cpu_s": cost,
         "room_s": round(time.monotonic() - began, 1),
     }
 
