@@ -111,6 +111,7 @@ class Daemon:
         self._silent_since: float | None = None
         self._fed_at: float | None = None
         self._lost_at: float | None = None
+        self._obstacle: str | None = None  # as it was told last
         self._state: report.State = "starting"
         self._started: str | None = None
         self._streams: set[Stream] = set()
@@ -272,6 +273,7 @@ class Daemon:
 
     def _lose(self, why: str) -> None:
         self._lost_at = time.monotonic()
+        self._obstacle = self._link.obstacle = None
         self._state = "waiting"
         self._link.close()
         self._monitor.flush()
@@ -282,6 +284,9 @@ class Daemon:
         facts = self._link.open_again()
         session = self._link.session
         if facts is None or session is None or self._keeping is None:
+            if self._link.obstacle not in (None, self._obstacle):
+                self._obstacle = self._link.obstacle
+                self._tell("waiting", f"the port is there again, but {self._obstacle}", "warning")
             self._pause(RETRY_S)
             return
         try:

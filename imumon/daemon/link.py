@@ -7,7 +7,6 @@ and leaves when the daemon is to stop.
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable
 
@@ -87,6 +86,7 @@ class Link:
     Attributes
     ----------
     session : None while there is no port.
+    obstacle : why a port that is there again could not be had, of the last time.
     decoder : goes through all connections, so that its counters are those of the record.
     received_bytes, overruns : of all connections.
     kernel_overruns : of these, those that a driver counted; None: no driver counts.
@@ -106,6 +106,7 @@ class Link:
         self.wanted = wanted
         self.decoder = Decoder()
         self.session: Session | None = None
+        self.obstacle: str | None = None
         self._beat, self._progress, self._lossless = beat, progress, lossless
         self._port: SerialPort | None = None
         self._line: Line | None = None
@@ -146,8 +147,10 @@ class Link:
         """Look for the sensor where it may be back; None while it is not."""
         assert self.path is not None
         for path in find_again(self.path, self._seen, find_ports()):
-            with contextlib.suppress(SourceError, SessionError, OSError):
+            try:
                 return self._open(path)
+            except (SourceError, SessionError, OSError) as error:
+                self.obstacle = str(error)
         return None
 
     def still(self) -> None:
