@@ -52,7 +52,7 @@ class Daemon:
         )
         self.viewer = Viewer([self.endpoint])
 
-    def wait(self, holds: Callable[[Report], bool], timeout: float = 20.0) -> Report:
+    def wait(self, holds: Callable[[Report], bool], timeout: float = 60.0) -> Report:
         """First report for which something holds."""
         deadline = time.monotonic() + timeout
         last: Report | None = None

@@ -5,13 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from laws import PACKET, Fault
+from laws import ON_THE_WAY, PACKET, Fault
 from scene import scene
 
 from imumon.emulator.faults import Faults
-
-ON_THE_WAY = 8192 // PACKET
-"""Messages that a terminal takes along when it hangs up: what it held, and what waited for it."""
 
 
 def test_01_unplug_and_replug(tmp_path: Path) -> None:

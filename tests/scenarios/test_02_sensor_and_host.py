@@ -32,7 +32,7 @@ def test_05_sensor_reboots(tmp_path: Path) -> None:
 def test_06_sensor_is_silent_for_a_while(tmp_path: Path) -> None:
     with scene(tmp_path, seed=6) as play:
         before = play.calm()
-        play.sensor.ask("silence 4")
+        play.sensor.ask("silence 8")
         play.daemon.wait(lambda r: r.state == "waiting")
         after = play.calm()
         assert after.report.session.gaps == 1
