@@ -199,7 +199,7 @@ def replay(
             progress(samples.progress, run.elapsed_s)
         if bus is not None and time.monotonic() >= due:
             due = time.monotonic() + 1.0
-            bus.publish(run.report("running"))
+            run.publish(bus, "running")
         pace.keep(run.elapsed_s)
     run.monitor.flush()
     final = run.report("stopped")
@@ -208,7 +208,7 @@ def replay(
     for text in (*samples.remarks, *([samples.problem] if samples.problem is not None else [])):
         tell(text)
     if bus is not None:
-        bus.publish(final)
+        run.publish(bus, "stopped")
     return final
 
 
@@ -244,6 +244,23 @@ class _Run:
     def elapsed_s(self) -> float:
         rate = self.monitor.sample_rate_hz
         return self.monitor.samples / rate if rate else 0.0
+
+    def publish(self, bus: Publisher, state: report.State) -> None:
+        """A report, and what happened since the last one; their time is that of the replay."""
+        made = self.report(state)
+        bus.publish(made)
+        for found in self.monitor.events():
+            event = report.Event(
+                time=made.time,
+                kind=found.kind,
+                text=found.text,
+                device=bus.id,
+                elapsed_s=found.elapsed_s,
+                channel=found.channel,
+                length_s=found.length_s,
+                size=found.size,
+            )
+            bus.event(event)
 
     def report(self, state: report.State) -> report.Report:
         session = report.Session(

@@ -6,14 +6,19 @@ import gzip
 import json
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import imumon
+from daemons import free_endpoint
 
+from imumon.bus import Publisher, Viewer
 from imumon.datasheet.signal import signal
+from imumon.replay import Replay, replay
 from imumon.report import Report, from_json
 from imumon.sensors.vn100 import ascii as sentences
 
@@ -230,3 +235,25 @@ def test_corruption_is_counted_and_takes_one_tick_each(tmp_path: Path) -> None:
     assert session["gaps"] == 2
     assert session["bad_checksums"] == 3
     assert session["discarded_bytes"] == 3 * size
+
+
+def test_what_happened_is_published_beside_the_reports(tmp_path: Path) -> None:
+    n, place = 8000, free_endpoint()
+    noise = np.random.default_rng(2).normal(0, 1e-3, (n, 6))
+    noise[:, 5] -= 9.8
+    noise[4000:, 1] = noise[4000, 1]
+    path = tmp_path / "a.npz"
+    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp=noise[:, :3], accel_uncomp=noise[:, 3:])
+    with Publisher("replay", listen=[place]) as bus, Viewer([place]) as viewer:
+        replay(Replay(path=str(path)), bus=bus)
+        assert viewer.wait_report("replay", timeout=20.0) is not None
+        events = until(lambda: [e.kind for e in viewer.events("replay")], {"disturbance"})
+    assert "disturbance" in events
+
+
+def until(ask: Callable[[], list[str]], wanted: set[str], timeout: float = 20.0) -> list[str]:
+    """What is answered as soon as it holds all that is wanted, or at the end."""
+    end = time.monotonic() + timeout
+    while not wanted <= set(found := ask()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return found
