@@ -19,6 +19,7 @@ import fcntl
 import json
 import math
 import os
+import re
 import threading
 import zlib
 from collections.abc import Mapping
@@ -38,6 +39,10 @@ Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
 class StateError(Exception):
     """The state cannot be used; the text says why and what to do."""
+
+
+class OtherFormat(StateError):
+    """A state of an earlier or a later version, whole as far as one can tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,17 +74,27 @@ def decode(data: bytes) -> State:
 
     Raises
     ------
-    StateError : not a state, of another format, or damaged.
+    OtherFormat : of another version.
+    StateError : not a state, or damaged.
     """
     line, _, body = data.partition(b"\n")
-    words = line.decode("ascii", "replace").split()
-    if len(words) != 4 or words[0] != _MAGIC:
+    words = re.fullmatch(
+        rf"{_MAGIC} (\d{{1,9}}) ([0-9a-f]{{8}}) (\d{{1,18}})", line.decode("latin-1"), re.ASCII
+    )
+    if words is None:
         raise StateError("not a state file")
-    if words[1] != str(FORMAT):
-        raise StateError(f"format {words[1]}, this version reads {FORMAT}")
+    if int(words[1]) != FORMAT:
+        raise OtherFormat(f"of another version of imumon (format {words[1]}; this one reads {FORMAT})")
     if len(body) != int(words[3]) or f"{zlib.crc32(body):08x}" != words[2]:
         raise StateError("damaged (its checksum does not match)")
-    head, _, rest = zlib.decompress(body).partition(b"\n")
+    try:
+        return _unpacked(zlib.decompress(body))
+    except (zlib.error, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise StateError(f"damaged ({error})") from None
+
+
+def _unpacked(whole: bytes) -> State:
+    head, _, rest = whole.partition(b"\n")
     told = json.loads(head)
     arrays, begin = {}, 0
     for name, kind, shape in told["arrays"]:
@@ -158,8 +173,13 @@ class Checkpoint:
                 return decode(path.read_bytes()), said
             except FileNotFoundError:
                 continue
-            except (StateError, OSError, ValueError, KeyError) as error:
-                said.append(f"state {path.name} is {error}; kept as {self.set_aside('damaged', path).name}")
+            except OSError as error:
+                reason, why = "unreadable", f"not to be read ({(error.strerror or str(error)).lower()})"
+            except OtherFormat as error:
+                reason, why = "other-version", str(error)
+            except StateError as error:
+                reason, why = "damaged", str(error)
+            said.append(f"state {path.name} is {why}; kept as {self.set_aside(reason, path).name}")
         return None, said
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,34 @@ def test_damaged_file_is_set_aside_and_the_generation_before_serves(tmp_path: Pa
 def test_newer_format_is_not_touched_but_named() -> None:
     data = encode(STATE).replace(b"imumon-state 2", b"imumon-state 9", 1)
     with pytest.raises(StateError, match="format 9"):
+        decode(data)
+
+
+def test_a_state_of_another_version_is_not_called_damaged(tmp_path: Path) -> None:
+    old = encode(STATE).replace(b"imumon-state 2", b"imumon-state 1", 1)
+    (tmp_path / "d.state").write_bytes(old)
+    state, said = Checkpoint(tmp_path, "d").load()
+    assert state is None
+    assert "another version" in said[0]
+    assert "damaged" not in said[0]
+    assert (tmp_path / "d.other-version-1.state").read_bytes() == old
+
+
+def test_a_wrong_byte_anywhere_is_refused_in_words() -> None:
+    data = encode(STATE)
+    for at in range(len(data)):
+        for value in (data[at] ^ 1, 0, 32, 255):
+            if value != data[at]:
+                with pytest.raises(StateError) as refused:
+                    decode(data[:at] + bytes([value]) + data[at + 1 :])
+                assert str(refused.value).isprintable()
+
+
+@pytest.mark.parametrize("inside", [b"", b"[]\n", b'{"meta":{},"arrays":[["x","zz",[1]]]}\n12345678'])
+def test_what_was_packed_by_another_hand_is_refused(inside: bytes) -> None:
+    packed = zlib.compress(inside)
+    data = b"imumon-state 2 %08x %d\n" % (zlib.crc32(packed), len(packed)) + packed
+    with pytest.raises(StateError):
         decode(data)
 
 

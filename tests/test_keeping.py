@@ -13,8 +13,9 @@ import pytest
 
 from imumon.checkpoint import Checkpoint, decode, encode
 from imumon.daemon import keeping
-from imumon.daemon.keeping import Keeping, differing
+from imumon.daemon.keeping import Keeping, differing, noted
 from imumon.monitor import Monitor
+from imumon.monitor import Wanted as Watched
 from imumon.report import Session
 from imumon.samples import SampleBlock, Stream
 from imumon.sensors.vn100.session import Facts
@@ -78,6 +79,24 @@ def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
         kept = Keeping(tmp_path, "lab", of.id, Monitor(rate_hz=100.0), Run(False))
         assert [weight for _, weight in kept.take_up(of)] == [level]
         kept.close(Session(), None)
+
+
+def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
+    leave(tmp_path)
+    bare = Monitor(Watched(guarded=False), rate_hz=100.0)
+    kept = Keeping(tmp_path, "lab", facts().id, bare, Run(False))
+    (text, level), *_ = kept.take_up(facts())
+    assert level == "warning"
+    assert "guards on" in text
+    kept.close(Session(), None)
+    assert (tmp_path / "lab.other-settings-1.state").exists()
+
+
+@pytest.mark.parametrize("note", ["[]", "7", '{"6": 14}', "{", ""])
+def test_a_note_that_cannot_be_read_counts_as_none(tmp_path: Path, note: str) -> None:
+    path = tmp_path / "x.found.json"
+    path.write_text(note)
+    assert noted(path) is None
 
 
 def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> None:

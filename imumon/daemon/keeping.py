@@ -21,7 +21,7 @@ from typing import Any, Protocol
 from imumon import __version__
 from imumon.checkpoint import Checkpoint, State
 from imumon.daemon.service import Level
-from imumon.monitor import Monitor
+from imumon.monitor import Monitor, OtherRun
 from imumon.report import Session, stamp
 from imumon.sensors.vn100.session import Facts
 from imumon.sensors.vn100.session import Session as Sensor
@@ -99,17 +99,19 @@ class Keeping:
         if changed := differing(meta.get("settings", {}), self._settings):
             return self._refuse("other-settings", f"of other settings, {'; '.join(changed)}")
         try:
-            away = _since(meta)
+            counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
+            away, saved = _since(meta), meta["saved"]
             self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
+        except OtherRun as error:
+            return self._refuse("other-settings", str(error))
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
             return self._refuse(
                 "unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}"
             )
         self.started = meta.get("started")
-        counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
         counted["restarts"] += 1
         self._before = Session(**counted)
-        return f"the record of {meta['saved']} goes on"
+        return f"the record of {saved} goes on"
 
     def _refuse(self, name: str, why: str) -> str:
         self.started, self._before = None, Session()
@@ -134,10 +136,7 @@ class Keeping:
 
     def remember(self, sensor: Sensor) -> None:
         """Note the sensor's own settings before they are changed."""
-        saved = None
-        with suppress(OSError, ValueError):
-            saved = json.loads(self._found.read_text())
-        found = sensor.remember(saved)
+        found = sensor.remember(noted(self._found))
         if found:  # nothing of a sensor that is only listened to: what an earlier run noted stays
             with suppress(OSError):
                 new = self._found.with_suffix(".new")
@@ -194,6 +193,17 @@ class Keeping:
             "monitor": meta,
         }
         return State(whole, dict(arrays))
+
+
+def noted(path: Path) -> dict[str, str] | None:
+    """Settings that a killed run noted, None where there is no such note or none that can be read."""
+    try:
+        noted = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(noted, dict) or not all(isinstance(text, str) for text in noted.values()):
+        return None
+    return noted
 
 
 def data_settings(facts: Facts) -> dict[str, str]:

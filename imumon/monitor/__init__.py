@@ -46,6 +46,10 @@ class RateNeeded(Exception):
     """The stream has no clock and nobody told its rate."""
 
 
+class OtherRun(ValueError):
+    """A saved record is whole, but of a run that counted other samples."""
+
+
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """How to monitor.
@@ -244,11 +248,12 @@ class Monitor:
 
         Raises
         ------
+        OtherRun : it was made with the guards on, and they are off, or the other way round.
         KeyError, ValueError, TypeError : not a state of this version.
         """
         stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
         if bool(meta["guarded"]) != self.wanted.guarded:
-            raise ValueError("of a run with the guards " + ("on" if meta["guarded"] else "off"))
+            raise OtherRun("of a run with the guards " + ("on" if meta["guarded"] else "off"))
         timeline = Timeline.restore(stream.clock, dict(meta["timeline"]))
         timeline.gap(away_s)
         interval = float(meta["timeline"]["interval_s"])
