@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -14,10 +15,13 @@ from pathlib import Path
 import pytest
 from daemons import free_endpoint
 
-from imumon.config import Settings, search
+from imumon.config import Settings, Zenoh, search
 from imumon.daemon import Daemon, Task
+from imumon.daemon.link import Link, NoSensor
 from imumon.daemon.service import Log
 from imumon.emulator import EmulatorSettings, spawn
+from imumon.sensors.vn100.session import Facts, Session, Wanted
+from imumon.sources import PortGone, PortInfo
 
 ROOT = Path(__file__).parents[1]
 UNIT = ROOT / "systemd" / "imumon@.service"
@@ -143,6 +147,89 @@ def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
     assert daemon._state == "starting"
     daemon._heard(b"")
     assert daemon._state == "waiting"
+
+
+def test_a_sensor_that_goes_while_it_is_set_up_is_met_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its port, its address on the bus and its state are held by nobody meanwhile, least of all by us."""
+    ear, whole, tries = Ear(tmp_path), Session.configure, [0]
+
+    def configure(session: Session) -> Facts:
+        tries[0] += 1
+        if tries[0] == 1:
+            raise PortGone("unplugged")
+        return whole(session)
+
+    monkeypatch.setattr(Session, "configure", configure)
+    monkeypatch.setattr(Daemon, "_pause", lambda daemon, seconds: None)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
+    settings = Settings(zenoh=Zenoh(listen=(free_endpoint(),)))
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        task = Task(path=sensor.path, state_directory=tmp_path, duration_s=3.0)
+        outcome = Daemon(settings, task).run()
+    assert tries == [2]
+    assert outcome.report is not None
+    assert outcome.report.session.samples > 0
+    assert ear.until("STATUS=waiting: unplugged") < ear.until("STATUS=running")
+    ear.close()
+
+
+def test_of_several_sensors_none_is_taken_however_often_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    link = Link(None, Wanted(), lambda: None, lambda text: None)
+    monkeypatch.setattr("imumon.daemon.link.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")])
+
+    def opened(path: str) -> Facts:
+        link.path = path
+        return Facts(id="x")
+
+    monkeypatch.setattr(link, "_open", opened)
+    for _ in range(2):
+        with pytest.raises(NoSensor, match="several sensors"):
+            link.open()
+
+
+def test_a_port_that_goes_while_it_is_looked_at_does_not_end_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    link = Link(None, Wanted(), lambda: None, lambda text: None)
+    monkeypatch.setattr("imumon.daemon.link.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")])
+
+    def opened(path: str) -> Facts:
+        if path == "/a":
+            raise PortGone("/a is gone")
+        return Facts(id="x")
+
+    monkeypatch.setattr(link, "_open", opened)
+    link.open()
+    assert link.path == "/b"
+
+
+def test_a_reader_of_the_log_that_does_not_read_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.pipe()
+    with open(theirs, "w") as pipe, open(ours):
+        monkeypatch.setattr(sys, "stderr", pipe)
+        log = Log(format="text")
+        for k in range(3000):  # a pipe holds 64 kB
+            log.say(f"line {k:050}")
+        os.set_blocking(ours, False)
+        kept = os.read(ours, 1 << 20).decode().splitlines()
+        log.say("at last")
+        after = os.read(ours, 1 << 20).decode().splitlines()
+    assert [line[9:] for line in kept] == [f"line {k:050}" for k in range(len(kept))]
+    assert [line[9:] for line in after] == [f"{3000 - len(kept)} lines left out: nobody read them", "at last"]
+
+
+@pytest.mark.parametrize("ignored", [True, False])
+def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(tmp_path: Path, ignored: bool) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+    try:
+        daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
+        with daemon._listening_to_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert daemon._signal == (None if ignored else signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])

@@ -152,6 +152,7 @@ class Daemon:
             except (NoSensor, PortError, PortGone, SessionError) as error:
                 if not self._notifier.listens:
                     raise
+                self._part()
                 if str(error) != complaint:
                     complaint = str(error)
                     self.log.say(f"waiting: {complaint}", "warning")
@@ -175,6 +176,15 @@ class Daemon:
         self._learn(self._facts)
         self._tell("connect", f"{self._who()} on {self._facts.port}", "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
+
+    def _part(self) -> None:
+        """Have not met: the sensor went while it was being set up; another may come in its place."""
+        self._link.close()
+        if self._keeping is not None:
+            self._keeping.close(self._session(), None)
+        if self._bus is not None:
+            self._bus.close()
+        self._bus = self._keeping = self._facts = None
 
     def _record(self, data: bytes) -> None:
         """Keep the raw bytes, if that is wanted; it begins when the stream is known, with the first byte."""
@@ -478,7 +488,9 @@ class Daemon:
         def note(number: int, frame: FrameType | None) -> None:
             self._signal = number
 
-        before = {number: signal.signal(number, note) for number in SIGNALS}
+        # a terminal that closes is none of the business of what was started with nohup
+        heeded = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+        before = {number: signal.signal(number, note) for number in heeded}
         try:
             yield
         finally:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from imumon.sensors.vn100 import Decoder
 from imumon.sensors.vn100.session import Facts, Session, SessionError, Wanted
-from imumon.sources import QUEUE_BYTES, PortError, PortInfo, SerialPort, SourceError, find_again, find_ports
+from imumon.sources import QUEUE_BYTES, PortInfo, SerialPort, SourceError, find_again, find_ports
 
 BEAT_S = 0.2
 FIRST_BAUD = 115200
@@ -133,12 +133,13 @@ class Link:
         return max(self._most_queued, self._port.most_queued if self._port else 0)
 
     def open(self) -> Facts:
-        """Open the port and know the sensor.
+        """Open the port and know the sensor, whichever it is.
 
         Raises
         ------
         NoSensor, PortError, PortGone, SessionError : it is not to be had.
         """
+        self._serial = None
         if self.path is None:
             self.path = self._search()
         return self._open(self.path)
@@ -199,12 +200,12 @@ class Link:
         for info in ports:
             try:
                 facts = self._open(info.path)
-            except (PortError, SessionError) as error:
+            except (SourceError, SessionError) as error:
                 tried.append(f"{info.path} ({info.description}): {error}")
                 continue
             found.append(f"{info.path} ({facts.model or 'listening'} {facts.serial or ''})")
             self.close()
-            self._serial = None
+            self._serial = self.path = None
         if len(found) == 1:
             return found[0].partition(" ")[0]
         if found:

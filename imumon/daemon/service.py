@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import socket
 import sys
 from datetime import UTC, datetime
@@ -34,12 +35,22 @@ class Log:
         read = _journal_reads()
         self._form = ("journal" if read else "text") if format == "auto" else format
         self._ranked = read or format == "journal"
+        self._left_out = 0
 
     def say(self, text: str, level: Level = "info", kind: str = "") -> None:
-        """One line; never raises, for a full or closed stderr must not end the daemon."""
-        weight = PRIORITY[level]
-        if weight > self._limit:
+        """One line; never raises nor waits, whether stderr is full, closed or read by nobody."""
+        if PRIORITY[level] > self._limit:
             return
+        if not _takes_a_line():
+            self._left_out += 1
+            return
+        if self._left_out:
+            count, self._left_out = self._left_out, 0
+            self._write(f"{count} line{'s' * (count > 1)} left out: nobody read them", "info", "")
+        self._write(text, level, kind)
+
+    def _write(self, text: str, level: Level, kind: str) -> None:
+        weight = PRIORITY[level]
         if self._form == "journal":
             line = text
         elif self._form == "json":
@@ -52,6 +63,14 @@ class Log:
             print(f"{rank}{line}", file=sys.stderr, flush=True)
         except (OSError, ValueError):
             return
+
+
+def _takes_a_line() -> bool:
+    """Whether stderr has room for a line: a full pipe or a stopped terminal would hold the daemon up."""
+    try:
+        return bool(select.select([], [sys.stderr.fileno()], [], 0.0)[1])
+    except (OSError, ValueError, AttributeError):
+        return True
 
 
 def _journal_reads() -> bool:
