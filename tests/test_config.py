@@ -231,3 +231,21 @@ assert "bad.toml:2: report.period_s" in said, said
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_settings_are_read_here_where_the_process_of_its_own_is_killed(tmp_path: Path) -> None:
+    good = tmp_path / "good.toml"
+    good.write_text("[report]\nperiod_s = 2.0\n")
+    code = f"""
+import os, signal
+from imumon import config
+here, whole = os.getpid(), config.load
+def load(*words):
+    if os.getpid() != here:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return whole(*words)
+config.load = load
+assert config.load_apart({str(good)!r}, {{}})().report.period_s == 2.0
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -15,6 +15,7 @@ from commands import imumon
 from daemons import Daemon, free_endpoint
 from reports import report
 
+from imumon.cli.run import _scratch
 from imumon.tui.pages import welcome
 from imumon.tui.scene import Scene
 
@@ -111,3 +112,37 @@ def test_the_screen_says_that_the_emulator_starts_and_why_its_daemon_died() -> N
         reports={made.device.id: made}, ages={made.device.id: 60.0}, id=made.device.id, ended="it fell"
     )
     assert "it fell" in lost.situation().text
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code", "said"),
+    [
+        (">/dev/full", 1, "imumon: cannot write the output: no space left on device\n"),
+        (">&-", 0, ""),
+        ("<&- 2>&-", 0, ""),
+    ],
+)
+def test_standard_streams_may_be_full_or_closed(redirected: str, code: int, said: str) -> None:
+    command = f"{sys.executable} -m imumon config show {redirected}"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (code, said)
+
+
+def test_what_is_for_a_closed_stderr_does_not_go_to_stdout() -> None:
+    command = f"{sys.executable} -m imumon bogus 2>&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+
+
+def test_a_scratch_of_a_killed_run_goes_and_that_of_a_living_one_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    killed, living = tmp_path / f"imumon-{ended.pid}-x", tmp_path / f"imumon-{os.getppid()}-x"
+    killed.mkdir()
+    living.mkdir()
+    with _scratch():
+        assert not killed.exists()
+        assert living.exists()

@@ -273,6 +273,14 @@ def test_no_permission_says_how_to_get_it() -> None:
     assert refused.startswith("no permission for /dev/null: sudo usermod -aG dialout ")
 
 
+def test_a_user_without_a_name_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("USER", "LOGNAME", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
+    refused = port_module._refusal("/dev/null", PermissionError(13, "Permission denied"))
+    assert "usermod -aG dialout $USER, then" in refused
+
+
 def test_port_that_vanishes_while_opening_says_so(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
     real = port_module.pyserial.Serial
 

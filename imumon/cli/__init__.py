@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code."""
     # numpy's thread pool costs 64 MB of address space and helps nothing here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _stand_in()
     words = list(sys.argv[1:] if argv is None else argv)
     parser, commands = parsers(only=words[0] if words else "")
     if words and not words[0].startswith("-") and words[0] not in commands:
@@ -56,13 +58,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has left (`imumon status | head -1`): no complaint, no traceback
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _write_no_more()
         return DONE
     except (MemoryError, RuntimeError, ImportError, OSError) as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+            _write_no_more()
+            place = error.filename or "the output"
+            print(f"imumon: cannot write {place}: {os.strerror(error.errno).lower()}", file=sys.stderr)
+            return FAILED
         if not _out_of_memory(error):
             raise
         print("imumon: out of memory: grant more; what was saved last is kept", file=sys.stderr, flush=True)
         os._exit(FAILED)  # what is left to do would want memory, and wait for it
+
+
+def _stand_in() -> None:
+    """Have nobody hear what goes to a standard stream that was closed before we began.
+
+    Else Python sends what is for stderr to stdout, and a file of ours would get the stream's number.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+
+
+def _write_no_more() -> None:
+    """Let what is left for stdout go nowhere, or the end of the interpreter would complain again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _out_of_memory(error: Exception) -> bool:

@@ -80,10 +80,11 @@ def run(words: argparse.Namespace) -> int:
 
 def _share_the_heap() -> None:
     """Let all threads share one heap: glibc gives each its own, which costs 4 MB here and gains nothing."""
-    import ctypes
-
     m_arena_max = -8
-    with suppress(AttributeError):  # another C library
+    # another C library, a Python without ctypes, or a system that lets it not load
+    with suppress(AttributeError, ImportError, OSError, MemoryError):
+        import ctypes
+
         ctypes.CDLL(None).mallopt(m_arena_max, 1)
 
 
@@ -105,9 +106,19 @@ def _scratch() -> Any:
 
     for left in Path(tempfile.gettempdir()).glob("imumon-[0-9]*-*"):
         owner = re.match(r"imumon-(\d+)-", left.name)
-        if owner and not Path(f"/proc/{owner[1]}").exists():
+        if owner and not _lives(int(owner[1])):
             shutil.rmtree(left, ignore_errors=True)
     return tempfile.TemporaryDirectory(prefix=f"imumon-{os.getpid()}-", ignore_cleanup_errors=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)  # a signal that is none
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass  # it is another user's
+    return True
 
 
 def _settings(words: argparse.Namespace) -> Any:

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import sys
+from contextlib import suppress
 from typing import Any, NoReturn
 
 DONE, FAILED, USAGE, NOTHING_THERE, NOT_IN_TIME, INTERRUPTED = 0, 1, 2, 3, 4, 130
@@ -137,17 +138,22 @@ def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None)
 
 def settings_apart(words: argparse.Namespace, overrides: dict[str, Any]) -> Any:
     """`settings`, read in a process of its own; meanwhile this one begins to import the daemon."""
-    from importlib import import_module
     from threading import Thread
 
     from imumon.config import ConfigError, load_apart
 
     answer = load_apart(words.config, overrides)
-    Thread(target=import_module, args=("imumon.daemon",)).start()
+    Thread(target=_import_the_daemon).start()
     try:
         return answer()
     except ConfigError as error:
         raise Stop(str(error), USAGE) from None
+
+
+def _import_the_daemon() -> None:
+    """Begin to; what goes wrong goes wrong again, and is told, where the daemon is needed."""
+    with suppress(Exception):
+        import imumon.daemon  # noqa: F401
 
 
 def state_directory(made: Any) -> Any:

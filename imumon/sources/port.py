@@ -436,11 +436,19 @@ def _open_tty(path: str, baud: int) -> Any:
     return port
 
 
+def _user() -> str:
+    """Who we are, as far as anybody knows: a container runs under numbers without a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return "$USER"
+
+
 def _refusal(path: str, error: Exception) -> str:
     """Why a port that is there does not open, and the cure."""
     number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
     if number in (errno.EACCES, errno.EPERM):
-        return f"no permission for {path}: sudo usermod -aG dialout {getpass.getuser()}, then log in again"
+        return f"no permission for {path}: sudo usermod -aG dialout {_user()}, then log in again"
     if number in (errno.EBUSY, errno.EAGAIN):
         who = ", ".join(holders(path))
         return f"{path} is in use{' by ' + who if who else ''}: end that program first"
