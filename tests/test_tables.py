@@ -205,6 +205,20 @@ def test_stamps_of_a_host_tell_rate_and_lost_samples(kind: str, piece: int) -> N
     assert found[-1] == n - 1
 
 
+@pytest.mark.parametrize("haste_s", [0.0, 2e-5])
+@pytest.mark.parametrize(("rate", "read_s"), [(40, 0.25), (100, 0.1), (200, 0.05), (800, 0.016), (800, 0.1)])
+def test_stamps_of_rows_read_in_bursts_tell_the_rate(rate: int, read_s: float, haste_s: float) -> None:
+    t = np.arange(40 * rate) / rate
+    begin = np.ceil((t + 1e-4) / read_s)
+    place = np.arange(len(t)) - np.searchsorted(begin, begin)  # in its burst
+    times = np.rint((begin * read_s + place * haste_s) * 1e9)
+    tick, steady = interval_of(times)
+    assert not steady
+    assert 1e9 / tick == pytest.approx(rate, rel=1e-4)
+    late = Late(times, tick)
+    assert int(late.place(times).sum() + late.place(np.empty(0), final=True).sum()) <= 1
+
+
 HEAD = "t,wx,wy,wz,ax,ay,az\n"
 ROWS = [f"{k / 100},0.001,0.002,{k % 7}e-4,0.1,0.2,-9.8" for k in range(200)]
 
@@ -254,6 +268,39 @@ def test_a_spoilt_row_is_a_lost_sample_and_is_named(tmp_path: Path, spoilt: str,
     assert "1 row is no row of numbers" in told[0]
     assert "line 101" in told[0]
     assert says in told[0]
+
+
+UNITLESS = "t,wx,wy,wz,ax,ay,az"
+IN_DEGREES = [
+    f"{k / 100},{np.degrees(0.001)},{np.degrees(0.002)},{np.degrees(k % 7 * 1e-4)},0.1,0.2,-9.8"
+    for k in range(200)
+]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\r".join([UNITLESS, *ROWS]),
+        "\r\n".join([UNITLESS, *ROWS]),
+        "\n".join(["# by someone, in spring, at home", "# more, of it", UNITLESS, *ROWS]),
+        "\n".join(["Device,VN-100", "Serial,0100", "Rate,100", "", UNITLESS, *ROWS]),
+        "\n".join([UNITLESS.replace(",", "\t"), *(row.replace(",", "\t").replace(".", ",") for row in ROWS)]),
+        "\n".join([UNITLESS, "s,deg/s,deg/s,deg/s,m/s^2,m/s^2,m/s^2", *IN_DEGREES]),
+        "\n".join(["t,wx [°/s],wy [°/s],wz [°/s],ax,ay,az", *IN_DEGREES]),
+        "\n".join([UNITLESS, *ROWS[:100], ROWS[100].replace("-9.8", "1e9"), *ROWS[101:]]),
+        "\n".join([UNITLESS, *ROWS[:100], ROWS[100].replace("-9.8", "inf"), *ROWS[101:]]),
+        "\n".join([UNITLESS, *ROWS[:100], ROWS[100].replace("-9.8", "1e300"), *ROWS[101:]]),
+    ],
+    ids=["cr", "crlf", "comments", "facts", "tabs", "units", "latin", "spike", "inf", "absurd"],
+)
+def test_what_stands_around_the_numbers_does_not_change_them(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.encode("latin-1"))
+    found = read(path)
+    assert found.stream.interval_s == pytest.approx(0.01)
+    assert len(found) in (199, 200)
+    assert found.values[:100, 1] == pytest.approx(0.002)
+    assert found.values[:7, 2] == pytest.approx(np.arange(7) * 1e-4)
 
 
 def test_a_line_cut_off_at_the_end_is_left_out(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 """CSV: tables as text, of any dialect, in pieces.
 
-The header line tells separator and columns; what stands before it is passed over, and so are comments and
-headers that come again. A row that lacks a number is a lost sample, and so is one that is no row: they are
-counted and the first is named; a file that is full of them is no table. Memory does not grow with the length.
+The header line tells separator and columns, a row of units below it their units; what stands before it is
+passed over, and so are comments and headers that come again. A row that lacks a number is a lost sample, and
+so is one that is no row: they are counted and the first is named; a file that is full of them is no table.
+Memory does not grow with the length.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from imumon.samples import Floats, SampleBlock
 from imumon.sources.columns import layout
 from imumon.sources.errors import SourceError
+from imumon.sources.names import UNITS, spelled
 from imumon.sources.recording import Recording
 from imumon.sources.table import ROWS, Rows, Wanted
 
@@ -96,10 +98,12 @@ class Csv:
         rest = b""
         for chunk in self._recording:
             self.fed += len(chunk)
+            if b"\r" in chunk:
+                chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             *whole, rest = (rest + chunk).split(b"\n")
-            yield [line.decode("utf-8-sig", "replace").rstrip("\r") for line in whole]
+            yield [_text(line) for line in whole]
         if rest.strip():
-            yield [rest.decode("utf-8-sig", "replace").rstrip("\r")]
+            yield [_text(rest)]
 
     def _head(self, lines: Iterator[list[str]]) -> tuple[str, str | None, Rows, list[str], int]:
         """The header, separator, columns, the rows read along with it, and lines read so far."""
@@ -112,13 +116,15 @@ class Csv:
         if names_at is None:
             return self._headless(seen)
         separator = separator_of(seen[names_at])
-        names = split(seen[names_at], separator)
+        names, begin = split(seen[names_at], separator), names_at + 1
+        if begin < len(seen) and (told := units_of(names, seen[begin], separator)) is not None:
+            names, begin = told, begin + 1
         try:
             found = layout(names, self._wanted.kind, self._wanted.given)
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
         rows = Rows(self.path, found, "csv", self._wanted.rate_hz)
-        return seen[names_at], separator, rows, seen[names_at + 1 :], len(seen)
+        return seen[names_at], separator, rows, seen[begin:], len(seen)
 
     def _headless(self, seen: list[str]) -> tuple[str, str | None, Rows, list[str], int]:
         """Numbers from the first line on: columns by their number, if the user names them."""
@@ -144,15 +150,50 @@ class Csv:
         return f"{self.path} has a header and no row of numbers behind it"
 
 
+def _text(line: bytes) -> str:
+    """A line in UTF-8, else as spreadsheets of the West write it: their degree sign is one byte."""
+    try:
+        return line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
 def header_line(lines: Sequence[str]) -> int | None:
-    """Which of the first lines names the columns: the one most of whose cells are no numbers."""
+    """Which of the first lines names the columns: the one most of whose cells are no numbers, as many as the
+    first row of numbers has."""
+    named: list[int] = []
     for k, line in enumerate(lines[:PREAMBLE]):
         cells = split(line, separator_of(line))
         if len(cells) > 1 and sum(not _is_number(cell) for cell in cells if cell) > len(cells) / 2:
-            following = next((each for each in lines[k + 1 :] if each.strip()), None)
-            if following is None or len(split(following, separator_of(line))) >= len(cells) - 1:
-                return k
-    return None
+            named.append(k)
+        elif len(cells) > 1 and sum(_is_number(cell) for cell in cells) > len(cells) / 2:
+            fitting = [at for at in named if _as_wide(lines[at], line)]
+            return fitting[0] if fitting else None
+    return named[0] if named else None
+
+
+def _as_wide(names: str, row: str) -> bool:
+    separator = separator_of(names)
+    return abs(len(split(row, separator)) - len(split(names, separator))) <= 1
+
+
+def units_of(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:
+    """The names with the units that a row below them tells; None where it is no such row.
+
+    >>> units_of(["t", "wx", "wy [deg/s]"], "s,rad/s,", ",")
+    ['t [s]', 'wx [rad/s]', 'wy [deg/s]']
+    >>> units_of(["t", "wx"], "0.0,n/a", ",") is None
+    True
+    """
+    cells = [cell.strip("[]()") for cell in split(row, separator)]
+    known = [any(spelled(cell, quantity) for quantity in UNITS) for cell in cells if cell]
+    if 2 * sum(known) <= len(known):
+        return None
+    cells += [""] * (len(names) - len(cells))
+    return [
+        f"{name} [{cell}]" if cell and not name.rstrip().endswith(("]", ")")) else name
+        for name, cell in zip(names, cells, strict=False)
+    ]
 
 
 def separator_of(line: str) -> str | None:
@@ -248,7 +289,7 @@ class _Reader:
         if column >= len(cells):
             raise ValueError(f"has {len(cells)} columns, column {column + 1} is wanted")
         text = cells[column]
-        if self._separator == ";":
+        if self._separator != ",":
             text = text.replace(",", ".")
         if text.lower() in MISSING:
             return math.nan

@@ -80,6 +80,8 @@ _NEUTRAL = {
 
 _LETTERS = re.compile(r"^(w|g|gyr|gyro|omega|rate|a|acc|accel|m|mag)([xyz])$")
 _TIMES = {"t": 0, "time": 0, "timestamp": 0, "stamp": 1, "startup": -2, "sec": 2, "secs": 2, "seconds": 2}
+_SECONDS = {"secs", "seconds"}
+"""Names of a time that are its unit; ``sec`` alone may be the part of a stamp."""
 NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs"}
 _INTERVALS = ({"dt"}, {"delta", "time"}, {"delta", "t"})
 
@@ -151,7 +153,7 @@ def understood(index: int, name: str) -> Column:
     quantity, kind, doubt = _meaning(set(words), axis)
     if quantity is None:
         return Column(index, name)
-    spoken = unit or suffix
+    spoken = unit or suffix or next((word for word in words if quantity == "t" and word in _SECONDS), None)
     known = None if spoken is None else spelled(spoken, quantity)
     return Column(index, name.strip(), quantity, axis, kind, known, doubt, unit if known is None else None)
 

@@ -23,11 +23,18 @@ WINDOWS = (16, 256)
 """Rows of the first look at the rate: more than a batch and fewer than from one lost sample to the next; many
 where the delays are long. What leaves less unrest is right."""
 
-EDGE = 64
-"""Rows among which the least late is looked for while the rate is."""
+EDGE = 256
+"""Rows among which the least late is looked for while the rate is: more than come at once."""
+
+SCARCE = 30.0
+"""So many times longer than all single steps are the holes between them where rows come in bursts, and each
+has the time of its arrival; a sensor that loses four of five samples has fewer."""
 
 CRYSTAL = 1e-4
 """A rate as near as this to whole Hz is that: no two clocks agree better."""
+
+DOUBTED = 0.01
+"""Share of lost samples from which it is asked whether there were none, and the rate another."""
 
 AHEAD_S = 1.0
 """A stall that is made up for within this is a delay; a longer one counts as lost samples."""
@@ -53,14 +60,44 @@ def interval_of(times: Floats) -> tuple[float, bool]:
     tick = float(ahead[ahead < 1.5 * shortest].mean())
     ticks = steps / tick
     steady = float(np.mean((np.abs(ticks - np.rint(ticks)) < STEADY) & (ticks > 0.5))) >= MOSTLY
-    if steady:
+    if steady and not _bursts(ticks):
         return _round(_refined(times, tick, 1)), True
     tried = []
-    for window in {min(window, len(times) - 1) for window in (*WINDOWS, len(times))}:
+    for window in {min(window, len(times) - 1) for window in WINDOWS}:
         tick = _densest(times[window:] - times[:-window]) / window
         if tick > 0.0:
-            tried.append(_refined(times, tick, window))
-    return _round(min(tried, key=lambda tick: _unrest(times, tick))), False
+            tried.append(_round(_refined(times, tick, window)))
+    best = min((_wrongness(times, tick), tick) for tick in tried)
+    if best[0] > (False, DOUBTED):
+        level = _round(_level(times))
+        best = min(best, (_wrongness(times, level), level))
+    return best[1], False
+
+
+def _bursts(ticks: Floats) -> bool:
+    """Whether single steps are but the haste between rows that come at once; three holes are forgiven."""
+    single = float(ticks[ticks < 1.5].sum())
+    return float(np.sort(ticks[ticks >= 1.5])[:-3].sum()) > SCARCE * single
+
+
+def _level(times: Floats) -> float:
+    """Interval at which the least lateness is as high at the end as at the begin: if no sample was lost."""
+    rows, half = np.arange(len(times)), len(times) // 2
+    tick = float(times[-1] - times[0]) / (len(times) - 1)
+    for _ in range(4):
+        edge = least_ahead(times / tick - rows, min(EDGE, max(1, half)))
+        tick *= 1.0 + float(np.median(edge[half:] - edge[: len(edge) - half])) / max(1, half)
+    return tick
+
+
+def _wrongness(times: Floats, tick: float) -> tuple[bool, float]:
+    """For comparing intervals: whether the least lateness leaves the grid, or falls, and by how much; where
+    it does neither, how many samples must have been lost."""
+    window = min(_window(tick), len(times) // 2)
+    edge = least_ahead(times / tick - np.arange(len(times)), window)
+    risen = edge[window:] - edge[:-window]
+    off = float(np.minimum(np.abs(risen - np.maximum(np.rint(risen), 0.0)), 0.5).mean())
+    return off > ROUGH, off if off > ROUGH else float(np.maximum(risen, 0.0).mean()) / window
 
 
 def _densest(values: Floats) -> float:

@@ -22,6 +22,9 @@ from imumon.sources.stamps import Late, interval_of
 ROWS = 1 << 15
 """Rows handed over at once."""
 
+ABSURD = 1e100
+"""Size of a number that no instrument writes, and whose square is none: as good as missing."""
+
 FAR_OFF = 0.02
 """Share by which a rate that was told may miss that of the stamps before it is a remark."""
 
@@ -93,7 +96,7 @@ class Rows:
                 return
             rows = self._begin(rows)
         layout_, width = self._layout, len(self._layout.columns)
-        good = np.isfinite(rows).all(axis=1)
+        good = (np.abs(rows) < ABSURD).all(axis=1)
         lost = np.zeros(len(rows), dtype=np.int64)
         if not good.all():
             places = np.flatnonzero(good)
@@ -194,7 +197,11 @@ class Rows:
             if len(picked) != 3 or self._layout.kind == "deltas":
                 continue
             columns = [self._layout.columns[k] for k in picked]
-            size = float(np.sqrt(np.nansum((rows[:, picked] * columns[0].factor) ** 2, axis=1)).mean())
+            seen = rows[np.isfinite(rows[:, picked]).all(axis=1)][:, picked] * columns[0].factor
+            if not len(seen):
+                raise SourceError(f"{self._path}: no row has numbers for all of {_names(columns)}")
+            # a few spoilt numbers say nothing of the unit
+            size = float(np.median(np.hypot(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])))
             if sensor == "accel" and columns[0].unit is None and 0.8 < size < 1.25:
                 raise SourceError(_unit(self._path, columns, size, "g"))
             if sensor == "accel" and columns[0].unit is None and 800.0 < size < 1250.0:
@@ -207,7 +214,12 @@ class Rows:
         """Clock and interval, s, from the times of the first rows."""
         t = self._nanoseconds(times).astype(np.float64)
         if not (np.diff(t) > 0.0).any():
-            raise SourceError(f"{self._path}: the time in {self._layout.times[0].name} stands still")
+            name = self._layout.times[0].name
+            if len(t) < 2:
+                raise SourceError(f"{self._path}: one row tells no rate: two are needed")
+            if (np.diff(t) < 0.0).any():
+                raise SourceError(f"{self._path}: the time in {name} runs backwards: sort its rows by it")
+            raise SourceError(f"{self._path}: the time in {name} stands still")
         tick, steady = interval_of(t)
         found = 1e9 / tick
         if self._rate is not None and abs(self._rate / found - 1.0) > FAR_OFF:
@@ -252,6 +264,10 @@ class Rows:
         for k, scale in enumerate(self._scales):
             total += (times[:, k] - self._origin[k]) * scale
         return np.rint(total).astype(np.int64)
+
+
+def _names(columns: Sequence[Column]) -> str:
+    return ", ".join(column.name for column in columns)
 
 
 def _unit(path: str, columns: Sequence[Column], size: float, likely: str) -> str:
