@@ -146,7 +146,7 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
             adversity.end()
             last, at_last = still(sensor, daemon, "stall")
             daemon.process.send_signal(signal.SIGTERM)
-            out, err = daemon.process.communicate(timeout=60)
+            out, err = daemon.ended(60)
             stuck.end()
         final = from_json(Report, out)
         again = replay(Replay(path=recording))

@@ -7,9 +7,11 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import IO
 
 from imumon.bus import Viewer
 from imumon.report import Report
@@ -50,7 +52,27 @@ class Daemon:
             stdin=subprocess.DEVNULL,
             text=True,
         )
+        # a pipe holds 64 kB: one that nobody reads would fill up
+        self._said = {"out": "", "err": ""}
+        self._readers = [
+            threading.Thread(target=self._read, args=words, daemon=True)
+            for words in (("out", self.process.stdout), ("err", self.process.stderr))
+        ]
+        for reader in self._readers:
+            reader.start()
         self.viewer = Viewer([self.endpoint])
+
+    def _read(self, name: str, pipe: IO[str]) -> None:
+        with pipe:
+            for line in pipe:
+                self._said[name] += line
+
+    def ended(self, within_s: float = 20.0) -> tuple[str, str]:
+        """What it said, once it has ended."""
+        self.process.wait(within_s)
+        for reader in self._readers:
+            reader.join(20)
+        return self._said["out"], self._said["err"]
 
     def wait(self, holds: Callable[[Report], bool], timeout: float = 60.0) -> Report:
         """First report for which something holds."""
@@ -73,7 +95,7 @@ class Daemon:
         """End it: exit code, stdout and stderr."""
         if self.process.poll() is None:
             self.process.send_signal(how)
-        out, err = self.process.communicate(timeout=20)
+        out, err = self.ended()
         self.viewer.close()
         assert "Traceback" not in err, err
         return self.process.returncode, out, err
@@ -84,5 +106,5 @@ class Daemon:
     def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:
             self.process.kill()
-        self.process.communicate(timeout=20)
+        self.ended()
         self.viewer.close()

@@ -93,7 +93,7 @@ def test_other_sensors_state_is_set_aside(tmp_path: Path) -> None:
 def test_duration_ends_with_a_report(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=7)) as sensor:
         daemon = Daemon(sensor.path, tmp_path, "--duration", "3", "--json")
-        out, err = daemon.process.communicate(timeout=30)
+        out, err = daemon.ended(30)
         daemon.viewer.close()
         assert daemon.process.returncode == 0, err
         made = json.loads(out)

@@ -53,7 +53,7 @@ def same(live: Report, path: Path) -> Report:
 def ended(daemon: Daemon) -> tuple[Report, str]:
     """Final report of a daemon that was told to print one, and what it said."""
     daemon.process.send_signal(signal.SIGTERM)
-    out, said = daemon.process.communicate(timeout=20)
+    out, said = daemon.ended()
     assert "Traceback" not in said
     return from_json(Report, out), said
 
