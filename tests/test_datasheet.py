@@ -22,7 +22,7 @@ from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
 from imumon.datasheet.sheet import sheet
-from imumon.datasheet.snippets import worst
+from imumon.datasheet.snippets import ros, worst
 from imumon.datasheet.text import table
 from imumon.noise.synthesis import synthesise
 from imumon.report import Report, from_json, to_json
@@ -112,6 +112,16 @@ def test_ros_covariance_is_the_variance_of_a_sample() -> None:
         n = [made.channels[f"{sensor}/{axis}"].N for axis in "xyz"]
         np.testing.assert_allclose(np.diag(matrix), [(p.value or 0) ** 2 * 40 for p in n if p], rtol=1e-4)
         assert np.count_nonzero(matrix) == 3
+
+
+def test_ros_covariance_of_a_sensor_that_never_changes_is_unknown() -> None:
+    made = report(10801.0)
+    dead = {
+        name: replace(made.channels[name], N=None, std=0.0) for name in made.channels if name[:4] == "gyro"
+    }
+    lines = ros(replace(made, channels=made.channels | dead)).splitlines()
+    assert "# angular_velocity_covariance: all zeros, which means unknown" in lines
+    assert not any(line.startswith("angular_velocity_covariance") for line in lines)
 
 
 @pytest.mark.parametrize(

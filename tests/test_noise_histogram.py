@@ -138,3 +138,14 @@ def test_steps_are_read_from_the_values() -> None:
     assert quantum(np.rint(x * 14) * 0.001 - 9.8) == pytest.approx(0.001)
     assert quantum(25.0 + np.rint(x) * 0.1) == pytest.approx(0.1)
     assert quantum(np.full(256, 25.0)) == 0.0
+
+
+def test_the_step_of_a_channel_that_stood_still_at_first_is_read_later() -> None:
+    x = np.full((2000, 1), 9.8)
+    x[[700, 1500], 0] = 9.9
+    histogram = Histogram([0])
+    histogram.update(x)
+    shape = histogram.result()[0]
+    assert shape is not None
+    assert shape.step == pytest.approx(0.1, rel=0.02)
+    assert "quantised" in shape.verdict

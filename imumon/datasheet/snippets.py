@@ -181,7 +181,7 @@ def ros(made: Report) -> str:
                 lines.append(
                     f"#   {sensor}/{axis}: N {_told(part)} {part.unit}, squared times {_rate(made):g} Hz"
                 )
-            elif channel is not None and channel.std is not None:
+            elif channel is not None and channel.std:  # a channel that never changes has no noise to tell
                 diagonal.append(channel.std**2)
                 lines.append(f"#   {sensor}/{axis}: N is not known yet; square of the standard deviation")
         if len(diagonal) == 3:

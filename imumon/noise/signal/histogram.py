@@ -33,6 +33,9 @@ KURTOSIS = 0.5
 COARSE = 1.5
 """A channel whose deviation is below so many quantisation steps is told to be quantised."""
 
+FEW = 8
+"""Levels up to which a channel whose step could not be learned counts as quantised."""
+
 
 @dataclass(frozen=True, slots=True)
 class Shape:
@@ -225,7 +228,7 @@ class Histogram:
         width = math.ldexp(float(self._unit[c]), int(self._exponent[c]))
         step = float(self._step[c]) or None
         start = (int(self._low[c]) + int(used[0])) * width - (0.5 * step if step else 0.0)
-        return _judged(start, width, counts, step)
+        return _judged(start, width, counts, step or _sparse(counts, width))
 
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""
@@ -286,6 +289,15 @@ def quantum(x: Floats) -> float:
             total = (levels[-1] - levels[0]) / np.rint((levels[-1] - levels[0]) / fine)
             return float(f"{total:.9g}")
     return 0.0
+
+
+def _sparse(counts: Ints, width: float) -> float | None:
+    """Step of a channel that stood still while steps were learned: of few levels, with nothing between."""
+    levels = np.flatnonzero(counts)
+    if not 1 < len(levels) <= FEW:
+        return None
+    apart = int(np.diff(levels).min())
+    return apart * width if apart > 1 else None
 
 
 def _judged(start: float, width: float, counts: Ints, step: float | None) -> Shape:
