@@ -151,6 +151,19 @@ def test_a_turning_table_is_not_rest() -> None:
     assert not valid[:, :2].any()
 
 
+@pytest.mark.parametrize(("rate", "level"), [(100.0, 0.2), (400.0, 9.80665)])
+def test_a_constant_axis_neither_moves_nor_is_disturbed_by_rounding(rate: float, level: float) -> None:
+    n = int(60 * rate)
+    noise = synthesise(n, rate, N=[1e-4] * 3, seed=3)
+    constant = np.tile([0.0, level, level], (n, 1))
+    guard = Guard(["gyro"] * 3 + ["accel"] * 3, rate)
+    for at in range(0, n, 1000):
+        guard.update(np.concatenate((noise[at : at + 1000], constant[at : at + 1000]), axis=1))
+    guard.flush()
+    assert guard.at_rest
+    assert (guard.disturbances, guard.excluded) == (0, {})
+
+
 def test_lawful_repeats_are_not_stuck() -> None:
     """A magnetometer read faster than it measures, a constant channel, and one of three levels."""
     values = quiet(120, 800.0)

@@ -41,6 +41,9 @@ does not."""
 TURNING = 0.1
 """rad/s that the gyroscope reads on end, by its length: more than the bias of a sensor at rest."""
 
+ROUNDING = 1e-12
+"""Of the level: what sums of equal numbers may be off by."""
+
 
 @dataclass(frozen=True, slots=True)
 class Frames:
@@ -235,6 +238,9 @@ class Reference:
         # are known, by no more than the parts themselves.
         known = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + 3.0 * 1.2 / np.sqrt(n))
         self.shift = MEAN_SIGMA * (known if n > NEAR else np.maximum(parts, known))
+        # what is constant differs from its level by rounding
+        for limit in (self.sample, self.part, self.shift):
+            np.maximum(limit, ROUNDING * np.abs(self.origin), out=limit)
         self._allowed = self._limits()
         self.rests = self._looks_like_rest(n)
 
@@ -258,7 +264,7 @@ class Reference:
         # A channel that mostly stands still and now and then moves by one step is not knocked by that step.
         coarse = np.exp(self._scale[0]) < 0.3 * self._step
         steps = np.array([3.0, 2.0, 2.0, 1.0, 1.0])[:, None] * np.where(coarse, self._step, 0.0)
-        return np.asarray(np.maximum(limits, steps), dtype=np.float64)
+        return np.asarray(np.maximum(np.maximum(limits, steps), ROUNDING * np.abs(self.origin)))
 
     def _looks_like_rest(self, n: int) -> bool:
         """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT` and `TURNING`."""
