@@ -481,6 +481,24 @@ def test_hostile_names_and_texts_are_shown_as_they_are() -> None:
 # ---------------------------------------------------------------------------- saving
 
 
+def test_a_grade_that_a_later_daemon_knows_is_shown_by_its_name() -> None:
+    made = reports.report()
+    grade = {name: replace(one, nearest="survey") for name, one in made.grade.items()}
+    channels = {
+        name: replace(c, grade=replace(c.grade, nearest="survey")) if c.grade else c
+        for name, c in made.channels.items()
+    }
+    feed = reports.Recorded(replace(made, grade=grade, channels=channels))
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for key in ("1", "2", "3", "4", "5"):
+            await pilot.press(key)
+            await pilot.pause()
+            assert key != "1" or "survey" in seen(app).lower()
+
+    drive(feed, script)
+
+
 def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     feed = reports.Recorded(reports.report())

@@ -221,3 +221,9 @@ def test_left_out_octaves_are_dimmed() -> None:
     lines = charts.allan(SCENE.after(channel="accel/y"), 100, 40)
     assert any(role.startswith("leftout") for line in lines[1:] for _, role in line)
     assert not any(role.startswith("leftout") for line in charts.allan(SCENE, 100, 40) for _, role in line)
+
+
+def test_bars_that_stand_below_the_canvas_are_cut() -> None:
+    canvas = plot.Canvas(4, 1)
+    canvas.bars(0, 1, np.array([0.1, 1.0, 3.0]), "bar")
+    assert canvas.height == 1

@@ -25,11 +25,13 @@ _BLOCK = {"..": " ", "#.": "▀", ".#": "▄", "##": "█"}
 
 
 def headline(word: str) -> list[str]:
-    """Three rows of cells that spell a word.
+    """Three rows of cells that spell a word; one with a letter that has no shape stands as it is.
 
-    >>> headline("it")
-    ['█ ▀█▀', '█  █ ', '▀  ▀ ']
+    >>> headline("it"), headline("x")
+    (['█ ▀█▀', '█  █ ', '▀  ▀ '], ['', 'X', ''])
     """
+    if not set(word.upper()) <= set(_SHAPES):
+        return ["", word.upper(), ""]
     shapes = [_SHAPES[letter] for letter in word.upper()]
     dots = [".".join(shape[row] for shape in shapes) for row in range(5)]
     dots.append("." * len(dots[0]))

@@ -117,7 +117,7 @@ def _small(sensor: str, grade: SensorGrade | None, why: bool) -> Line:
     if grade is None or grade.nearest is None:
         return [(f"{sensor} ", "muted"), ("no grade yet", "faint")]
     decided = grade.decided_by
-    by = f" by {decided.coefficient} of {decided.axis[-1]}" if decided and why else ""
+    by = f" by {decided.coefficient} of {decided.axis[-1:]}" if decided and why else ""
     tail = " for now" if grade.provisional else ""
     return [
         (f"{sensor} ", "muted"),
@@ -166,7 +166,7 @@ def _decided(sensor: str, grade: SensorGrade, report: Report, notation: Notation
     """The figure that decides a grade, and the limit of that grade."""
     if grade.decided_by is None or grade.nearest is None:
         return [[]]
-    axis, name = grade.decided_by.axis[-1], grade.decided_by.coefficient
+    axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
     parts: list[Line] = [[("  by ", "faint"), (f"{name} of {axis}", "text")]]
     channel = report.channels.get(f"{sensor}/{axis}")
     figure: Coefficient | None = getattr(channel, name, None)

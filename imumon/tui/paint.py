@@ -56,6 +56,8 @@ class Inks(Widget):
         found = self._styles.get((role, page))
         if found is None:
             name, _, ground = role.partition("/")
+            if name not in ROLES:  # a grade that a later daemon knows
+                name = "text"
             ink = self.get_component_rich_style(f"ink-{name}")
             under = self.get_component_rich_style(f"ground-{ground}").bgcolor if ground else page
             found = Style(color=ink.color, bgcolor=under, bold=ink.bold, reverse=ink.reverse)

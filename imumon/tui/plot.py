@@ -133,6 +133,8 @@ class Canvas:
                 continue
             eighths = max(round(8 * float(height)), 1)
             for row in range(bottom, max(bottom - math.ceil(eighths / 8), -1), -1):
+                if row >= self.height:
+                    continue  # no room for it
                 self._edge(row, column, eighths - 8 * (bottom - row), ink)
 
     def put(self, column: int, row: int, character: str, role: str) -> None:
