@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.bus import BusError, Options, Publisher, Viewer, clean_id
+from imumon.bus.answers import Answers
 from imumon.bus.session import check_endpoint, explain, is_local
 from imumon.bus.texts import BULKY, Texts
 from imumon.config import Zenoh
@@ -346,3 +347,10 @@ def test_texts_are_those_of_the_report_whatever_of_it_is_new() -> None:
         for name, text in texts.channels.items():
             whole = to_dict(made.channels[name])
             assert json.loads(text) == {key: whole[key] for key in whole if key not in BULKY}
+
+
+def test_what_strangers_once_asked_for_is_forgotten() -> None:
+    answers = Answers("imumon/a")
+    answers._asked = {f"made-up-{k}": 0.0 for k in range(1000)} | {"gyro/x": time.monotonic()}
+    assert answers.wanted(5.0) == {"gyro/x"}
+    assert len(answers._asked) == 1

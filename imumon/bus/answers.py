@@ -51,10 +51,11 @@ class Answers:
             yield "event", *value
 
     def wanted(self, within_s: float) -> frozenset[str]:
-        """Channels whose signal was asked for in the last seconds."""
+        """Channels whose signal was asked for in the last seconds; older questions are forgotten."""
         since = time.monotonic() - within_s
         with self._lock:
-            return frozenset(channel for channel, moment in self._asked.items() if moment >= since)
+            self._asked = {channel: moment for channel, moment in self._asked.items() if moment >= since}
+            return frozenset(self._asked)
 
     def show(self, signals: Mapping[str, Signal]) -> None:
         """Newest signals; questions that waited for them are answered."""
