@@ -270,6 +270,22 @@ def test_a_spoilt_row_is_a_lost_sample_and_is_named(tmp_path: Path, spoilt: str,
     assert says in told[0]
 
 
+def test_a_guessed_unit_of_time_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    for name, rate, said in (("t", 1000.0, "taken for ms: 1000 Hz"), ("seconds", 1.0, "")):
+        path.write_text(
+            "\n".join(
+                [UNITLESS.replace("t,", f"{name},", 1)]
+                + [f"{k}{row[row.index(',') :]}" for k, row in enumerate(ROWS)]
+            )
+        )
+        told: list[str] = []
+        made = replay(Replay(path=str(path)), tell=told.append)
+        assert made.device.sample_rate_hz == pytest.approx(rate)
+        assert said in "".join(told)
+        assert bool(told) == bool(said)
+
+
 UNITLESS = "t,wx,wy,wz,ax,ay,az"
 IN_DEGREES = [
     f"{k / 100},{np.degrees(0.001)},{np.degrees(0.002)},{np.degrees(k % 7 * 1e-4)},0.1,0.2,-9.8"

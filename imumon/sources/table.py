@@ -22,6 +22,9 @@ from imumon.sources.stamps import Late, interval_of
 ROWS = 1 << 15
 """Rows handed over at once."""
 
+SINCE_1970 = 1e11
+"""Size from which the unit of a time shows in the number itself."""
+
 ABSURD = 1e100
 """Size of a number that no instrument writes, and whose square is none: as good as missing."""
 
@@ -158,6 +161,15 @@ class Rows:
             self._origin = times[0].copy()
             self._scales = [_scale(c, times[:, k], self._rate) for k, c in enumerate(found.times)]
             clock, measured = self._clock(times)
+            guessed = (
+                self._rate is None and found.times[0].unit is None and self._scales[0] != UNITS["t"]["s"]
+            )
+            if guessed and abs(times[0, 0]) < SINCE_1970:
+                unit = next(name for name, ns in UNITS["t"].items() if ns == self._scales[0])
+                self.remarks.append(
+                    f"{self._path}: {found.times[0].name} says no unit, its numbers are taken for {unit}: "
+                    f"{1.0 / measured:.6g} Hz; write [{unit}] or [s] behind it if you know"
+                )
             interval = interval or measured
         elif found.interval is not None:
             clock = "dt"
@@ -289,7 +301,7 @@ def _scale(column: Column, times: Floats, rate_hz: float | None) -> float:
     if rate_hz is not None:
         return min(UNITS["t"].values(), key=lambda ns: abs(np.log(step * ns * 1e-9 * rate_hz)))
     size = abs(float(times[0]))
-    for least, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (1e8, "s")):
+    for least, unit in ((1e17, "ns"), (1e14, "us"), (SINCE_1970, "ms"), (1e8, "s")):
         if size >= least and unit != "s":  # since 1970
             return UNITS["t"][unit]
     whole = bool(np.all(times[:100] == np.rint(times[:100])))
