@@ -83,6 +83,14 @@ def test_stream_without_clock_and_rate_is_refused() -> None:
         few.flush()
 
 
+def test_a_slow_stream_without_clock_and_rate_is_refused_in_seconds_too() -> None:
+    silent, slow = replace(DELTAS, clock="none"), Monitor()
+    for second in range(6):
+        slow.feed(block(1, second, stream=silent), room_s=1.0 if second else 0.0)
+    with pytest.raises(RateNeeded, match="--rate"):
+        slow.feed(block(1, 6, stream=silent), room_s=1.0)
+
+
 def test_stream_without_a_clock_is_passed_over_where_a_better_one_comes() -> None:
     monitor = Monitor()
     monitor.feed(block(20, stream=Stream("compensated", GYRO + ACCEL, "$VNYMR", "none")))
@@ -190,6 +198,21 @@ def test_moving_sensor_is_never_graded() -> None:
     assert made.channels["gyro/x"].grade is not None
     assert made.channels["gyro/x"].grade.nearest is None
     assert "not_at_rest" in made.caveats
+
+
+def test_what_is_left_of_a_record_that_was_mostly_cut_out_is_not_graded() -> None:
+    monitor = Monitor()
+    part = block(6000)
+    part.values[:, 0] += np.where(np.arange(6000) % 250 < 20, 0.1, 0.0)  # knock after knock
+    monitor.feed(part)
+    monitor.flush()
+    made = report(monitor)
+    assert made.session.excluded_s > 0.5 * made.session.elapsed_s
+    assert "not_at_rest" not in made.caveats
+    assert made.grade["gyro"].nearest is None
+    assert "cut out" in (made.grade["gyro"].reason or "")
+    assert made.channels["gyro/x"].grade is not None
+    assert made.channels["gyro/x"].grade.nearest is None
 
 
 def test_a_range_that_was_exceeded_is_told() -> None:

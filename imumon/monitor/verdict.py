@@ -25,7 +25,7 @@ ROUNDED = 0.3
 STRONG = 0.05
 """Share of the variance from which a spectral line bends the curve."""
 DISTURBED, MOSTLY = 0.1, 0.5
-"""Share of the record cut out above which it is called disturbed, and its grade provisional."""
+"""Share of the record cut out above which it is called disturbed, and above which nothing is graded."""
 
 
 def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
@@ -55,6 +55,18 @@ def bent(fit: ChannelFit, made: Channel, shape: Shape | None) -> tuple[str, ...]
     other = "vibration" if shakes else "correlated"
     names = {"correlated": other, "quantised": "quantised" if rounded else other}
     return tuple(names.get(word, word) for word in fit.caveats)
+
+
+def obstacle(record: Record) -> str | None:
+    """Why nothing of this record can be graded, None where nothing stands in the way."""
+    if not record.at_rest:
+        return "the sensor is not at rest"
+    if record.repeating or record.repeated_share > MOSTLY:
+        what = "stuck" if record.repeating == "stuck" else "stuck or replayed"
+        return f"{record.repeated_share:.0%} of the samples repeat: {what}"
+    if record.excluded_share > MOSTLY:
+        return f"{record.excluded_share:.0%} of the record was cut out: was it moved?"
+    return None
 
 
 def constants(findings: Findings) -> tuple[str, ...]:
@@ -91,7 +103,7 @@ def channels(
 ) -> dict[str, Channel]:
     """Every channel; `whole` are the caveats that stand for all of them."""
     fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
-    dead = constants(findings)
+    dead, hindered = constants(findings), obstacle(record) is not None
     shown = {}
     for column, name in enumerate(record.channels):
         fit = fits.get(name)
@@ -107,7 +119,7 @@ def channels(
                 running.covariance[record.groups[column]],
             ),
         )
-        if made.grade is not None and (not record.at_rest or record.repeating):
+        if made.grade is not None and hindered:
             made = replace(made, grade=ChannelGrade())
         if fit is not None:
             warm = made.drift is not None and made.drift.steady_N is not None
@@ -123,19 +135,15 @@ def channels(
 
 
 def grades(record: Record, findings: Findings) -> dict[str, SensorGrade]:
-    """Headlines; none while the sensor moves or repeats itself, nor with an axis that never changes."""
-    fits, dead = findings.fits, constants(findings)
+    """Headlines; none of a record with an obstacle, nor of a sensor with an axis that never changes."""
+    fits, dead, hindered = findings.fits, constants(findings), obstacle(record)
     made = {}
     for sensor in LIMITS:
         axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
         if not axes:
             continue
-        if not record.at_rest:
-            made[sensor] = SensorGrade(reason="the sensor is not at rest")
-            continue
-        if record.repeating or record.repeated_share > MOSTLY:
-            what = "stuck" if record.repeating == "stuck" else "stuck or replayed"
-            made[sensor] = SensorGrade(reason=f"{record.repeated_share:.0%} of the samples repeat: {what}")
+        if hindered is not None:
+            made[sensor] = SensorGrade(reason=hindered)
             continue
         still = [axis for axis in axes if f"{sensor}/{axis}" in dead]
         if still:
@@ -144,7 +152,4 @@ def grades(record: Record, findings: Findings) -> dict[str, SensorGrade]:
             )
             continue
         made[sensor] = describe.sensor_grade(sensor, axes)
-        if record.excluded_share > MOSTLY:
-            reason = f"{record.excluded_share:.0%} of the record was cut out"
-            made[sensor] = replace(made[sensor], provisional=True, reason=reason)
     return made
