@@ -36,6 +36,9 @@ from imumon.timeline import BREAK, Placed, Timeline
 PATIENCE = 100
 """Samples of a stream without clock and rate after which no better one is waited for."""
 
+PATIENCE_S = 5.0
+"""s of such a stream after which none is waited for either: a hundred samples of a slow one take long."""
+
 SAME_RATE = 1e-3
 """Relative difference up to which two intervals are one, learned twice."""
 
@@ -88,7 +91,7 @@ class Monitor:
         self._findings: Findings | None = None
         self._events = Events()
         self._unrated = ""  # message of a stream that wants a rate
-        self._waited = 0
+        self._waited, self._waited_s = 0, 0.0
         self._resumed: tuple[Stream, Timeline, Record, int] | None = None
         self.refused: str | None = None
 
@@ -104,7 +107,7 @@ class Monitor:
         RateNeeded : the stream has no clock and no rate was given.
         """
         if not len(block) or not self._chosen(block.stream):
-            self._without_rate(block)
+            self._without_rate(block, room_s or 0.0)
             return
         assert self._timeline is not None
         for placed in self._timeline.place(block, room_s=room_s):
@@ -117,13 +120,17 @@ class Monitor:
             self._timeline = Timeline(rest.stream.clock)
             self.feed(rest)
 
-    def _without_rate(self, block: SampleBlock) -> None:
+    def _without_rate(self, block: SampleBlock, room_s: float) -> None:
         """Ask for the rate of a stream without a clock, unless another one comes soon."""
         if self.stream is None:
             self._unrated = block.stream.source
             self._waited += len(block)
-            if self._waited > PATIENCE:
-                raise RateNeeded(f"{self._unrated} has no clock: give its sample rate with --rate")
+            self._waited_s += room_s
+            if self._waited > PATIENCE or self._waited_s > PATIENCE_S:
+                raise self._rate_needed()
+
+    def _rate_needed(self) -> RateNeeded:
+        return RateNeeded(f"{self._unrated} has no clock: give its sample rate with --rate")
 
     def _begin_anew(self, refused: str, why: str) -> None:
         """The record that was is over; nothing of it goes on."""
@@ -146,7 +153,7 @@ class Monitor:
         RateNeeded : there was nothing but a stream without a clock, and no rate was given.
         """
         if self.stream is None and self._unrated:
-            raise RateNeeded(f"{self._unrated} has no clock: give its sample rate with --rate")
+            raise self._rate_needed()
         if self._timeline is not None:
             for placed in self._timeline.finish():
                 self._take(placed)
