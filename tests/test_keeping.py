@@ -177,9 +177,15 @@ def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path, monkeypatch: p
     meta = {"boot": keeping._boot(), "saved": "2026-01-01T00:00:00.000Z"}
     if meta["boot"] is None:
         pytest.skip("this machine does not tell one boot from another")
-    meta["uptime_s"] = keeping.time.clock_gettime(keeping.time.CLOCK_BOOTTIME) - 5.0
+    meta["uptime_s"] = keeping.uptime_s() - 5.0
     monkeypatch.setattr(keeping, "datetime", Tomorrow)
     assert keeping._since(meta) == pytest.approx(5.0, abs=2.0)
+
+
+def test_a_system_that_does_not_count_its_sleep_has_an_uptime_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(keeping.time, "CLOCK_BOOTTIME", raising=False)
+    before = keeping.uptime_s()
+    assert before <= keeping.uptime_s() < before + 60.0
 
 
 def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:

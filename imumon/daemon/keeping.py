@@ -188,7 +188,7 @@ class Keeping:
             "started": started,
             "saved": stamp(datetime.now(UTC)),
             "boot": _boot(),
-            "uptime_s": time.clock_gettime(time.CLOCK_BOOTTIME),
+            "uptime_s": uptime_s(),
             "session": {name: getattr(session, name) for name in COUNTERS},
             "monitor": meta,
         }
@@ -234,8 +234,13 @@ def _boot() -> str | None:
         return None
 
 
+def uptime_s() -> float:
+    """Seconds since the machine was started, sleep included where the system counts it (Linux does)."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
+
 def _since(meta: Mapping[str, Any]) -> float:
     """Seconds since a state was saved: by a clock that nobody sets, or by the calendar after a reboot."""
     if meta.get("boot") is not None and meta["boot"] == _boot():
-        return time.clock_gettime(time.CLOCK_BOOTTIME) - float(meta["uptime_s"])
+        return uptime_s() - float(meta["uptime_s"])
     return (datetime.now(UTC) - datetime.fromisoformat(meta["saved"])).total_seconds()
