@@ -116,7 +116,7 @@ class Checkpoint:
 
     Raises
     ------
-    StateError : another daemon holds this device's state.
+    StateError : another daemon holds this device's state, or nothing can be locked there.
     """
 
     def __init__(self, directory: Path, device: str) -> None:
@@ -142,19 +142,21 @@ class Checkpoint:
         Raises
         ------
         OSError : it cannot be made or written.
-        StateError : another daemon has the lock.
+        StateError : another daemon has the lock, or nothing can be locked there.
         """
         directory = self.path.parent
         directory.mkdir(parents=True, exist_ok=True)
         lock = os.open(directory / f"{self._device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except OSError as error:
             os.close(lock)
-            raise StateError(
-                f"another imumon keeps the state of {self._device} in {directory}; "
-                "stop it or give another --state"
-            ) from None
+            if isinstance(error, BlockingIOError):
+                why, cure = f"another imumon keeps the state of {self._device} in {directory}", "stop it or "
+            else:  # a network share, mostly
+                why = f"no file can be locked in {directory} ({(error.strerror or str(error)).lower()})"
+                cure = ""
+            raise StateError(f"{why}; {cure}give another --state") from None
         self._lock = lock
         for reason, path in self._owed:
             self.set_aside(reason, path)

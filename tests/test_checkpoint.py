@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import zlib
 from pathlib import Path
@@ -94,6 +96,18 @@ def test_two_daemons_do_not_share_a_state(tmp_path: Path) -> None:
         Checkpoint(tmp_path, "d")
     first.close()
     Checkpoint(tmp_path, "d").close()
+
+
+def test_a_share_without_locks_is_not_taken_for_another_daemon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with pytest.raises(StateError, match=r"no locks available.*--state") as told:
+        Checkpoint(tmp_path, "d")
+    assert "another imumon" not in str(told.value)
 
 
 def test_directory_that_cannot_be_had_is_one_clear_line_until_it_can(tmp_path: Path) -> None:
