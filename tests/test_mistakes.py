@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
@@ -53,16 +52,15 @@ def test_the_emulator_may_stand_in_the_settings(tmp_path: Path) -> None:
         # the name is asked for as it was given; the daemon cleans it for its keys
         asked = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
         assert imumon(*asked).startswith("my-imu: ")
-        waiting = subprocess.Popen(
-            [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"],
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        time.sleep(1.0)
+        screen, terminal = os.openpty()
+        words = [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"]
+        waiting = subprocess.Popen(words, stderr=terminal)
+        assert b"gyro" in os.read(screen, 4096)  # what the first report lacks, told on a terminal
         daemon.send_signal(signal.SIGTERM)
-        _, said = waiting.communicate(timeout=30)
-        assert waiting.returncode == 3
-        assert "has ended" in said
+        assert waiting.wait(30) == 3
+        assert b"has ended" in os.read(screen, 65536)
+        os.close(screen)
+        os.close(terminal)
 
 
 def test_too_short_a_run_says_so(tmp_path: Path) -> None:
