@@ -180,6 +180,7 @@ class Distribution:
     bias: float | None = None  # mean against what a sensor at rest reads
     bias_low: float | None = None
     bias_high: float | None = None
+    bias_reason: str | None = None  # why there is none where there might be one
     correlation: Mapping[str, float] = field(default_factory=dict)  # with the sensor's other axes
 
 

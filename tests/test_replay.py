@@ -108,7 +108,7 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     """Of known truth: a machine that shakes two axes, mains, a temperature with its effect, three biases."""
     n, rate = 40_000, 40.0
     t, rng = np.arange(n) / rate, np.random.default_rng(8)
-    gyro, accel = rng.normal((1e-3, 0, 0), 4e-4, (n, 3)), rng.normal((0, 0, -9.8), 6e-3, (n, 3))
+    gyro, accel = rng.normal((1e-3, 0, 0), 4e-4, (n, 3)), rng.normal((0.011, 0, -9.787), 6e-3, (n, 3))
     mag = rng.normal((0.2, 0, 0.4), 1e-3, (n, 3))
     degrees = 25.0 + 2.0 * np.sin(2 * np.pi * t / 300.0)
     gyro[:, 1] += 1e-4 * (degrees - 25.0)
@@ -121,6 +121,10 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     shown = "\n".join(signal(from_json(Report, text)))
     bias = channels["gyro/x"]["distribution"]
     assert bias["bias_low"] < 1e-3 < bias["bias_high"]
+    upright = channels["accel/z"]["distribution"]
+    assert upright["bias_low"] < 0.02 < upright["bias_high"]
+    assert channels["accel/x"]["distribution"]["bias"] is None
+    assert f"accel/x{'cannot be told from tilt':>29}" in shown
     drift = channels["gyro/y"]["drift"]
     assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
     assert drift["explained"] > 0.9

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon import units
-from imumon.report import Coefficient, Readable
+from imumon.report import Coefficient, Distribution, Readable
 from imumon.tui import charts, letters, lists, pages, plot, table, words
 from imumon.tui.scene import Scene
 from imumon.tui.words import CELL, Line, Notation
@@ -109,6 +109,17 @@ def test_a_coefficient_never_outgrows_its_column(
 def test_means_and_deviations_fit_their_columns(value: float) -> None:
     assert len(words.signed(value)) < table.COLUMNS["mean"] + 1
     assert len(units.short(abs(value))) < table.COLUMNS["std"]
+
+
+def test_a_bias_stands_beside_the_mean_only_where_it_can_be_known() -> None:
+    shape = Distribution(bias=0.002, bias_low=-0.025, bias_high=0.029)
+    unknown = Distribution(bias_reason="cannot be told from tilt")
+    for told, expected in ((shape, "bias 0.00200 ± 0.027"), (unknown, "bias cannot be told from tilt")):
+        made = reports.report()
+        channels = {**made.channels, "accel/z": replace(made.channels["accel/z"], distribution=told)}
+        scene = replace(SCENE, channel="accel/z", reports={reports.ID: replace(made, channels=channels)})
+        text = "".join(part for part, _ in pages.detail(scene, 150, 12)[0])
+        assert expected in text
 
 
 @pytest.mark.parametrize("ascii", [False, True])

@@ -33,7 +33,7 @@ def signal(made: Report, width: int | None = None) -> list[str]:
     rows = [_row(name, channel) for name, channel in made.channels.items() if channel.mean is not None]
     if not rows:
         return []
-    head = f"{'':<12}{'bias, 95 %':>21}{'last minute':>12}{'std':>10}{'drift per hour':>21}"
+    head = f"{'':<12}{'bias, 95 %':>24}{'last minute':>12}{'std':>10}{'drift per hour':>21}"
     lines = [head, *rows]
     for name, channel in made.channels.items():
         for note in _notes(name, channel):
@@ -48,12 +48,12 @@ def _row(name: str, channel: Channel) -> str:
     shape, drift = channel.distribution, channel.drift
     bias = minute = spread = slope = ""
     if shape is not None:
-        bias = _about(shape.bias, shape.bias_low, shape.bias_high)
+        bias = _about(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
         minute = "" if shape.recent_mean is None else f"{shape.recent_mean:.4e}"
         spread = "" if shape.recent_std is None else f"{shape.recent_std:.2e}"
     if drift is not None:
         slope = _about(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
-    return f"{name:<12}{bias:>21}{minute:>12}{spread:>10}{slope:>21}".rstrip()
+    return f"{name:<12}{bias:>24}{minute:>12}{spread:>10}{slope:>21}".rstrip()
 
 
 def _about(value: float | None, low: float | None, high: float | None) -> str:

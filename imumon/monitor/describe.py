@@ -27,6 +27,15 @@ from imumon.noise.signal.strip import Strip as Strips
 from imumon.samples import UNITS, Floats, sensor_of
 from imumon.units import HOUR, READABLE, SI, STANDARD_GRAVITY
 
+VERTICAL = 0.95
+"""Share of gravity that an axis must carry for the length of the vector to say something of its bias."""
+
+GRAVITY_SPREAD = 0.027
+"""m/s^2 by which gravity at sea level differs from the standard one at most, equator and poles."""
+
+OTHER_BIAS = 0.05
+"""m/s^2 that the axes beside the vertical one are taken to be wrong by at most: 5 mg."""
+
 BINS_SHOWN = 64
 POINTS_A_DECADE = 24
 
@@ -145,7 +154,6 @@ def distribution(
     axes: Sequence[str],
     shape: Shape | None,
     recent: tuple[float, float],
-    bias: tuple[float, float, float] | None,
     covariance: Floats | None,
 ) -> report.Distribution:
     """Shape of a channel's values, beside its last minute and the sensor's other axes.
@@ -154,7 +162,6 @@ def distribution(
     ----------
     axes : channels of the sensor, in the order of `covariance`, (a, a) (channel unit)^2.
     recent : channel unit, mean and deviation of the last minute; NaN where unknown.
-    bias : channel unit, mean against rest with its 95 % limits.
     """
     return report.Distribution(
         verdict=shape.verdict if shape else None,
@@ -162,39 +169,46 @@ def distribution(
         modes=shape.modes if shape else (),
         recent_mean=number(recent[0]),
         recent_std=number(recent[1]),
-        bias=bias[0] if bias else None,
-        bias_low=bias[1] if bias else None,
-        bias_high=bias[2] if bias else None,
         correlation=correlations(channel, axes, covariance),
     )
 
 
-def bias(
-    name: str, running: MomentsResult, channels: Sequence[str], fit: ChannelFit | None, length_s: float
-) -> tuple[float, float, float] | None:
-    """Mean of a channel against what a sensor at rest reads, with 95 % limits, channel unit.
+def with_bias(
+    shape: report.Distribution,
+    name: str,
+    running: MomentsResult,
+    channels: Sequence[str],
+    fit: ChannelFit | None,
+    length_s: float,
+) -> report.Distribution:
+    """The same with the mean against what a sensor at rest reads, and its 95 % limits.
 
     A gyroscope at rest reads zero (the Earth turns at 7e-5 rad/s). Of an accelerometer only the length of
-    the vector is known, that of gravity: its excess is shared out along the vector. The limits are those of a
-    mean over the record against the noise of as long a time: the Allan deviation at its whole length.
+    the vector is known, that of gravity, and its excess speaks for the direction of gravity alone: across it
+    a bias looks as a tilt does. So only an axis that is nearly vertical has one, as far as the gravity of the
+    place and the other axes' biases, of which it sees the sine of its tilt, leave it known. The limits are
+    those of a mean over the record against the noise of as long a time, the Allan deviation at its whole
+    length, with what is not known added to them.
     """
     mean = running.channels[channels.index(name)].mean
     wander = None if fit is None else Wander.of(fit)
-    if mean is None or wander is None or length_s <= 0.0:
-        return None
-    sensor = sensor_of(name)
+    sensor, unknown = sensor_of(name), 0.0
+    if mean is None or wander is None or length_s <= 0.0 or sensor not in ("gyro", "accel"):
+        return shape
     if sensor == "accel":
         axes = [running.channels[channels.index(c)].mean for c in channels if sensor_of(c) == sensor]
         length = math.hypot(*(a for a in axes if a is not None))
         if len(axes) < 3 or None in axes or not 0.5 < length / STANDARD_GRAVITY < 2.0:
-            return None
-        mean *= 1.0 - STANDARD_GRAVITY / length
-    elif sensor != "gyro":
-        return None
+            return shape
+        upright = mean / length
+        if abs(upright) < VERTICAL:
+            return replace(shape, bias_reason="cannot be told from tilt")
+        mean = (length - STANDARD_GRAVITY) / upright
+        unknown = GRAVITY_SPREAD + OTHER_BIAS * math.sqrt(1.0 - upright**2)
     flicker = 2.0 * math.log(2.0) / math.pi
     variance = wander.N**2 / length_s + flicker * wander.B**2 + wander.K**2 * length_s / 3.0
-    half = 1.96 * math.sqrt(variance)
-    return mean, mean - half, mean + half
+    half = 1.96 * math.sqrt(variance) + unknown
+    return replace(shape, bias=mean, bias_low=mean - half, bias_high=mean + half)
 
 
 def drift(sensor: str, trend: Trend | None, steady: ChannelFit | None) -> report.Drift | None:

@@ -108,16 +108,16 @@ def channels(
     for column, name in enumerate(record.channels):
         fit = fits.get(name)
         axes = [other for other in record.channels if sensor_of(other) == sensor_of(name)]
+        shape = describe.distribution(
+            name,
+            axes,
+            findings.shapes[column],
+            (float(recent.mean[column]), float(recent.std[column])),
+            running.covariance[record.groups[column]],
+        )
         made = replace(
             describe.running(findings.channels[name], running.channels[column]),
-            distribution=describe.distribution(
-                name,
-                axes,
-                findings.shapes[column],
-                (float(recent.mean[column]), float(recent.std[column])),
-                describe.bias(name, running, record.channels, fit, record.elapsed_s),
-                running.covariance[record.groups[column]],
-            ),
+            distribution=describe.with_bias(shape, name, running, record.channels, fit, record.elapsed_s),
         )
         if made.grade is not None and hindered:
             made = replace(made, grade=ChannelGrade())

@@ -217,10 +217,17 @@ def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> lis
         return [[("   no value yet", "faint")]]
     shape = channel.distribution
     mean: Line = [("   mean ", "muted"), (signed(channel.mean * factor, 5), "text")]
+    parts: list[Line] = [mean]
     if shape is not None and shape.bias_low is not None and shape.bias_high is not None:
         half = 0.5 * (shape.bias_high - shape.bias_low) * factor
-        mean.append((f" {notation.about} {number(half, 2)}", "text"))
-    parts: list[Line] = [[*mean, (f" {unit}", "muted")]]
+        about = (f" {notation.about} {number(half, 2)}", "text")
+        if shape.bias is not None and shape.bias != channel.mean:  # of a sensor whose rest is not zero
+            parts.append([("   bias ", "muted"), (signed(shape.bias * factor, 3), "text"), about])
+        else:
+            mean.append(about)
+    elif shape is not None and shape.bias_reason:
+        parts.append([("   bias ", "muted"), (shape.bias_reason, "faint")])
+    mean.append((f" {unit}", "muted"))
     if channel.last is not None:
         parts.append([("   now ", "muted"), (signed(channel.last * factor, 5), "text")])
     if channel.min is not None and channel.max is not None:
