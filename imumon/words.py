@@ -7,10 +7,11 @@ what to do about it. Unknown words, of a newer program, stand for themselves.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from imumon.report import Coefficient, Report
+from imumon.samples import sensor_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +99,11 @@ CAVEATS: Mapping[str, Meaning] = {
         "the same samples over and over: replayed, not measured",
         "The same samples come over and over: replayed, not measured. They count once; no grade is given.",
     ),
+    "disturbed": Meaning(
+        "more than a tenth of the record was cut out: knocks or motion",
+        "More than a tenth of the record was cut out as disturbed (knocks, motion): the numbers are of what "
+        "is left. Put the sensor where nothing touches or moves it.",
+    ),
     "saturated": Meaning("a range was exceeded", "A range was exceeded."),
     "quantised": Meaning(
         "the resolution of the values shows in the curve",
@@ -134,6 +140,44 @@ def line(caveat: str) -> str:
     """
     known = CAVEATS.get(caveat)
     return known.line if known is not None else caveat.replace("_", " ")
+
+
+FILTER_NOT_KNOWN = "filter not known"
+
+
+def filter_not_known(report: Report) -> str | None:
+    """Warning of point samples of a sensor that nobody could ask for its filter; None elsewhere."""
+    device, rate = report.device, report.device.sample_rate_hz
+    if device.alias_factor is not None or device.stream not in ("compensated", "uncompensated"):
+        return None
+    here = f", here {(200.0 / rate) ** 0.5:.2f}" if rate is not None and rate < 200.0 else ""
+    return (
+        "Nobody could ask the sensor for its filter. With that of a VN-100 as it leaves the factory, "
+        f"N of point samples below 200 Hz is too high by √(200 Hz / rate){here}."
+    )
+
+
+def cut_by(report: Report) -> tuple[dict[str, float], float]:
+    """Seconds cut out by reason, which add up to `excluded_s`, and those of the magnetometer alone.
+
+    Where there are inertial sensors, what hits the magnetometer alone is no part of that sum.
+    """
+    by = dict(report.session.excluded_by)
+    inertial = any(sensor_of(name) in ("gyro", "accel") for name in report.channels)
+    alone = by.pop("magnetic", 0.0) if inertial else 0.0
+    return by, alone
+
+
+def cut_out(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
+    """What was cut out as disturbed, with seconds told by `text`; nothing where nothing was."""
+    by, alone = cut_by(report)
+    whole = report.session.excluded_s
+    reasons = ", ".join(f"{why} {text(seconds)}" for why, seconds in by.items())
+    parts = (
+        f"{text(whole)}{f' ({reasons})' if reasons else ''}" if whole else "",
+        f"{text(alone)} of the magnetometer alone" if alone else "",
+    )
+    return tuple(part for part in parts if part)
 
 
 def caveats(report: Report) -> dict[str, list[str]]:

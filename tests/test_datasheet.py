@@ -370,3 +370,35 @@ def test_the_table_says_what_its_caveats_mean_and_counts_in_the_singular() -> No
     assert "caveat aliased: the sensor's own filter folds noise" in said
     assert "caveat vibration (accel y): something vibrates" in said
     assert "1 disturbance," in said
+
+
+@pytest.mark.parametrize(
+    "form", ["text", "kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins", "md", "html"]
+)
+def test_every_form_warns_where_nobody_could_ask_for_the_filter(form: str) -> None:
+    """Of a stream that was only listened to, N is too high by a factor that depends on its rate."""
+    made = report(200.0)
+
+    def shown(**known: object) -> str:
+        told = replace(made, caveats=(), device=replace(made.device, **known))  # type: ignore[arg-type]
+        return table(told) if form == "text" else text(told, form)
+
+    heard = shown(alias_factor=None, stream="compensated", sample_rate_hz=40.0)
+    assert "filter not known" in heard
+    assert "here 2.24" in heard
+    assert "filter not known" not in shown(alias_factor=1.0, stream="compensated", sample_rate_hz=40.0)
+    assert "filter not known" not in shown(alias_factor=None, stream="deltas", sample_rate_hz=40.0)
+
+
+def test_what_was_cut_out_adds_up() -> None:
+    """What hits the magnetometer alone is no part of the seconds that were cut out of all."""
+    made = report()
+
+    def line(seconds: float, **by: float) -> str:
+        session = replace(made.session, disturbances=1, excluded_s=seconds, excluded_by=by)
+        return table(replace(made, session=session)).splitlines()[2]
+
+    assert line(0.0, magnetic=6.5) == "1 disturbance, cut out 6.5 s of the magnetometer alone"
+    assert line(5.0, knock=5.0) == "1 disturbance, cut out 5.0 s (knock 5.0 s)"
+    both = "1 disturbance, cut out 5.0 s (knock 5.0 s) and 6.5 s of the magnetometer alone"
+    assert line(5.0, knock=5.0, magnetic=6.5) == both

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import reports
 
 from imumon import words
+from imumon.monitor import verdict
+from imumon.monitor.record import Record
 from imumon.words import CAVEATS
 
 
@@ -21,3 +26,28 @@ def test_caveats_of_the_whole_record_name_no_channel() -> None:
     aliased, vibration = words.told(made)
     assert aliased == CAVEATS["aliased"].line
     assert vibration == f"accel y: {CAVEATS['vibration'].line}"
+
+
+def test_every_word_of_the_code_has_its_meaning() -> None:
+    everything = SimpleNamespace(
+        at_rest=False,
+        excluded_share=1.0,
+        excluded_by={"clipped": 1.0},
+        missing_share=1.0,
+        warming=lambda: True,
+    )
+    for repeating in ("stuck", "loop"):
+        everything.repeating = repeating
+        assert set(verdict.caveats(cast(Record, everything), guarded=True)) <= set(CAVEATS)
+    of_a_fit = {
+        "misfit",
+        "quantised",
+        "correlated",
+        "vibration",
+        "ramp",
+        "constant",
+        "changed",
+        "temperature",
+    }
+    of_a_stream = {"compensated", "unknown_compensation", "aliased", "truncated"}
+    assert of_a_fit | of_a_stream <= set(CAVEATS)

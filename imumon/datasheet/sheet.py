@@ -17,7 +17,7 @@ from imumon.datasheet.text import coefficient
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import AXES
 from imumon.units import READABLE, counted, duration, figures, pretty
-from imumon.words import CAVEATS, CLOCKS, caveats, within
+from imumon.words import CAVEATS, CLOCKS, FILTER_NOT_KNOWN, caveats, cut_out, filter_not_known, within
 
 SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 COEFFICIENT_NAMES = {
@@ -101,14 +101,8 @@ def _warnings(made: Report) -> Iterator[Block]:
             text = f"By a factor of {made.device.alias_factor:.2f}, nominally. {text}"
         where = f" ({', '.join(channels)})" if channels else ""
         yield Warned(f"{word.replace('_', ' ')}{where}", text)
-    rate = made.device.sample_rate_hz
-    if made.device.alias_factor is None and made.device.stream in ("compensated", "uncompensated"):
-        slow = f", here {(200.0 / rate) ** 0.5:.2f}" if rate is not None and rate < 200.0 else ""
-        yield Warned(
-            "filter not known",
-            "Nobody could ask the sensor for its filter. With that of a VN-100 as it leaves the factory, "
-            f"N of point samples below 200 Hz is too high by √(200 Hz / rate){slow}.",
-        )
+    if (warning := filter_not_known(made)) is not None:
+        yield Warned(FILTER_NOT_KNOWN, warning)
 
 
 # ---------------------------------------------------------------- the numbers
@@ -249,8 +243,8 @@ def _grades(made: Report) -> Iterator[Block]:
 
 def _record(made: Report) -> Iterator[Block]:
     device, session = made.device, made.session
+    left_out = cut_out(made, _seconds)
     share = session.missing / (session.samples + session.missing) if session.samples else 0.0
-    reasons = ", ".join(f"{why} {_seconds(s)}" for why, s in session.excluded_by.items())
     rows = [
         ("Stream", " ".join(part for part in (device.stream, device.source) if part) or "not known"),
         ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "not known"),
@@ -270,10 +264,7 @@ def _record(made: Report) -> Iterator[Block]:
         ),
         (
             "Left out as disturbed",
-            f"{_seconds(session.excluded_s)} in "
-            f"{counted(session.disturbances, 'piece')}{f': {reasons}' if reasons else ''}"
-            if session.excluded_s
-            else "nothing",
+            f"{', '.join(left_out)}; in {counted(session.disturbances, 'piece')}" if left_out else "nothing",
         ),
         ("Left out as warm-up", _seconds(session.warmup_s)),
         (

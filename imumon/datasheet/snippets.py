@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from imumon.report import Coefficient, Report
 from imumon.samples import AXES
 from imumon.units import duration
+from imumon.words import FILTER_NOT_KNOWN, filter_not_known
 
 NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
 WORDS = {"N": "white noise density", "K": "random walk of the bias"}
@@ -102,6 +103,8 @@ def head(made: Report) -> list[str]:
     if "aliased" in words:
         by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
         lines.append(f"WARNING: aliased: N is too high{by}. Right for this very stream, wrong for the sensor")
+    if (warning := filter_not_known(made)) is not None:
+        lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
     if "compensated" in words:
         lines.append("WARNING: compensated: K describes the sensor's own filter, not the gyroscope")
     if "not_at_rest" in words:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 from imumon.units import counted, duration, figures, measured, pretty
-from imumon.words import caveats, joined, lacking, line, within
+from imumon.words import FILTER_NOT_KNOWN, caveats, cut_out, filter_not_known, joined, lacking, line, within
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +90,10 @@ def _head(made: Report) -> list[str]:
         f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, 'bad checksum')}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
-    if session.disturbances or session.excluded_s:
-        reasons = ", ".join(f"{why} {seconds:.1f} s" for why, seconds in session.excluded_by.items())
-        lines.append(
-            f"{counted(session.disturbances, 'disturbance')}, {session.excluded_s:.1f} s cut out"
-            + (f" ({reasons})" if reasons else "")
-        )
+    left_out = cut_out(made, lambda seconds: f"{seconds:.1f} s")
+    if session.disturbances or left_out:
+        cut = f"cut out {' and '.join(left_out)}" if left_out else "nothing cut out"
+        lines.append(f"{counted(session.disturbances, 'disturbance')}, {cut}")
     if session.warmup_s:
         lines.append(f"warm-up of {duration(session.warmup_s)} cut out")
     return lines
@@ -159,7 +157,9 @@ def _grades(made: Report) -> list[str]:
 def _caveats(made: Report) -> list[str]:
     """Each caveat by its word, with the channels it holds for and what it means."""
     noisy = sum(1 for channel in made.channels.values() if channel.allan is not None)
-    return [
+    lines = [
         f"caveat {word}{f' ({joined(names)})' if 0 < len(names) < noisy else ''}: {line(word)}"
         for word, names in caveats(made).items()
     ]
+    warning = filter_not_known(made)
+    return lines if warning is None else [*lines, f"{FILTER_NOT_KNOWN}: {warning}"]

@@ -11,7 +11,7 @@ from imumon.tui.scene import Scene
 from imumon.tui.table import GRADED
 from imumon.tui.words import Line, about, clock, fitted, length, padded, wrap
 from imumon.units import number
-from imumon.words import CLOCKS, told
+from imumon.words import CLOCKS, cut_by, told
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
@@ -125,11 +125,13 @@ def _link(report: Report) -> list[Line]:
 
 def _left_out(report: Report) -> list[Line]:
     s = report.session
+    by, alone = cut_by(report)
     return [
         _title("Cut out"),
         _pair("disturbances", f"{s.disturbances:,}"),
         _pair("excluded", clock(s.excluded_s)),
-        *(_pair(f"  by {reason}", clock(seconds)) for reason, seconds in s.excluded_by.items()),
+        *(_pair(f"  by {reason}", clock(seconds)) for reason, seconds in by.items()),
+        *([_pair("magnetometer alone", clock(alone))] if alone else []),
         _pair("warm-up", clock(s.warmup_s)),
     ]
 
