@@ -108,7 +108,7 @@ def test_provisional_while_an_interval_or_a_pending_one_can_change_it():
     half = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": PENDING}})
     assert half.provisional
     assert half.nearest == "industrial"
-    assert half.reason == "1 of 2 coefficients are pending"
+    assert half.reason == "1 of 2 coefficients is pending"
 
 
 def test_nothing_known_is_none_with_a_reason():

@@ -171,7 +171,8 @@ def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate | None]])
     reason = None
     loose = [item for item in known if GRADES.index(item.nearest) > GRADES.index(decides.nearest)]
     if pending:
-        reason = f"{pending} of {pending + len(known)} coefficients are pending"
+        verb = "is" if pending == 1 else "are"
+        reason = f"{pending} of {pending + len(known)} coefficients {verb} pending"
     elif loose:
         bound = _worst(loose)
         reason = f"{bound.coefficient} of {bound.axis} is only bounded: it may still be {bound.nearest}"
