@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import re
 import signal
@@ -14,11 +15,13 @@ import pytest
 from commands import imumon
 from daemons import Daemon
 
+from imumon.config import Record
+from imumon.daemon.tape import Tape
 from imumon.emulator import EmulatorSettings, spawn
 from imumon.replay import Replay, replay
 from imumon.report import Report, from_json
 from imumon.sources import Recording, SourceError, check_place
-from imumon.sources.recording import MARK, Lost, _split
+from imumon.sources.recording import BACKLOG, MARK, Lost, _split
 
 CONFIG = """
 [record]
@@ -154,6 +157,39 @@ def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) 
     kept = replay(Replay(path=str(path)))
     assert 50 < kept.session.samples < live.session.samples
     assert path.stat().st_size <= 8_000
+
+
+def slow_disk(tmp_path: Path) -> tuple[Tape, int]:
+    """A recording to a pipe that is never read, with more than it holds; and the pipe."""
+    fifo = tmp_path / "slow"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    tape = Tape(Record(file=str(fifo)))
+    tape.begin({})
+    tape.take(bytes(200_000))
+    return tape, reader
+
+
+def test_what_an_earlier_record_still_had_to_write_is_told_at_the_end(tmp_path: Path) -> None:
+    tape, reader = slow_disk(tmp_path)
+    tape.begin_anew()
+    assert tape.waits
+    assert tape.complaints() == []
+    tape.close(wait_s=0.1)
+    (said,) = tape.complaints()
+    assert "200000 bytes did not reach it" in said
+    assert tape.complaints() == []
+    os.close(reader)
+
+
+def test_a_recording_that_has_stopped_is_told_and_not_begun_anew(tmp_path: Path) -> None:
+    tape, reader = slow_disk(tmp_path)
+    tape.take(bytes(BACKLOG + 1))
+    tape.begin_anew()
+    assert not tape.waits
+    (said,) = tape.complaints()
+    assert "has ended" in said
+    os.close(reader)
 
 
 def test_a_path_that_is_plainly_wrong_is_refused_at_the_start(tmp_path: Path) -> None:

@@ -372,8 +372,8 @@ class Daemon:
             )
             self._bus.event(event)
             self.log.say(found.text, _level(found.kind), found.kind)
-        if complaint := self._tape.complaint():
-            self._tell("recording", complaint, "error")
+        for lack in self._tape.complaints():
+            self._tell("recording", lack, "error")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
             self._tell("state", complaint, self._keeping.level)
         self._notifier.status(_status(made))
@@ -456,8 +456,8 @@ class Daemon:
                 self.log.say(complaint, self._keeping.level)
         self._put_back()
         self._tape.close()
-        if complaint := self._tape.complaint():
-            self.log.say(complaint, "error")
+        for lack in self._tape.complaints():
+            self.log.say(lack, "error")
         if self._bus is not None:
             self._bus.close()
         return final

@@ -32,7 +32,8 @@ class Tape:
         self._wanted = wanted
         self._early = bytearray()
         self._recorder: Recorder | None = None
-        self._complaint: str | None = None
+        self._ending: list[Recorder] = []  # of earlier records, which may still write what waited
+        self._complaints: list[str] = []
         self.waits = bool(wanted.file)
 
     def check(self) -> None:
@@ -66,7 +67,7 @@ class Tape:
                 self._wanted.file, header, rotate_bytes=rotate, compress=self._wanted.gzip
             )
         except SourceError as error:
-            self._complaint = str(error)
+            self._complaints.append(str(error))
             return
         self._recorder.write(early)
 
@@ -76,19 +77,28 @@ class Tape:
             self._recorder.lost(away_s)
 
     def begin_anew(self) -> None:
-        """What comes now belongs to another record: it goes to a recording of its own."""
-        if self._recorder is not None:
-            self._recorder.close(wait_s=0.0)
+        """What comes now belongs to another record: it goes to a recording of its own, if one goes on."""
+        if self._recorder is not None and self._recorder.stopped is None:
+            self._recorder.end()
+            self._ending.append(self._recorder)
             self._recorder, self.waits = None, True
 
-    def complaint(self) -> str | None:
-        """Why nothing is recorded any more, once."""
+    def complaints(self) -> list[str]:
+        """Why something is not recorded, each once."""
         if self._recorder is not None and self._recorder.stopped is not None:
-            self._complaint, self._recorder = self._recorder.stopped, None
-        said, self._complaint = self._complaint, None
+            self._complaints.append(self._recorder.stopped)
+            self._recorder = None
+        for old in tuple(self._ending):
+            ended = old.ended  # asked first: it may stop meanwhile
+            if old.stopped is not None:
+                self._complaints.append(old.stopped)
+            if ended or old.stopped is not None:
+                self._ending.remove(old)
+        said, self._complaints = self._complaints, []
         return said
 
-    def close(self) -> None:
-        """Write what waits."""
-        if self._recorder is not None:
-            self._recorder.close()
+    def close(self, wait_s: float = 10.0) -> None:
+        """Write what waits, that of earlier records too, and wait so long for each."""
+        for recorder in (*self._ending, self._recorder):
+            if recorder is not None:
+                recorder.close(wait_s)

@@ -315,7 +315,7 @@ class Recorder:
         self.written_bytes = 0
         self.stopped: str | None = None
         self._backlog: deque[bytes] = deque()
-        self._waiting = 0
+        self._waiting = self._taken = 0
         self._changed = threading.Condition()
         self._closing = False
         try:
@@ -335,18 +335,30 @@ class Recorder:
                 return
             self._backlog.append(data)
             self._waiting += len(data)
+            self._taken += len(data)
             self._changed.notify()
 
     def lost(self, away_s: float | None) -> None:
         """Note that the link was lost and found again; see `Lost`."""
         self.write(MARK + json.dumps({"away_s": away_s}).encode() + b"\n")
 
-    def close(self, wait_s: float = 10.0) -> None:
-        """End the recording, and wait so long until what waits is written."""
+    def end(self) -> None:
+        """Nothing comes any more: what waits is written, and the file closed, while others go on."""
         with self._changed:
             self._closing = True
             self._changed.notify()
+
+    @property
+    def ended(self) -> bool:
+        """Whether all is done."""
+        return not self._thread.is_alive()
+
+    def close(self, wait_s: float = 10.0) -> None:
+        """End the recording, and wait so long until what waits is written; `stopped` says what was not."""
+        self.end()
         self._thread.join(timeout=wait_s)
+        if not self.ended:
+            self._stop(f"the disk is too slow, {self._taken - self.written_bytes} bytes did not reach it")
 
     def _begin_part(self) -> None:
         """Open the next file whose name is free; a pipe or a device is used as it is."""
