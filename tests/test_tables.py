@@ -6,6 +6,7 @@ import gzip
 import json
 import tracemalloc
 from collections.abc import Callable, Iterable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from commands import imumon
 
 from imumon.replay import Replay, open_samples, replay
 from imumon.samples import SampleBlock
-from imumon.sources import SourceError
+from imumon.sources import SourceError, Wanted, open_file
+from imumon.sources.csv import Csv
 from imumon.sources.names import understood
 from imumon.sources.stamps import Late, interval_of
 
@@ -237,10 +239,11 @@ ROWS = [f"{k / 100},0.001,0.002,{k % 7}e-4,0.1,0.2,-9.8" for k in range(200)]
         (HEAD + "\n".join(row.replace("-9.8", "-1.0") for row in ROWS), ("[g]",)),
         (HEAD + "\n".join(row.replace("0.001", "150.0") for row in ROWS), ("[deg/s]",)),
         (HEAD + "\n".join("1.0" + row[row.index(",") :] for row in ROWS), ("stands still",)),
+        (HEAD + "\n".join("noon" + row[row.index(",") :] for row in ROWS), ("'noon'", "--rate", "--map")),
         (HEAD, ("no row",)),
         ("", ("empty",)),
     ],
-    ids=["word", "short", "axes", "near", "unit", "g", "deg", "time", "rows", "empty"],
+    ids=["word", "short", "axes", "near", "unit", "g", "deg", "time", "noon", "rows", "empty"],
 )
 def test_a_bad_file_is_one_clear_line(tmp_path: Path, text: str, says: tuple[str, ...]) -> None:
     path = tmp_path / "bad.csv"
@@ -249,6 +252,39 @@ def test_a_bad_file_is_one_clear_line(tmp_path: Path, text: str, says: tuple[str
     assert "bad.csv" in told
     for word in says:
         assert word in told
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["%Y-%m-%dT%H:%M:%S.%fZ", "%Y-%m-%d %H:%M:%S.%f", "%H:%M:%S.%f", '"%H:%M:%S,%f"'],
+    ids=["iso", "blank", "day", "comma"],
+)
+def test_times_may_be_written_as_people_read_them(tmp_path: Path, form: str) -> None:
+    begun, path = datetime(2026, 1, 31, 23, 59, 59), tmp_path / "a.csv"
+    rows = [
+        f"{begun + timedelta(seconds=k / 100):{form}}{row[row.index(',') :]}" for k, row in enumerate(ROWS)
+    ]
+    path.write_text(HEAD + "\n".join([*rows[:120], *rows[121:]]) + "\n")  # past midnight, one is lost
+    found = read(path)
+    assert found.time_ns is not None
+    assert found.time_ns.tolist() == [10_000_000 * k for k in range(200) if k != 120]
+
+
+def test_a_sensor_without_numbers_is_left_out_with_a_remark(tmp_path: Path) -> None:
+    path = tmp_path / "half.csv"
+    path.write_text(HEAD + "\n".join(row.replace(",0.1,", ",nan,") for row in ROWS))
+    done = imumon("replay", path, "--json")
+    assert set(json.loads(done)["channels"]) == {"gyro/x", "gyro/y", "gyro/z"}
+    file = open_file(str(path), Wanted())
+    assert isinstance(file, Csv)
+    assert sum(len(block) for some in file for block in some) == len(ROWS)
+    assert [text for text in file.remarks if "ax holds no numbers: accel is left out" in text]
+
+
+def test_utf_16_is_one_clear_line(tmp_path: Path) -> None:
+    path = tmp_path / "wide.csv"
+    path.write_text(HEAD + "\n".join(ROWS), encoding="utf-16")
+    assert "UTF-16" in imumon("replay", path, code=1)
 
 
 @pytest.mark.parametrize(

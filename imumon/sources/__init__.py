@@ -5,6 +5,7 @@ recording   raw bytes kept on disk, and read back
 header      what such a recording says of itself
 columns     which column of a table is which channel
 table       rows of numbers as samples
+dates       times that are written as people read them
 csv         CSV, in pieces
 archive     NumPy archives
 bag         ROS bags

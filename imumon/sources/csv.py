@@ -3,6 +3,7 @@
 The header line tells separator and columns, a row of units below it their units; what stands before it is
 passed over, and so are comments and headers that come again. A row that lacks a number is a lost sample, and
 so is one that is no row: they are counted and the first is named; a file that is full of them is no table.
+A time may be written as a date or a time of day.
 Memory does not grow with the length.
 """
 
@@ -10,13 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from imumon.samples import Floats, SampleBlock
-from imumon.sources.columns import layout
+from imumon.sources.columns import BY_HAND, Layout, layout
+from imumon.sources.dates import Dates
 from imumon.sources.errors import SourceError
 from imumon.sources.names import UNITS, spelled
 from imumon.sources.recording import Recording
@@ -54,6 +57,7 @@ class Csv:
         self.fed = 0
         self.bad_checksums = 0
         self._reader: _Reader | None = None
+        self._dates: dict[int, Dates] = {}  # by column, of those that hold no numbers
         self._rows: Rows | None = None
 
     @property
@@ -72,7 +76,7 @@ class Csv:
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         lines = self._lines()
         head, separator, rows, first, number = self._head(lines)
-        self._reader = reader = _Reader(self.path, head, separator, rows.columns)
+        self._reader = reader = _Reader(self.path, head, separator, rows.columns, self._dates)
         self._rows = rows
         gathered: list[str] = []
         before = number - len(first)
@@ -123,8 +127,35 @@ class Csv:
             found = layout(names, self._wanted.kind, self._wanted.given)
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
+        found = self._timed(found, seen[begin:], separator)
         rows = Rows(self.path, found, "csv", self._wanted.rate_hz)
         return seen[names_at], separator, rows, seen[begin:], len(seen)
+
+    def _timed(self, found: Layout, lines: Sequence[str], separator: str | None) -> Layout:
+        """The columns without the times that cannot be read; dates are noted, and count in seconds.
+
+        Raises
+        ------
+        SourceError : none of the times can be read.
+        """
+        cells = [split(line, separator) for line in lines if line.strip() and line.lstrip()[0] not in "#%"]
+        times, strange = [], ""
+        for column in found.times:
+            told = [row[column.index] for row in cells if len(row) > column.index]
+            told = [text for text in told if text.lower() not in MISSING]
+            if not told or any(_is_number(text.replace(",", ".")) for text in told):
+                times.append(column)
+            elif any(_is_date(text) for text in told):
+                self._dates[column.index] = Dates()
+                times.append(replace(column, unit="s"))
+            else:
+                strange = strange or f"the time in {column.name} cannot be read, {told[0][:30]!r}"
+        if strange and not times:
+            raise SourceError(
+                f"{self.path}: {strange}: write numbers or 2026-01-31T12:00:00.000, "
+                f"or leave it out with {BY_HAND} and --rate"
+            )
+        return replace(found, times=tuple(times))
 
     def _headless(self, seen: list[str]) -> tuple[str, str | None, Rows, list[str], int]:
         """Numbers from the first line on: columns by their number, if the user names them."""
@@ -144,6 +175,7 @@ class Csv:
             found = layout(names, self._wanted.kind, self._wanted.given)
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
+        found = self._timed(found, seen[start:], separator)
         return "", separator, Rows(self.path, found, "csv", self._wanted.rate_hz), seen[start:], len(seen)
 
     def verdict(self) -> str:
@@ -214,16 +246,36 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def _is_date(text: str) -> bool:
+    try:
+        Dates().seconds(text)
+    except ValueError:
+        return False
+    return True
+
+
 class _Reader:
     """Lines to numbers.
+
+    Parameters
+    ----------
+    dates : what reads the columns that hold no numbers.
 
     Attributes
     ----------
     read, spoilt : rows so far, and how many of them were no rows of numbers.
     """
 
-    def __init__(self, path: str, head: str, separator: str | None, columns: Sequence[int]) -> None:
+    def __init__(
+        self,
+        path: str,
+        head: str,
+        separator: str | None,
+        columns: Sequence[int],
+        dates: Mapping[int, Dates],
+    ) -> None:
         self._path, self._head, self._separator, self._columns = path, head, separator, list(columns)
+        self._dates = dates
         self.read = self.spoilt = 0
         self._first = ""  # of the spoilt rows, and what is wrong with it
 
@@ -251,6 +303,8 @@ class _Reader:
                     ndmin=2,
                     comments=None,
                     quotechar='"',
+                    converters={column: read.seconds for column, read in self._dates.items()} or None,
+                    encoding="utf-8",
                 ),
                 dtype=np.float64,
             )
@@ -294,6 +348,6 @@ class _Reader:
         if text.lower() in MISSING:
             return math.nan
         try:
-            return float(text)
+            return self._dates[column].seconds(text) if column in self._dates else float(text)
         except ValueError:
             raise ValueError(f"column {column + 1}: {text[:30]!r} is no number") from None

@@ -32,6 +32,8 @@ def open_file(path: str, wanted: Wanted) -> File:
     if head.startswith(b"PK\x03\x04") and path.endswith(".npz"):
         return Archive(path, wanted)
     recording = Recording(path)
+    if recording.head[:2] in (b"\xff\xfe", b"\xfe\xff") and recording.head[:200].count(0) > 50:
+        raise SourceError(f"{path} is text in UTF-16: save it as UTF-8")
     return Csv(recording, wanted) if is_csv(path, recording.head, wanted) else recording
 
 

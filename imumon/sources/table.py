@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.samples import Clock, Floats, Ints, Kind, SampleBlock, Stream
+from imumon.samples import Clock, Floats, Ints, Kind, SampleBlock, Stream, sensor_of
 from imumon.sources.columns import Layout
 from imumon.sources.errors import SourceError
 from imumon.sources.names import UNITS, Column
@@ -31,6 +31,7 @@ ABSURD = 1e100
 FAR_OFF = 0.02
 """Share by which a rate that was told may miss that of the stamps before it is a remark."""
 
+INERTIAL = {"gyro", "accel"}
 ZERO_CELSIUS = 273.15
 GRAVITY = 9.80665
 
@@ -182,7 +183,12 @@ class Rows:
         found = self._layout
         count = len(found.columns)
         full = np.isfinite(rows).mean(axis=0) if len(rows) else np.zeros(rows.shape[1])
-        keep = [k for k, name in enumerate(found.channels) if name[:4] in ("gyro", "acce") or full[k] > 0.9]
+        void = self._void(full)
+        keep = [
+            k
+            for k, name in enumerate(found.channels)
+            if (sensor_of(name) not in void if sensor_of(name) in INERTIAL else full[k] > 0.9)
+        ]
         times = [k for k in range(len(found.times)) if full[count + k] > 0.9]
         times = times if found.apart else times[:1]
         interval = [count + len(found.times)] if found.interval is not None else []
@@ -197,6 +203,18 @@ class Rows:
         )
         self._picked = [*keep, *(count + k for k in times), *interval]
         return rows[:, self._picked]
+
+    def _void(self, full: Floats) -> set[str]:
+        """Inertial sensors that lack an axis wholly, and are left out; none where there would be no other."""
+        named = self._layout.channels
+        empty = {sensor_of(name): k for k, name in enumerate(named) if not full[k]}
+        void = {sensor for sensor in empty if sensor in INERTIAL}
+        if void == {sensor_of(name) for name in named} & INERTIAL:
+            return set()
+        for sensor in void:
+            column = self._layout.columns[empty[sensor]].name
+            self.remarks.append(f"{self._path}: {column} holds no numbers: {sensor} is left out")
+        return void
 
     def pick(self, rows: Floats) -> Floats:
         """Later rows without the columns that were left out."""
