@@ -19,6 +19,8 @@ LINES = 4
 """Spectral lines told of a channel."""
 TOGETHER = 0.3
 """Correlation from which two axes are said to move together."""
+CERTAIN = 5.0
+"""Standard errors by which it must differ from none: one is 1 / sqrt(n) of n independent samples."""
 LEAST = 60
 """Cells that a note is broken at, at least."""
 
@@ -30,18 +32,24 @@ def signal(made: Report, width: int | None = None) -> list[str]:
     ----------
     width : cells of the terminal; None: no line is broken.
     """
-    rows = [_row(name, channel) for name, channel in made.channels.items() if channel.mean is not None]
-    if not rows:
-        return []
-    head = f"{'':<12}{'bias, 95 %':>24}{'last minute':>12}{'std':>10}{'drift per hour':>21}"
-    lines = [head, *rows]
+    lines, before = [], ""
     for name, channel in made.channels.items():
-        for note in _notes(name, channel):
+        if channel.mean is not None:
+            lines += [_heading(channel)] if sensor_of(name) != before else []
+            lines.append(_row(name, channel))
+            before = sensor_of(name)
+    for name, channel in made.channels.items() if lines else ():
+        for note in (*_notes(name, channel), *_together(name, made)):
             text = f"{name}: {note}"
             lines += (
                 [text] if width is None else textwrap.wrap(text, max(width, LEAST), subsequent_indent="  ")
             )
     return lines
+
+
+def _heading(channel: Channel) -> str:
+    unit = f"in {pretty(channel.unit)}"
+    return f"{unit:<12}{'bias, 95 %':>24}{'last minute':>12}{'std':>10}{'drift per hour':>21}"
 
 
 def _row(name: str, channel: Channel) -> str:
@@ -95,9 +103,35 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
             f"follows the temperature by {drift.per_degC:.2e}{half} {unit} a degree{share}; "
             f"without that (the table is with it) {steady}"
         )
-    if shape is not None:
-        beside = [f"{other} ({r:+.2f})" for other, r in shape.correlation.items() if abs(r) >= TOGETHER]
-        if beside:
-            yield f"moves together with {', '.join(beside)}"
     for change in channel.changes:
         yield f"{change.quantity} was {change.before:.3g}, is {change.now:.3g} (against the {change.against})"
+
+
+def _together(name: str, made: Report) -> Iterator[str]:
+    """Axes behind this one that it moves together with for certain, so that each pair is told once."""
+    channel, names = made.channels[name], list(made.channels)
+    shape = channel.distribution
+    beside = [
+        f"{other} ({r:+.2f})"
+        for other, r in (shape.correlation.items() if shape is not None else ())
+        if other in names[names.index(name) :]
+        and abs(r) >= TOGETHER
+        and r * r * min(_independent(channel), _independent(made.channels[other])) > CERTAIN**2
+    ]
+    if beside:
+        yield f"moves together with {', '.join(beside)}"
+
+
+def _independent(channel: Channel) -> float:
+    """Samples that would be worth as much if they were independent, for the error of a mean or a correlation.
+
+    The mean of n independent samples has the variance std^2 / n. Of clusters of tau it is sigma^2(tau), of
+    the record of length T, were they independent, sigma^2(tau) tau / T: the worst tau tells how many
+    samples the record is worth. None before there is a curve.
+    """
+    allan, count = channel.allan, channel.count
+    if allan is None or not allan.tau_s or channel.std is None:
+        return 0.0
+    worst = max(sigma**2 * tau for sigma, tau in zip(allan.sigma, allan.tau_s, strict=True))
+    length = count * allan.tau_s[0]
+    return min(channel.std**2 * length / worst, float(count)) if worst > 0.0 else 0.0
