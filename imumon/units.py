@@ -100,25 +100,30 @@ def short(value: float) -> str:
 
 
 def percent(relative: float) -> str:
-    """Relative uncertainty in at most four cells.
+    """Relative uncertainty below a hundred in at most four cells.
 
-    >>> percent(0.0312), percent(1.234), percent(34.2), percent(2000.0)
-    ('0.1%', '1.2%', '34%', '>9x')
+    >>> percent(0.0312), percent(1.234), percent(34.2)
+    ('0.1%', '1.2%', '34%')
     """
-    if relative > 999.0:
-        return ">9x"
     return f"{max(relative, 0.1):.1f}%" if relative < 9.95 else f"{relative:.0f}%"
 
 
-def measured(value: float, low: float | None, high: float | None, about: str = "±") -> str:
-    """Value with the half-width of its limits in percent.
+WIDE = 50.0
+"""Half-width of limits in percent beyond which they are told as a factor: they are skewed, and above 0."""
+
+
+def measured(value: float, low: float | None, high: float | None, about: str = "±", times: str = "×÷") -> str:
+    """Value with the half-width of its limits in percent, or, where they are wide, with their factor.
 
     >>> measured(0.30451, 0.301, 0.308), measured(0.00123, 0.0002, 0.0031), measured(1.2, None, None)
-    ('0.305 ±1.1%', '0.0012 ±118%', '1.20')
+    ('0.305 ±1.1%', '0.0012 ×÷3.9', '1.20')
     """
     if low is None or high is None or value <= 0.0:
         return number(value, 3)
     relative = 50.0 * (high - low) / value
+    if relative > WIDE:
+        factor = math.sqrt(high / low) if low > 0.0 else math.inf
+        return f"{number(value, 2)} {times}{f'{factor:.1f}' if factor < 9.95 else '>9'}"
     digits = 4 if relative < 0.5 else 3 if relative < 10.0 else 2
     return f"{number(value, digits)} {about}{percent(relative)}"
 

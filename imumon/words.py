@@ -142,6 +142,15 @@ def line(caveat: str) -> str:
     return known.line if known is not None else caveat.replace("_", " ")
 
 
+def uncertainty(about: str = "±", times: str = "×÷") -> str:
+    """What the signs beside a coefficient mean, in a line.
+
+    >>> uncertainty()
+    '± half the 95 % interval; ×÷ its factor if wide; < bound'
+    """
+    return f"{about} half the 95 % interval; {times} its factor if wide; < bound"
+
+
 FILTER_NOT_KNOWN = "filter not known"
 
 

@@ -22,10 +22,13 @@ from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
 from imumon.datasheet.sheet import sheet
+from imumon.datasheet.signal import signal
 from imumon.datasheet.snippets import ros, worst
 from imumon.datasheet.text import table
 from imumon.noise.synthesis import synthesise
-from imumon.report import Report, from_json, to_json
+from imumon.report import Readable, Report, from_json, to_json
+from imumon.tui.words import Notation
+from imumon.words import uncertainty
 
 AGES = {"nothing": 0.0, "seconds": 5.0, "minutes": 200.0, "hours": 10801.0, "days": 400000.0}
 
@@ -402,3 +405,46 @@ def test_what_was_cut_out_adds_up() -> None:
     assert line(5.0, knock=5.0) == "1 disturbance, cut out 5.0 s (knock 5.0 s)"
     both = "1 disturbance, cut out 5.0 s (knock 5.0 s) and 6.5 s of the magnetometer alone"
     assert line(5.0, knock=5.0, magnetic=6.5) == both
+
+
+def test_axes_move_together_only_where_chance_does_not_explain_it() -> None:
+    """Four samples, or two random walks, correlate by chance; a pair is told once."""
+
+    def said(first: float, alike: str) -> list[str]:
+        made = report(first)
+        channels = dict(made.channels)
+        for name, other in (("gyro/x", "gyro/y"), ("gyro/y", "gyro/x")):
+            shape, allan = channels[name].distribution, channels[name].allan
+            assert shape is not None
+            assert allan is not None
+            if alike == "walk":
+                allan = replace(allan, sigma=tuple(0.3 * (t / allan.tau_s[-1]) ** 0.5 for t in allan.tau_s))
+            wide = {"allan": allan, "std": 0.3 if alike == "walk" else channels[name].std}
+            channels[name] = replace(
+                channels[name],
+                distribution=replace(shape, correlation={other: 0.76}),
+                **wide,  # type: ignore[arg-type]
+            )
+        if alike == "few":
+            channels = {name: replace(channel, count=4) for name, channel in channels.items()}
+        lines = signal(replace(made, channels=channels))
+        return [line for line in lines if line.startswith("gyro") and "moves together" in line]
+
+    assert said(200.0, "few") == []
+    assert said(200.0, "walk") == []
+    assert said(200.0, "many") == ["gyro/x: moves together with gyro/y (+0.76)"]
+
+
+def test_both_tables_name_their_units() -> None:
+    heads = [line for line in signal(report(200.0)) if "drift per hour" in line]
+    assert [head.split("  ")[0] for head in heads] == ["in rad/s", "in m/s²", "in gauss", "in °C", "in kPa"]
+
+
+def test_wide_limits_are_a_factor_as_they_are_skewed() -> None:
+    made = report()
+    k = replace(made.channels["gyro/x"].K, status="measured", value=1.0)  # type: ignore[type-var]
+    k = replace(k, readable=Readable(value=3.5, low=1.0, high=9.0, unit="deg/h/sqrt(h)"))
+    shown = table(replace(made, channels={"gyro/x": replace(made.channels["gyro/x"], K=k)}), 100)
+    assert "3.5 ×÷3.0" in shown
+    assert uncertainty() in shown
+    assert Notation(ascii=True).coefficient(k, None) == ("3.5 x/3.0", "text")

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 from imumon.units import counted, duration, figures, measured, pretty
-from imumon.words import FILTER_NOT_KNOWN, caveats, cut_out, filter_not_known, joined, lacking, line, within
+from imumon.words import (
+    FILTER_NOT_KNOWN,
+    caveats,
+    cut_out,
+    filter_not_known,
+    joined,
+    lacking,
+    line,
+    uncertainty,
+    within,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +28,7 @@ class Form:
     Attributes
     ----------
     cell : cells of a coefficient.
-    limits : with its 95 % limits, else with their half-width in percent.
+    limits : with its 95 % limits, else with their half-width in percent, or where they are wide their factor.
     std : with the standard deviation.
     """
 
@@ -46,7 +56,8 @@ def table(made: Report, width: int | None = None) -> str:
     width : cells of the terminal; None where it does not go to one: then everything is told.
     """
     form = FULL if width is None else next((form for form in FORMS if form.width <= width), FORMS[-1])
-    return "\n".join([*_head(made), "", *_rows(made, form), "", *_grades(made), *_caveats(made)])
+    signs = [uncertainty()] if made.channels and not form.limits else []
+    return "\n".join([*_head(made), "", *_rows(made, form), *signs, "", *_grades(made), *_caveats(made)])
 
 
 def coefficient(found: Coefficient | None) -> str:
@@ -117,7 +128,7 @@ def _rows(made: Report, form: Form) -> list[str]:
 
 
 def _shorter(found: Coefficient | None) -> str:
-    """N, B or K with the half-width of its limits: ``0.358 ±1.5%``."""
+    """N, B or K with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
     if found is not None and found.status == "measured" and found.readable.value is not None:
         return measured(found.readable.value, found.readable.low, found.readable.high)
     return coefficient(found)

@@ -202,7 +202,10 @@ def _curve(frame: Frame, notation: Notation, channel: Channel, sensor: str, fact
         if part is None or part.value is None:
             continue
         value = notation.limits(part)[0]
-        text = name if frame.width < 48 or value is None else f"{name} {number(value, 3)}"
+        text = name
+        if frame.width >= 48 and value is not None:
+            unit = notation.coefficient_unit(sensor, name)
+            text += f" {number(value, 3)}{f' {unit}' if name != 'B' else ''}"  # the axis is in the unit of B
         frame.label(at, part.value * height * factor, text, name)
 
 

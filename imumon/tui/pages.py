@@ -157,30 +157,33 @@ def _plate(sensor: str, report: Report, notation: Notation, width: int) -> list[
     return [
         head,
         *([("  ", "text"), (row, role)] for row in rows),
-        fitted(_decided(sensor, grade, report, notation), width),
+        _decided(sensor, grade, report, notation, width),
         [(f"  {within(grade.meets)}", "muted")],
     ]
 
 
-def _decided(sensor: str, grade: SensorGrade, report: Report, notation: Notation) -> list[Line]:
-    """The figure that decides a grade, and the limit of that grade."""
+def _decided(sensor: str, grade: SensorGrade, report: Report, notation: Notation, width: int) -> Line:
+    """The figure that decides a grade, and the limit of that grade.
+
+    The limit is worth more than the unit, which heads the column of the table too.
+    """
     if grade.decided_by is None or grade.nearest is None:
-        return [[]]
+        return []
     axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
-    parts: list[Line] = [[("  by ", "faint"), (f"{name} of {axis}", "text")]]
+    by: Line = [("  by ", "faint"), (f"{name} of {axis}", "text")]
     channel = report.channels.get(f"{sensor}/{axis}")
     figure: Coefficient | None = getattr(channel, name, None)
     limit = report.limits.get(sensor, {}).get(name, {}).get(grade.nearest)
     if figure is None:
-        return parts
+        return by
     value, _, high = notation.limits(figure)
-    unit = notation.coefficient_unit(sensor, name)
+    size: Line = []
     if value is not None or high is not None:
-        text = number(value, 3) if value is not None else f"< {number(high or 0.0, 2)}"
-        parts.append([(f", {text} {unit}", "text")])
-    if limit is not None:
-        parts.append([(f", limit {notation.limit(sensor, name, limit)}", "faint")])
-    return parts
+        size = [(f", {number(value, 3) if value is not None else f'< {number(high or 0.0, 2)}'}", "text")]
+    unit: Line = [(f" {notation.coefficient_unit(sensor, name)}", "text")] if size else []
+    most: Line = [(f", limit {notation.limit(sensor, name, limit)}", "faint")] if limit is not None else []
+    whole = [*by, *size, *unit, *most]
+    return whole if length(whole) <= width else fitted([[*by, *size], most], width)
 
 
 # ---------------------------------------------------------------------------- the chosen channel

@@ -19,6 +19,7 @@ from imumon.tui import charts, lists, pages, table
 from imumon.tui.paint import Paper, Sheet
 from imumon.tui.scene import WINDOWS, Scene
 from imumon.tui.words import Line, Notation, padded, wrap
+from imumon.words import uncertainty
 
 if TYPE_CHECKING:
     from imumon.tui.app import Monitor
@@ -284,6 +285,9 @@ def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[L
     ]
     about = (type(view).__doc__ or "").strip().partition("\n")[0]
     lines: list[Line] = [*([(text, "text")] for text in wrap(about, WINDOW)), []]
+    if isinstance(view, Overview):
+        notation = Notation(ascii=ascii)
+        lines.insert(-1, [(uncertainty(notation.about, notation.times), "muted")])
     lines += [[(f"{keys:<12}", "key"), (text, "text")] for keys, text in keys_of(own, ascii)]
     lines += [[], [("everywhere", "title")]]
     shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)

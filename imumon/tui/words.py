@@ -90,6 +90,10 @@ class Notation:
     def about(self) -> str:
         return "+-" if self.ascii else "±"
 
+    @property
+    def times(self) -> str:
+        return "x/" if self.ascii else "×÷"
+
     def decade(self, exponent: int) -> str:
         """Power of ten.
 
@@ -133,7 +137,7 @@ class Notation:
         return f"{value * (1.0 if self.si or scale is None else scale.factor):.3g}"
 
     def coefficient(self, part: Coefficient | None, seconds: float | None) -> Piece:
-        """A coefficient in at most `CELL` cells: value and half-width, `< bound`, or how long still.
+        """A coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or how long still.
 
         Parameters
         ----------
@@ -143,7 +147,7 @@ class Notation:
             return "–", "faint"
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
-            return measured(value, low, high, self.about)[:CELL], "text"
+            return measured(value, low, high, self.about, self.times)[:CELL], "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
         if (why := lacking(part)) is not None:
