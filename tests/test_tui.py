@@ -559,3 +559,31 @@ def test_without_a_converter_the_picture_is_kept_as_svg(
 def test_scenes_without_anything_save_nothing_wrong() -> None:
     for view in VIEWS:
         assert list(save.rows(Scene(view=view))) == []
+
+
+def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        assert "limit 0.2" in seen(app)
+        await pilot.press("u")
+        await pilot.pause()
+        shown = seen(app)
+        assert "N of y, 1.12e-04, limit 5.82e-05" in shown
+        assert "N 8.86e-05 rad/s/√Hz" in shown
+
+    drive(reports.Recorded(reports.report()), script, (150, 40))
+
+
+def test_a_picture_has_no_word_of_the_save_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for _ in range(2):
+            await pilot.press("s")
+            await pilot.pause()
+            await pilot.press("v")
+            await pilot.pause()
+        assert len(app._notifications) == 1
+
+    drive(reports.Recorded(reports.report()), script)
+    (picture,) = tmp_path.glob("*.svg")
+    assert "saved" not in picture.read_text()

@@ -330,6 +330,7 @@ class Monitor(App[int]):
         self.push_screen(Window(f"{view.title}: keys", lines, self.scene.notation))
 
     def action_save(self) -> None:
+        self.clear_notifications()  # what the last save said is no part of the next picture
         where = here()
         lines: list[Line] = [
             [("v", "key"), ("   picture, SVG", "text")],
