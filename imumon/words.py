@@ -124,7 +124,8 @@ CLOCKS: Mapping[str, str] = {
 """Where the time of the samples comes from, by its name in a report."""
 
 
-_LACKING = {"constant": "never changes", "resolution": "rounded away"}
+NEVER_CHANGES, ROUNDED_AWAY = "never changes", "rounded away"
+_LACKING = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY}
 
 
 def lacking(found: Coefficient) -> str | None:

@@ -26,7 +26,7 @@ from imumon.datasheet.signal import signal
 from imumon.datasheet.snippets import ros, worst
 from imumon.datasheet.text import table
 from imumon.noise.synthesis import synthesise
-from imumon.report import Readable, Report, from_json, to_json
+from imumon.report import Coefficient, Readable, Report, from_json, to_json
 from imumon.tui.words import Notation
 from imumon.words import uncertainty
 
@@ -104,6 +104,51 @@ def test_what_is_not_known_is_never_a_number(age: str) -> None:
             assert (name in settings(made, "kalibr")) == (worst(made, sensor, letter).value is not None)
             if worst(made, sensor, letter).value is None:
                 assert f"# {name}: ?" in text(made, "kalibr")
+
+
+def with_k(made: Report, reason: str | None) -> Report:
+    """The same with gyroscopes whose K is not known for that reason; None: without gyroscopes."""
+    some = {n: c for n, c in made.channels.items() if not n.startswith("gyro") or reason is not None}
+    none = Readable(value=None, low=None, high=None, unit="")
+    lacking = Coefficient(
+        value=None, low=None, high=None, status="pending", unit="", readable=none, reason=reason
+    )
+    changed = {n: replace(c, K=lacking) if n.startswith("gyro") else c for n, c in some.items()}
+    return replace(made, channels=changed)
+
+
+@pytest.mark.parametrize(
+    ("reason", "cure"),
+    [
+        ("too few", "record longer"),
+        ("the values are constant", "dead or stuck"),
+        ("below the resolution", "more digits"),
+        (None, "holds no gyroscope"),
+    ],
+)
+def test_a_longer_record_is_advised_only_where_it_helps(reason: str | None, cure: str) -> None:
+    for form in ("kalibr", "px4", "ardupilot", "gtsam", "openvins"):
+        said = text(with_k(report(10801.0), reason), form)
+        assert cure in said
+        assert ("record longer" in said) == (cure == "record longer")
+
+
+@pytest.mark.parametrize("word", ["stuck", "loop", "disturbed", "constant", "not_at_rest"])
+def test_what_spoils_the_numbers_stands_in_front_of_them(word: str) -> None:
+    made = report(10801.0)
+    one = {"gyro/x": replace(made.channels["gyro/x"], caveats=(word,))}
+    for form in ("kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins"):
+        assert f"WARNING: {word.replace('_', ' ')}: " in text(replace(made, caveats=(word,)), form)
+        said = text(replace(made, channels=made.channels | one), form)
+        assert f"WARNING: {word.replace('_', ' ')} (gyro x): " in said
+
+
+@pytest.mark.parametrize("form", ["kalibr", "openvins"])
+def test_a_rate_that_nobody_knows_is_no_number(form: str) -> None:
+    made = report(10801.0)
+    made = replace(made, device=replace(made.device, sample_rate_hz=None))
+    assert "update_rate" not in settings(made, form)
+    assert "# update_rate: ?" in text(made, form)
 
 
 def test_ros_covariance_is_the_variance_of_a_sample() -> None:

@@ -19,9 +19,25 @@ from dataclasses import dataclass
 from imumon.report import Coefficient, Report
 from imumon.samples import AXES
 from imumon.units import duration
-from imumon.words import FILTER_NOT_KNOWN, filter_not_known
+from imumon.words import (
+    FILTER_NOT_KNOWN,
+    NEVER_CHANGES,
+    ROUNDED_AWAY,
+    caveats,
+    filter_not_known,
+    joined,
+    lacking,
+    line,
+)
 
 NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
+CURES = {
+    NEVER_CHANGES: "look why it is dead or stuck, and record anew",
+    ROUNDED_AWAY: "record with more digits, or a finer range",
+}
+"""What to do about a coefficient that no longer record brings, by the reason."""
+WARNED = ("compensated", "not_at_rest", "motion", "stuck", "loop", "disturbed", "constant", "misfit")
+"""Caveats that stand in front of a snippet, for they touch the numbers in it."""
 WORDS = {"N": "white noise density", "K": "random walk of the bias"}
 
 
@@ -50,8 +66,7 @@ def worst(made: Report, sensor: str, letter: str) -> Worst:
     sizes = {axis: size for axis, part in found.items() if (size := _size(part)) is not None}
     what = f"{NAMES[sensor]} {letter}, {WORDS[letter]}"
     if not sizes:
-        why = next((part.reason for part in found.values() if part.reason), "no samples of it")
-        return Worst(None, (f"{what}: not known yet ({why}); record longer, do not guess",))
+        return Worst(None, (f"{what}: {_unknown(sensor, found)}; do not guess",))
     axis = max(sizes, key=lambda name: sizes[name])
     unit = found[axis].unit
     seen = found[axis].status == "measured"
@@ -60,6 +75,17 @@ def worst(made: Report, sensor: str, letter: str) -> Worst:
     if not seen:
         lines.append("  the bound is on the safe side; a longer record lowers it")
     return Worst(sizes[axis], tuple(lines))
+
+
+def _unknown(sensor: str, found: Mapping[str, Coefficient]) -> str:
+    """Why no axis has even a bound, and what to do."""
+    if not found:
+        return f"the record holds no {NAMES[sensor]}; make one that does"
+    for part in found.values():
+        if (why := lacking(part)) is not None:
+            return f"will not be known ({why}); {CURES[why]}"
+    why = next((part.reason for part in found.values() if part.reason), "too few samples")
+    return f"not known yet ({why}); record longer"
 
 
 def _size(part: Coefficient) -> float | None:
@@ -76,7 +102,7 @@ def _told(part: Coefficient) -> str:
         return f"{part.value:.4e}{limits}"
     if part.status == "upper_bound" and part.high is not None:
         return f"< {part.high:.3e} (95 %), not seen"
-    return "not known yet"
+    return lacking(part) or "not known yet"
 
 
 def who(made: Report) -> str:
@@ -99,18 +125,16 @@ def head(made: Report) -> list[str]:
         f"{duration(session.elapsed_s)} of {device.stream or 'samples'}{rate}, "
         f"{duration(left_out) if left_out else 'nothing'} of it left out",
     ]
-    words = set(made.caveats).union(*(c.caveats for c in made.channels.values()))
-    if "aliased" in words:
+    found = caveats(made)
+    if "aliased" in found:
         by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
         lines.append(f"WARNING: aliased: N is too high{by}. Right for this very stream, wrong for the sensor")
     if (warning := filter_not_known(made)) is not None:
         lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
-    if "compensated" in words:
-        lines.append("WARNING: compensated: K describes the sensor's own filter, not the gyroscope")
-    if "not_at_rest" in words:
-        lines.append("WARNING: the sensor moved: these numbers are not its noise")
-    if "misfit" in words:
-        lines.append("WARNING: a curve is not N + B + K: see the datasheet before you rely on it")
+    for word in WARNED:
+        if word in found:
+            where = f" ({joined(found[word])})" if found[word] else ""
+            lines.append(f"WARNING: {word.replace('_', ' ')}{where}: {line(word)}")
     return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
 
 
@@ -138,11 +162,16 @@ def _rate(made: Report) -> float:
     return made.device.sample_rate_hz or 0.0
 
 
+def _update_rate(made: Report) -> str:
+    rate = _rate(made)
+    return f"update_rate: {rate:.6g}" if rate else "# update_rate: ? (Hz; this record does not tell it)"
+
+
 def kalibr(made: Report) -> str:
     """Kalibr's imu.yaml: continuous-time densities and walks."""
     meaning = "Kalibr wiki, IMU Noise Model: strengths in continuous time, one for all axes"
     lines = [*_comments([*head(made), meaning, SAME_UNIT]), *_yaml(made)]
-    return "\n".join([*lines, "rostopic: /imu/data", f"update_rate: {_rate(made):.6g}"]) + "\n"
+    return "\n".join([*lines, "rostopic: /imu/data", _update_rate(made)]) + "\n"
 
 
 def openvins(made: Report) -> str:
@@ -153,7 +182,7 @@ def openvins(made: Report) -> str:
         *_yaml(made, "  "),
         "  rostopic: /imu/data",
         "  time_offset: 0.0",
-        f"  update_rate: {_rate(made):.6g}",
+        f"  {_update_rate(made)}",
         '  model: "kalibr"',
         "  # scale, skew and turn of the axes: OpenVINS asks for all of them; none is measured here",
     ]
