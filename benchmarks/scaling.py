@@ -110,7 +110,9 @@ def plot(rows: list[Row], path: str) -> None:
     cost.loglog(
         [r.n for r in done], [r.realtime_ns or 0.0 for r in done], "v--", label="allantools, realtime"
     )
-    cost.set(xlabel="samples n", ylabel="processor time, ns a sample", title="Cost of one channel", ylim=(10, 1e5))
+    cost.set(
+        xlabel="samples n", ylabel="processor time, ns a sample", title="Cost of one channel", ylim=(10, 1e5)
+    )
     state.loglog(n, [row.state_nine for row in rows], "o-", label="imumon: octaves of 9 channels")
     state.loglog(n, [row.state_one for row in rows], "s-", label="imumon: octaves of 1 channel")
     state.loglog(n, [row.offline_bytes for row in rows], "^--", label="a record of 1 channel")
