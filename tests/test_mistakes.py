@@ -31,6 +31,11 @@ from imumon.tui.scene import Scene
         (("run", "--rate", "2e5"), "from 0.0001 to 100000"),
         (("report", "x.txt", "--rate", "0"), "is not a positive number"),
         (("status", "--id", "////"), "use letters and digits"),
+        (("config",), "{show,check}"),
+        (("config", "chekc"), "'show', 'check'"),
+        (("completion",), "{bash,zsh,fish}"),
+        (("run", "--conect", "x"), "did you mean --connect?"),
+        (("run", "--nonsense"), "--nonsense (try"),
     ],
 )
 def test_words_that_cannot_be_meant(words: tuple[str, ...], said: str) -> None:

@@ -76,7 +76,12 @@ def _print_json(checks: list[Any]) -> None:
 
 
 def add_config(parser: Parser) -> None:
-    parser.add_argument("what", choices=("show", "check"), help="show: every setting with its origin")
+    parser.add_argument(
+        "what",
+        choices=("show", "check"),
+        metavar="{show,check}",  # so it is named where it is missing
+        help="show: every setting with its origin",
+    )
     parser.add_argument("--config", metavar="FILE", help="file to read instead of the first that is found")
 
 
@@ -93,7 +98,7 @@ def config(words: argparse.Namespace) -> int:
 
 
 def add_completion(parser: Parser) -> None:
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"))
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="{bash,zsh,fish}")
 
 
 def completion(words: argparse.Namespace) -> int:

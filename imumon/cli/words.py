@@ -33,9 +33,9 @@ class Parser(argparse.ArgumentParser):
 
     def nearest(self, word: str) -> str:
         """``; did you mean --port?`` where one of this parser's options is near, else nothing."""
-        known = [option for action in self._actions for option in action.option_strings]
-        close = difflib.get_close_matches(word.partition("=")[0], known, 1, 0.6)
-        return f"; did you mean {close[0]}?" if close else ""
+        known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
+        close = difflib.get_close_matches(word.partition("=")[0].lstrip("-"), known, 1, 0.6)
+        return f"; did you mean {known[close[0]]}?" if close else ""
 
 
 def positive(text: str) -> float:

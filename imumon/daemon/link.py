@@ -201,7 +201,7 @@ class Link:
             try:
                 facts = self._open(info.path)
             except (SourceError, SessionError) as error:
-                tried.append(f"{info.path} ({info.description}): {error}")
+                tried.append(told(str(error), info))
                 continue
             found.append(f"{info.path} ({facts.model or 'listening'} {facts.serial or ''})")
             self.close()
@@ -211,3 +211,13 @@ class Link:
         if found:
             raise NoSensor(f"several sensors, choose one with --port: {', '.join(found)}")
         raise NoSensor(f"no VN-100 among the serial ports, name one with --port: {'; '.join(tried)}")
+
+
+def told(why: str, port: PortInfo) -> str:
+    """What is wrong with a port, with what is known of it behind its name.
+
+    >>> told("/dev/ttyS0 is silent", PortInfo("/dev/ttyS0", "serial port"))
+    '/dev/ttyS0 (serial port) is silent'
+    """
+    named = f"{port.path} ({port.description})"
+    return why.replace(port.path, named, 1) if port.path in why else f"{named}: {why}"
