@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from terminals import Tmux, until
 
 ALIVE_S, SETTLED_S = 5.0, 120.0
-CELL = re.compile(r"(\S+ ±\S+|< \S+|in \S+ \w+|pending|never changes|rounded away|–)")
+CELL = re.compile(r"(\S+ (?:±|×÷)\S+|< \S+|in \S+ \w+|pending|never changes|rounded away|–)")
 OCTAVES = re.compile(r"(\d+) of (\d+) octaves\s+longest (\S+ \w+(?: \d+ \w+)?)")
 
 
@@ -41,7 +41,7 @@ def seen(text: str) -> tuple[int, int, str, str]:
     names = re.findall(r"nearest grade(, for now)?", text)
     grades = f"{len(names)} graded, {names.count(', for now')} for now"
     length = f"{octaves[2]} octaves to {octaves[3]}" if octaves else "no curve yet"
-    return sum("±" in cell for cell in cells), len(cells), length, grades
+    return sum("±" in cell or "×÷" in cell for cell in cells), len(cells), length, grades
 
 
 def watch(seconds: float, picture: Path | None = None) -> int:
