@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from contextlib import suppress
 from typing import Any
 
+from imumon import heap
 from imumon.cli.words import (
     DONE,
     FAILED,
@@ -69,23 +69,13 @@ def add_sim(parser: Parser) -> None:
 
 
 def run(words: argparse.Namespace) -> int:
-    _share_the_heap()
+    heap.share()
     made = _settings(words)
     if made.device.port == "sim":
         return _run_emulated(words, made)
     if words.speed != 1.0 or words.seed is not None:
         raise Stop("--speed and --seed are for --port sim", USAGE)
     return _daemon(words, made, made.device.port or None, state_directory(made))
-
-
-def _share_the_heap() -> None:
-    """Let all threads share one heap: glibc gives each its own, which costs 4 MB here and gains nothing."""
-    m_arena_max = -8
-    # another C library, a Python without ctypes, or a system that lets it not load
-    with suppress(AttributeError, ImportError, OSError, MemoryError):
-        import ctypes
-
-        ctypes.CDLL(None).mallopt(m_arena_max, 1)
 
 
 def _run_emulated(words: argparse.Namespace, made: Any) -> int:

@@ -22,7 +22,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
 
-from imumon import report
+from imumon import heap, report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
 from imumon.daemon.keeping import Keeping
@@ -352,6 +352,7 @@ class Daemon:
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._keeping.save(self._session(), self._started)
+            heap.give_back()
 
     def _publish(self) -> report.Report:
         assert self._bus is not None

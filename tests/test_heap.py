@@ -1,0 +1,36 @@
+"""The C library's heap: what was freed goes back, and where it cannot nothing breaks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from imumon import heap
+
+FREED = """
+import gc, sys
+from imumon import heap
+def resident_kb():
+    return next(int(line.split()[1]) for line in open("/proc/self/smaps_rollup") if line.startswith("Rss"))
+heap.share()
+held = [bytearray(60_000) for _ in range(500)]  # too small for pages of their own
+last = bytearray(60_000)  # and what is above them stays
+del held
+before = resident_kb()
+heap.give_back()
+print(before - resident_kb())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc and glibc")
+def test_freed_memory_goes_back_to_the_system() -> None:
+    done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 20_000
+
+
+def test_another_c_library_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ctypes.CDLL", lambda name: object())
+    heap.share()
+    heap.give_back()
