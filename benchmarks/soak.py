@@ -21,6 +21,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -92,13 +94,15 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
     config.write_text("[state]\nsave_period_s = 10\n")
     taken: list[int] = []
     states: list[int] = []
-    began = time.monotonic()
-    with (
-        spawn(settings) as sensor,
-        Daemon(sensor.path, scratch / "state", "--config", str(config), *extra, before=lapse) as daemon,
-    ):
-        daemon.samples(1)
-        first_s = time.monotonic() - began
+    with ExitStack() as alive:
+        sensor = alive.enter_context(spawn(settings))
+        began, started = time.monotonic(), datetime.now(UTC)
+        daemon = alive.enter_context(
+            Daemon(sensor.path, scratch / "state", "--config", str(config), *extra, before=lapse)
+        )
+        first = daemon.samples(1)
+        seen_s = time.monotonic() - began
+        first_s = (datetime.fromisoformat(first.time) - started).total_seconds()
         pid = daemon.process.pid
         told, at_first = still(sensor, daemon, "silence" if live else "stall")
         latest, steady = at_first, (cpu_s(pid), time.monotonic())
@@ -125,6 +129,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
         "emulator": {name: counted[name] for name in ("made", "sent", "lost", "dropped", "unheard")},
         **laws(latest, sent, received, counted["lost"], counted["dropped"]),
         "first_report_s": round(first_s, 2),
+        "first_report_seen_s": round(seen_s, 2),
         "stop_s": round(stop_s, 2),
         "cpu_percent_last_three_quarters": round(cpu, 2),
         "resident_kb_first_last_max": [taken[0], taken[-1], max(taken)],
@@ -154,14 +159,12 @@ def measure(minutes: float) -> Iterator[Figure]:
     cpu, memory = made["cpu_percent_last_three_quarters"], made["resident_kb_first_last_max"][2] / 1024
     yield at_most("its share of a core, last three quarters", cpu, 3.0, "%")
     yield at_most("its resident memory, most", memory, 80.0, "MB")
-    yield at_most("from its start to the first report, emulator included", made["first_report_s"], 1.5, "s")
+    yield at_most("from its start to the first report, a baud scanned", made["first_report_s"], 1.5, "s")
     yield at_most("from SIGTERM to its end, settings put back", made["stop_s"], 1.0, "s")
 
 
 def straight(words: argparse.Namespace) -> dict[str, object]:
     """Blocks of an exact clock straight into the monitor, with a report every hour of the record."""
-    from datetime import UTC, datetime
-
     from imumon.monitor import Monitor
     from imumon.report import Device, Session
     from imumon.samples import SampleBlock, Stream

@@ -189,6 +189,16 @@ def test_first_plug_finds_every_baud_and_streams_what_fits(baud: int) -> None:
     assert facts.sample_rate_hz * 64 <= 0.6 * baud / 10
 
 
+def test_every_wrong_baud_costs_less_than_half_a_second() -> None:
+    took = []
+    for baud in BAUDS:
+        bench = Bench(make_device(EmulatorSettings(seed=1, baud=baud, rate=RATE.get(baud, 40.0))))
+        begun = bench.now
+        bench.session().connect()
+        took.append(bench.now - begun)
+    assert all(t - took[0] < 0.5 * wrong for wrong, t in enumerate(took) if wrong)
+
+
 def test_default_stream_is_a_hundred_hertz_at_the_factory_baud() -> None:
     bench = Bench()
     facts = bench.streaming().facts()

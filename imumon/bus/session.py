@@ -197,6 +197,7 @@ def _config(
     """Zenoh's own configuration."""
     tls = "transport/link/tls/"
     beside = bool(connect) and all(endpoint.startswith(_LOCAL_PROTOCOLS) for endpoint in connect)
+    here = bool(connect) and all(map(is_local, connect))
     soon = 0.1 if beside else 0.5  # a socket of this machine is there or not: to try costs nothing
     values: dict[str, Any] = {
         "mode": options.mode,
@@ -204,7 +205,7 @@ def _config(
         "connect/endpoints": list(connect),
         "connect/retry": {
             "period_init_ms": round(soon * 1000),
-            "period_max_ms": round((soon if beside else RETRY_S) * 1000),
+            "period_max_ms": round((soon if here else RETRY_S) * 1000),
             "period_increase_factor": 1.5,
         },
         "connect/timeout_ms": 0 if options.mode == "client" else -1,  # -1: for ever, in the background

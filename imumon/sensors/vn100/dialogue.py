@@ -17,7 +17,8 @@ from imumon.sensors.vn100.decoder import Decoder
 
 BAUDS = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """Bauds in the order they are tried."""
-LISTEN_S = 0.3
+LISTEN_S = 0.1  # before the first question: what streams at 20 Hz or faster need not be asked
+PATIENT_S = 1.2  # where nothing may be asked
 ANSWER_S = 0.3
 TRIES = 5  # a line that spoils one byte in a hundred spoils every fourth answer
 
@@ -116,7 +117,7 @@ class Dialogue:
         """Whether valid messages come at this baud, by themselves or asked for."""
         seen = _Seen() if seen is None else seen
         self.decoder = Decoder()
-        listening = LISTEN_S if not thorough else 4 * LISTEN_S if self._silent else 0.0
+        listening = LISTEN_S if not thorough else PATIENT_S if self._silent else 0.0
         if self._hear(listening, seen):
             return True
         for _ in range(0 if self._silent else 2 if thorough else 1):
