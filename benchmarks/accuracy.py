@@ -159,7 +159,9 @@ def bound(n: int, rate: float, K: float) -> np.ndarray:
     ones = np.ones((1, k))
     m = 1 << np.arange(k)
     thinning = np.sqrt(table.full / ((n - 2 * m) // np.maximum(1, m // 8) + 1))[None]
-    problems = Problems(table, ones, thinning, ones > 0, (np.arange(5) < 3)[None], np.zeros(1))
+    problems = Problems(
+        (table,), np.array([0]), ones, thinning, ones > 0, (np.arange(5) < 3)[None], np.zeros(1)
+    )
     p = np.zeros((1, 5))
     p[0, :3] = strengths(K, rate) ** 2
     at = weigh(problems, p)

@@ -1,7 +1,7 @@
 """Findings: fits, spectra and shapes of a record, renewed when it has grown enough to show.
 
 They cost many times what the samples of a second do, and hardly move in it. So a report that follows
-another takes them over until the record has grown by a seventh, or by five seconds and 5 %, or by a minute,
+another takes them over until the record has grown by a tenth, or by five seconds and 2 %, or by a minute,
 whichever is first: what was found belongs to one moment, curve and fit together. Counts, means and all else
 that is cheap is of the moment of the report.
 """
@@ -28,9 +28,9 @@ def pause_s(elapsed_s: float) -> float:
     limits and terms, waits for 2 % (`Estimator`), but no curve stands still for more than a minute.
 
     >>> pause_s(10.0), pause_s(100.0), pause_s(86400.0)
-    (1.5, 10.0, 60.0)
+    (1.0, 7.0, 60.0)
     """
-    return min(0.15 * elapsed_s, 5.0 + 0.05 * elapsed_s, 60.0)
+    return min(0.1 * elapsed_s, 5.0 + 0.02 * elapsed_s, 60.0)
 
 
 class Findings:

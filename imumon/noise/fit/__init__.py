@@ -30,7 +30,7 @@ import numpy as np
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import intervals
 from imumon.noise.fit.choice import QUANTISATION, RAMP, Choice, choose
-from imumon.noise.fit.covariance import TERMS, Tables, octaves_in, tables
+from imumon.noise.fit.covariance import TERMS, octaves_in, tables
 from imumon.noise.fit.leastsquares import Problems, expected, solve, weigh
 from imumon.noise.fit.outlook import seconds_to
 from imumon.noise.fit.quantiles import chi2_quantile, few_differences_quantile, normal_quantile
@@ -149,9 +149,9 @@ class Estimator:
         precision: dict[str, float] | None = None,
         outlook: bool = True,
     ) -> None:
-        asked = PRECISION | (precision or {})
-        self._averaged = averaged
-        self._alike = {kind: _Alike(kind, asked, outlook) for kind in (True, False)}
+        self.averaged, self.outlook = averaged, outlook
+        self.precision = PRECISION | (precision or {})
+        self._known: dict[int, _Known] = {}
 
     def fit(
         self, curve: AllanCurve, *, renew: bool | None = None, resolution: Sequence[float] | None = None
@@ -164,33 +164,12 @@ class Estimator:
             smaller than half of it shows in the rounding only, and no coefficient is given.
         renew : work out limits, octaves, terms and times anew; default: where the record has grown by 2 %.
         """
-        if isinstance(self._averaged, bool):
-            return self._alike[self._averaged].fit(curve, renew, resolution)
-        fits: dict[int, ChannelFit] = {}
-        flags = self._averaged[: curve.valid.size]
-        for kind in sorted(set(flags)):
-            rows = [channel for channel, own in enumerate(flags) if own == kind]
-            steps = None if resolution is None else [resolution[channel] for channel in rows]
-            fits |= zip(rows, self._alike[kind].fit(curve.of(rows), renew, steps), strict=True)
-        return tuple(fits[channel] for channel in sorted(fits))
-
-
-class _Alike:
-    """Fits of channels that are all true averages, or all point samples: they have the same tables."""
-
-    def __init__(self, averaged: bool, precision: dict[str, float], outlook: bool) -> None:
-        self.averaged, self.precision, self.outlook = averaged, precision, outlook
-        self._known: dict[int, _Known] = {}
-
-    def fit(
-        self, curve: AllanCurve, renew: bool | None, resolution: Sequence[float] | None
-    ) -> tuple[ChannelFit, ...]:
-        """As `Estimator.fit`."""
         octaves = min(len(curve.m), octaves_in(curve.span))
         if octaves == 0:
             return tuple(_nothing(len(curve.m), "no difference yet") for _ in curve.valid)
-        table = tables(curve.span, octaves, averaged=self.averaged)
-        problems, reasons = _problems(curve, table, resolution)
+        count = curve.valid.size
+        flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
+        problems, reasons = _problems(curve, octaves, flags, resolution)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._known.get(channel)
@@ -215,7 +194,7 @@ class _Alike:
         if self.outlook:
             asked = np.array([self.precision[name] for name in TERMS[:3]])
             wide = _half_widths(powers, low, high, status)
-            still = seconds_to(fitted, powers, wide, curve.span, curve.tau0, asked, averaged=self.averaged)
+            still = seconds_to(fitted, powers, wide, curve.span, curve.tau0, asked)
         for row, channel in enumerate(due):
             times = TimeTo(*(None if math.isnan(s) else float(s) for s in still[row]))
             self._known[channel] = _Known(
@@ -238,7 +217,7 @@ class _Alike:
         whole = p * np.where(np.arange(len(TERMS)) == QUANTISATION, p > 0.0, 1.0)
         at = weigh(replace(part, excess=np.zeros(len(rows))), whole)
         variance = at.relative[:, np.arange(k), np.arange(k)]
-        model = np.where(used, expected(part.tables, p), at.model)
+        model = np.where(used, expected(part, p), at.model)
         for row, channel in enumerate(rows):
             fits[channel] = _channel(
                 curve, channel, p[row], known[row], used[row], model[row], 2.0 / variance[row]
@@ -258,14 +237,15 @@ def fit_curve(
 
 
 def _problems(
-    curve: AllanCurve, table: Tables, resolution: Sequence[float] | None = None
+    curve: AllanCurve, k: int, averaged: Sequence[bool], resolution: Sequence[float] | None
 ) -> tuple[Problems, list[str | None]]:
-    """The curve as problems, one a channel, and why a channel has none."""
-    k = table.full.size
+    """The first k octaves of the curve as problems, one a channel, and why a channel has none."""
+    kinds = sorted(set(averaged))
+    table = tuple(tables(curve.span, k, averaged=kind) for kind in kinds)
     terms = curve.terms[:k].T
     variance = curve.avar[:k].T
     used = (terms > 0) & (variance > _LEAST) & (variance < _MOST)
-    thinning = np.sqrt(table.full / np.maximum(terms, 1))
+    thinning = np.sqrt(table[0].full / np.maximum(terms, 1))
     reasons: list[str | None] = []
     for row in range(len(used)):
         seen = terms[row] > 0
@@ -281,6 +261,7 @@ def _problems(
             reasons.append(None)
     problems = Problems(
         table,
+        np.array([kinds.index(kind) for kind in averaged]),
         np.where(used, variance, 1.0),
         thinning,
         used,

@@ -99,7 +99,7 @@ def choose(problems: Problems, formers: Sequence[Choice | None]) -> list[Choice]
     )
     stands = [row for (row, _), choice in zip(known, again, strict=True) if choice.cured]
     for (row, former), choice in zip(known, again, strict=True):
-        if choice.cured or problems.tables.span < AGAIN * former.sought:
+        if choice.cured or problems.span < AGAIN * former.sought:
             found[row] = choice if choice.cured else replace(choice, sought=former.sought)
     found |= zip(stands, _regained(_at(problems, stands), [found[row] for row in stands]), strict=True)
     new = [row for row in range(len(formers)) if row not in found]
@@ -107,7 +107,7 @@ def choose(problems: Problems, formers: Sequence[Choice | None]) -> list[Choice]
     plain = _with_terms(fresh, _tried(fresh, [(used, _BASE) for used in fresh.used]))
     for row, one, choice in zip(new, range(len(new)), plain, strict=True):
         best = choice if choice.cured else _sought(_at(fresh, [one]), choice)
-        found[row] = best if best.cured else replace(best, sought=problems.tables.span)
+        found[row] = best if best.cured else replace(best, sought=problems.span)
     return _finished(problems, [found[row] for row in range(len(formers))])
 
 

@@ -50,6 +50,7 @@ class Tables:
 
     Attributes
     ----------
+    averaged : of true averages, else of point samples.
     span : samples, length of the record.
     full : (k,) differences of an uninterrupted record.
     pairs : (10, k, k) 1, tables of `PAIRS`; Cov(s_i, s_j) = sum over pairs of p_a p_b pairs[ab, i, j].
@@ -57,6 +58,7 @@ class Tables:
     design : (k, 5) 1, expectation of s by `TERMS`.
     """
 
+    averaged: bool
     span: int
     full: Ints
     pairs: Floats
@@ -145,7 +147,8 @@ def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     for index, (a, b) in enumerate(PAIRS):
         sums[index] *= 0.5 if a == b else 1.0
     sums /= np.multiply.outer(full.astype(np.float64), full)
-    return Tables(span, full, sums[: len(PAIRS)], sums[len(PAIRS) :], design(octaves, averaged=averaged))
+    pairs, means = sums[: len(PAIRS)], sums[len(PAIRS) :]
+    return Tables(averaged, span, full, pairs, means, design(octaves, averaged=averaged))
 
 
 def _copies(i: int, apart: int, spans: Ints, averaged: bool) -> Floats:

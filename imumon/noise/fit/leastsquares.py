@@ -6,9 +6,9 @@ until it stands. For Gaussian noise this is quasi-likelihood, as efficient as ma
 octaves' variances are near to gamma distributed.
 
 All of it works on a batch of problems at once: channels, or one channel with different octaves left out, or
-with a term held fixed. Every problem has the same tables. Non-negative means: every subset of the free
-terms is solved, and of those without a negative power the one with the least misfit is the answer.
-The 1/tau^2 term alone may be negative.
+with a term held fixed; all of one record, whether its samples are true averages or not. Non-negative means:
+every subset of the free terms is solved, and of those without a negative power the one with the least misfit
+is the answer. The 1/tau^2 term alone may be negative.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class Problems:
 
     Attributes
     ----------
-    tables : covariance tables of the record.
+    tables : covariance tables of the record, one for each kind of samples.
+    kind : (b,) which of them is that of each problem.
     variance : (b, k) unit^2, Allan variances; anything positive where they are not used.
     thinning : (b, k) 1, sqrt(full differences / differences there are).
     used : (b, k) octaves that count.
@@ -45,7 +46,8 @@ class Problems:
         not describe.
     """
 
-    tables: Tables
+    tables: tuple[Tables, ...]
+    kind: Ints
     variance: Floats
     thinning: Floats
     used: Bools
@@ -56,12 +58,36 @@ class Problems:
         """Some of the problems, or one of them more than once."""
         return Problems(
             self.tables,
+            self.kind[index],
             self.variance[index],
             self.thinning[index],
             self.used[index],
             self.free[index],
             self.excess[index],
         )
+
+    @property
+    def span(self) -> int:
+        """Samples, length of the record."""
+        return self.tables[0].span
+
+    @property
+    def design(self) -> Floats:
+        """(b, k, 5) 1, expectation of the Allan variances by terms."""
+        return np.stack([table.design for table in self.tables])[self.kind]
+
+    def applied(self, p: Floats) -> Floats:
+        """(b, k) unit^2, A p at powers p, (b, 5)."""
+        each = [p @ table.design.T for table in self.tables]
+        return each[0] if len(each) == 1 else np.stack(each, axis=1)[np.arange(len(p)), self.kind]
+
+    def covariance(self, p: Floats) -> Floats:
+        """(b, k, k) unit^4, covariance of the Allan variances at powers p, (b, 5)."""
+        found = np.empty((*self.used.shape, self.used.shape[1]))
+        for index, table in enumerate(self.tables):
+            rows = self.kind == index
+            found[rows] = table.covariance(p[rows], self.thinning[rows])
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,25 +108,26 @@ class Weighing:
     relative: Floats
 
 
-def expected(tables: Tables, p: Floats) -> Floats:
-    """(..., k) unit^2, the model; without a negative 1/tau^2 term where that would leave nothing."""
-    model = p @ tables.design.T
-    positive = (p * np.where(np.arange(T) == SIGNED, p > 0.0, 1.0)) @ tables.design.T
+def expected(problems: Problems, p: Floats) -> Floats:
+    """(b, k) unit^2, the model; without a negative 1/tau^2 term where that would leave nothing."""
+    model = problems.applied(p)
+    if not np.any(p[:, SIGNED] < 0.0):
+        return model
+    positive = problems.applied(np.where(np.arange(T) == SIGNED, np.maximum(p, 0.0), p))
     return np.asarray(np.where(model > 0.01 * positive, model, positive))
 
 
 def weigh(problems: Problems, p: Floats) -> Weighing:
     """Weights of all problems at powers p, (b, 5)."""
-    tables = problems.tables
-    k = tables.full.size
-    model = expected(tables, p)
+    k = problems.used.shape[1]
+    model = expected(problems, p)
     noise = np.where((np.arange(T) == SIGNED) & (p < 0.0), 0.0, p)  # what is no noise has no covariance
-    relative = tables.covariance(noise, problems.thinning) / (model[:, :, None] * model[:, None, :])
+    relative = problems.covariance(noise) / (model[:, :, None] * model[:, None, :])
     relative[:, np.arange(k), np.arange(k)] += _JITTER + problems.excess[:, None]
     both = problems.used[:, :, None] & problems.used[:, None, :]
     matrix = np.where(both, relative, np.eye(k))
     weight = np.where(both, np.linalg.inv(matrix), 0.0)
-    rows = np.where(problems.used[:, :, None], tables.design / model[:, :, None], 0.0)
+    rows = np.where(problems.used[:, :, None], problems.design / model[:, :, None], 0.0)
     return Weighing(model, rows, weight, relative)
 
 
@@ -126,7 +153,7 @@ def misfit(problems: Problems, p: Floats) -> tuple[Floats, Ints]:
 
 def first_guess(problems: Problems) -> Floats:
     """(b, 5) powers to begin with: each of N, B, K as large as the lowest octave allows."""
-    ratio = problems.variance[:, :, None] / problems.tables.design
+    ratio = problems.variance[:, :, None] / problems.design
     ratio = np.where(problems.used[:, :, None], ratio, np.inf)
     p = ratio.min(axis=1)
     p[:, 3:] = 0.0
@@ -164,7 +191,7 @@ def solve(
 
 def _solve(problems: Problems, start: Floats | None, held: Floats | None, rounds: int) -> Floats:
     p = first_guess(problems) if start is None else start
-    lost = np.any((p @ problems.tables.design.T <= 0.0) & problems.used, axis=1)
+    lost = np.any((problems.applied(p) <= 0.0) & problems.used, axis=1)
     p = np.where(lost[:, None], p + 1e-3 * first_guess(problems), p)
     if held is not None:
         p = np.where(problems.free, p, held)
@@ -175,12 +202,12 @@ def _solve(problems: Problems, start: Floats | None, held: Floats | None, rounds
     for _ in range(rounds):
         part = problems.take(open_)
         at = weigh(part, settled[open_])
-        target = np.where(part.used, (part.variance - fixed[open_] @ part.tables.design.T) / at.model, 0.0)
+        target = np.where(part.used, (part.variance - part.applied(fixed[open_])) / at.model, 0.0)
         weighted = at.weight @ at.design
         normal = at.design.transpose(0, 2, 1) @ weighted
         right = (weighted.transpose(0, 2, 1) @ target[:, :, None])[:, :, 0]
         answer = _nonnegative(normal, right, part.free, subsets) + fixed[open_]
-        model = expected(part.tables, answer)
+        model = expected(part, answer)
         empty = ~np.any((model > 0.0) & part.used, axis=1)
         answer[empty] = settled[open_][empty]
         model[empty] = at.model[empty]

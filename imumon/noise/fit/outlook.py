@@ -24,9 +24,7 @@ NEAR = 6
 _YEAR = 3.15576e7
 
 
-def seconds_to(
-    problems: Problems, p: Floats, wide: Floats, span: int, tau0: float, asked: Floats, *, averaged: bool
-) -> Floats:
+def seconds_to(problems: Problems, p: Floats, wide: Floats, span: int, tau0: float, asked: Floats) -> Floats:
     """Seconds still to record until the half-widths of N, B and K are as asked.
 
     Parameters
@@ -41,7 +39,7 @@ def seconds_to(
     -------
     (b, 3) s; nan where it is not measured, or will not come within a year.
     """
-    lengths, spread = _spreads(problems, p, span, averaged)
+    lengths, spread = _spreads(problems, p, span)
     plain = problems.excess == 0.0
     since = np.sqrt(lengths / lengths[0])
     spread[plain] = np.fmin(spread[plain], spread[plain, :1] / since[:, None])
@@ -64,7 +62,7 @@ def seconds_to(
     return np.where(np.nan_to_num(found, nan=np.inf) < _YEAR, found, np.nan)
 
 
-def _spreads(problems: Problems, p: Floats, span: int, averaged: bool) -> tuple[Floats, Floats]:
+def _spreads(problems: Problems, p: Floats, span: int) -> tuple[Floats, Floats]:
     """Lengths of records, (s,) samples, and relative deviations of the powers then, (b, s, 3)."""
     lengths, found = [float(span)], [_relative(problems, p)]
     out = ~problems.used
@@ -76,7 +74,7 @@ def _spreads(problems: Problems, p: Floats, span: int, averaged: bool) -> tuple[
         used[:, : out.shape[1]] = ~out | _not_yet(problems)
         longest = replace(
             problems,
-            tables=tables(length, octaves, averaged=averaged),
+            tables=tuple(tables(length, octaves, averaged=kind.averaged) for kind in problems.tables),
             variance=np.ones(used.shape),
             thinning=np.ones(used.shape),
             used=used,
