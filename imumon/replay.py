@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any, Protocol, TextIO
 
@@ -246,8 +246,9 @@ class _Run:
         return self.monitor.samples / rate if rate else 0.0
 
     def publish(self, bus: Publisher, state: report.State) -> None:
-        """A report, and what happened since the last one; their time is that of the replay."""
+        """A report, and what happened since the last one; their time and name are those of the replay."""
         made = self.report(state)
+        made = replace(made, device=replace(made.device, id=bus.id))
         bus.publish(made)
         for found in self.monitor.events():
             event = report.Event(

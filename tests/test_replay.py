@@ -255,6 +255,16 @@ def test_what_happened_is_published_beside_the_reports(tmp_path: Path) -> None:
     assert "disturbance" in events
 
 
+def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: Path) -> None:
+    place, path = free_endpoint(), capture(tmp_path / "run.bin")
+    path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
+    with Publisher("replay", listen=[place]) as bus, Viewer([place]) as viewer:
+        final = replay(Replay(path=str(path)), bus=bus)
+        made = viewer.wait_report("replay", timeout=20.0)
+    assert made is not None
+    assert (made.device.id, final.device.id) == ("replay", "vn100-7")
+
+
 def until(ask: Callable[[], list[str]], wanted: set[str], timeout: float = 20.0) -> list[str]:
     """What is answered as soon as it holds all that is wanted, or at the end."""
     end = time.monotonic() + timeout
