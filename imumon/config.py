@@ -56,14 +56,15 @@ class Device:
 
     port: Annotated[str, 'device path, pyserial URL or "sim"; empty: the one sensor that is found'] = ""
     baud: Annotated[Baud, '"auto" finds it'] = "auto"
-    set_baud: Annotated[NewBaud, "raise the sensor's baud to this; 0: never"] = 0
+    set_baud: Annotated[NewBaud, "change the sensor's baud to this until its next power-up; 0: never"] = 0
     rate_hz: Annotated[
         float, Limits(ge=0.0, le=FASTEST_HZ), "sample rate of a stream without a clock; 0: not given"
     ] = 0.0
     listen_only: Annotated[bool, "write nothing to the sensor; characterise what it already sends"] = False
-    stream: Annotated[Literal["deltas", "uncompensated", "compensated"], "what to ask the sensor for"] = (
-        "deltas"
-    )
+    stream: Annotated[
+        Literal["deltas", "uncompensated", "compensated"],
+        "what to ask the sensor for: deltas, uncompensated or compensated",
+    ] = "deltas"
     id: Annotated[str, Limits(max_length=64), "name in the Zenoh keys; empty: vn100-<serial number>"] = ""
 
 
@@ -75,10 +76,16 @@ class Zenoh:
     connect: Annotated[
         tuple[str, ...], "endpoints of routers to publish through as well; they may come and go"
     ] = ()
-    mode: Annotated[Literal["peer", "router"], "router: others may connect as to a router"] = "peer"
-    user: Annotated[str, "name to log in with at the other side"] = ""
-    password: Annotated[str, "and its password; keep the file readable by its owner alone"] = ""
-    users_file: Annotated[str, "who may connect to us: a file of lines user:password; empty: everybody"] = ""
+    mode: Annotated[Literal["peer", "router"], "peer; or router: others may connect as to a router"] = "peer"
+    user: Annotated[
+        str, "name to log in with at the other side, which others must give to connect to us, too"
+    ] = ""
+    password: Annotated[
+        str, "and its password; keep the file from others (of a service: group dialout, mode 0640)"
+    ] = ""
+    users_file: Annotated[
+        str, "who else may connect to us: a file of lines user:password; empty, and no user: everybody"
+    ] = ""
     certificate: Annotated[str, "own TLS certificate, PEM"] = ""
     key: Annotated[str, "and its private key, PEM"] = ""
     ca: Annotated[str, "authority that must have signed the other side's certificate, PEM"] = ""
@@ -95,7 +102,9 @@ class Zenoh:
 class State:
     """The accumulated statistics on disk"""
 
-    directory: Annotated[str, "empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon"] = ""
+    directory: Annotated[
+        str, "empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"
+    ] = ""
     save_period_s: Annotated[float, Limits(ge=1.0, le=3600.0), "what a power cut may cost, in seconds"] = 30.0
 
 
@@ -120,7 +129,8 @@ class Reporting:
     precision_k: Annotated[float, Limits(gt=0.0, lt=1.0), "the same of K"] = 0.5
     grade: Annotated[
         Literal["", "navigation", "tactical", "industrial", "consumer"],
-        "grade you need, which imumon wait waits for; empty: the first sample",
+        "grade you need, which imumon wait waits for: navigation, tactical, industrial or consumer; "
+        "empty: the first sample",
     ] = ""
 
 
@@ -135,9 +145,13 @@ class Guards:
 class Log:
     """What the daemon says on standard error"""
 
-    level: Annotated[Literal["error", "warning", "info", "debug"], "least weight that is said"] = "info"
+    level: Annotated[
+        Literal["error", "warning", "info", "debug"],
+        "least weight that is said: error, warning, info or debug",
+    ] = "info"
     format: Annotated[
-        Literal["auto", "text", "journal", "json"], "auto: journal under systemd, else text"
+        Literal["auto", "text", "journal", "json"],
+        "auto (journal under systemd, else text), text, journal or json",
     ] = "auto"
 
 

@@ -50,24 +50,17 @@ CAVEATS: Mapping[str, Meaning] = {
         "fit.",
     ),
     "misfit": Meaning(
-        "the curve is not N + B + K: the fit is poor",
-        "The curve is not the sum of N, B and K: the limits understate what is not known.",
+        "the curve is not N + B + K: the limits are widened",
+        "The curve is not the sum of N, B and K: the limits are widened by what is left over, and what the "
+        "figures mean is not sure.",
     ),
     "not_at_rest": Meaning(
-        "the sensor moves: motion is not noise",
-        "The sensor moved. Motion is not noise, and no grade is given.",
-    ),
-    "motion": Meaning(
         "the sensor moves: motion is not noise",
         "The sensor moved. Motion is not noise, and no grade is given.",
     ),
     "gaps": Meaning(
         "more than a tenth of the samples is missing",
         "More than a tenth of the samples is missing: the limits at long times are somewhat too narrow.",
-    ),
-    "filtered": Meaning(
-        "a filter bends the shortest times: they are left out",
-        "A filter of the sensor bends the shortest octaves: they were left out of the fit.",
     ),
     "correlated": Meaning(
         "neighbouring samples are not independent: the shortest times are left out",

@@ -481,7 +481,10 @@ class Daemon:
                 if session.restore():
                     self._keeping.forget()
                 else:
-                    self.log.say("the sensor did not take its settings back; the next start will", "warning")
+                    self.log.say(
+                        "the sensor did not take its settings back; the end of the next run will give them",
+                        "warning",
+                    )
         self._link.close()
 
     @contextmanager

@@ -28,7 +28,7 @@ def picture(made: Report) -> bytes:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise CannotDraw("a PNG needs matplotlib: pip install 'imumon[plot]' (HTML needs nothing)") from None
+        raise CannotDraw("a PNG needs matplotlib: pip install matplotlib (HTML needs nothing)") from None
     found = {sensor: curves(made, sensor) for sensor in SENSORS}
     found = {sensor: axes for sensor, axes in found.items() if axes}
     if not found:

@@ -47,7 +47,7 @@ class Bag:
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
-            raise SourceError(f"{path} is a bag: pip install 'imumon[bags]' to read it") from None
+            raise SourceError(f"{path} is a bag: pip install rosbags to read it") from None
         self.path = path
         self.fed = 0
         try:
