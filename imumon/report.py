@@ -30,18 +30,18 @@ COEFFICIENTS = ("N", "B", "K")
 class Device:
     """Whose numbers these are, and what they describe."""
 
-    id: str
-    model: str | None = None
-    serial: str | None = None
-    firmware: str | None = None
-    port: str | None = None
-    baud: int | None = None
-    stream: str | None = None
-    sample_rate_hz: float | None = None
-    alias_factor: float | None = None
+    id: str  # name of the device, as in the keys
+    model: str | None = None  # as the sensor says it
+    serial: str | None = None  # serial number, as the sensor says it
+    firmware: str | None = None  # version, as the sensor says it
+    port: str | None = None  # path or URL; of a recording its file
+    baud: int | None = None  # bit/s
+    stream: str | None = None  # "deltas", "uncompensated" or "compensated": what the samples are
+    sample_rate_hz: float | None = None  # Hz, by the sensor's clock; before that is known, by its settings
+    alias_factor: float | None = None  # by how much the sensor's filter inflates N; null: not known
     source: str | None = None  # the message the samples are taken from
-    clock: str | None = None  # where their time comes from
-    settings: Mapping[str, str] = field(default_factory=dict)  # registers that change the data
+    clock: str | None = None  # where their time comes from: "startup", "counter", "dt" or "none"
+    settings: Mapping[str, str] = field(default_factory=dict)  # registers that change the data, as text
     remarks: tuple[str, ...] = ()  # what is not known or not as it should be, one line each
 
 
@@ -49,177 +49,190 @@ class Device:
 class Session:
     """What was received, lost and left out since the first sample; the counts add up."""
 
-    started: str | None = None  # null where nobody knows: of a recording that does not say
-    elapsed_s: float = 0.0
-    samples: int = 0
-    missing: int = 0
-    gaps: int = 0
-    discarded_bytes: int = 0
-    bad_checksums: int = 0
-    disturbances: int = 0
-    excluded_s: float = 0.0
-    warmup_s: float = 0.0
-    restarts: int = 0
+    started: str | None = None  # ISO 8601 in UTC; null: no sample yet, or a recording that does not say
+    elapsed_s: float = 0.0  # s by the sensor's clock, of samples and missing together
+    samples: int = 0  # received, what was cut out included
+    missing: int = 0  # samples that the sensor's clock shows and that did not come
+    gaps: int = 0  # stretches of missing samples, those of unknown length too
+    discarded_bytes: int = 0  # bytes of no valid message
+    bad_checksums: int = 0  # messages that failed their check, or rows of a table that were no good
+    disturbances: int = 0  # stretches cut out, a running one included
+    excluded_s: float = 0.0  # s of received samples that were cut out
+    warmup_s: float = 0.0  # s of received samples that a recognised warm-up took
+    restarts: int = 0  # times the daemon, the sensor's clock or the record began anew
     duplicates: int = 0  # samples that came twice and were counted once
-    received_bytes: int = 0
+    received_bytes: int = 0  # bytes that were read
     overruns: int = 0  # times the kernel or the queue had to drop bytes
-    kernel_overruns: int | None = None  # of these the kernel's; null: its driver counts none
-    most_queued_bytes: int | None = None  # most that ever waited for the daemon at once
-    excluded_by: Mapping[str, float] = field(default_factory=dict)  # seconds by reason
+    kernel_overruns: int | None = None  # of these the kernel's, in this run; null: its driver counts none
+    most_queued_bytes: int | None = None  # most that ever waited for the daemon at once, in this run
+    # seconds by reason; `magnetic` is not part of excluded_s where there are gyro or accel
+    excluded_by: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readable:
-    value: float | None
-    low: float | None
-    high: float | None
-    unit: str
+    """The figures of a coefficient in the unit that people read."""
+
+    value: float | None  # in `unit`; null unless measured
+    low: float | None  # in `unit`, lower 95 % limit
+    high: float | None  # in `unit`, upper 95 % limit
+    unit: str  # such as deg/sqrt(h)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coefficient:
     """N, B or K with its 95 % limits; `value` is None unless measured."""
 
-    value: float | None
-    low: float | None
-    high: float | None
-    status: Status
-    unit: str
-    readable: Readable
-    reason: str | None = None
+    value: float | None  # in `unit`
+    low: float | None  # in `unit`, lower 95 % limit; 0 of an upper bound, null while pending
+    high: float | None  # in `unit`, upper 95 % limit, or the upper bound; null while pending
+    status: Status  # "upper_bound": not seen, but no larger than `high`; "pending": nothing known yet
+    unit: str  # such as rad/s/sqrt(Hz)
+    readable: Readable  # the same in the unit that people read
+    reason: str | None = None  # why there is no value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grading:
-    nearest: GradeName | None = None
-    meets: GradeName | None = None
+    """Grade of one coefficient; None where there is none to give."""
+
+    nearest: GradeName | None = None  # grade whose limit is nearest on a logarithmic scale
+    meets: GradeName | None = None  # best grade whose limit is not exceeded; null too if worse than consumer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelGrade:
-    N: Grading = Grading()
-    B: Grading = Grading()
-    nearest: GradeName | None = None
-    meets: GradeName | None = None
+    """Grades of a channel's N and B, and the worse of them."""
+
+    N: Grading = Grading()  # of its value, or its bound
+    B: Grading = Grading()  # of its value, or its bound
+    nearest: GradeName | None = None  # worse of the two; a bound decides only if nothing is measured
+    meets: GradeName | None = None  # worse of the two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecidedBy:
-    axis: str
-    coefficient: str
+    """The coefficient that a headline hangs on."""
+
+    axis: str  # "x", "y" or "z"
+    coefficient: str  # "N" or "B"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorGrade:
     """Headline grade of a sensor: the worst of its axes."""
 
-    nearest: GradeName | None = None
-    meets: GradeName | None = None
-    decided_by: DecidedBy | None = None
-    provisional: bool = True
-    reason: str | None = None  # why there is none
+    nearest: GradeName | None = None  # the headline: nearest limit on a logarithmic scale
+    meets: GradeName | None = None  # best grade that all its N and B meet; null too if worse than consumer
+    decided_by: DecidedBy | None = None  # what the headline hangs on
+    provisional: bool = True  # whether it may still change
+    reason: str | None = None  # why there is no grade, or why it is provisional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
     """Classical slope readings of the curve; None where the curve has none."""
 
-    N: float | None = None
-    B: float | None = None
-    K: float | None = None
+    N: float | None = None  # unit of the channel's N, line of slope -1/2 read at 1 s
+    B: float | None = None  # channel unit, flat part over 0.664
+    K: float | None = None  # unit of the channel's K, line of slope +1/2 read at 3 s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeTo:
-    """Sensor seconds until the asked precision; None when it will not come."""
+    """Sensor seconds until the asked precision; 0 once reached; None while not measured, or not within a
+    year."""
 
-    N: float | None = None
-    B: float | None = None
-    K: float | None = None
+    N: float | None = None  # s, until N is known as well as asked
+    B: float | None = None  # s, until B is
+    K: float | None = None  # s, until K is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitQuality:
-    chi2: float | None = None
-    dof: int | None = None
-    p_value: float | None = None
+    """Test of what the fitted model leaves; None while there is nothing to test."""
+
+    chi2: float | None = None  # 1, chi-square of what is left
+    dof: int | None = None  # its degrees of freedom
+    p_value: float | None = None  # chance of a larger one were the model true
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Allan:
     """The curve, one entry an octave: measured points, their limits, and the fitted model."""
 
-    tau_s: tuple[float, ...] = ()
-    sigma: tuple[float, ...] = ()
-    low: tuple[float | None, ...] = ()
-    high: tuple[float | None, ...] = ()
-    edf: tuple[float | None, ...] = ()
-    model: tuple[float | None, ...] = ()
-    used: tuple[bool, ...] = ()
+    tau_s: tuple[float, ...] = ()  # s, averaging times
+    sigma: tuple[float, ...] = ()  # channel unit, Allan deviation
+    low: tuple[float | None, ...] = ()  # channel unit, lower 95 % limit of the deviation
+    high: tuple[float | None, ...] = ()  # channel unit, upper 95 % limit
+    edf: tuple[float | None, ...] = ()  # 1, equivalent degrees of freedom
+    model: tuple[float | None, ...] = ()  # channel unit, fitted deviation; null where there is no fit
+    used: tuple[bool, ...] = ()  # octaves that the fit rests on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Histogram:
     """Counts in equal bins from `start`, with the Gaussian of the same mean and deviation."""
 
-    start: float
-    width: float
-    counts: tuple[int, ...]
-    gaussian: tuple[float, ...]
+    start: float  # channel unit, lower edge of the first bin
+    width: float  # channel unit, of each bin
+    counts: tuple[int, ...]  # samples in each bin
+    gaussian: tuple[float, ...]  # expected counts of the Gaussian
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
     """Shape of the values: verdict in words, modes found, the last minute beside everything."""
 
-    verdict: str | None = None  # "Gaussian" or "not Gaussian, because ..."
-    gaussian: bool | None = None
-    modes: tuple[float, ...] = ()
-    recent_mean: float | None = None  # of the last minute
-    recent_std: float | None = None
-    bias: float | None = None  # mean against what a sensor at rest reads
-    bias_low: float | None = None
-    bias_high: float | None = None
-    bias_reason: str | None = None  # why there is none where there might be one
-    correlation: Mapping[str, float] = field(default_factory=dict)  # with the sensor's other axes
+    verdict: str | None = None  # "Gaussian", "not Gaussian: heavy tails", "constant", "too few samples"
+    gaussian: bool | None = None  # whether it is; null: too few samples to tell, or constant
+    modes: tuple[float, ...] = ()  # channel unit, places of the maxima, highest first
+    recent_mean: float | None = None  # channel unit, of the last minute, what was cut out included
+    recent_std: float | None = None  # channel unit, of the last minute, what was cut out included
+    bias: float | None = None  # channel unit, mean less what a sensor at rest reads
+    bias_low: float | None = None  # channel unit, lower 95 % limit of the bias
+    bias_high: float | None = None  # channel unit, upper 95 % limit of the bias
+    bias_reason: str | None = None  # why there is no bias where there might be one
+    correlation: Mapping[str, float] = field(default_factory=dict)  # -1 to 1, by the sensor's other channels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
     """A spectral line: amplitude is that of the sinusoid, in the channel's unit."""
 
-    frequency_hz: float
-    amplitude: float
-    aliases_hz: tuple[float, ...] = ()  # true frequencies that would fold to here
-    name: str | None = None  # "50 Hz mains", where one fits
+    frequency_hz: float  # Hz, as it appears
+    amplitude: float  # channel unit, of the sinusoid
+    aliases_hz: tuple[float, ...] = ()  # Hz, mains and harmonics that would fold to here
+    name: str | None = None  # "50 Hz mains", where one fits; of magnetometers only
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spectrum:
     """One-sided power spectral density, unit^2/Hz, with the averages behind each bin."""
 
-    frequency_hz: tuple[float, ...]
-    density: tuple[float, ...]
-    averages: tuple[int, ...]
-    lines: tuple[Line, ...] = ()
-    white: float | None = None  # N read from the white level
+    frequency_hz: tuple[float, ...]  # Hz, rising
+    density: tuple[float, ...]  # (channel unit)^2/Hz
+    averages: tuple[int, ...]  # periodograms averaged in each
+    lines: tuple[Line, ...] = ()  # what stands out, strongest first
+    white: float | None = None  # N read from the white level, in the unit of the channel's N
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Slope of the mean, with 95 % limits against the fitted noise."""
+    """Slope of the mean, with 95 % limits against the fitted noise; N, B and K as they would be had the
+    temperature stood still, where that matters: the channel's own include its part."""
 
-    per_hour: float | None = None
-    per_hour_low: float | None = None
-    per_hour_high: float | None = None
-    significant: bool | None = None
-    per_degC: float | None = None
-    per_degC_low: float | None = None
-    per_degC_high: float | None = None
-    explained: float | None = None  # share of the long-tau variance that temperature explains
-    steady_N: Coefficient | None = None  # as it would be had the temperature stood still, where that matters;
-    steady_B: Coefficient | None = None  # the channel's own N, B, K are with the temperature's part
-    steady_K: Coefficient | None = None
+    per_hour: float | None = None  # channel unit an hour
+    per_hour_low: float | None = None  # channel unit an hour, lower 95 % limit
+    per_hour_high: float | None = None  # channel unit an hour, upper 95 % limit
+    significant: bool | None = None  # whether per_hour is beyond 3.9 standard errors
+    per_degC: float | None = None  # channel unit a degC; null: no temperature, or it stood still
+    per_degC_low: float | None = None  # channel unit a degC, lower 95 % limit
+    per_degC_high: float | None = None  # channel unit a degC, upper 95 % limit
+    explained: float | None = None  # share of the long-tau variance that temperature explains, 0 to 1
+    steady_N: Coefficient | None = None  # N had the temperature stood still; null: no significant per_degC
+    steady_B: Coefficient | None = None  # B had the temperature stood still; null: no significant per_degC
+    steady_K: Coefficient | None = None  # K had the temperature stood still; null: no significant per_degC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,9 +241,9 @@ class Change:
 
     against: str  # "hours before", "time before" (a step of the bias) or "baseline"
     quantity: str  # "N", "B" or "bias"
-    before: float
-    now: float
-    ratio: float | None
+    before: float  # in the channel's unit of the quantity
+    now: float  # in the channel's unit of the quantity
+    ratio: float | None  # now over before; null for the bias
     sigma: float  # by how many standard errors they differ
 
 
@@ -238,78 +251,84 @@ class Change:
 class Strip:
     """Least and greatest value in equal columns of time, oldest first; None where nothing came."""
 
-    start_s: float  # seconds since the first sample
-    column_s: float
-    low: tuple[float | None, ...]
-    high: tuple[float | None, ...]
+    start_s: float  # s since the first sample
+    column_s: float  # s, length of a column
+    low: tuple[float | None, ...]  # channel unit, least value
+    high: tuple[float | None, ...]  # channel unit, greatest value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
     """What a signal view draws of one channel; published beside the report, one key a channel."""
 
-    channel: str
-    unit: str
-    minute: Strip | None = None
-    hour: Strip | None = None
-    everything: Strip | None = None
-    histogram: Histogram | None = None
-    spectrum: Spectrum | None = None
+    channel: str  # such as gyro/x
+    unit: str  # channel unit
+    minute: Strip | None = None  # the last 60 s
+    hour: Strip | None = None  # the last hour
+    everything: Strip | None = None  # all since the first sample
+    histogram: Histogram | None = None  # null: the report has it
+    spectrum: Spectrum | None = None  # null: the report has it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    unit: str
-    count: int = 0
-    mean: float | None = None
-    std: float | None = None
-    min: float | None = None
-    max: float | None = None
-    skewness: float | None = None
-    excess_kurtosis: float | None = None
-    last: float | None = None
-    N: Coefficient | None = None
-    B: Coefficient | None = None
-    K: Coefficient | None = None
-    grade: ChannelGrade | None = None
-    readings: Readings | None = None
-    time_to: TimeTo | None = None
-    fit: FitQuality | None = None
-    caveats: tuple[str, ...] = ()
-    allan: Allan | None = None
-    distribution: Distribution | None = None
-    histogram: Histogram | None = None
-    spectrum: Spectrum | None = None
-    drift: Drift | None = None
-    changes: tuple[Change, ...] = ()
+    """One axis, or temperature or pressure, which have no curve; on its own key `allan`, `histogram` and
+    `spectrum` are left out."""
+
+    unit: str  # channel unit: rad/s, m/s^2, gauss, degC or kPa
+    count: int = 0  # samples that count: not cut out, behind the warm-up
+    mean: float | None = None  # channel unit, of these samples, as std to last
+    std: float | None = None  # channel unit, with n - 1
+    min: float | None = None  # channel unit, least value
+    max: float | None = None  # channel unit, greatest value
+    skewness: float | None = None  # 1; null without spread
+    excess_kurtosis: float | None = None  # 1; null without spread
+    last: float | None = None  # channel unit, the newest that counts
+    N: Coefficient | None = None  # white noise (random walk of the integral); null: no curve
+    B: Coefficient | None = None  # flicker (bias instability); null: no curve
+    K: Coefficient | None = None  # random walk of the rate; null: no curve
+    grade: ChannelGrade | None = None  # of N and B; null: neither gyro nor accel
+    readings: Readings | None = None  # N, B, K read off the curve, for comparison
+    time_to: TimeTo | None = None  # until N, B, K are as precise as asked
+    fit: FitQuality | None = None  # how well the model describes the curve
+    caveats: tuple[str, ...] = ()  # one word each, those of the whole record included; none without a curve
+    allan: Allan | None = None  # Allan deviation; null: no curve
+    distribution: Distribution | None = None  # shape of the values, and the bias
+    histogram: Histogram | None = None  # at most 64 bins, warm-up included
+    spectrum: Spectrum | None = None  # at most 24 points a decade, warm-up included; null: no curve
+    drift: Drift | None = None  # slope of the mean; null: noise not known, or too short a record
+    changes: tuple[Change, ...] = ()  # what differs beyond chance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
     """Something that happened: `kind` is one word, `text` a line for people."""
 
-    time: str
-    kind: str
-    text: str
-    device: str
-    elapsed_s: float | None = None
-    channel: str | None = None
-    length_s: float | None = None
-    size: float | None = None
+    time: str  # ISO 8601 in UTC, when it was told
+    kind: str  # such as connect, gap, disturbance, grade
+    text: str  # what happened, in a line
+    device: str  # id of the device
+    elapsed_s: float | None = None  # s of the record, of a disturbance its begin; null: of no record
+    channel: str | None = None  # such as gyro/x; null: no single one
+    length_s: float | None = None  # s, of what was cut out or is missing
+    size: float | None = None  # channel unit, greatest distance of a disturbance from the level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    schema: str = SCHEMA
-    time: str
-    device: Device
-    state: State
-    session: Session
-    grade: Mapping[str, SensorGrade] = field(default_factory=dict)
-    channels: Mapping[str, Channel] = field(default_factory=dict)
+    """Everything known of one device at one moment."""
+
+    schema: str = SCHEMA  # imumon.report/1
+    time: str  # ISO 8601 in UTC, when it was made
+    device: Device  # whose numbers these are
+    state: State  # "starting": no sample yet; "waiting": sensor gone or silent; "stopped": last report
+    session: Session  # what was received, lost and left out
+    grade: Mapping[str, SensorGrade] = field(default_factory=dict)  # headlines: gyro, accel
+    channels: Mapping[str, Channel] = field(default_factory=dict)  # gyro/x ... mag/z, temperature, pressure
     caveats: tuple[str, ...] = ()  # those that hold for the whole record
-    period_s: float = 1.0  # between two reports
+    period_s: float = 1.0  # s between two reports
     speed: float = 1.0  # sensor seconds in a second of the room, other than 1 in a time-lapse
+    # SI, of gyro and accel, by N and B and grade: the most that each grade allows
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
 
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import pytest
 
 from imumon import report
-from imumon.report import Channel, Event, Report, Signal, from_json, to_dict, to_json
+from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_dict, to_json
 
 FILE = Path(__file__).parents[1] / "docs" / "report.schema.json"
 LEFT_OUT = ("allan", "histogram", "spectrum")  # of a channel on its own key
@@ -27,11 +27,13 @@ def schema() -> dict[str, Any]:
     defs: dict[str, Any] = {}
     for cls in (Report, Event, Signal):
         define(cls, defs)
+    grade = shape(typing.get_type_hints(Report)["grade"], defs)
+    defs["Grade"] = {"description": "The report's grade alone: the headline of each sensor.", **grade}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": report.SCHEMA,
-        "description": "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Event imumon/{id}/event, "
-        "Signal imumon/{id}/signal/{sensor}/{axis}. More fields may come.",
+        "description": "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Grade imumon/{id}/grade, "
+        "Event imumon/{id}/event, Signal imumon/{id}/signal/{sensor}/{axis}. More fields may come.",
         "$ref": "#/$defs/Report",
         "$defs": dict(sorted(defs.items())),
     }
@@ -53,9 +55,11 @@ def define(cls: type, defs: dict[str, Any]) -> dict[str, Any]:
 
 
 def comments(cls: type) -> dict[str, str]:
-    """What stands beside the fields in the source."""
-    found = re.findall(r"^    (\w+): [^#\n]*#\s*(.+)$", inspect.getsource(cls), re.MULTILINE)
-    return dict(found)
+    """What stands beside the fields in the source, or on the line above where there is no room."""
+    source = inspect.getsource(cls)
+    above = re.findall(r"^    #\s*(.+)\n    (\w+):", source, re.MULTILINE)
+    beside = re.findall(r"^    (\w+): [^#\n]*#\s*(.+)$", source, re.MULTILINE)
+    return {name: text for text, name in above} | dict(beside)
 
 
 def shape(hint: Any, defs: dict[str, Any]) -> dict[str, Any]:
@@ -133,6 +137,18 @@ def test_the_file_is_the_code() -> None:
     assert json.loads(FILE.read_text("utf-8")) == schema(), "run python tests/test_schema.py"
 
 
+def test_every_message_and_every_field_has_a_line() -> None:
+    defs = json.loads(FILE.read_text("utf-8"))["$defs"]
+    assert [name for name, rule in defs.items() if not rule.get("description")] == []
+    fields = [
+        (f"{name}.{field}", rule)
+        for name, each in defs.items()
+        for field, rule in each.get("properties", {}).items()
+    ]
+    assert fields
+    assert [at for at, rule in fields if not rule.get("description")] == []
+
+
 @pytest.mark.parametrize("cls", [Report, Event, Signal])
 @pytest.mark.parametrize("empty", [True, False])
 def test_every_message_keeps_the_schema_and_comes_back_the_same(cls: type, empty: bool) -> None:
@@ -147,6 +163,13 @@ def test_a_channel_on_its_own_key_keeps_it_too() -> None:
     entry = {k: v for k, v in to_dict(filled(Channel, empty=False)).items() if k not in LEFT_OUT}
     assert faults(entry, {"$ref": "#/$defs/Channel"}, root) == []
     assert from_json(Channel, json.dumps(entry)).allan is None
+
+
+def test_the_grades_on_their_own_key_keep_it_too() -> None:
+    root = json.loads(FILE.read_text("utf-8"))
+    grades = json.loads(to_json({"gyro": filled(SensorGrade, empty=False), "accel": SensorGrade()}))
+    assert faults(grades, {"$ref": "#/$defs/Grade"}, root) == []
+    assert faults({"gyro": {"nearest": "poor"}}, {"$ref": "#/$defs/Grade"}, root)
 
 
 @pytest.mark.parametrize(
