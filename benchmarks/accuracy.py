@@ -232,7 +232,9 @@ def accuracy_table(cells: list[Cell]) -> None:
 def coverage_table(cells: list[Cell]) -> None:
     say(
         "Limits",
-        "Share of all records, in %, whose limits hold the truth, whether measured or bounded; goal 93–97.",
+        "Share of all records, in %, whose limits hold the truth, whether measured or bounded; goal 93–97 "
+        "for the columns N, B and K. K's bound holds: of those records alone in which K is only bounded, a "
+        "selection by its estimate.",
     )
     header(
         *("record", "K", "N", "B", "K", "K measured", "K's bound holds"),

@@ -2,7 +2,7 @@
 
     python benchmarks/fleet.py [--daemons 20] [--period 1.0] [--seconds 20]
 
-Every daemon is a process of its own, which publishes reports of the usual size (nine channels, 19 octaves)
+Every daemon is a process of its own, which publishes the report of a day (nine channels, all curves)
 through a router in a process of its own; the subscriber is the viewer of the screen, read as often as it can
 be. Latency is from the call of `publish` to the arrival, on the one clock of this machine.
 """
@@ -24,34 +24,15 @@ from pathlib import Path
 from typing import Any
 
 from imumon.bus import Publisher, Viewer
-from imumon.report import Allan, Channel, Coefficient, Device, Readable, Report, Session, to_json
+from imumon.report import Report, Session, from_json, to_json
 
-CHANNELS = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
+EXAMPLE = Path(__file__).parents[1] / "docs" / "example" / "report.json"
 
 
 def report(id: str) -> Report:
-    octaves = 19
-    curve = Allan(
-        tau_s=tuple(0.00125 * 2.0**k for k in range(octaves)),
-        sigma=(1.23456789e-3,) * octaves,
-        low=(1.03456789e-3,) * octaves,
-        high=(1.43456789e-3,) * octaves,
-        edf=(1234.5678,) * octaves,
-        model=(1.23456789e-3,) * octaves,
-        used=(True,) * octaves,
-    )
-    readable = Readable(value=0.21037, low=0.2, high=0.22, unit="deg/sqrt(h)")
-    noise = Coefficient(
-        value=6.12e-5, low=6e-5, high=6.3e-5, status="measured", unit="rad/s/sqrt(Hz)", readable=readable
-    )
-    channel = Channel(unit="rad/s", mean=1.23e-4, std=2.3e-3, N=noise, B=noise, K=noise, allan=curve)
-    return Report(
-        time="2026-01-02T03:04:05.678Z",
-        device=Device(id=id),
-        state="running",
-        session=Session(),
-        channels=dict.fromkeys(CHANNELS, channel),
-    )
+    """That of a day, with all its curves."""
+    made = from_json(Report, EXAMPLE.read_text())
+    return replace(made, device=replace(made.device, id=id))
 
 
 def cost(begun: float) -> dict[str, float]:

@@ -80,7 +80,7 @@ def add_config(parser: Parser) -> None:
         "what",
         choices=("show", "check"),
         metavar="{show,check}",  # so it is named where it is missing
-        help="show: every setting with its origin",
+        help="show: every setting with its origin; check: all faults of the file",
     )
     parser.add_argument("--config", metavar="FILE", help="file to read instead of the first that is found")
 
@@ -98,7 +98,12 @@ def config(words: argparse.Namespace) -> int:
 
 
 def add_completion(parser: Parser) -> None:
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="{bash,zsh,fish}")
+    parser.add_argument(
+        "shell",
+        choices=("bash", "zsh", "fish"),
+        metavar="{bash,zsh,fish}",
+        help="the shell to print the script for",
+    )
 
 
 def completion(words: argparse.Namespace) -> int:

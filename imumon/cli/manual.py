@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +26,9 @@ EXITS = {
     NOT_IN_TIME: "not reached in time",
     INTERRUPTED: "interrupted by the keyboard",
 }
+IN_TIME = ("run", "wait")
+ALONE = ("config", "completion")
+"""Commands that wait for something, and those that need neither port nor daemon."""
 ENVIRONMENT = {
     "XDG_CONFIG_HOME": "where imumon/config.toml is looked for; default ~/.config",
     "XDG_STATE_HOME": "where imumon/ keeps the accumulated statistics; default ~/.local/state",
@@ -180,7 +183,9 @@ def _one(name: str, parser: argparse.ArgumentParser) -> str:
         optional = action.option_strings or action.nargs == "?"
         lines.append(f"[{shown}]" if optional else shown)
     lines += [".YS", ".SH DESCRIPTION", *_paragraphs(about.text), ".SH OPTIONS", *_options(parser)]
-    lines += [*_exits(about.exits), *_examples(about.examples)]
+    without = {NOT_IN_TIME} if name not in IN_TIME else set()
+    without |= {NOTHING_THERE} if name in ALONE else set()
+    lines += [*_exits(about.exits, without), *_examples(about.examples)]
     return _end([*lines, *_see(["imumon(1)", "imumon(5)"])])
 
 
@@ -245,8 +250,9 @@ def _invocation(action: argparse.Action) -> str:
     return ", ".join(rf"\fB{_text(name)}\fR {value}".strip() for name in action.option_strings)
 
 
-def _exits(more: Mapping[int, str]) -> list[str]:
-    return _table("EXIT STATUS", {str(code): more.get(code, text) for code, text in EXITS.items()})
+def _exits(more: Mapping[int, str], without: Collection[int] = ()) -> list[str]:
+    codes = {str(code): more.get(code, text) for code, text in EXITS.items() if code not in without}
+    return _table("EXIT STATUS", codes)
 
 
 def _table(title: str, rows: Mapping[str, str]) -> list[str]:
