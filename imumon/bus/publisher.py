@@ -3,8 +3,8 @@
 Nothing here ever waits for a subscriber: `publish` puts the newest report into a slot and returns, a thread
 of this file's own sends it, and Zenoh drops rather than blocks when a link is stuck. Events queue up,
 bounded and counted. The last value of every key is kept: late subscribers get it from the cache, anybody may
-also ask with a plain ``get``. Signals (histograms, spectra, strips) are large and looked at by few, so they
-are sent only when asked for.
+also ask with a plain ``get``. Signals (strips, for drawing) are large and looked at by few, so they are sent
+only when asked for.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class Publisher:
         return {**self._faults, **lost}
 
     def close(self) -> None:
-        """Send what is pending and leave the bus; takes a second at most."""
+        """Send what is pending and leave the bus; takes 1.4 s at most."""
         with self._wake:
             if self._closing:
                 return

@@ -167,6 +167,7 @@ class Monitor:
 
     @property
     def samples(self) -> int:
+        """Samples received in the record so far."""
         return self._record.samples if self._record else 0
 
     @property
@@ -232,7 +233,13 @@ class Monitor:
         }
 
     def save(self) -> tuple[dict[str, Any], Mapping[str, npt.NDArray[Any]]]:
-        """State that `resume` continues from; only of a monitor that has samples."""
+        """State that `resume` continues from; only of a monitor that has samples.
+
+        Returns
+        -------
+        meta : JSON values.
+        arrays : small arrays by name.
+        """
         assert self.stream is not None
         assert self._timeline is not None
         assert self._record is not None
@@ -251,6 +258,7 @@ class Monitor:
 
         Parameters
         ----------
+        meta, arrays : as `save` gave them.
         away_s : s of the sensor's time since it was saved, as far as the room's clock tells.
 
         Raises

@@ -188,7 +188,7 @@ def with_bias(
     a bias looks as a tilt does. So only an axis that is nearly vertical has one, as far as the gravity of the
     place and the other axes' biases, of which it sees the sine of its tilt, leave it known. The limits are
     those of a mean over the record against the noise of as long a time, the Allan deviation at its whole
-    length, with what is not known added to them.
+    length (IEEE Std 952 annex C), with what is not known added to them.
     """
     mean = running.channels[channels.index(name)].mean
     wander = None if fit is None else Wander.of(fit)
@@ -265,7 +265,12 @@ def sentence(channel: str, found: report.Change) -> str:
 
 
 def correlations(channel: str, axes: Sequence[str], covariance: Floats | None) -> dict[str, float]:
-    """Correlation of a channel with the other axes of its sensor."""
+    """Correlation of a channel with the other axes of its sensor, -1 to 1, by their names.
+
+    Parameters
+    ----------
+    axes : channels of the sensor, in the order of `covariance`, (a, a) (channel unit)^2.
+    """
     if covariance is None or len(axes) < 2:
         return {}
     spread = np.sqrt(np.diag(covariance))
@@ -356,14 +361,15 @@ def number(value: float) -> float | None:
 
 
 def numbers(values: Floats) -> tuple[float, ...]:
+    """(k,) numbers as they are, all finite."""
     return tuple(float(v) for v in values)
 
 
 def rounded(values: Floats) -> tuple[float, ...]:
-    """Numbers for drawing: five digits keep the message small."""
+    """(k,) numbers for drawing: five digits keep the message small."""
     return tuple(float(f"{v:.5g}") for v in values)
 
 
 def known(values: Floats) -> tuple[float | None, ...]:
-    """Numbers, and None for the 0.0 that stands for "none" in the mathematics."""
+    """(k,) numbers, and None for the 0.0 that stands for "none" in the mathematics."""
     return tuple(float(v) if v > 0.0 else None for v in values)

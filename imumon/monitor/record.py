@@ -203,10 +203,12 @@ class Record:
 
     @property
     def at_rest(self) -> bool:
+        """False while the sensor moves or is handled."""
         return self.guard.at_rest
 
     @property
     def disturbances(self) -> int:
+        """Stretches cut out so far, a running one included."""
         return self.guard.disturbances if self.guarded else 0
 
     @property

@@ -11,7 +11,8 @@ The rules
 1. Only N and B have limits. A coefficient that is pending has no grade.
 2. A bounded coefficient (``upper_bound``) stands in with its bound: ``meets`` holds at 95 %. A bound
    says how little is known and not how bad the sensor is, so it decides ``nearest`` only where nothing
-   is measured. Where it is worse than the headline it makes that provisional, and the reason names it.
+   is measured. Where it is worse than the headline it makes that provisional, and the reason
+   names it unless something is pending.
 3. A channel is as good as the worse of its coefficients, a sensor as the worst of its axes. The one
    that decides is, within the worst grade, the one largest against that grade's limit.
 4. The headline is provisional while it could still change: something is pending, or the headline
@@ -72,13 +73,26 @@ class ChannelGrade:
 
 
 class DecidedBy(NamedTuple):
+    """The coefficient that a headline hangs on.
+
+    Attributes
+    ----------
+    axis : as the caller named it.
+    coefficient : ``N`` or ``B``.
+    """
+
     axis: str
     coefficient: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorGrade:
-    """Headline of a sensor: the worst of its axes, and what decides it."""
+    """Headline of a sensor: the worst of its axes, and what decides it.
+
+    Attributes
+    ----------
+    reason : why there is no grade, or why it is provisional.
+    """
 
     nearest: GradeName | None = None
     meets: GradeName | None = None

@@ -29,6 +29,10 @@ class Groups:
     ----------
     of : (c,) group of each channel.
     members : the channels of each group.
+
+    Raises
+    ------
+    ValueError : there is no channel, or `groups` are not as above.
     """
 
     def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
@@ -66,6 +70,10 @@ class Groups:
         -------
         values : (n, c) float64.
         present : (n, g) which count; None: all.
+
+        Raises
+        ------
+        ValueError : `values` are not (n, c), or `valid` does not fill (n, g).
         """
         values = np.asarray(values, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != self.channels:

@@ -174,7 +174,7 @@ class SerialPort:
 
     @property
     def kernel_overruns(self) -> int | None:
-        """Bytes that the hardware or the tty layer lost; None where the driver counts none, as of a pty."""
+        """Overruns that the driver counted; None where it counts none, as of a pty."""
         now = self._kernel_count()
         return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
 

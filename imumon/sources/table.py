@@ -217,7 +217,7 @@ class Rows:
         return void
 
     def pick(self, rows: Floats) -> Floats:
-        """Later rows without the columns that were left out."""
+        """Later rows, (n, k) with the wanted columns, without those that were left out."""
         return rows if self._stream is None else rows[:, self._picked]
 
     def _check(self, rows: Floats) -> None:

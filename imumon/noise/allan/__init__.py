@@ -92,6 +92,11 @@ class OctaveCascade:
     ratio : sub-clusters per cluster, R, a power of two.
     threshold : share of a cluster that must be valid for it to count; shorter ones than 16 must be full.
 
+    Raises
+    ------
+    ValueError : `tau0` is not positive and finite, `ratio` not one of `RATIOS`, `threshold` not in (0, 1], or
+        `channels` and `groups` not as `Groups` takes them.
+
     Examples
     --------
     NIST SP 1065, table 31: nine frequencies.
@@ -171,7 +176,12 @@ class OctaveCascade:
             self._wait(values[done:], None if present is None else present[done:])
 
     def skip(self, n: int) -> None:
-        """Move the time grid on by `n` missing samples, at a cost that grows with log n alone."""
+        """Move the time grid on by `n` missing samples, at a cost that grows with log n alone.
+
+        Raises
+        ------
+        ValueError : `n` is negative.
+        """
         if n < 0:
             raise ValueError(f"time runs forward: cannot skip {n} samples")
         if self._fill:
@@ -193,7 +203,12 @@ class OctaveCascade:
             octave.forget()
 
     def merge(self, other: OctaveCascade) -> None:
-        """Append the record of another cascade, behind a gap of unknown length; `other` is left as it is."""
+        """Append the record of another cascade, behind a gap of unknown length; `other` is left as it is.
+
+        Raises
+        ------
+        ValueError : its interval, ratio, threshold or groups are others.
+        """
         mine, its = self._setting(), other._setting()
         if mine[1:] != its[1:] or not math.isclose(mine[0], its[0], rel_tol=1e-6):
             raise ValueError("only cascades of the same interval, ratio, threshold and groups merge")

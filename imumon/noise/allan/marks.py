@@ -111,7 +111,7 @@ class MarkedCascade:
         return self._position
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples; see `OctaveCascade.update`."""
+        """Take samples, (n, c) channel unit, with what counts of them, (n, g); see `OctaveCascade.update`."""
         done = 0
         while done < len(values):
             stop = min(len(values), done + self._until_due())
@@ -237,6 +237,7 @@ class MarkedCascade:
 
     @property
     def marks(self) -> Sequence[Mark]:
+        """Marks not yet forgotten, in the order they were made."""
         return tuple(self._marks)
 
 

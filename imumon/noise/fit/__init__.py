@@ -65,7 +65,8 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True)
 class TimeTo:
-    """Seconds of record still to come until the asked precision; None when it will not come."""
+    """Seconds of record still to come until the asked precision; 0 once reached; None while not measured, or
+    not within a year."""
 
     N: float | None = None
     B: float | None = None

@@ -2,8 +2,8 @@
 
 The model is linear in powers that cannot be negative, sigma^2 = A p, and the covariance of the
 estimates depends on the same p (`covariance`). So: weights from the current p, a non-negative solve, again
-until it stands. For Gaussian noise this is quasi-likelihood, as efficient as maximum likelihood while the
-octaves' variances are near to gamma distributed.
+until it stands. For Gaussian noise this is quasi-likelihood (Wedderburn 1974; McCullagh 1983 of dependent
+data), as efficient as maximum likelihood while the octaves' variances are near to gamma distributed.
 
 All of it works on a batch of problems at once: channels, or one channel with different octaves left out, or
 with a term held fixed; all of one record, whether its samples are true averages or not. Non-negative means:

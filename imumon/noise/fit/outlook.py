@@ -1,7 +1,8 @@
 """Outlook: how much longer a record must become for a coefficient to be known as well as asked.
 
-The same covariance that gives the limits now gives them for a longer record of the same noise. For the next
-`NEAR` doublings of its length the tables are those of such records. Beyond, scale serves: a record 2^q
+The same covariance V that gives the limits now gives them for a longer record of the same noise: the variance
+of generalised least squares, (A' V^-1 A)^-1 (Aitken 1935; `intervals.deviations`), asks for no data. For the
+next `NEAR` doublings of its length the tables are those of such records. Beyond, scale serves: a record 2^q
 times as long looks, at its long octaves, like the last of these with N^2 smaller and K^2 larger by 2^q, and
 the q shortest octaves are forgone. No record is worth less than its part: precision grows at least as the
 square root of the length. What the record does not show yet is not foretold: it may be nothing at all, and a

@@ -56,6 +56,10 @@ def cube_root_score(ratio: Floats, dof: Floats) -> Floats:
 def chi2_cdf(value: Floats | float, dof: Floats | float) -> Floats:
     """P(chi2 <= value).
 
+    Parameters
+    ----------
+    value, dof : 1, of shapes that broadcast; `dof` > 0.
+
     >>> chi2_cdf(3.841459, 1.0).round(6)
     np.float64(0.95)
     """
@@ -100,6 +104,11 @@ def chi2_tail(value: float, dof: int) -> float:
 
 def chi2_quantile(probability: float, dof: Floats | float) -> Floats:
     """Value with P(chi2 <= value) = probability, better than 1e-3 from a quarter of a degree of freedom on.
+
+    Parameters
+    ----------
+    probability : between 0 and 1.
+    dof : 1, any shape.
 
     >>> chi2_quantile(0.025, np.array([1.0, 1.7, 30.0])).round(3)
     array([1.0000e-03, 2.5000e-02, 1.6791e+01])

@@ -154,6 +154,7 @@ class Reference:
 
     @property
     def ready(self) -> bool:
+        """Whether enough quiet frames were learned from to judge others."""
         return bool(self.frames >= SCHEDULE[0])
 
     @property

@@ -45,7 +45,7 @@ class Disturbance:
     length : samples, margins included.
     size : channel unit, greatest distance from the level; None where that says nothing (stuck, loop).
     channel : index of the channel where that distance is greatest against its noise, or which alone is
-        stuck; None.
+        stuck; None: no single one.
     """
 
     kind: Reason
@@ -110,7 +110,12 @@ class Watch:
         return breaks
 
     def begin(self, x: Floats, seen: Bools | None, codes: Codes) -> None:
-        """Judge the first frames by one another, so that a record may begin with a knock; see `compare`."""
+        """Judge the first frames by one another, so that a record may begin with a knock.
+
+        Parameters
+        ----------
+        x, seen, codes : as of `compare`.
+        """
         frames, _ = self._figures(x, seen)
         self.reference.add(frames[frames.known])
         if not self.reference.ready:

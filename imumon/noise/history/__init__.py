@@ -120,7 +120,7 @@ class History:
         return self._cascade.position
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples, (n, c), with what counts of them, (n, g)."""
+        """Take samples, (n, c) channel unit, with what counts of them, (n, g)."""
         done = 0
         while done < len(values):
             stop = min(len(values), done + self._until_cut())

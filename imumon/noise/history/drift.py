@@ -1,10 +1,10 @@
 """Drift: slope of the mean against time and against temperature, with limits that know the noise.
 
 The record is kept as at most 128 means over equal stretches; when they are full, neighbours join and
-stretches double. When asked, slopes are fitted to the means by generalised least squares with the covariance
-that the channel's own N, B and K give them (`Wander`), so that a random walk is not called a drift. What the
-noise does not explain either widens the limits (residual chi-square over degrees of freedom, where above
-one).
+stretches double. When asked, slopes are fitted to the means by generalised least squares (Aitken 1935) with
+the covariance that the channel's own N, B and K give them (`Wander`), so that a random walk is not called a
+drift. What the noise does not explain either widens the limits (residual chi-square over degrees of freedom,
+where above one: Birge 1932).
 """
 
 from __future__ import annotations
@@ -53,14 +53,17 @@ class Slope:
 
     @property
     def low(self) -> float:
+        """Lower 95 % limit, unit of `value`."""
         return self.value - LIMIT * self.error
 
     @property
     def high(self) -> float:
+        """Upper 95 % limit, unit of `value`."""
         return self.value + LIMIT * self.error
 
     @property
     def significant(self) -> bool:
+        """Whether it is beyond `SIGNIFICANT` standard errors."""
         return abs(self.value) > SIGNIFICANT * self.error
 
 
@@ -120,6 +123,7 @@ class Drift:
 
     @property
     def elapsed_s(self) -> float:
+        """s, length of the grid so far, but for gaps of unknown length."""
         return self._n / self._rate
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:

@@ -2,7 +2,7 @@
 
 A slope, a step between two hours or a warm-up is real only against what N, B and K do by themselves: a random
 walk always goes somewhere. The covariance of means over two stretches follows from the generalised
-autocovariance G of the phase (the integral of the rate),
+autocovariance G of the phase (the integral of the rate; Greenhall 1991, as in `fit.covariance`),
 
     white -|t|/2 N^2,  flicker t^2 ln|t| / (2 pi) B^2,  random walk |t|^3/12 K^2,
 

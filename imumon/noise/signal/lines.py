@@ -52,9 +52,15 @@ class SpectralLine:
 
 
 def beside(power: Floats) -> Floats:
-    """(2, c, BINS) Median density of the `SIDE` bins to the left and to the right of each, beyond a guard.
+    """Median density of the `SIDE` bins to the left and to the right of each, beyond a guard.
 
-    NaN where more than half of them are missing.
+    Parameters
+    ----------
+    power : (c, BINS) (channel unit)^2/Hz.
+
+    Returns
+    -------
+    (2, c, BINS) (channel unit)^2/Hz; NaN where more than half of them are missing.
     """
     reach = GUARD + SIDE
     padded = np.full((len(power), BINS + 2 * reach), np.nan)
@@ -75,9 +81,12 @@ def find_lines(
 
     Parameters
     ----------
-    power : (BINS,) density.
-    sides : (2, BINS) medians left and right.
+    power : (BINS,) (channel unit)^2/Hz, density.
+    sides : (2, BINS) (channel unit)^2/Hz, medians left and right, see `beside`.
+    averages : segments behind the density.
+    rate : Hz, sampling rate of the stage.
     band : bins to look at.
+    sampling : Hz, sampling rate of the signal itself, about which frequencies fold.
     size : channel unit, of the numbers.
     """
     df = rate / SEGMENT

@@ -109,7 +109,12 @@ class Moments:
                 self._take(part[present[start : start + BATCH, group]][:, members], [members])
 
     def merge(self, other: Moments) -> None:
-        """Join the statistics of another record, taken after this one."""
+        """Join the statistics of another record, taken after this one.
+
+        Raises
+        ------
+        ValueError : its channels or groups are others.
+        """
         if self._groups != other._groups:
             raise ValueError("only moments of the same channels and groups merge")
         for c in self._groups.members:
