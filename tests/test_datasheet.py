@@ -397,6 +397,37 @@ def test_mistakes_are_one_line(tmp_path: Path, recording: Path) -> None:
     assert "cannot write" in imumon("report", recording, "-o", tmp_path / "no" / "a.md", code=1)
 
 
+def test_a_document_never_takes_the_place_of_what_it_is_made_of(recording: Path, tmp_path: Path) -> None:
+    own, bag = tmp_path / "own.csv", tmp_path / "bag"
+    own.write_bytes(recording.read_bytes())
+    bag.mkdir()
+    (tmp_path / "linked.csv").symlink_to(own)
+    (tmp_path / "same.csv").hardlink_to(own)
+    (bag / "part.db3").write_bytes(b"part")
+    for read, out in (
+        (own, own),
+        (own, tmp_path / "linked.csv"),
+        (tmp_path / "linked.csv", own),
+        (own, tmp_path / "same.csv"),
+        (bag, bag / "part.db3"),
+    ):
+        assert "name another file" in imumon("report", read, "--format", "md", "-o", out, code=2)
+    assert own.read_bytes() == recording.read_bytes()
+    assert (bag / "part.db3").read_bytes() == b"part"
+
+
+def test_the_name_of_the_output_tells_the_form_or_is_refused(recording: Path, tmp_path: Path) -> None:
+    said = imumon("report", recording, "-o", tmp_path / "x.foo", code=2)
+    assert "no form is called foo" in said
+    assert "markdown" not in said
+    assert all(form in said for form in FORMS)
+    assert not (tmp_path / "x.foo").exists()
+    imumon("report", recording, "-o", tmp_path / "x.foo", "--format", "csv")
+    assert (tmp_path / "x.foo").read_text().startswith("channel,")
+    imumon("report", recording, "-o", tmp_path / "plain")
+    assert (tmp_path / "plain").read_text().startswith("# ")
+
+
 def test_nothing_is_lost_between_report_and_json() -> None:
     assert json.loads(to_json(report(200.0)))["schema"] == "imumon.report/1"
 
