@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -135,6 +136,27 @@ def test_what_is_for_a_closed_stderr_does_not_go_to_stdout() -> None:
     command = f"{sys.executable} -m imumon bogus 2>&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_any_encoding_of_the_streams_will_do(encoding: str, tmp_path: Path) -> None:
+    """What it lacks is spelt; of JSON nothing is lost."""
+    file = tmp_path / "µ-rest.csv"
+    rows = (f"{n / 40},{n * 7919 % 13},{n * 104729 % 17},{n * 31 % 11}" for n in range(800))
+    file.write_text("\n".join(["t [s],wx [deg/s],wy [deg/s],wz [deg/s]", *rows, ""]))
+    words = [sys.executable, "-m", "imumon", "replay", str(file)]
+    world = {**os.environ, "PYTHONIOENCODING": encoding}
+    for more in ([], ["--json"]):
+        done = subprocess.run([*words, *more], env=world, capture_output=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
+        said = done.stdout.decode(encoding)
+        if more:
+            assert json.loads(said)["device"]["port"] == str(file)
+        else:
+            assert ("°/√h" if encoding == "utf-8" else "sqrt h") in said
+    done = subprocess.run([*words[:3], "√"], env=world, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.decode(encoding).startswith("imumon: no command ")
 
 
 def test_a_scratch_of_a_killed_run_goes_and_that_of_a_living_one_stays(

@@ -6,6 +6,7 @@
     care        doctor, config, completion        cli/care.py
     documents   report                            cli/documents.py
     words       what all commands share           cli/words.py
+    letters     text on a stream that lacks some  cli/letters.py
 
 Each command imports what it needs when it runs, so that `imumon --version` costs nothing. stdout carries
 data, stderr talk. A user's mistake is one line: what, and how to mend it; a traceback is a defect. Exit
@@ -24,6 +25,7 @@ from typing import TypeAlias
 
 from imumon import __version__
 from imumon.cli import care, documents, look, recording, run
+from imumon.cli.letters import write_whatever_comes
 from imumon.cli.words import DONE, FAILED, INTERRUPTED, USAGE, Parser, Stop
 
 
@@ -32,6 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # numpy's thread pool costs 64 MB of address space and helps nothing here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _stand_in()
+    write_whatever_comes(sys.stdout, sys.stderr)
     words = list(sys.argv[1:] if argv is None else argv)
     parser, commands = parsers(only=words[0] if words else "")
     if words and not words[0].startswith("-") and words[0] not in commands:

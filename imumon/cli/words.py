@@ -115,9 +115,10 @@ def add_look(parser: Parser) -> None:
 
 def print_report(made: Any, as_json: bool) -> None:
     if as_json:
+        from imumon.cli.letters import print_json
         from imumon.report import to_json
 
-        print(to_json(made))
+        print_json(to_json(made))
     else:
         from imumon.datasheet.signal import signal
         from imumon.datasheet.text import table
