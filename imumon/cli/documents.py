@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from imumon.cli.recording import FILES, add_reading, mention, task_of
-from imumon.cli.words import DONE, NOTHING_THERE, USAGE, Parser, Stop, add_endpoints, viewer
+from imumon.cli.recording import FILES, add_reading, task_of
+from imumon.cli.words import DONE, USAGE, Parser, Stop, add_endpoints, first_report, mention, viewer
 
 STATE_MARK = b"imumon-state "
 
@@ -85,11 +85,7 @@ def _refuse_what_is_read(out: str, *read: str | None) -> None:
 
 def _of_daemon(words: argparse.Namespace) -> Any:
     with viewer(words) as feed:
-        made = feed.wait_report(words.id, 2.0)
-    if made is None:
-        who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
-        raise Stop(f"{who}: start one with imumon run, or give a FILE (imumon report --help)", NOTHING_THERE)
-    return made
+        return first_report(feed, words.id, 2.0, "give a FILE (imumon report --help)")
 
 
 def _of_file(words: argparse.Namespace) -> Any:

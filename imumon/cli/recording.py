@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from imumon.cli.words import (
@@ -14,6 +13,7 @@ from imumon.cli.words import (
     add_endpoints,
     baseline,
     bus_stop,
+    mention,
     positive,
     print_report,
     rate,
@@ -56,11 +56,6 @@ def task_of(words: argparse.Namespace, **more: Any) -> Any:
         topic=words.topic,
         **more,
     )
-
-
-def mention(text: str) -> None:
-    """A line beside the data."""
-    print(f"imumon: {text}", file=sys.stderr)
 
 
 def add_replay(parser: Parser) -> None:
