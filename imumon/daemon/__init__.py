@@ -37,6 +37,7 @@ from imumon.sources import PortError, PortGone, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
+TIDY_S = 1.0  # between two times that freed memory is given back: it takes 0.3 ms
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -107,7 +108,7 @@ class Daemon:
         self._tape = Tape(settings.record)
         self._signal: int | None = None
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
-        self._next_report = self._next_save = self._next_alive = 0.0
+        self._next_report = self._next_save = self._next_alive = self._next_tidy = 0.0
         self._silent_since: float | None = None
         self._fed_at: float | None = None
         self._lost_at: float | None = None
@@ -352,6 +353,8 @@ class Daemon:
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._keeping.save(self._session(), self._started)
+        if now >= self._next_tidy:
+            self._next_tidy = now + TIDY_S
             heap.give_back()
 
     def _publish(self) -> report.Report:
