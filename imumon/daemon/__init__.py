@@ -109,6 +109,7 @@ class Daemon:
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
         self._next_report = self._next_save = self._next_alive = 0.0
         self._silent_since: float | None = None
+        self._bytes_at = 0.0
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -217,8 +218,7 @@ class Daemon:
             return
         try:
             data = session.read(min(BEAT_S, self.settings.report.period_s))
-            self._heard(data)
-            self._take(data)
+            self._heard(data, self._take(data))
             for notice in session.tick():
                 self._tell(notice.kind, notice.text, "warning")
                 if notice.kind in INTERRUPTED:
@@ -228,14 +228,25 @@ class Daemon:
             self._lose(str(error))
         self._duties()
 
-    def _heard(self, data: bytes) -> None:
-        """Whether the sensor is silent; it is not while the daemon itself is busy."""
+    def _heard(self, data: bytes, samples: bool) -> None:
+        """Whether the sensor is silent; it is not while the daemon itself is busy.
+
+        Bytes are a sign of life until the first sample; from then on only samples of the stream are.
+        """
         now = time.monotonic()
-        if data or self._silent_since is None:
-            self._silent_since = None if data else now
+        if data:
+            self._bytes_at = now
+        if samples or (data and self._state == "starting"):
+            self._silent_since = None
+        elif self._silent_since is None:
+            self._silent_since = now
         elif self._state != "waiting" and now - self._silent_since > self._stale_s():
             self._state = "waiting"
-            self._tell("silent", "nothing comes from the sensor", "warning")
+            bare = now - self._bytes_at > self._stale_s()
+            text = "nothing comes from the sensor"
+            self._tell(
+                "silent", text if bare else "the sensor sends no samples of this stream any more", "warning"
+            )
 
     def _stale_s(self) -> float:
         """Silence that is longer than any sample takes to come."""
@@ -251,10 +262,12 @@ class Daemon:
                 self._tell("remark", remark, "warning")
         return facts
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes) -> bool:
+        """Whether there are samples in these bytes."""
         session = self._link.session
         if not data or session is None:
-            return
+            return False
+        before = self._monitor.samples
         for item in session.decode(data):
             if not isinstance(item, SampleBlock):
                 continue
@@ -270,8 +283,10 @@ class Daemon:
                 self._tell("state", self._keeping.refuse() or "", "warning")
                 self._started = None
         self._record(data)
-        if self._monitor.samples and data:
-            self._arrived()
+        if self._monitor.samples in (0, before):
+            return False
+        self._arrived()
+        return True
 
     def _arrived(self) -> None:
         if self._state != "running":
