@@ -560,6 +560,17 @@ def test_errors_of_the_sensor_are_told() -> None:
     assert "invalid command" in notices[0].text
 
 
+def test_an_error_of_the_sensor_that_goes_on_is_told_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.sensors.vn100.session.ERROR_S", 5.0)
+    bench = Bench()
+    session, told = bench.streaming(), []
+    for _ in range(70):
+        bench.device.receive(b"$VNXXX*XX\r\n", bench.now)
+        told += bench.run(session, 0.1)[1]
+    assert kinds(told) == ["sensor_error"] * 2
+    assert "times more" in told[1].text
+
+
 def test_another_sensor_on_the_same_port_is_refused() -> None:
     bench = Bench()
     with pytest.raises(SensorChanged, match="is 0100056785, not 0100000001"):

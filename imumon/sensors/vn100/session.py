@@ -52,6 +52,9 @@ QUIET_S = 1.0
 PATIENT_S = 3.0  # with a stream whose rate is not known
 RETRY_S = 5.0
 RUBBISH = 64  # bytes; fewer may be the rest of a message
+ERROR_S = (
+    60.0  # between two notices of one and the same error of the sensor: it may come a hundred times a second
+)
 
 _NEW_BAUD = "new baud"  # in the note that `remember` makes: what the baud is to be changed to
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
@@ -130,6 +133,9 @@ class Session:
         self._ahead = b""
         self._rubbish, self._silences = 0, 0
         self._troubles: set[str] = set()
+        self._errors: dict[
+            int, tuple[float, int]
+        ] = {}  # by code: when it is told again, and how many were not
         self._watch_from(clock())
 
     # ------------------------------------------------------------------ the way in and out
@@ -243,7 +249,7 @@ class Session:
                     self._sampled(now)
                 self._compare(item, now)
             elif isinstance(item, SensorError):
-                self._notices.append(Notice("sensor_error", f"the sensor says: {item.text}"))
+                self._complain(item, now)
         return items
 
     def tick(self) -> list[Notice]:
@@ -460,6 +466,16 @@ class Session:
             self._dialogue.wake()
         else:
             self._again("found", "the sensor is back")
+
+    def _complain(self, error: SensorError, now: float) -> None:
+        """Tell an error of the sensor; one that goes on, once a minute."""
+        due, untold = self._errors.get(error.code, (now, 0))
+        if now < due:
+            self._errors[error.code] = due, untold + 1
+            return
+        before = f" ({untold} times more since that was told last)" if untold else ""
+        self._notices.append(Notice("sensor_error", f"the sensor says: {error.text}{before}"))
+        self._errors[error.code] = now + ERROR_S, 0
 
     def _again(self, kind: str, text: str) -> None:
         """Connect and configure once more; in vain, let a later tick try."""
