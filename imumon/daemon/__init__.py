@@ -390,6 +390,8 @@ class Daemon:
             self.log.say(found.text, _level(found.kind), found.kind)
         for lack in self._tape.complaints():
             self._tell("recording", lack, "error")
+        for trouble in self._bus.troubles():
+            self._tell("bus", trouble, "warning")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
             self._tell("state", complaint, self._keeping.level)
         self._notifier.status(_status(made))
