@@ -494,6 +494,20 @@ def test_a_restarted_sensor_is_set_up_again() -> None:
     assert bench.device.memory.read(6) == ("14",)
 
 
+def test_a_restarted_sensor_whose_flash_sends_our_stream_is_set_up_again_all_the_same() -> None:
+    bench = Bench()
+    for words in (b"06,0", b"75,1,8,05,0001,00F2", b"82,0,1,1,0,0"):
+        bench.device.receive(b"$VNWRG,%b*XX\r\n" % words, bench.now)
+    bench.device.receive(b"$VNWNV*XX\r\n", bench.now)
+    session = bench.streaming()
+    assert bench.run(session, 2.0)[1] == []
+    bench.power_cut()
+    _, notices = bench.run(session, 3.0)
+    assert kinds(notices) == ["reconfigured"]
+    assert bench.device.memory.read(82) == ("0", "0", "0", "0", "0"), "else its deltas are others"
+    assert bench.run(session, 1.0)[1] == []
+
+
 @pytest.mark.parametrize("flash", [9600, 460800])
 def test_another_baud_after_a_power_cut_is_found(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
