@@ -6,6 +6,8 @@ import itertools
 import math
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -124,6 +126,27 @@ def test_a_frozen_daemon_is_missed_after_the_lease_and_welcome_back() -> None:
             until(lambda: viewer.alive() == {"a"})
             version = viewer.version
             until(lambda: viewer.version > version + 3)
+
+
+def test_a_publisher_that_has_closed_leaves_no_memory_behind() -> None:
+    code = f"""
+import os
+from imumon import heap
+from imumon.bus import Publisher
+from usage import resident_kb
+heap.share()
+def grown(times):
+    for _ in range(times):
+        Publisher("a", listen=["{free()}"]).close()
+    heap.give_back()
+    return resident_kb(os.getpid())
+print(-grown(30) + grown(100))
+"""
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert int(done.stdout) < 1000, done.stderr  # kB; what is not freed is 29 kB each time
 
 
 def test_a_router_that_is_not_there_and_what_cannot_be_sent_are_told_once() -> None:
