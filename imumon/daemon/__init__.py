@@ -37,6 +37,8 @@ from imumon.sources import PortError, PortGone, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
+LEARNING_S = 30.0
+"""In which bytes become samples, be they ever so slow; a service manager waits longer for a start."""
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -108,8 +110,8 @@ class Daemon:
         self._signal: int | None = None
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
         self._next_report = self._next_save = self._next_alive = 0.0
-        self._silent_since: float | None = None
-        self._bytes_at = 0.0
+        self._mute_since: float | None = None  # no bytes
+        self._silent_since: float | None = None  # no samples
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -228,25 +230,20 @@ class Daemon:
             self._lose(str(error))
         self._duties()
 
-    def _heard(self, data: bytes, samples: bool) -> None:
+    def _heard(self, data: bytes, samples: bool = False) -> None:
         """Whether the sensor is silent; it is not while the daemon itself is busy.
 
-        Bytes are a sign of life until the first sample; from then on only samples of the stream are.
+        Bytes without samples of the stream are no sign of life, but at the start they may need their time.
         """
-        now = time.monotonic()
-        if data:
-            self._bytes_at = now
-        if samples or (data and self._state == "starting"):
-            self._silent_since = None
-        elif self._silent_since is None:
-            self._silent_since = now
-        elif self._state != "waiting" and now - self._silent_since > self._stale_s():
+        now, stale = time.monotonic(), self._stale_s()
+        self._mute_since = None if data else self._mute_since or now
+        self._silent_since = None if samples else self._silent_since or now
+        mute = now - (self._mute_since or now) > stale
+        silent = now - (self._silent_since or now) > (LEARNING_S if self._state == "starting" else stale)
+        if self._state != "waiting" and (mute or silent):
             self._state = "waiting"
-            bare = now - self._bytes_at > self._stale_s()
-            text = "nothing comes from the sensor"
-            self._tell(
-                "silent", text if bare else "the sensor sends no samples of this stream any more", "warning"
-            )
+            text = "nothing comes from the sensor" if mute else "bytes come, but no samples of the stream"
+            self._tell("silent", text, "warning")
 
     def _stale_s(self) -> float:
         """Silence that is longer than any sample takes to come."""
