@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,20 @@ def test_too_short_a_run_says_so(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stdout) == (4, "")
     assert "--duration" in done.stderr
+
+
+def test_an_impatient_end_is_no_traceback(tmp_path: Path) -> None:
+    words = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
+    with subprocess.Popen(
+        [sys.executable, "-m", "imumon", *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as run:
+        assert run.stderr is not None
+        assert "reading" in run.stderr.readline()
+        while run.poll() is None:
+            run.send_signal(signal.SIGINT)
+            time.sleep(0.005)
+        assert "Traceback" not in run.stderr.read()
+    assert run.returncode == 130
 
 
 def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:

@@ -31,6 +31,18 @@ from imumon.cli.words import DONE, FAILED, INTERRUPTED, USAGE, Parser, Stop
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code."""
+    try:
+        code = _run(argv)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    if code == INTERRUPTED:
+        import signal
+
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # ^C once more, while the interpreter ends, is no news
+    return code
+
+
+def _run(argv: Sequence[str] | None) -> int:
     # numpy's thread pool costs 64 MB of address space and helps nothing here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _stand_in()
@@ -57,8 +69,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Stop as stop:
         print(f"imumon: {stop}", file=sys.stderr)
         return stop.code
-    except KeyboardInterrupt:
-        return INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has left (`imumon status | head -1`): no complaint, no traceback
         _write_no_more()
