@@ -22,12 +22,13 @@ from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
 from imumon.datasheet.sheet import sheet
-from imumon.datasheet.signal import signal
+from imumon.datasheet.signal import signal, unchanged
 from imumon.datasheet.snippets import ros, worst
 from imumon.datasheet.text import table
 from imumon.noise.synthesis import synthesise
 from imumon.report import Coefficient, Readable, Report, from_json, to_json
 from imumon.tui.words import Notation
+from imumon.units import READABLE
 from imumon.words import uncertainty
 
 AGES = {"nothing": 0.0, "seconds": 5.0, "minutes": 200.0, "hours": 10801.0, "days": 400000.0}
@@ -336,7 +337,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path,
         np.column_stack([np.arange(24_000) / 40.0, noise]),
         delimiter=",",
-        header="t [s],wx,wy,wz,ax,ay,az",
+        header="t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]",
         comments="",
         fmt="%.9g",
     )
@@ -356,6 +357,33 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path
     assert imumon("report", saved, "--format", "kalibr") == text(made, "kalibr")
     again = json.loads(imumon("replay", recording, "--json", "--baseline", saved))
     assert again["channels"]["gyro/x"]["changes"] == []
+    told = imumon("replay", recording, "--baseline", saved)
+    assert told.endswith("\nnothing changed against the baseline\n")
+    half = replace(n, value=6e-5 / 2, low=2.9e-5, high=3.1e-5)
+    before = replace(made, channels=made.channels | {"gyro/x": replace(made.channels["gyro/x"], N=half)})
+    saved.write_text(to_json(before))
+    told = imumon("replay", recording, "--baseline", saved)
+    now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", told, re.M)[1])  # type: ignore[index]
+    assert now == pytest.approx(READABLE["gyro", "N"].factor * (n.value or 0.0), rel=0.01)
+    assert "nothing changed" not in told
+
+
+def test_what_could_not_be_compared_is_not_called_unchanged() -> None:
+    assert "nothing to compare" in str(unchanged(report(10801.0), nothing_yet()))
+    assert unchanged(report(10801.0), report(10801.0)) == "nothing changed against the baseline"
+
+
+def test_a_slope_over_temperature_is_told_only_beyond_noise() -> None:
+    made = report(10801.0)
+    channel = made.channels["gyro/x"]
+    assert channel.drift is not None
+    assert channel.drift.per_degC is not None
+    assert not any("a degree" in line for line in signal(made))
+    for form in ("md", "html"):
+        assert f"{channel.drift.per_degC:.2e}" not in text(made, form)
+    beyond = replace(channel, drift=replace(channel.drift, steady_N=channel.N))
+    shown = signal(replace(made, channels={"gyro/x": beyond}))
+    assert any("gyro/x: follows the temperature by" in line for line in shown)
 
 
 def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:

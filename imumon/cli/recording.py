@@ -73,7 +73,7 @@ def add_replay(parser: Parser) -> None:
 def run_replay(words: argparse.Namespace) -> int:
     from imumon.monitor import RateNeeded
     from imumon.replay import bar, replay
-    from imumon.sources import SourceError
+    from imumon.sources import Misused, SourceError
 
     if words.speed == "max":
         speed = None
@@ -82,15 +82,16 @@ def run_replay(words: argparse.Namespace) -> int:
             speed = positive(words.speed)
         except (ValueError, argparse.ArgumentTypeError):
             raise Stop(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
-    task = task_of(words, speed=speed, baseline=baseline(words.baseline))
+    before = baseline(words.baseline)
+    task = task_of(words, speed=speed, baseline=before)
     try:
         with _publisher(words) as bus:
             made = replay(task, progress=bar(), bus=bus, tell=mention)
-    except RateNeeded as error:
+    except (RateNeeded, Misused) as error:
         raise Stop(str(error), USAGE) from None
     except SourceError as error:
         raise Stop(str(error)) from None
-    print_report(made, words.json)
+    print_report(made, words.json, before)
     return DONE
 
 

@@ -170,7 +170,7 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     if outcome.report is None and outcome.signal is None:
         raise Stop(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
     if outcome.report is not None and (words.duration or words.json):
-        print_report(outcome.report, words.json)
+        print_report(outcome.report, words.json, task.baseline)
     return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
 
 

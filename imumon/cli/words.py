@@ -126,18 +126,21 @@ def add_look(parser: Parser) -> None:
     parser.add_argument("--ascii", action="store_true", help="plain characters only")
 
 
-def print_report(made: Any, as_json: bool) -> None:
+def print_report(made: Any, as_json: bool, baseline: Any = None) -> None:
+    """A report on stdout, in words with what has changed against a baseline."""
     if as_json:
         from imumon.cli.letters import print_json
         from imumon.report import to_json
 
         print_json(to_json(made))
     else:
-        from imumon.datasheet.signal import signal
+        from imumon.datasheet.signal import signal, unchanged
         from imumon.datasheet.text import table
 
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        print("\n".join([table(made, width), "", *signal(made, width)]).rstrip())
+        same = unchanged(made, baseline) if baseline is not None else None
+        lines = [table(made, width), "", *signal(made, width), *([same] if same else [])]
+        print("\n".join(lines).rstrip())
 
 
 def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
