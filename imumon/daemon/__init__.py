@@ -135,11 +135,12 @@ class Daemon:
             self._tape.check()
         with self._listening_to_signals():
             try:
-                self._first()
-                while True:
-                    self._serve()
-            except Stopped:
-                return Outcome(self._end(), self._signal)
+                try:
+                    self._first()
+                    while True:
+                        self._serve()
+                except Stopped:
+                    return Outcome(self._end(), self._signal)
             except BaseException:
                 self._give_up()
                 raise
