@@ -209,6 +209,11 @@ def test_arrays_that_lie_on_their_side_are_named(tmp_path: Path) -> None:
         ("t,wx,wy,wz,gyro_norm", {"gyro"}, ("gyro_norm not used: the name tells no axis",)),
         ("t,wx,wy,wz,gyro_x", {"gyro"}, ("gyro_x not used: another column is the same axis",)),
         (
+            "t,wx,wy,wz,UncompMagX,UncompMagY,UncompMagZ,MagX,MagY,MagZ",
+            {"gyro", "mag"},
+            ("MagX, MagY, MagZ not used: another column is the same axis",),
+        ),
+        (
             "t,DeltaThetaX,DeltaThetaY,DeltaThetaZ,UncompGyroX,UncompGyroY,UncompGyroZ",
             {"gyro"},
             ("UncompGyroX, UncompGyroY, UncompGyroZ not used: the stream taken is deltas", "--stream"),

@@ -127,13 +127,15 @@ def _unused(columns: Sequence[Column], found: Layout) -> list[str]:
         elif any(_same(column, other) for other in found.columns):
             why = "another column is the same axis"
         else:
-            why = f"the stream taken is {found.kind}, --stream asks for another"
+            why = f"the stream taken is {found.kind}, --stream or --map asks for another"
         reasons.setdefault(why, []).append(column.name)
     return [f"{_list(names)} not used: {why}" for why, names in reasons.items()]
 
 
 def _same(one: Column, other: Column) -> bool:
-    return (one.quantity, one.axis, one.kind) == (other.quantity, other.axis, other.kind)
+    """Whether two columns are one axis of one stream; a magnetometer belongs to each."""
+    axis = (one.quantity, one.axis) == (other.quantity, other.axis)
+    return axis and (one.quantity == "mag" or one.kind == other.kind)
 
 
 def _check_units(found: Layout) -> None:
