@@ -23,6 +23,7 @@ import re
 import threading
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -158,9 +159,16 @@ class Checkpoint:
                 cure = ""
             raise StateError(f"{why}; {cure}give another --state") from None
         self._lock = lock
-        for reason, path in self._owed:
-            self.set_aside(reason, path)
-        self._owed = []
+
+    def _holds(self) -> bool:
+        """Whether the lock is ours and still in its place: somebody may have removed the directory."""
+        if self._lock < 0:
+            return False
+        try:
+            place = os.stat(self.path.with_name(f"{self._device}.lock"))
+        except FileNotFoundError:
+            return False
+        return os.path.samestat(place, os.fstat(self._lock))
 
     @property
     def there(self) -> bool:
@@ -185,28 +193,27 @@ class Checkpoint:
         return None, said
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:
-        """Move the state to a name of its own: ``DEVICE.REASON-N.state``; later, if it cannot be moved now.
+        """Move the state to a name of its own, ``DEVICE.REASON-N.state``; later, where it cannot be now."""
+        if self._lock >= 0:
+            with suppress(OSError):
+                return self._move(reason, path)
+        self._owed.append((reason, path))
+        return path or self._newest
 
-        Raises
-        ------
-        StateError : it cannot be moved.
-        """
-        source = path or (self.path if self.path.exists() else self.previous)
-        stem = self.path.name.removesuffix(".state")
+    @property
+    def _newest(self) -> Path:
+        return self.path if self.path.exists() else self.previous
+
+    def _move(self, reason: str, path: Path | None) -> Path:
+        source, stem = path or self._newest, self.path.name.removesuffix(".state")
         for number in range(1, 10_000):
             aside = self.path.with_name(f"{stem}.{reason}-{number}.state")
             if not aside.exists():
                 break
-        if self._lock < 0:
-            self._owed.append((reason, path))
-            return source
-        try:
-            if source.exists():
-                source.rename(aside)
-            if path is None:
-                self.previous.unlink(missing_ok=True)
-        except OSError as error:
-            raise StateError(f"{source} cannot be set aside: {error.strerror}") from None
+        if source.exists():
+            source.rename(aside)
+        if path is None:
+            self.previous.unlink(missing_ok=True)
         return aside
 
     def save(self, state: State) -> None:
@@ -231,8 +238,12 @@ class Checkpoint:
             self._closing = True
             self._wake.notify_all()
         self.settle(timeout_s)
+        self._let_go()
+
+    def _let_go(self) -> None:
         if self._lock >= 0:
             os.close(self._lock)
+        self._lock = -1
 
     def _write_all(self) -> None:
         while True:
@@ -243,8 +254,12 @@ class Checkpoint:
                     return
                 self._busy = True
             try:
-                if self._lock < 0:
+                if not self._holds():
+                    self._let_go()
                     self._take_hold()
+                while self._owed:  # or it would be overwritten
+                    self._move(*self._owed[0])
+                    self._owed.pop(0)
                 self._write(encode(state))
                 self.failed, self.saved = None, self.saved + 1
             except Exception as error:  # whatever it is, the next save gets its chance

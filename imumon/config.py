@@ -239,6 +239,9 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
             faults.append(f"{where}: {part}: must be a section, [{part}]")
         else:
             try:
+                odd = [leaf for leaf, value in table.items() if not _sayable(value)]
+                faults += [f"{_where(f'{part}.{leaf}', at, file)}: {part}.{leaf}: {_ODD}" for leaf in odd]
+                table = {leaf: value for leaf, value in table.items() if leaf not in odd}
                 # TOML's dates and times, which no setting is, go as null and are refused
                 sections[part] = _check(part)(json.dumps(table, default=lambda value: None))
             except ValidationError as error:
@@ -451,6 +454,18 @@ def _allowed(fault: Any, hint: Any) -> str:
     if limits.max_length is not None and kind == "string_too_long":
         return f"must be at most {limits.max_length} characters"
     return _TYPES.get(kind) or str(fault["msg"]).lower()
+
+
+_ODD = "has a character that no file and no key can have: a zero byte, or one that is not UTF-8"
+
+
+def _sayable(value: Any) -> bool:
+    """Whether every text in a value can be the name of something."""
+    if isinstance(value, str):
+        return "\0" not in value and not any("\ud800" <= letter <= "\udfff" for letter in value)
+    if isinstance(value, dict):
+        return all(map(_sayable, (*value, *value.values())))
+    return not isinstance(value, list | tuple) or all(map(_sayable, value))
 
 
 def _contradictions(sections: Mapping[str, Any], at: Mapping[str, str], file: str) -> Iterator[str]:

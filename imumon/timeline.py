@@ -36,6 +36,13 @@ LONGEST_S = 31 * 86400.0
 STEADY = 64
 """Equal steps in a row that are not one tick, after which the sensor's rate has changed."""
 
+OTHER, ALIKE = 0.02, 0.1
+"""Ticks by which a step is not one tick, and by which two steps are equal: 64 in a row that are all longer,
+or all shorter, are no jitter, be they whole ticks or not (from 100 Hz to 80 Hz they are 1.25)."""
+
+FASTEST, SLOWEST = 0.025, 100.0
+"""Ticks: shorter or longer steps are no rate, but a burst or holes."""
+
 GAP_SLACK_S = 10.0
 """How far the room's clock may differ from the sensor's over a gap."""
 
@@ -98,7 +105,7 @@ class Timeline:
         self._raw: int | None = None  # last value of a counter, before its wraps are undone
         self._wraps = 0
         self._seen: int | None = None  # time of the last sample, kept or not
-        self._steady = (0, 1.0)  # how many steps in a row were the same other one, and which
+        self._steady = (0, 1.0)  # how many steps in a row were the same other one, and the last step, ticks
         self.changed = False
         self.rest: SampleBlock | None = None
 
@@ -134,7 +141,7 @@ class Timeline:
             elif len(block) > AGREE:
                 self._agree(block)
             if not self._known:
-                self.unplaced = len(block)
+                self.unplaced = sum(map(len, self._held))
                 return []
             self._held, self.unplaced = [], 0
         if self._suspect is not None:
@@ -167,13 +174,13 @@ class Timeline:
         else:
             before = time[0] if self._seen is None else self._seen
             ticks = np.diff(time, prepend=before) * (self._scale / self.interval_s)
-        near = np.where(ticks < 1.0, np.rint(ticks * 20.0) / 20.0, np.rint(ticks))
-        other = (near != 1.0) & (near > 0.0) & (near < 100.0) & (np.abs(ticks - near) < 0.1)
+        other = (np.abs(ticks - 1.0) > OTHER) & (ticks > FASTEST) & (ticks < SLOWEST)
         if not other.any():
             self._steady = (0, 1.0)
             return None
-        count, which = self._steady
-        same = other & (near == np.concatenate(([which], near[:-1])))
+        count, last = self._steady
+        follows = np.concatenate(([count > 0], other[:-1]))
+        same = other & follows & (np.abs(np.diff(ticks, prepend=last)) < ALIKE)
         runs = np.arange(1, len(same) + 1)
         starts = np.maximum.accumulate(np.where(same, 0, runs))
         lengths = np.where(starts > 0, runs - starts + other[np.maximum(starts - 1, 0)], count + runs)
@@ -181,7 +188,7 @@ class Timeline:
         reached = np.flatnonzero(lengths >= STEADY)
         if len(reached):
             return int(reached[0])
-        self._steady = (int(lengths[-1]), float(near[-1]))
+        self._steady = (int(lengths[-1]), float(ticks[-1]))
         return None
 
     def _unwrapped(self, block: SampleBlock) -> SampleBlock:
@@ -241,7 +248,10 @@ class Timeline:
         if not len(steps):
             if len(held) == 1 and self._told is not None:
                 self.interval_s, self._known = self._told, True  # one sample: nothing contradicts it
-            return  # else the clock stands still: nothing to go by
+            else:  # the clock stands still: nothing to go by, and no more to keep than where it stands
+                self.duplicates += len(held) - 1
+                self._held = [_cut(held, len(held) - 1)]
+            return
         # samples may be missing: the shortest steps are those of one tick
         shortest = float(np.quantile(steps, 0.1, method="lower"))
         if self.clock == "counter":

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from imumon.report import Coefficient, Report
+from imumon.report import Coefficient, Drift, Report
 from imumon.samples import sensor_of
 
 
@@ -210,6 +210,11 @@ def joined(channels: Iterable[str]) -> str:
 def told(report: Report) -> list[str]:
     """Each caveat in a line, with the channels it holds for."""
     return [f"{joined(names)}: {line(c)}" if names else line(c) for c, names in caveats(report).items()]
+
+
+def follows(drift: Drift | None) -> bool:
+    """Whether a mean follows the temperature beyond what the noise makes: else its slope is no figure."""
+    return drift is not None and drift.per_degC is not None and drift.steady_N is not None
 
 
 def within(meets: str | None) -> str:

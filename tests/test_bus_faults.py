@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import signal
+import subprocess
+import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from bus_actors import Actor, event, free, free_port, report, stage, until
 from test_bus import plain_session
 
-from imumon.bus import Viewer
+from imumon.bus import Publisher, Viewer
 from imumon.report import Report, from_json, to_json
 
 LISTENING = "0A"
@@ -122,6 +126,47 @@ def test_a_frozen_daemon_is_missed_after_the_lease_and_welcome_back() -> None:
             until(lambda: viewer.alive() == {"a"})
             version = viewer.version
             until(lambda: viewer.version > version + 3)
+
+
+def test_a_publisher_that_has_closed_leaves_no_memory_behind() -> None:
+    code = f"""
+import os
+from imumon import heap
+from imumon.bus import Publisher
+from usage import resident_kb
+heap.share()
+def grown(times):
+    for _ in range(times):
+        Publisher("a", listen=["{free()}"]).close()
+    heap.give_back()
+    return resident_kb(os.getpid())
+print(-grown(30) + grown(100))
+"""
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert int(done.stdout) < 1000, done.stderr  # kB; what is not freed is 29 kB each time
+
+
+def test_a_router_that_is_not_there_and_what_cannot_be_sent_are_told_once() -> None:
+    port, said = free_port(), list[str]()
+
+    def hears(text: str) -> bool:
+        said.extend(publisher.troubles())
+        return any(text in line for line in said)
+
+    with stage() as start, Publisher("a", listen=[free()], connect=[f"tcp/127.0.0.1:{port}"]) as publisher:
+        until(lambda: hears("nobody answers"))
+        router = start("router", port=port).ready()
+        until(lambda: hears("connected"))
+        router.kill()
+        until(lambda: hears("lost"))
+        broken = replace(report("a", 1), period_s=math.nan)
+        for _ in range(3):
+            publisher.publish(broken)
+            until(lambda: hears("could not be published"))
+    assert len(said) == len(set(said)) == 4
 
 
 def test_a_router_between_them_may_come_late_and_restart() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import shutil
 import zlib
 from pathlib import Path
 
@@ -123,6 +124,49 @@ def test_directory_that_cannot_be_had_is_one_clear_line_until_it_can(tmp_path: P
     keeper.close(STATE)
     assert keeper.failed is None
     assert same(Checkpoint(place / "state", "d").load()[0], STATE)
+
+
+def test_a_directory_that_is_removed_is_made_anew_and_locked_anew(tmp_path: Path) -> None:
+    place = tmp_path / "state"
+    keeper = Checkpoint(place, "d")
+    keeper.save(STATE)
+    assert keeper.settle()
+    shutil.rmtree(place)
+    keeper.save(STATE)
+    assert keeper.settle()
+    assert keeper.failed is None
+    with pytest.raises(StateError, match="another imumon"):
+        Checkpoint(place, "d")
+    shutil.rmtree(place)
+    other = Checkpoint(place, "d")  # it was quicker
+    keeper.save(State({}, {}))
+    assert keeper.settle()
+    assert "another imumon" in str(keeper.failed)
+    other.close(STATE)
+    keeper.close()
+    assert same(Checkpoint(place, "d").load()[0], STATE)
+
+
+def test_what_cannot_be_set_aside_now_is_not_overwritten_and_no_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keeper = Checkpoint(tmp_path, "d")
+    keeper.save(STATE)
+    assert keeper.settle()
+    with monkeypatch.context() as disk:
+
+        def refused(*_: object) -> None:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+        disk.setattr(Path, "rename", refused)
+        assert keeper.set_aside("other-settings").name == "d.state"
+        keeper.save(State({}, {}))
+        assert keeper.settle()
+        assert "read-only" in str(keeper.failed).lower()
+        assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
+    keeper.close(State({}, {}))
+    assert keeper.failed is None
+    assert same(decode((tmp_path / "d.other-settings-1.state").read_bytes()), STATE)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

@@ -114,6 +114,14 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             f'config.toml:2: device.baud: must be one of "auto", {BAUDS}, not 12345678901234567890123',
         ),
         (
+            '[state]\ndirectory = "a\\u0000b"\n',
+            "config.toml:2: state.directory: has a character that no file and no key can have",
+        ),
+        (
+            '[zenoh]\nlisten = ["a", "b\\u0000"]\n',
+            "config.toml:2: zenoh.listen: has a character that no file and no key can have",
+        ),
+        (
             "[record]\nfile = 2020-01-01\n",
             "config.toml:2: record.file: must be text in quotes, not 2020-01-01",
         ),
@@ -126,6 +134,11 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
 def test_single_faults(tmp_path: Path, text: str, fault: str) -> None:
     (line,) = faults(write(tmp_path, text))
     assert line.startswith(fault)
+
+
+def test_words_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    (line,) = faults(write(tmp_path, ""), record__file="r\udcff.bin")
+    assert line.startswith("command line: record.file: has a character that no file and no key can have")
 
 
 def test_unreadable_files(tmp_path: Path) -> None:

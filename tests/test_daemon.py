@@ -16,6 +16,7 @@ from daemons import Daemon
 
 from imumon.emulator import EmulatorSettings, spawn
 from imumon.report import Report
+from imumon.sensors.vn100.ascii import encode
 
 ROOT = Path(__file__).parents[1]
 
@@ -57,6 +58,23 @@ def test_what_is_found_out_later_is_told_and_stands_in_the_report(tmp_path: Path
             _, _, said = daemon.stop()
         for remark in report.device.remarks:
             assert said.count(remark) == 1
+
+
+def test_bytes_without_samples_of_the_stream_are_no_running_sensor(tmp_path: Path) -> None:
+    with (
+        spawn(EmulatorSettings(seed=4, rate=80)) as sensor,
+        Daemon(sensor.path, tmp_path, "--listen-only") as daemon,
+    ):
+        daemon.samples(100)
+        with open(sensor.path, "wb", buffering=0) as owner:  # switches the sensor to its sentences
+            owner.write(encode("VNWRG,75,0,20,06,0001,00C0"))
+            sensor.ask("counters")
+            owner.write(encode("VNWRG,06,14"))
+        told = daemon.wait(lambda r: r.state == "waiting")
+        assert sensor.ask("counters")["bytes"] > 0
+        later = daemon.wait(lambda r: r.time > told.time)
+        assert (later.state, later.session.samples) == ("waiting", told.session.samples)
+        assert "bytes come, but no samples of the stream" in daemon.stop()[2]
 
 
 def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:

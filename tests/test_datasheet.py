@@ -22,13 +22,14 @@ from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
 from imumon.datasheet.plot import HEIGHT, WIDTH, svg
 from imumon.datasheet.sheet import sheet
-from imumon.datasheet.signal import signal
+from imumon.datasheet.signal import signal, unchanged
 from imumon.datasheet.snippets import ros, worst
 from imumon.datasheet.text import table
 from imumon.noise.synthesis import synthesise
 from imumon.report import Coefficient, Readable, Report, from_json, to_json
 from imumon.tui.words import Notation
-from imumon.words import uncertainty
+from imumon.units import READABLE
+from imumon.words import CAVEATS, uncertainty
 
 AGES = {"nothing": 0.0, "seconds": 5.0, "minutes": 200.0, "hours": 10801.0, "days": 400000.0}
 
@@ -67,7 +68,7 @@ def test_picture_without_matplotlib_says_how_to_get_it(monkeypatch: pytest.Monke
 
 def settings(made: Report, form: str) -> dict[str, float]:
     """Lines ``name: number`` that are not commented out."""
-    found = re.findall(r"^\s*(\w+): ([-+.\de]+)$", text(made, form), re.MULTILINE)
+    found = re.findall(r"^\s*(\w+): ([-+.\de]+)(?:  # .*)?$", text(made, form), re.MULTILINE)
     return {name: float(value) for name, value in found}
 
 
@@ -91,8 +92,16 @@ def test_what_is_not_seen_is_its_bound_and_says_so() -> None:
     assert settings(made, "kalibr")["gyroscope_random_walk"] == pytest.approx(
         max(part.high or 0.0 for part in bounded if part), rel=1e-6
     )
-    for form in ("kalibr", "px4", "ardupilot", "gtsam", "openvins"):
-        assert "not seen in this record" in text(made, form)
+    bound = "95 % bound, not seen in this record"
+    for form, line in (
+        ("kalibr", "gyroscope_random_walk: "),
+        ("openvins", "gyroscope_random_walk: "),
+        ("px4", "param set EKF2_GYR_B_NOISE "),
+        ("ardupilot", "# EK3_GBIAS_P_NSE in "),  # right above: a comment behind a value would spoil it
+        ("gtsam", "params.setBiasOmegaCovariance("),
+    ):
+        assert re.search(rf"^ *{re.escape(line)}.*  # {bound}$", text(made, form), re.MULTILINE)
+        assert bound not in text(report(400000.0), form)
 
 
 @pytest.mark.parametrize("age", ["nothing", "seconds"])
@@ -133,14 +142,14 @@ def test_a_longer_record_is_advised_only_where_it_helps(reason: str | None, cure
         assert ("record longer" in said) == (cure == "record longer")
 
 
-@pytest.mark.parametrize("word", ["stuck", "loop", "disturbed", "constant", "not_at_rest"])
+@pytest.mark.parametrize("word", sorted({*CAVEATS} - {"aliased"}))
 def test_what_spoils_the_numbers_stands_in_front_of_them(word: str) -> None:
     made = report(10801.0)
     one = {"gyro/x": replace(made.channels["gyro/x"], caveats=(word,))}
     for form in ("kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins"):
         assert f"WARNING: {word.replace('_', ' ')}: " in text(replace(made, caveats=(word,)), form)
         said = text(replace(made, channels=made.channels | one), form)
-        assert f"WARNING: {word.replace('_', ' ')} (gyro x): " in said
+        assert f"WARNING: {word.replace('_', ' ')} (gyro x" in said
 
 
 @pytest.mark.parametrize("form", ["kalibr", "openvins"])
@@ -336,7 +345,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path,
         np.column_stack([np.arange(24_000) / 40.0, noise]),
         delimiter=",",
-        header="t [s],wx,wy,wz,ax,ay,az",
+        header="t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]",
         comments="",
         fmt="%.9g",
     )
@@ -356,6 +365,33 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path
     assert imumon("report", saved, "--format", "kalibr") == text(made, "kalibr")
     again = json.loads(imumon("replay", recording, "--json", "--baseline", saved))
     assert again["channels"]["gyro/x"]["changes"] == []
+    told = imumon("replay", recording, "--baseline", saved)
+    assert told.endswith("\nnothing changed against the baseline\n")
+    half = replace(n, value=6e-5 / 2, low=2.9e-5, high=3.1e-5)
+    before = replace(made, channels=made.channels | {"gyro/x": replace(made.channels["gyro/x"], N=half)})
+    saved.write_text(to_json(before))
+    told = imumon("replay", recording, "--baseline", saved)
+    now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", told, re.M)[1])  # type: ignore[index]
+    assert now == pytest.approx(READABLE["gyro", "N"].factor * (n.value or 0.0), rel=0.01)
+    assert "nothing changed" not in told
+
+
+def test_what_could_not_be_compared_is_not_called_unchanged() -> None:
+    assert "nothing to compare" in str(unchanged(report(10801.0), nothing_yet()))
+    assert unchanged(report(10801.0), report(10801.0)) == "nothing changed against the baseline"
+
+
+def test_a_slope_over_temperature_is_told_only_beyond_noise() -> None:
+    made = report(10801.0)
+    channel = made.channels["gyro/x"]
+    assert channel.drift is not None
+    assert channel.drift.per_degC is not None
+    assert not any("a degree" in line for line in signal(made))
+    for form in ("md", "html"):
+        assert f"{channel.drift.per_degC:.2e}" not in text(made, form)
+    beyond = replace(channel, drift=replace(channel.drift, steady_N=channel.N))
+    shown = signal(replace(made, channels={"gyro/x": beyond}))
+    assert any("gyro/x: follows the temperature by" in line for line in shown)
 
 
 def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
@@ -395,6 +431,37 @@ def test_mistakes_are_one_line(tmp_path: Path, recording: Path) -> None:
     imumon("report", recording, "--format", "docx", code=2)
     imumon("report", recording, "--id", "x", code=2)
     assert "cannot write" in imumon("report", recording, "-o", tmp_path / "no" / "a.md", code=1)
+
+
+def test_a_document_never_takes_the_place_of_what_it_is_made_of(recording: Path, tmp_path: Path) -> None:
+    own, bag = tmp_path / "own.csv", tmp_path / "bag"
+    own.write_bytes(recording.read_bytes())
+    bag.mkdir()
+    (tmp_path / "linked.csv").symlink_to(own)
+    (tmp_path / "same.csv").hardlink_to(own)
+    (bag / "part.db3").write_bytes(b"part")
+    for read, out in (
+        (own, own),
+        (own, tmp_path / "linked.csv"),
+        (tmp_path / "linked.csv", own),
+        (own, tmp_path / "same.csv"),
+        (bag, bag / "part.db3"),
+    ):
+        assert "name another file" in imumon("report", read, "--format", "md", "-o", out, code=2)
+    assert own.read_bytes() == recording.read_bytes()
+    assert (bag / "part.db3").read_bytes() == b"part"
+
+
+def test_the_name_of_the_output_tells_the_form_or_is_refused(recording: Path, tmp_path: Path) -> None:
+    said = imumon("report", recording, "-o", tmp_path / "x.foo", code=2)
+    assert "no form is called foo" in said
+    assert "markdown" not in said
+    assert all(form in said for form in FORMS)
+    assert not (tmp_path / "x.foo").exists()
+    imumon("report", recording, "-o", tmp_path / "x.foo", "--format", "csv")
+    assert (tmp_path / "x.foo").read_text().startswith("channel,")
+    imumon("report", recording, "-o", tmp_path / "plain")
+    assert (tmp_path / "plain").read_text().startswith("# ")
 
 
 def test_nothing_is_lost_between_report_and_json() -> None:

@@ -16,7 +16,7 @@ import reports
 from daemons import Daemon, free_endpoint
 
 from imumon.config import Device, Settings, Zenoh, load
-from imumon.doctor import Case, Check, examine, judge
+from imumon.doctor import Case, Check, _candidates, examine, judge
 from imumon.doctor.line import listen
 from imumon.doctor.looks import BusLook, Heard, PortLook, ServiceLook, StateLook
 from imumon.doctor.machine import look_at_port, look_at_state, with_latency
@@ -281,12 +281,27 @@ def test_a_clock_that_runs_wrong_is_told(ratio: float, status: str) -> None:
         (BusLook(fault="tcp/127.0.0.1:7448: is taken; choose another with --listen"), "failed"),
         (BusLook(free="tcp/0.0.0.0:7448", exposed=("tcp/0.0.0.0:7448",)), "warning"),
         (BusLook(free="tcp/127.0.0.1:7448", unreachable=("tcp/10.0.0.9:7447",)), "warning"),
+        (BusLook(free="tcp/127.0.0.1:7448", reports=(reports.report(state="waiting"),)), "warning"),
     ],
 )
 def test_the_bus(look: BusLook, status: str) -> None:
     check = judge.zenoh(look)
     assert check.status == status
     assert (check.cure is None) == (status == "ok")
+
+
+def test_a_sensor_that_its_daemon_has_lost_is_what_is_examined() -> None:
+    lost = reports.report(state="waiting")
+    look = BusLook(reports=(lost,))
+    assert _candidates(look) == [lost.device.port]  # and not what else is plugged in
+    told = f"{lost.device.id} answers, but waits for its sensor on {lost.device.port}"
+    assert judge.zenoh(look).text == told
+    other = reports.report(id="other")
+    assert judge.zenoh(BusLook(reports=(other, lost))).text == f"{told}; other answers too"
+    (check,) = judge.port(replace(PORT, exists=False, daemon=lost.device.id))
+    assert check.status == "failed"
+    assert f"{lost.device.id} waits for it" in check.text
+    assert "plug" in str(check.cure)
 
 
 def test_an_endpoint_that_is_taken_and_one_that_is_none(case: Case) -> None:

@@ -331,13 +331,33 @@ def _lines(control: socket.socket, count: int) -> list[dict[str, object]]:
 def test_a_link_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
     kept = tmp_path / "kept"
     kept.write_text("mine")
-    for words in (["--link", str(kept)], ["--control", str(kept)]):
+    (tmp_path / "linked").symlink_to(kept)
+    for words in (["--link", str(kept)], ["--link", str(tmp_path / "linked")], ["--control", str(kept)]):
         command = [sys.executable, "-m", "imumon.emulator", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 2
         assert str(kept) in done.stderr
         assert done.stderr.count("\n") == 1
     assert kept.read_text() == "mine"
+
+
+def test_a_link_to_a_living_terminal_is_left_and_one_to_a_dead_one_is_taken(tmp_path: Path) -> None:
+    link = tmp_path / "vn100"
+    command = [sys.executable, "-m", "imumon.emulator", "--link", str(link)]
+    with spawn(EmulatorSettings(seed=1, link=str(link))) as sensor:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.count("\n") == 1
+        assert f"{sensor.path} is in use" in done.stderr
+        assert os.readlink(link) == sensor.path
+        os.kill(sensor.pid, signal.SIGKILL)
+        until(lambda: not link.exists())
+        assert link.is_symlink()
+        with spawn(EmulatorSettings(seed=1, link=str(link))) as heir:
+            assert os.readlink(link) == heir.path
+            link.unlink()
+            link.symlink_to("elsewhere")
+    assert os.readlink(link) == "elsewhere"
 
 
 def test_wrong_words_are_told_in_one_line() -> None:

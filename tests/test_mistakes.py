@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,12 @@ from imumon.tui.scene import Scene
         (("run", "--port", "sim", "--speed", "1e300"), "--speed 1e+300"),
         (("run", "--port", "sim", "--seed", "-1"), "--seed -1"),
         (("sim", "--rate", "0"), "--rate 0"),
+        (("sim", "--gyro-n", "abc"), "'abc': give one number"),
+        (("sim", "--accel-k", "nan"), "'nan': give one number"),
+        (("sim", "--seed", "x"), "'x' is not a whole number"),
+        (("sim", "--hum", "x"), "'x' is not a number"),
+        (("tui", "--theme", "nosuch"), "no theme 'nosuch'; there are imumon-dark, imumon-light, "),
+        (("demo", "--theme", "nosuch"), "no theme 'nosuch'"),
         (("replay", "x.txt", "--rate", "1e300"), "from 0.0001 to 100000"),
         (("replay", "x.txt", "--rate", "1e-300"), "from 0.0001 to 100000"),
         (("replay", "x.txt", "--rate", "x"), "'x' is not a positive number"),
@@ -75,6 +83,20 @@ def test_too_short_a_run_says_so(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stdout) == (4, "")
     assert "--duration" in done.stderr
+
+
+def test_an_impatient_end_is_no_traceback(tmp_path: Path) -> None:
+    words = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
+    with subprocess.Popen(
+        [sys.executable, "-m", "imumon", *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as run:
+        assert run.stderr is not None
+        assert "reading" in run.stderr.readline()
+        while run.poll() is None:
+            run.send_signal(signal.SIGINT)
+            time.sleep(0.005)
+        assert "Traceback" not in run.stderr.read()
+    assert run.returncode == 130
 
 
 def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
@@ -135,6 +157,27 @@ def test_what_is_for_a_closed_stderr_does_not_go_to_stdout() -> None:
     command = f"{sys.executable} -m imumon bogus 2>&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_any_encoding_of_the_streams_will_do(encoding: str, tmp_path: Path) -> None:
+    """What it lacks is spelt; of JSON nothing is lost."""
+    file = tmp_path / "µ-rest.csv"
+    rows = (f"{n / 40},{n * 7919 % 13},{n * 104729 % 17},{n * 31 % 11}" for n in range(800))
+    file.write_text("\n".join(["t [s],wx [deg/s],wy [deg/s],wz [deg/s]", *rows, ""]))
+    words = [sys.executable, "-m", "imumon", "replay", str(file)]
+    world = {**os.environ, "PYTHONIOENCODING": encoding}
+    for more in ([], ["--json"]):
+        done = subprocess.run([*words, *more], env=world, capture_output=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
+        said = done.stdout.decode(encoding)
+        if more:
+            assert json.loads(said)["device"]["port"] == str(file)
+        else:
+            assert {"ascii": "N in deg/sqrt h", "latin-1": "N in °/sqrt h"}[encoding] in said
+    done = subprocess.run([*words[:3], "√"], env=world, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.decode(encoding).startswith("imumon: no command ")
 
 
 def test_a_scratch_of_a_killed_run_goes_and_that_of_a_living_one_stays(

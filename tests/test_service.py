@@ -149,6 +149,18 @@ def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
     assert daemon._state == "waiting"
 
 
+def test_a_sensor_whose_bytes_never_become_samples_is_waited_for_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
+    daemon._heard(b"$")
+    daemon._heard(b"$")
+    assert daemon._state == "starting"
+    monkeypatch.setattr("imumon.daemon.LEARNING_S", 0.0)
+    daemon._heard(b"$")
+    assert daemon._state == "waiting"
+
+
 def test_a_sensor_that_goes_while_it_is_set_up_is_met_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -494,6 +494,20 @@ def test_a_restarted_sensor_is_set_up_again() -> None:
     assert bench.device.memory.read(6) == ("14",)
 
 
+def test_a_restarted_sensor_whose_flash_sends_our_stream_is_set_up_again_all_the_same() -> None:
+    bench = Bench()
+    for words in (b"06,0", b"75,1,8,05,0001,00F2", b"82,0,1,1,0,0"):
+        bench.device.receive(b"$VNWRG,%b*XX\r\n" % words, bench.now)
+    bench.device.receive(b"$VNWNV*XX\r\n", bench.now)
+    session = bench.streaming()
+    assert bench.run(session, 2.0)[1] == []
+    bench.power_cut()
+    _, notices = bench.run(session, 3.0)
+    assert kinds(notices) == ["reconfigured"]
+    assert bench.device.memory.read(82) == ("0", "0", "0", "0", "0"), "else its deltas are others"
+    assert bench.run(session, 1.0)[1] == []
+
+
 @pytest.mark.parametrize("flash", [9600, 460800])
 def test_another_baud_after_a_power_cut_is_found(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
@@ -558,6 +572,17 @@ def test_errors_of_the_sensor_are_told() -> None:
     _, notices = bench.run(session, 0.5)
     assert kinds(notices) == ["sensor_error"]
     assert "invalid command" in notices[0].text
+
+
+def test_an_error_of_the_sensor_that_goes_on_is_told_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.sensors.vn100.session.ERROR_S", 5.0)
+    bench = Bench()
+    session, told = bench.streaming(), []
+    for _ in range(70):
+        bench.device.receive(b"$VNXXX*XX\r\n", bench.now)
+        told += bench.run(session, 0.1)[1]
+    assert kinds(told) == ["sensor_error"] * 2
+    assert "times more" in told[1].text
 
 
 def test_another_sensor_on_the_same_port_is_refused() -> None:

@@ -392,6 +392,22 @@ def test_an_old_recording_is_never_overwritten_nor_mixed_in(tmp_path: Path) -> N
     assert contents(tmp_path / "run.0001.bin") == b"second"
 
 
+@pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
+def test_a_recording_that_is_removed_goes_on_in_its_next_part(tmp_path: Path, name: str) -> None:
+    recorder = Recorder(str(tmp_path / name), {})
+    (tmp_path / name).unlink()
+    recorder.write(b"what comes next")
+    recorder.close()
+    assert recorder.stopped is None
+    assert contents(part_path(str(tmp_path / name), 1)) == b"what comes next"
+
+
+def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(SourceError, match="nobody reads that pipe"):
+        Recorder(str(tmp_path / "pipe"), {})
+
+
 def test_full_disk_ends_the_recording_and_nothing_else() -> None:
     with pytest.raises(SourceError, match=r"cannot record to /dev/full: no space left on device"):
         Recorder("/dev/full", {})

@@ -160,7 +160,7 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | N
     assert steps == [step] + [1] * 9
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.8, 2.0, 3.0])
+@pytest.mark.parametrize("factor", [0.5, 0.625, 0.8, 0.875, 1.04, 1.25, 4 / 3, 1.5, 1.6, 2.0, 2.5, 3.0])
 @pytest.mark.parametrize("cuts", [[], [190, 230, 231], list(range(0, 600, 7))])
 def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts: list[int]) -> None:
     steps = np.concatenate([np.ones(200), np.full(400, factor)])
@@ -178,6 +178,25 @@ def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts:
     assert line.changed
     assert line.rest is not None
     assert kept - len(line.rest) == 263  # 64 equal steps in a row, wherever the cuts are
+
+
+def test_jitter_and_losses_are_no_other_rate() -> None:
+    rng = np.random.default_rng(11)
+    kept = np.flatnonzero(rng.random(100_000) > 0.3)
+    line = Timeline("startup", 0.025)
+    place(line, block((kept + rng.uniform(-0.2, 0.2, len(kept))) * TICK))
+    assert not line.changed
+
+
+def test_a_clock_that_stands_still_takes_no_memory_and_is_learned_when_it_goes() -> None:
+    line = Timeline("startup", 0.025)
+    for _ in range(50):
+        assert not line.place(block(np.full(40, 7 * TICK)))
+        assert line.unplaced <= 40
+    steps, _ = place(line, block((np.arange(100) + 8) * TICK))
+    assert steps == [1] * 101  # the last one that stood still, and those behind it
+    assert line.interval_s == 0.025
+    assert line.duplicates == 50 * 40 - 1
 
 
 @pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])

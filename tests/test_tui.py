@@ -15,8 +15,8 @@ from textual.app import App
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.report import Report, from_json
-from imumon.tui import save
+from imumon.report import Drift, Report, from_json
+from imumon.tui import lists, save
 from imumon.tui.app import THEMES, Monitor, foot
 from imumon.tui.paint import Paper, Sheet
 from imumon.tui.scene import VIEWS, Scene
@@ -183,7 +183,7 @@ def test_several_sensors_are_listed_switched_and_compared() -> None:
         assert "1 of 2" in status(app)
         await pilot.press("n")
         assert app.scene.id == OTHER
-        assert OTHER in status(app)
+        assert f"{OTHER} · 2 of 2" in status(app)
         await pilot.press("n", "5")
         assert reports.ID in seen(app)
         assert OTHER in seen(app)
@@ -269,6 +269,31 @@ def test_a_situation_is_named_and_never_blank(feed: reports.Recorded, word: str,
     assert word in line
     assert stale is dimmed
     assert len(text.split()) > 15
+
+
+@pytest.mark.parametrize("caveat", ["warming_up", "not_at_rest"])
+def test_a_state_is_told_once_and_displaces_no_facts(caveat: str) -> None:
+    line, text, _ = situation(reports.Recorded(reports.report(caveats=(caveat, "aliased"))))
+    assert "3 h · 3 gaps" in line
+    assert text.count(caveat.replace("_", " ")) == 1
+    assert "! aliased, vibration" in text
+
+
+def test_an_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
+    made = reports.report()
+    channel = made.channels["gyro/x"]
+    assert channel.drift is not None
+    beyond = replace(channel.drift, steady_N=channel.N, steady_B=channel.B, steady_K=channel.K)
+
+    def said(of: Drift) -> str:
+        channels = {**made.channels, "gyro/x": replace(channel, drift=of)}
+        scene = Scene(reports={reports.ID: replace(made, channels=channels)}, id=reports.ID, channel="gyro/x")
+        return "\n".join("".join(text for text, _ in line) for line in lists.drift(scene, 80, 9))
+
+    assert "a degree" not in said(channel.drift)
+    assert "its effect: no more than noise" in said(channel.drift)
+    assert "7.66e-05 °/s a degree" in said(beyond)
+    assert "its effect" not in said(replace(channel.drift, per_degC=None))
 
 
 def test_without_a_daemon_the_screen_says_what_to_type() -> None:
@@ -528,6 +553,18 @@ def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert float(rows[1][3]) == allan.sigma[0]
     kept = from_json(Report, next(tmp_path.glob("*.json")).read_bytes())
     assert kept == feed.reports()[reports.ID][0]
+
+
+def test_what_was_saved_is_named_with_its_folder(tmp_path: Path) -> None:
+    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+        for form in ("json", "csv", "svg"):
+            app.clear_notifications()
+            app.save(tmp_path, form)
+            await pilot.pause()
+            (note,) = app._notifications
+            assert note.message == f"saved {next(tmp_path.glob(f'*.{form}'))}"
+
+    drive(reports.Recorded(reports.report()), script)
 
 
 def test_a_folder_that_cannot_be_written_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -317,6 +317,16 @@ def test_what_is_not_finite_is_a_message_but_no_sample() -> None:
     assert blocks(items)[0].lost.tolist() == [0, 2]
 
 
+def test_what_no_sensor_can_measure_is_no_sample() -> None:
+    layout = Layout.of({IMU: 0x00C0})
+    theta = np.full((5, 4), 0.01)
+    theta[1, 2], theta[2, 1], theta[3, 0] = 3e38, -3e38, 1e-40  # the last one is an interval
+    decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((5, 3))}))
+    assert (decoder.messages, decoder.nonfinite, total(items)) == (5, 3, 2)
+    assert blocks(items)[0].lost.tolist() == [0, 3]
+    assert np.abs(blocks(items)[0].values).max() < 1.0
+
+
 # ----------------------------------------------------------------------------------------- losses
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,7 +78,27 @@ def test_a_precision_needs_every_axis_measured() -> None:
     bounded = changed(LONG, "accel/z", K=1.0)
     assert "K of accel/z is only bounded" in str(Goal(coefficient="K", precision=0.9).lacks(bounded))
     assert Goal(coefficient="N", precision=0.5, channels=("mag/x",)).lacks(LONG) is None
+    asked = Goal(coefficient="N", precision=0.5, channels=("mag/q",))
+    assert asked.unknown(LONG) == "mag/q"
+    assert asked.unknown(replace(LONG, channels={})) is None  # it has not shown what it has
     assert "no mag/q" in str(Goal(coefficient="N", precision=0.1, channels=("mag/q",)).lacks(LONG))
+
+
+def test_what_was_reached_is_what_was_asked() -> None:
+    halves = {
+        name: (n.high - n.low) / (2.0 * n.value)
+        for name, channel in LONG.channels.items()
+        if name[:4] in ("gyro", "acce") and (n := channel.N) and n.value and n.high and n.low
+    }
+    worst = max(halves, key=lambda name: halves[name])
+    said = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, asked 5 %"
+    assert Goal(coefficient="N", precision=0.05).reached(LONG) == said
+    grades = "gyro industrial, accel industrial"
+    assert Goal(grade="consumer").reached(LONG) == grades
+    assert Goal(grade="consumer", channels=("gyro/x",)).reached(LONG) == "gyro industrial"
+    assert Goal(grade="consumer", coefficient="N", precision=0.05).reached(LONG) == f"{said}, {grades}"
+    assert Goal().reached(LONG) == grades
+    assert Goal().reached(replace(LONG, grade={})) == "running"
 
 
 def test_nothing_asked_is_the_first_sample() -> None:
@@ -116,7 +137,8 @@ def test_a_daemon_answers_in_time_and_too_late(tmp_path: Path) -> None:
         where = ("--connect", daemon.endpoint)
         reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "30s")
         assert (reached.returncode, reached.stderr) == (0, "")
-        assert reached.stdout.startswith("vn100-0100056785: ")
+        assert reached.stdout.startswith("vn100-0100056785: N known to ")
+        assert " or better, asked 10 % after " in reached.stdout
         assert reached.stdout.count("\n") == 1
         settings = tmp_path / "config.toml"
         settings.write_text(f'[zenoh]\nlisten = ["{daemon.endpoint}"]\n[report]\ngrade = "consumer"\n')
@@ -125,7 +147,32 @@ def test_a_daemon_answers_in_time_and_too_late(tmp_path: Path) -> None:
         assert (late.returncode, late.stdout) == (4, "")
         assert late.stderr.startswith("imumon: not reached in 1 s: ")
         assert late.stderr.count("\n") == 1
+        wrong = wait(*where, "--channel", "gyro/q", "--timeout", "60s")
+        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+        assert "no gyro/q; it has gyro/x" in wrong.stderr
         daemon.stop()
+
+
+def test_of_several_daemons_one_answers_and_the_others_are_named(tmp_path: Path) -> None:
+    with ExitStack() as both:
+        one, other = (
+            both.enter_context(Daemon("sim", tmp_path / name, "--id", name, "--seed", "1"))
+            for name in ("anna", "bert")
+        )
+        one.samples(1)
+        other.samples(1)
+        places = ("--connect", one.endpoint, "--connect", other.endpoint)
+        for command in ("status", "wait", "report"):
+            words = [sys.executable, "-m", "imumon", command, *places]
+            done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+            assert done.returncode == 0
+            shown, rest = done.stderr.removeprefix("imumon: this is ").split("; --id shows the others: ")
+            assert {shown, rest.strip()} == {"anna", "bert"}
+            assert command == "report" or done.stdout.startswith(f"{shown}: ")
+        words = [sys.executable, "-m", "imumon", "status", *places, "--id", "bert"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.startswith("bert: ")
 
 
 def test_it_waits_for_a_daemon_that_is_not_there_yet(tmp_path: Path) -> None:

@@ -66,6 +66,7 @@ class Link:
         self._token.undeclare()
 
     def close(self) -> None:
+        self._publishers.clear()  # one with a cache that outlives its session is never freed
         self.session.close()
         self._answering.join()
 

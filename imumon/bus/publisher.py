@@ -27,6 +27,7 @@ from imumon.report import Event, Report, Signal, to_json
 
 _EVENTS_QUEUED = 1000
 _FIRST_ATTEMPT_S = 3.0  # a router that drops packets must not hold up the start for longer
+_REASONS = 20  # that are told
 _CLOSE_S = 0.7  # a link that is stuck would hold `close` for seconds
 
 
@@ -89,6 +90,8 @@ class Publisher:
         self._over = threading.Event()
         self._faults: dict[str, str] = {}
         self._uplinks: dict[str, Link] = {}
+        self._told: dict[str, str | None] = {}  # of the connections
+        self._unsent: set[str] = set()  # reasons that were told
         router = options.mode == "router"  # routers find their way among one another in one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
         self._stamp = self._session.new_timestamp
@@ -142,9 +145,23 @@ class Publisher:
         """Why there is no connection to a router, by its endpoint; None where there is one."""
         lost = {
             endpoint: None if link.session.info.transports() else f"{endpoint}: connection lost; trying again"
-            for endpoint, link in self._uplinks.items()
+            for endpoint, link in dict(self._uplinks).items()  # a thread adds to it
         }
         return {**self._faults, **lost}
+
+    def troubles(self) -> list[str]:
+        """What has become of the connections to routers, once per change, and why something could not be
+        sent, each reason once."""
+        said, uplinks = [], self.uplinks()
+        for endpoint, why in uplinks.items():
+            if why != self._told.get(endpoint):
+                said.append(why or f"{endpoint}: connected")
+        self._told = uplinks
+        error = self.last_error
+        if error is not None and error not in self._unsent and len(self._unsent) < _REASONS:
+            self._unsent.add(error)
+            said.append(f"something could not be published: {error}")
+        return said
 
     def close(self) -> None:
         """Send what is pending and leave the bus; takes 1.4 s at most."""

@@ -6,6 +6,7 @@
     care        doctor, config, completion        cli/care.py
     documents   report                            cli/documents.py
     words       what all commands share           cli/words.py
+    letters     text on a stream that lacks some  cli/letters.py
 
 Each command imports what it needs when it runs, so that `imumon --version` costs nothing. stdout carries
 data, stderr talk. A user's mistake is one line: what, and how to mend it; a traceback is a defect. Exit
@@ -24,14 +25,28 @@ from typing import TypeAlias
 
 from imumon import __version__
 from imumon.cli import care, documents, look, recording, run
+from imumon.cli.letters import write_whatever_comes
 from imumon.cli.words import DONE, FAILED, INTERRUPTED, USAGE, Parser, Stop
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code."""
+    try:
+        code = _run(argv)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    if code == INTERRUPTED:
+        import signal
+
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # ^C once more, while the interpreter ends, is no news
+    return code
+
+
+def _run(argv: Sequence[str] | None) -> int:
     # numpy's thread pool costs 64 MB of address space and helps nothing here
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _stand_in()
+    write_whatever_comes(sys.stdout, sys.stderr)
     words = list(sys.argv[1:] if argv is None else argv)
     parser, commands = parsers(only=words[0] if words else "")
     if words and not words[0].startswith("-") and words[0] not in commands:
@@ -54,8 +69,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Stop as stop:
         print(f"imumon: {stop}", file=sys.stderr)
         return stop.code
-    except KeyboardInterrupt:
-        return INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has left (`imumon status | head -1`): no complaint, no traceback
         _write_no_more()

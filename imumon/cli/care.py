@@ -68,11 +68,13 @@ def _print_json(checks: list[Any]) -> None:
     from dataclasses import asdict
     from datetime import UTC, datetime
 
+    from imumon.cli.letters import print_json
     from imumon.report import stamp
 
     counts = {kind: sum(check.status == kind for check in checks) for kind in ("ok", "warning", "failed")}
     told = {"schema": "imumon.doctor/1", "time": stamp(datetime.now(UTC)), **counts}
-    print(json.dumps(told | {"checks": [asdict(check) for check in checks]}, ensure_ascii=False, indent=1))
+    whole = told | {"checks": [asdict(check) for check in checks]}
+    print_json(json.dumps(whole, ensure_ascii=False, indent=1))
 
 
 def add_config(parser: Parser) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from imumon.cli.recording import FILES, add_reading, mention, task_of
-from imumon.cli.words import DONE, NOTHING_THERE, USAGE, Parser, Stop, add_endpoints, viewer
+from imumon.cli.recording import FILES, add_reading, task_of
+from imumon.cli.words import DONE, USAGE, Parser, Stop, add_endpoints, first_report, mention, viewer
 
 STATE_MARK = b"imumon-state "
 
@@ -41,6 +43,8 @@ def report(words: argparse.Namespace) -> int:
         raise Stop("a PNG is not for a terminal: name a file with -o", USAGE)
     if words.file and words.id:
         raise Stop("give a FILE or the --id of a daemon's device, not both", USAGE)
+    if words.output:
+        _refuse_what_is_read(words.output, words.file, words.config)
     made = _of_file(words) if words.file else _of_daemon(words)
     try:
         data = document(made, form)
@@ -62,16 +66,26 @@ def _form(words: argparse.Namespace) -> str:
     if words.format:
         return str(words.format)
     suffix = Path(words.output).suffix[1:].lower() if words.output else ""
-    return {"htm": "html", "markdown": "md"}.get(suffix, suffix if suffix in FORMS else "md")
+    form = {"": "md", "htm": "html", "markdown": "md"}.get(suffix, suffix)
+    if form not in FORMS:
+        raise Stop(f"-o {words.output}: no form is called {suffix}; give --format {' | '.join(FORMS)}", USAGE)
+    return form
+
+
+def _refuse_what_is_read(out: str, *read: str | None) -> None:
+    """Stop where a document would take the place of what it is made of; links lead to the same file."""
+    for path in filter(None, read):
+        there = Path(path)
+        parts = list(there.iterdir()) if there.is_dir() else [0 if path == "-" else there]
+        for part in parts if os.path.isfile(out) else ():
+            with suppress(OSError):  # what cannot be read is told where it is read
+                if os.path.samefile(out, part):
+                    raise Stop(f"-o {out} is read to make it: name another file", USAGE)
 
 
 def _of_daemon(words: argparse.Namespace) -> Any:
     with viewer(words) as feed:
-        made = feed.wait_report(words.id, 2.0)
-    if made is None:
-        who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
-        raise Stop(f"{who}: start one with imumon run, or give a FILE (imumon report --help)", NOTHING_THERE)
-    return made
+        return first_report(feed, words.id, 2.0, "give a FILE (imumon report --help)")
 
 
 def _of_file(words: argparse.Namespace) -> Any:

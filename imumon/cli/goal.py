@@ -44,16 +44,35 @@ class Goal:
         """What is missing, in a few words; None when the goal is reached."""
         if not made.session.samples:
             return f"no sample yet, the daemon is {made.state}"
-        chosen = {name: channel for name, channel in made.channels.items() if self._takes(name)}
-        unknown = [n for n in self.channels if not any(n in (c, sensor_of(c)) for c in chosen)]
-        if unknown:
-            return f"the report has no {unknown[0]}; it has {', '.join(made.channels)}"
+        if unknown := self.unknown(made):
+            return f"the report has no {unknown}; it has {', '.join(made.channels)}"
+        chosen = self._chosen(made)
         found = self._lacks_grade(made, chosen) if self.grade else None
         return found or self._lacks_precision(chosen)
 
-    def _takes(self, name: str) -> bool:
+    def unknown(self, made: Report) -> str | None:
+        """The first of `channels` that the sensor has not, as soon as it shows what it has."""
+        there = {part for name in made.channels for part in (name, sensor_of(name))}
+        return next((name for name in self.channels if there and name not in there), None)
+
+    def reached(self, made: Report) -> str:
+        """What holds of a report that lacks nothing, as far as it was asked for."""
+        chosen, said = self._chosen(made), []
+        if self.coefficient is not None and self.precision is not None:
+            halves = {name: _half(getattr(channel, self.coefficient)) for name, channel in chosen.items()}
+            worst = max(halves, key=lambda name: halves[name] or 0.0)
+            said.append(
+                f"{self.coefficient} known to {100 * (halves[worst] or 0.0):.2g} % ({worst}) or better, "
+                f"asked {100 * self.precision:g} %"
+            )
+        if self.grade is not None or not said:
+            sensors = {sensor_of(name) for name in chosen}
+            said += [f"{s} {g.nearest}" for s, g in made.grade.items() if s in sensors and g.nearest]
+        return ", ".join(said) or made.state
+
+    def _chosen(self, made: Report) -> dict[str, Channel]:
         wanted = self.channels or GRADED
-        return name in wanted or sensor_of(name) in wanted
+        return {n: c for n, c in made.channels.items() if n in wanted or sensor_of(n) in wanted}
 
     def _lacks_grade(self, made: Report, chosen: dict[str, Channel]) -> str | None:
         from imumon.noise.grade import GRADES
@@ -89,14 +108,21 @@ class Goal:
                 return f"{told} is pending"
             if found.status == "upper_bound" or not found.value:
                 return f"{told} is only bounded so far"
-            if found.low is None or found.high is None:
+            half = _half(found)
+            if half is None:
                 return f"{told} has no limits yet"
-            half = (found.high - found.low) / (2.0 * found.value)
             if half > self.precision:
                 left = channel.time_to and getattr(channel.time_to, self.coefficient)
                 ahead = f", about {duration(left)} to the precision of the settings" if left else ""
                 return f"{told} is known to {half:.2g}, wanted {self.precision:g}{ahead}"
         return None
+
+
+def _half(found: Coefficient | None) -> float | None:
+    """1, half of the 95 % interval as a share of the value; None where one of them is not known."""
+    if found is None or not found.value or found.low is None or found.high is None:
+        return None
+    return (found.high - found.low) / (2.0 * found.value)
 
 
 def _doubt(name: str, channel: Channel, asked: GradeName) -> str | None:

@@ -18,6 +18,7 @@ from imumon.cli.words import (
     add_endpoints,
     add_look,
     baseline,
+    first_report,
     print_report,
     seconds,
     settings,
@@ -72,6 +73,7 @@ def add_wait(parser: Parser) -> None:
     )
 
 
+NAME_IT = "name it with --connect"
 GONE_S = 5.0
 """After so long without a word a daemon that has left is not waited for any more."""
 
@@ -102,10 +104,7 @@ def show(
 def status(words: argparse.Namespace) -> int:
     """One report of a running daemon."""
     with viewer(words) as feed:
-        made = feed.wait_report(words.id, 2.0)
-    if made is None:
-        who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
-        raise Stop(f"{who}: start one with imumon run, or name it with --connect", NOTHING_THERE)
+        made = first_report(feed, words.id, 2.0, NAME_IT)
     print_report(made, words.json)
     return DONE
 
@@ -128,12 +127,12 @@ def wait(words: argparse.Namespace) -> int:
     start = time.monotonic()
     end = start + words.timeout if words.timeout else float("inf")
     with viewer(words) as feed:
-        made = feed.wait_report(words.id, words.timeout or 2.0)
-        if made is None:
-            who = f"no daemon answers as {words.id}" if words.id else "no daemon answers"
-            raise Stop(f"{who}: start one with imumon run, or name it with --connect", NOTHING_THERE)
+        made = first_report(feed, words.id, words.timeout or 2.0, NAME_IT)
         said = ""
         while lacks := goal.lacks(made):
+            if goal.unknown(made):
+                _mention("")
+                raise Stop(f"--channel: {lacks}", USAGE)
             if lacks != said:
                 said = lacks
                 _mention(lacks)
@@ -142,8 +141,7 @@ def wait(words: argparse.Namespace) -> int:
                 raise Stop(f"not reached in {duration(words.timeout)}: {lacks}", NOT_IN_TIME)
             made = _next(feed, made, end)
     _mention("")
-    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
-    print(f"{made.device.id}: {', '.join(grades) or 'running'} after {duration(made.session.elapsed_s)}")
+    print(f"{made.device.id}: {goal.reached(made)} after {duration(made.session.elapsed_s)}")
     return DONE
 
 

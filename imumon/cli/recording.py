@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from imumon.cli.words import (
@@ -14,6 +13,7 @@ from imumon.cli.words import (
     add_endpoints,
     baseline,
     bus_stop,
+    mention,
     positive,
     print_report,
     rate,
@@ -58,11 +58,6 @@ def task_of(words: argparse.Namespace, **more: Any) -> Any:
     )
 
 
-def mention(text: str) -> None:
-    """A line beside the data."""
-    print(f"imumon: {text}", file=sys.stderr)
-
-
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
     add("file", metavar="FILE", help=f"{FILES}; - is standard input")
@@ -78,7 +73,7 @@ def add_replay(parser: Parser) -> None:
 def run_replay(words: argparse.Namespace) -> int:
     from imumon.monitor import RateNeeded
     from imumon.replay import bar, replay
-    from imumon.sources import SourceError
+    from imumon.sources import Misused, SourceError
 
     if words.speed == "max":
         speed = None
@@ -87,15 +82,16 @@ def run_replay(words: argparse.Namespace) -> int:
             speed = positive(words.speed)
         except (ValueError, argparse.ArgumentTypeError):
             raise Stop(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
-    task = task_of(words, speed=speed, baseline=baseline(words.baseline))
+    before = baseline(words.baseline)
+    task = task_of(words, speed=speed, baseline=before)
     try:
         with _publisher(words) as bus:
             made = replay(task, progress=bar(), bus=bus, tell=mention)
-    except RateNeeded as error:
+    except (RateNeeded, Misused) as error:
         raise Stop(str(error), USAGE) from None
     except SourceError as error:
         raise Stop(str(error)) from None
-    print_report(made, words.json)
+    print_report(made, words.json, before)
     return DONE
 
 

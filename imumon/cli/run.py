@@ -36,7 +36,12 @@ def add_run(parser: Parser) -> None:
     add("--baud", type=baud, metavar="auto|N", help="default auto: find it, never raise it")
     add("--set-baud", type=int, metavar="N", help="change the sensor's baud to N (volatile)")
     add("--rate", type=rate, metavar="HZ", help="sample rate of a stream without a clock")
-    add("--listen-only", action="store_true", default=None, help="write nothing to the sensor")
+    add(
+        "--listen-only",
+        action="store_true",
+        default=None,
+        help="write nothing to the sensor; a stream without a clock then needs --rate",
+    )
     add(
         "--stream",
         choices=("deltas", "uncompensated", "compensated"),
@@ -155,7 +160,7 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     try:
         outcome = Daemon(settings, task).run()
     except RateNeeded as error:
-        raise Stop(str(error), USAGE) from None
+        raise Stop(f"{error}; imumon doctor counts it", USAGE) from None
     except (NoSensor, SessionError) as error:
         raise Stop(str(error), NOTHING_THERE) from None
     except PortError as error:
@@ -170,7 +175,7 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     if outcome.report is None and outcome.signal is None:
         raise Stop(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
     if outcome.report is not None and (words.duration or words.json):
-        print_report(outcome.report, words.json)
+        print_report(outcome.report, words.json, task.baseline)
     return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
 
 

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import sys
+import time
 from contextlib import suppress
 from typing import Any, NoReturn
 
@@ -29,7 +30,9 @@ class Parser(argparse.ArgumentParser):
         super().__init__(**({"allow_abbrev": False} | settings))
 
     def error(self, message: str) -> NoReturn:
-        self.exit(USAGE, f"{self.prog}: {message.replace(chr(10), ' ')} (try {self.prog} --help)\n")
+        said = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message.replace("\n", " "))
+        said = re.sub(r"invalid float value: (.*)", r"\1 is not a number", said)
+        self.exit(USAGE, f"{self.prog}: {said} (try {self.prog} --help)\n")
 
     def nearest(self, word: str) -> str:
         """``; did you mean --port?`` where one of this parser's options is near, else nothing."""
@@ -108,22 +111,36 @@ def add_endpoints(parser: Parser, *, listen: bool = False) -> None:
     add("--connect", action="append", metavar="EP", help="Zenoh endpoint to connect to, repeatable")
 
 
+def theme(text: str) -> str:
+    from imumon.tui import themes
+
+    if text not in themes():
+        raise argparse.ArgumentTypeError(f"no theme {text!r}; there are {', '.join(themes())}")
+    return text
+
+
 def add_look(parser: Parser) -> None:
-    parser.add_argument("--theme", metavar="NAME", help="colours; the palette (ctrl+p) lists them")
+    parser.add_argument(
+        "--theme", type=theme, metavar="NAME", help="colours; the palette (ctrl+p) lists them"
+    )
     parser.add_argument("--ascii", action="store_true", help="plain characters only")
 
 
-def print_report(made: Any, as_json: bool) -> None:
+def print_report(made: Any, as_json: bool, baseline: Any = None) -> None:
+    """A report on stdout, in words with what has changed against a baseline."""
     if as_json:
+        from imumon.cli.letters import print_json
         from imumon.report import to_json
 
-        print(to_json(made))
+        print_json(to_json(made))
     else:
-        from imumon.datasheet.signal import signal
+        from imumon.datasheet.signal import signal, unchanged
         from imumon.datasheet.text import table
 
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        print("\n".join([table(made, width), "", *signal(made, width)]).rstrip())
+        same = unchanged(made, baseline) if baseline is not None else None
+        lines = [table(made, width), "", *signal(made, width), *([same] if same else [])]
+        print("\n".join(lines).rstrip())
 
 
 def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
@@ -185,6 +202,34 @@ def viewer(words: argparse.Namespace) -> Any:
         return Viewer(words.connect, settings=made.zenoh)
     except BusError as error:
         raise bus_stop(error, made) from None
+
+
+GATHER_S = 0.3
+"""How much later than the first other daemons may answer."""
+
+
+def first_report(feed: Any, id: str | None, timeout: float, cure: str) -> Any:
+    """Newest report of the device that is asked for, else of the first that answers; which others there are.
+
+    Parameters
+    ----------
+    cure : what else one might do where nobody answers.
+    """
+    made = feed.wait_report(id, timeout)
+    if made is None:
+        who = f"no daemon answers as {id}" if id else "no daemon answers"
+        raise Stop(f"{who}: start one with imumon run, or {cure}", NOTHING_THERE)
+    if id is None:
+        time.sleep(GATHER_S)
+        others = sorted({*feed.alive(), *feed.reports()} - {made.device.id})
+        if others:
+            mention(f"this is {made.device.id}; --id shows the others: {', '.join(others)}")
+    return made
+
+
+def mention(text: str) -> None:
+    """A line beside the data."""
+    print(f"imumon: {text}", file=sys.stderr)
 
 
 def bus_stop(error: Exception, made: Any) -> Stop:

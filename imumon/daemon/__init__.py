@@ -37,6 +37,9 @@ from imumon.sources import PortError, PortGone, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
+TIDY_S = 1.0  # between two times that freed memory is given back: it takes 0.3 ms
+LEARNING_S = 30.0
+"""In which bytes become samples, be they ever so slow; a service manager waits longer for a start."""
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -107,8 +110,9 @@ class Daemon:
         self._tape = Tape(settings.record)
         self._signal: int | None = None
         self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
-        self._next_report = self._next_save = self._next_alive = 0.0
-        self._silent_since: float | None = None
+        self._next_report = self._next_save = self._next_alive = self._next_tidy = 0.0
+        self._mute_since: float | None = None  # no bytes
+        self._silent_since: float | None = None  # no samples
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -131,11 +135,12 @@ class Daemon:
             self._tape.check()
         with self._listening_to_signals():
             try:
-                self._first()
-                while True:
-                    self._serve()
-            except Stopped:
-                return Outcome(self._end(), self._signal)
+                try:
+                    self._first()
+                    while True:
+                        self._serve()
+                except Stopped:
+                    return Outcome(self._end(), self._signal)
             except BaseException:
                 self._give_up()
                 raise
@@ -217,8 +222,7 @@ class Daemon:
             return
         try:
             data = session.read(min(BEAT_S, self.settings.report.period_s))
-            self._heard(data)
-            self._take(data)
+            self._heard(data, self._take(data))
             for notice in session.tick():
                 self._tell(notice.kind, notice.text, "warning")
                 if notice.kind in INTERRUPTED:
@@ -228,14 +232,20 @@ class Daemon:
             self._lose(str(error))
         self._duties()
 
-    def _heard(self, data: bytes) -> None:
-        """Whether the sensor is silent; it is not while the daemon itself is busy."""
-        now = time.monotonic()
-        if data or self._silent_since is None:
-            self._silent_since = None if data else now
-        elif self._state != "waiting" and now - self._silent_since > self._stale_s():
+    def _heard(self, data: bytes, samples: bool = False) -> None:
+        """Whether the sensor is silent; it is not while the daemon itself is busy.
+
+        Bytes without samples of the stream are no sign of life, but at the start they may need their time.
+        """
+        now, stale = time.monotonic(), self._stale_s()
+        self._mute_since = None if data else self._mute_since or now
+        self._silent_since = None if samples else self._silent_since or now
+        mute = now - (self._mute_since or now) > stale
+        silent = now - (self._silent_since or now) > (LEARNING_S if self._state == "starting" else stale)
+        if self._state != "waiting" and (mute or silent):
             self._state = "waiting"
-            self._tell("silent", "nothing comes from the sensor", "warning")
+            text = "nothing comes from the sensor" if mute else "bytes come, but no samples of the stream"
+            self._tell("silent", text, "warning")
 
     def _stale_s(self) -> float:
         """Silence that is longer than any sample takes to come."""
@@ -251,10 +261,12 @@ class Daemon:
                 self._tell("remark", remark, "warning")
         return facts
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes) -> bool:
+        """Whether there are samples in these bytes."""
         session = self._link.session
         if not data or session is None:
-            return
+            return False
+        before = self._monitor.samples
         for item in session.decode(data):
             if not isinstance(item, SampleBlock):
                 continue
@@ -270,8 +282,10 @@ class Daemon:
                 self._tell("state", self._keeping.refuse() or "", "warning")
                 self._started = None
         self._record(data)
-        if self._monitor.samples and data:
-            self._arrived()
+        if self._monitor.samples in (0, before):
+            return False
+        self._arrived()
+        return True
 
     def _arrived(self) -> None:
         if self._state != "running":
@@ -352,6 +366,8 @@ class Daemon:
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._keeping.save(self._session(), self._started)
+        if now >= self._next_tidy:
+            self._next_tidy = now + TIDY_S
             heap.give_back()
 
     def _publish(self) -> report.Report:
@@ -375,6 +391,8 @@ class Daemon:
             self.log.say(found.text, _level(found.kind), found.kind)
         for lack in self._tape.complaints():
             self._tell("recording", lack, "error")
+        for trouble in self._bus.troubles():
+            self._tell("bus", trouble, "warning")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
             self._tell("state", complaint, self._keeping.level)
         self._notifier.status(_status(made))

@@ -115,6 +115,8 @@ class Keeping:
 
     def _refuse(self, name: str, why: str) -> str:
         self.started, self._before = None, Session()
+        if not self._checkpoint.there:  # it was never saved
+            return f"the record is {why}: begun anew"
         return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, begun anew"
 
     def refuse(self) -> str | None:

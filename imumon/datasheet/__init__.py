@@ -31,7 +31,7 @@ def document(made: Report, form: str) -> bytes:
     CannotDraw : something it needs is not installed, or the report has nothing to draw.
     """
     found = FORMS[form][0](made)
-    return found if isinstance(found, bytes) else found.encode()
+    return found if isinstance(found, bytes) else found.encode(errors="replace")
 
 
 def _markdown(made: Report) -> str:

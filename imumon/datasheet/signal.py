@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from imumon.datasheet.text import coefficient
 from imumon.report import COEFFICIENTS, Channel, Report
 from imumon.samples import sensor_of
-from imumon.units import READABLE, pretty
+from imumon.units import READABLE, Readable, figures, pretty
+from imumon.words import follows
 
 LINES = 4
 """Spectral lines told of a channel."""
@@ -91,7 +92,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield f"lines at {', '.join(told)}" + (f" and {more} more" if more > 0 else "")
     if drift is not None and drift.significant:
         yield "the drift is more than the noise makes"
-    if drift is not None and drift.per_degC is not None and drift.steady_N is not None:
+    if drift is not None and drift.per_degC is not None and follows(drift):
         half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
         share = "" if drift.explained is None else f", {drift.explained:.0%} of what is slow"
         steady = ", ".join(
@@ -104,7 +105,23 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
             f"without that (the table is with it) {steady}"
         )
     for change in channel.changes:
-        yield f"{change.quantity} was {change.before:.3g}, is {change.now:.3g} (against the {change.against})"
+        scale = READABLE.get((sensor_of(name), change.quantity), Readable(1.0, channel.unit))
+        before, now = (figures(value * scale.factor) for value in (change.before, change.now))
+        yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} (against the {change.against})"
+
+
+def unchanged(made: Report, baseline: Report) -> str | None:
+    """A line where no channel differs from a baseline, or none could; None where the notes tell what does."""
+    if any(change.against == "baseline" for channel in made.channels.values() for change in channel.changes):
+        return None
+    measured = (
+        [getattr(one.channels.get(name), letter, None) for one in (made, baseline)]
+        for name in made.channels
+        for letter in ("N", "B")
+    )
+    if any(all(part is not None and part.status == "measured" for part in pair) for pair in measured):
+        return "nothing changed against the baseline"
+    return "nothing to compare with the baseline: no N or B is measured in both"
 
 
 def _together(name: str, made: Report) -> Iterator[str]:

@@ -1,9 +1,9 @@
 """Snippets: settings that people paste into other tools, with units and 95 % limits in comments.
 
 The rules: the worst axis decides, as these tools take one number for three axes. A coefficient that the
-record does not show is represented by its 95 % bound, which is safe and says so. Where not even a
-bound is known, the line stays commented out: no number is invented. Nothing is multiplied by a
-margin; what margin a vehicle needs is the user's to say.
+record does not show is represented by its 95 % bound, which is safe, and its own line says so. Where not
+even a bound is known, the line stays commented out: no number is invented. Every caveat stands in front.
+Nothing is multiplied by a margin; what margin a vehicle needs is the user's to say.
 
 N is the density of the rate as an Allan deviation gives it: white noise of N has the deviation
 N / sqrt(dt) in samples of dt. K drives the bias: it walks by K sqrt(t). What each program makes of its
@@ -36,8 +36,7 @@ CURES = {
     ROUNDED_AWAY: "record with more digits, or a finer range",
 }
 """What to do about a coefficient that no longer record brings, by the reason."""
-WARNED = ("compensated", "not_at_rest", "motion", "stuck", "loop", "disturbed", "constant", "misfit")
-"""Caveats that stand in front of a snippet, for they touch the numbers in it."""
+BOUND = "  # 95 % bound, not seen in this record"
 WORDS = {"N": "white noise density", "K": "random walk of the bias"}
 
 
@@ -49,10 +48,12 @@ class Worst:
     ----------
     value : SI, None where no axis has even a bound.
     lines : comments for people: what it is, and every axis.
+    note : comment for the line of the value itself: that it is a bound; else empty.
     """
 
     value: float | None
     lines: tuple[str, ...]
+    note: str = ""
 
 
 def worst(made: Report, sensor: str, letter: str) -> Worst:
@@ -74,7 +75,7 @@ def worst(made: Report, sensor: str, letter: str) -> Worst:
     lines = [f"{what}, {unit}; {how}", *(f"  {name}: {_told(part)}" for name, part in found.items())]
     if not seen:
         lines.append("  the bound is on the safe side; a longer record lowers it")
-    return Worst(sizes[axis], tuple(lines))
+    return Worst(sizes[axis], tuple(lines), "" if seen else BOUND)
 
 
 def _unknown(sensor: str, found: Mapping[str, Coefficient]) -> str:
@@ -131,9 +132,9 @@ def head(made: Report) -> list[str]:
         lines.append(f"WARNING: aliased: N is too high{by}. Right for this very stream, wrong for the sensor")
     if (warning := filter_not_known(made)) is not None:
         lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
-    for word in WARNED:
-        if word in found:
-            where = f" ({joined(found[word])})" if found[word] else ""
+    for word, channels in found.items():
+        if word != "aliased":
+            where = f" ({joined(channels)})" if channels else ""
             lines.append(f"WARNING: {word.replace('_', ' ')}{where}: {line(word)}")
     return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
 
@@ -148,9 +149,8 @@ def _yaml(made: Report, indent: str = "", order: tuple[str, ...] = ("accel", "gy
             found = worst(made, sensor, letter)
             lines += [f"{indent}# {line}" for line in found.lines]
             name = f"{NAMES[sensor]}_{key}"
-            lines.append(
-                f"{indent}{name}: {found.value:.6e}" if found.value is not None else f"{indent}# {name}: ?"
-            )
+            value = None if found.value is None else f"{name}: {found.value:.6e}{found.note}"
+            lines.append(f"{indent}{value or f'# {name}: ?'}")
     return lines
 
 
@@ -261,7 +261,7 @@ def _autopilot(made: Report, names: Mapping[tuple[str, str], tuple[str, str]], s
             lines.append(f"# {name} ?")
         else:
             value = found.value / math.sqrt(step.length_s)
-            lines += [f"# {name} in {unit}", form.format(name=name, value=value)]
+            lines += [f"# {name} in {unit}{found.note}", form.format(name=name, value=value, note=found.note)]
     return "\n".join(lines) + "\n"
 
 
@@ -273,11 +273,11 @@ def px4(made: Report) -> str:
         ("accel", "N"): ("EKF2_ACC_NOISE", "m/s^2"),
         ("accel", "K"): ("EKF2_ACC_B_NOISE", "m/s^3"),
     }
-    return _autopilot(made, names, PX4, "param set {name} {value:.4e}")
+    return _autopilot(made, names, PX4, "param set {name} {value:.4e}{note}")
 
 
 def ardupilot(made: Report) -> str:
-    """ArduPilot's EKF3: the same, as a parameter file."""
+    """ArduPilot's EKF3: the same, as a parameter file, whose readers know whole lines of comment alone."""
     names = {
         ("gyro", "N"): ("EK3_GYRO_P_NSE", "rad/s"),
         ("gyro", "K"): ("EK3_GBIAS_P_NSE", "rad/s^2"),
@@ -305,7 +305,9 @@ def gtsam(made: Report) -> str:
         found = worst(made, sensor, letter)
         lines += _comments(list(found.lines))
         value = "?" if found.value is None else f"{found.value:.6e}"
-        lines.append(f"{'# ' if found.value is None else ''}params.{call}(np.eye(3) * {value}**2)")
+        lines.append(
+            f"{'# ' if found.value is None else ''}params.{call}(np.eye(3) * {value}**2){found.note}"
+        )
     lines += [
         "# of the integration, not of the sensor: small, for GTSAM begins with 1",
         "params.setIntegrationCovariance(np.eye(3) * 1e-8)",

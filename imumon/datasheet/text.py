@@ -93,7 +93,8 @@ def digits(value: float, width: float) -> int:
 
 def _head(made: Report) -> list[str]:
     device, session = made.device, made.session
-    who = " ".join(part for part in (device.model, device.serial) if part) or device.id
+    named = " ".join(part for part in (device.model, device.serial) if part)
+    who = f"{device.id}: {named}" if named and device.id != "replay" else named or device.id
     rate = f"{device.sample_rate_hz:g} Hz" if device.sample_rate_hz else "rate not known"
     lines = [
         f"{who}  {device.source or ''} {device.stream or ''}  {rate}  {made.state}",

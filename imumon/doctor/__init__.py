@@ -83,8 +83,8 @@ def _sensor(case: Case, network: Network, bus: BusLook, progress: Callable[[str]
 
 
 def _candidates(bus: BusLook) -> list[str]:
-    """Ports to try where none is named: those that daemons read, else all there are."""
-    held = [r.device.port for r in bus.reports if r.device.port and Path(r.device.port).exists()]
+    """Ports to try where none is named: those that daemons read or wait for, else all there are."""
+    held = [r.device.port for r in bus.reports if r.device.port]
     return held or [port.path for port in find_ports()]
 
 

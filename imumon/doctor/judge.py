@@ -37,6 +37,7 @@ class Check:
     cure: str | None = None
 
 
+COME_BACK = "check the sensor's plug, cable and power; the daemon goes on by itself when it is back"
 NO_PORT = Check(
     "port",
     "failed",
@@ -65,6 +66,9 @@ def port(look: PortLook) -> Iterator[Check]:
     """Whether the port is there, may be used, and is free."""
     if look.is_url:
         yield Check("port", "ok", look.path)
+        return
+    if not look.exists and look.daemon is not None:
+        yield Check("port", "failed", f"no port {look.path}: {look.daemon} waits for it", COME_BACK)
         return
     if not look.exists:
         there = f"there is {', '.join(look.others)}" if look.others else "is the sensor plugged in?"
@@ -296,6 +300,12 @@ def zenoh(look: BusLook) -> Check:
         return Check("zenoh", "failed", text or cure, cure if text else None)
     if not look.reports:
         return Check("zenoh", "ok", f"no daemon answers, {look.free} is free for one")
+    lost = [report.device for report in look.reports if report.state == "waiting"]
+    if lost:
+        others = [report.device.id for report in look.reports if report.device != lost[0]]
+        text = f"{lost[0].id} answers, but waits for its sensor on {lost[0].port or 'its port'}"
+        text += f"; {', '.join(others)} answers too" if others else ""
+        return Check("zenoh", "warning", text, COME_BACK)
     room = f", {look.free} is free for another" if look.free else ""
     return Check("zenoh", "ok", f"{who} answers{room}")
 

@@ -104,6 +104,11 @@ class Terminal:
         self._open(baud)
 
     def _open(self, baud: int) -> None:
+        link = Path(self._link) if self._link else None
+        if link is not None and link.exists():  # looked at first: a name that was freed may be given to us
+            linked = link.is_symlink()
+            there = f"{link.readlink()} is in use: end its emulator" if linked else "something else is there"
+            raise ValueError(f"--link {link}: {there}, or give another path")
         self.master, self._slave = os.openpty()
         os.set_blocking(self.master, False)
         tty.setraw(self._slave)
@@ -112,10 +117,7 @@ class Terminal:
         termios.tcsetattr(self._slave, termios.TCSANOW, settings)
         self.path = os.ttyname(self._slave)
         self._presence = Presence(self.path)
-        if self._link:
-            link = Path(self._link)
-            if link.exists() and not link.is_symlink():
-                raise ValueError(f"--link {link}: something else is there; give another path")
+        if link is not None:
             fresh = link.with_name(f"{link.name}.{os.getpid()}")
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(self.path)
@@ -211,8 +213,9 @@ class Terminal:
 
     def close(self) -> None:
         if self._link:
-            with contextlib.suppress(OSError):
-                Path(self._link).unlink()
+            with contextlib.suppress(OSError):  # it may lead elsewhere by now
+                if os.readlink(self._link) == self.path:
+                    Path(self._link).unlink()
         self._presence.close()
         os.close(self.master)
         os.close(self._slave)

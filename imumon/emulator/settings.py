@@ -128,9 +128,14 @@ class EmulatorSettings:
 
 def _axes(text: str) -> Axes:
     """One number for all axes, or three with commas between them."""
-    numbers = [float(part) for part in text.split(",")]
-    if len(numbers) not in (1, 3) or any(number < 0 for number in numbers):
-        raise argparse.ArgumentTypeError(f"{text!r}: give one number, or three with commas between them")
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 3) or not all(0.0 <= number < float("inf") for number in numbers):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: give one number, 0 or more, or three with commas between them"
+        )
     x, y, z = numbers * (3 // len(numbers))
     return x, y, z
 

@@ -11,6 +11,7 @@ number.
 from __future__ import annotations
 
 import contextlib
+import errno
 import gzip
 import json
 import os
@@ -262,6 +263,23 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
         found.append(following)
 
 
+def _open_pipe(path: str) -> BinaryIO:
+    """A pipe or a device to write to, without waiting for a reader of the pipe.
+
+    Raises
+    ------
+    OSError : it cannot be opened; nobody reads.
+    """
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        if error.errno == errno.ENXIO and stat.S_ISFIFO(os.stat(path).st_mode):
+            raise OSError(error.errno, "nobody reads that pipe; start its reader first") from None
+        raise
+    os.set_blocking(file, True)
+    return os.fdopen(file, "wb")
+
+
 def check_place(path: str) -> None:
     """Look whether a recording can be made there at all; that a disk is full is another matter.
 
@@ -287,7 +305,8 @@ class Recorder:
 
     Parameters
     ----------
-    path : file; ``….gz`` compresses. If it is there already, the next free number is taken.
+    path : file; ``….gz`` compresses. If it is there already, the next free number is taken, as it is when
+        the file is removed while it is written.
     header : what is noted in front (sensor, settings, time of the host); plain JSON values.
     rotate_bytes : begin a new part after so many bytes of input; 0: never.
     compress : compress whatever the name.
@@ -367,7 +386,7 @@ class Recorder:
             self.path = part_path(self._base, self._number)
             try:
                 plain = not os.path.exists(self.path) or stat.S_ISREG(os.stat(self.path).st_mode)
-                self._file: BinaryIO = open(self.path, "xb" if plain else "wb")  # noqa: SIM115
+                self._file: BinaryIO = open(self.path, "xb") if plain else _open_pipe(self.path)  # noqa: SIM115
                 break
             except FileExistsError:
                 continue
@@ -385,6 +404,11 @@ class Recorder:
         finally:
             self._file.close()
 
+    def _removed(self) -> bool:
+        """Whether somebody removed the file: what is written to it now, nobody will ever read."""
+        now = os.fstat(self._file.fileno())
+        return stat.S_ISREG(now.st_mode) and now.st_nlink == 0
+
     def _flush(self) -> None:
         self._out.flush()
         self._file.flush()
@@ -400,7 +424,8 @@ class Recorder:
                     data = b"".join(self._backlog)
                     self._backlog.clear()
                     self._waiting = 0
-                if data and self._rotate and self._in_part and self._in_part + len(data) > self._rotate:
+                full = self._rotate and self._in_part and self._in_part + len(data) > self._rotate
+                if data and (full or self._removed()):
                     self._end_part()
                     self._begin_part()
                 self._out.write(data)

@@ -14,7 +14,7 @@ from pathlib import Path
 from imumon.report import Event, Report, Signal
 from imumon.tui.feed import Feed, Still
 
-__all__ = ["Feed", "Still", "picture", "run"]
+__all__ = ["Feed", "Still", "picture", "run", "themes"]
 
 
 def run(
@@ -65,6 +65,15 @@ def run(
     )
     app.run()
     return _flushed(app.return_code or 0)
+
+
+def themes() -> tuple[str, ...]:
+    """Names of the themes there are, our own first."""
+    from textual.theme import BUILTIN_THEMES
+
+    from imumon.tui.app import THEMES
+
+    return (*(theme.name for theme in THEMES), *sorted(BUILTIN_THEMES))
 
 
 def _flushed(code: int) -> int:

@@ -352,13 +352,13 @@ class Monitor(App[int]):
                 target.write_text(self.export_screenshot(), encoding="utf-8")
                 made = save.png(target) if form == "png" else target
                 said = (
-                    f"saved {made.name}"
+                    f"saved {made}"
                     if made
-                    else f"saved {target.name} (no converter to PNG: apt install librsvg2-bin)"
+                    else f"saved {target} (no converter to PNG: apt install librsvg2-bin)"
                 )
             else:
                 target.write_text(save.text(self.scene, form), encoding="utf-8")
-                said = f"saved {target.name}"
+                said = f"saved {target}"
             self.notify(said, markup=False)
         except (OSError, ValueError) as error:
             self.notify(f"not saved: {error}", severity="error", markup=False)

@@ -11,7 +11,7 @@ from imumon.tui.scene import Scene
 from imumon.tui.table import GRADED
 from imumon.tui.words import Line, about, clock, fitted, length, padded, wrap
 from imumon.units import number
-from imumon.words import CLOCKS, cut_by, told
+from imumon.words import CLOCKS, cut_by, follows, told
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
@@ -249,10 +249,8 @@ def drift(scene: Scene, width: int, height: int = 0) -> list[Line]:
             [(_LABEL.format("temperature"), "muted"), (f"now {degrees.last:.2f} {celsius}", "text")]
         ]
         if degrees.min is not None and degrees.max is not None:
-            heat.append([(f"   {degrees.min:.2f} to {degrees.max:.2f} {celsius} since the start", "muted")])
-        if channel.drift is not None and channel.drift.explained is not None:
-            heat.append([(f"   explains {100 * channel.drift.explained:.0f} % of the drift", "muted")])
-        lines.append(fitted(heat, width))
+            heat.append([(f" ({degrees.min:.2f} to {degrees.max:.2f})", "muted")])
+        lines.append(fitted([*heat, *_effect(channel.drift, factor, unit)], width))
     shape = channel.distribution
     if shape is not None and shape.recent_mean is not None and shape.recent_std is not None:
         mean, std = number(shape.recent_mean * factor, 4), number(shape.recent_std * factor, 3)
@@ -277,7 +275,7 @@ def _shape(channel: Channel, width: int) -> Line:
 
 
 def _slope(found: Drift | None, factor: float, unit: str, width: int) -> Line:
-    """Drift over an hour and over a degree, with 95 % limits."""
+    """Drift over an hour, with 95 % limits."""
     label = (_LABEL.format("drift"), "muted")
     if found is None or found.per_hour is None:
         return [label, ("not known yet", "faint")]
@@ -288,6 +286,16 @@ def _slope(found: Drift | None, factor: float, unit: str, width: int) -> Line:
     if found.per_hour_low is not None and found.per_hour_high is not None:
         low, high = number(found.per_hour_low * factor, 2), number(found.per_hour_high * factor, 2)
         parts.append([(f"   {low} to {high}", "muted")])
-    if found.per_degC is not None:
-        parts.append([(f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text")])
     return fitted(parts, width)
+
+
+def _effect(found: Drift | None, factor: float, unit: str) -> list[Line]:
+    """What a degree does to the mean, where it does more than the noise."""
+    if found is None or found.per_degC is None:
+        return []
+    if not follows(found):
+        return [[("   its effect: no more than noise", "muted")]]
+    parts: list[Line] = [[(f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text")]]
+    if found.explained is not None:
+        parts.append([(f", {100 * found.explained:.0f} % of the drift", "muted")])
+    return parts

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import sensor_of
 from imumon.tui.letters import headline
-from imumon.tui.scene import Scene, Situation
+from imumon.tui.scene import MOVING, WARMING, Scene, Situation
 from imumon.tui.table import GRADED
 from imumon.tui.words import (
     Line,
@@ -35,13 +35,15 @@ def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
     if scene.frozen:
         right = [(" frozen: f goes on ", "chip"), (" ", "text")]
     room = width - length(right)
-    if now.text and (not now.live or now.kind in ("warming", "starting", "moving", "finished")):
-        line.append((f" {now.text}", "text"))
+    last = now.kind in ("warming", "moving")  # what they mean gives way to the facts
+    first = now.text if not last and (not now.live or now.kind in ("starting", "finished")) else ""
+    if first:
+        line.append((f" {first}", "text"))
     report = scene.report
     if report is not None:
-        parts = _facts(report, len(scene.reports), scene.notation)
+        parts = [*_facts(report, scene), *([[(now.text, "text")]] if last else [])]
         for k, part in enumerate(parts):
-            piece: Line = [(" · " if k or now.text else "  ", "faint"), *part]
+            piece: Line = [(" · " if k or first else "  ", "faint"), *part]
             if length(line) + length(piece) > room - 1:
                 continue
             line += piece
@@ -49,7 +51,7 @@ def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
     return [on(line, ground)]
 
 
-def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
+def _facts(report: Report, scene: Scene) -> list[Line]:
     """What the status line tells, the most important first."""
     device, session = report.device, report.session
     facts: list[Line] = [[(device.id, "strong")]]
@@ -62,7 +64,7 @@ def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
         facts.append([(counted(count, what), "warn" if count else "text")])
     degrees = report.channels.get("temperature")
     if degrees is not None and degrees.last is not None:
-        facts.append([(f"{degrees.last:.1f} {notation.unit('degC')}", "text")])
+        facts.append([(f"{degrees.last:.1f} {scene.notation.unit('degC')}", "text")])
     if device.port is not None:
         facts.append([(device.port, "muted")])
     if device.stream is not None:
@@ -71,8 +73,9 @@ def _facts(report: Report, devices: int, notation: Notation) -> list[Line]:
         facts.append([(device.model, "muted")])
     if report.speed != 1.0:
         facts.insert(3, [(f"time-lapse ×{report.speed:g}", "bound")])
-    if devices > 1:
-        facts.insert(1, [(f"1 of {devices}", "bound")])
+    names = list(scene.reports)
+    if scene.id is not None and len(names) > 1:
+        facts.insert(1, [(f"{names.index(scene.id) + 1} of {len(names)}", "bound")])
     return facts
 
 
@@ -86,16 +89,18 @@ def plates(scene: Scene, width: int, height: int) -> list[Line]:
         return []
     if height >= 6 and width >= 78:
         return _large(report, scene.notation, width)
-    lines = [_one_line(report, width)]
+    lines = [_one_line(scene, report, width)]
     return lines + _caveats(scene, width, height - 1) if height > 1 else lines
 
 
-def _one_line(report: Report, width: int) -> Line:
+def _one_line(scene: Scene, report: Report, width: int) -> Line:
     """Headline grades, and at the end the caveats by name, or their number where they do not fit.
 
-    That there are caveats is worth more than what decides the grades.
+    That there are caveats is worth more than what decides the grades. The one that the status line tells is
+    not told twice.
     """
-    found = [caveat.replace("_", " ") for caveat in caveats(report)]
+    told_above = {"warming": WARMING, "moving": MOVING}.get(scene.situation().kind, frozenset())
+    found = [caveat.replace("_", " ") for caveat in caveats(report) if caveat not in told_above]
     line: Line = []
     for why in (True, False):
         line = []

@@ -97,7 +97,8 @@ class Decoder:
     Attributes
     ----------
     malformed : sentences whose check was right, but whose fields were not.
-    nonfinite : valid messages that are no samples: a number not finite, an interval not positive.
+    nonfinite : valid messages that are no samples: a number not finite or beyond any that can be, an
+        interval not positive.
 
     >>> decoder = Decoder()
     >>> decoder.feed(b"noise$VNRRG,07,40*5C\\r\\n$VNE"), decoder.pending

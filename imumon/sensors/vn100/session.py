@@ -51,7 +51,9 @@ FIRST_PACKET_S = 0.5
 QUIET_S = 1.0
 PATIENT_S = 3.0  # with a stream whose rate is not known
 RETRY_S = 5.0
+BACK_NS = 1_000_000_000  # a clock that goes back so far began anew
 RUBBISH = 64  # bytes; fewer may be the rest of a message
+ERROR_S = 60.0  # between two notices of one error of the sensor, which may come a hundred times a second
 
 _NEW_BAUD = "new baud"  # in the note that `remember` makes: what the baud is to be changed to
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
@@ -129,7 +131,9 @@ class Session:
         self._paced = paced
         self._ahead = b""
         self._rubbish, self._silences = 0, 0
+        self._newest_ns, self._restarted = 0, False  # of our stream's own clock
         self._troubles: set[str] = set()
+        self._errors: dict[int, tuple[float, int]] = {}  # by code: when told again, how many were not
         self._watch_from(clock())
 
     # ------------------------------------------------------------------ the way in and out
@@ -242,8 +246,9 @@ class Session:
                 if self._divisor is None or item.stream.kind == self._wanted.stream:
                     self._sampled(now)
                 self._compare(item, now)
+                self._follow(item)
             elif isinstance(item, SensorError):
-                self._notices.append(Notice("sensor_error", f"the sensor says: {item.text}"))
+                self._complain(item, now)
         return items
 
     def tick(self) -> list[Notice]:
@@ -288,6 +293,12 @@ class Session:
             told = nominal_rate(settings, block.stream) or self._wanted.rate_hz
             if told:
                 self._arrival.take(len(block) + int(block.lost.sum()), now, told)
+
+    def _follow(self, block: SampleBlock) -> None:
+        """See in the clock of our stream that the sensor was restarted, if the same comes from its flash."""
+        if block.stream.clock == "startup" and block.time_ns is not None and len(block):
+            self._restarted |= int(block.time_ns[0]) < self._newest_ns - BACK_NS
+            self._newest_ns = int(block.time_ns[-1])
 
     # ------------------------------------------------------------------ knowing it
 
@@ -420,6 +431,7 @@ class Session:
         self._arrival.begin()
         self._bytes_at = self._valid_at = self._sample_at = self._patience = now
         self._rubbish, self._silences = 0, 0
+        self._newest_ns, self._restarted = 0, False
 
     def _sampled(self, now: float) -> None:
         """A sample of the stream has come: all is well."""
@@ -433,7 +445,9 @@ class Session:
     def _look_after(self, now: float) -> None:
         """What is wrong, if anything, and the cure for it."""
         quiet = PATIENT_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
-        if now - self._bytes_at > quiet:
+        if self._restarted and self._divisor is not None:
+            self._again("reconfigured", "the sensor was restarted, and is set up again")
+        elif now - self._bytes_at > quiet:
             self._break_silence(now)
         elif now - self._valid_at > quiet and self._rubbish >= RUBBISH:
             if "garbage" in self._troubles:
@@ -461,11 +475,21 @@ class Session:
         else:
             self._again("found", "the sensor is back")
 
+    def _complain(self, error: SensorError, now: float) -> None:
+        """Tell an error of the sensor; one that goes on, once a minute."""
+        due, untold = self._errors.get(error.code, (now, 0))
+        if now < due:
+            self._errors[error.code] = due, untold + 1
+            return
+        before = f" ({untold} times more since that was told last)" if untold else ""
+        self._notices.append(Notice("sensor_error", f"the sensor says: {error.text}{before}"))
+        self._errors[error.code] = now + ERROR_S, 0
+
     def _again(self, kind: str, text: str) -> None:
         """Connect and configure once more; in vain, let a later tick try."""
         self.decoder.finish()
         self._ahead = b""
-        silences = self._silences
+        before = self._silences, self._restarted
         try:
             self.connect()
             if self._originals is not None:
@@ -474,7 +498,7 @@ class Session:
         except SensorChanged:
             raise
         except SessionError as error:
-            self._silences = silences  # a scan that found nothing has changed nothing
+            self._silences, self._restarted = before  # a scan that found nothing has changed nothing
             self._report("lost", str(error))
             self._patience = self._clock() + RETRY_S
         else:

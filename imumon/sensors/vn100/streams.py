@@ -44,6 +44,10 @@ _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 _LONGEST = 1e6
 """An interval beyond it, s, is none."""
 
+_LARGEST = 1e9
+"""No sensor measures so much in any channel's unit. A damaged float that passed its check may say 1e38: its
+fourth power is no number any more, and one alone would spoil every moment for good."""
+
 _VPE_SATURATED = 0x0204
 """Bits of VpeStatus: gyroscope saturated (2), accelerometer saturated (9)."""
 
@@ -57,7 +61,8 @@ class Batch:
     values : (n, c) channel unit.
     time_ns : (n,) what the stream's clock says, None without one.
     saturated : (n,) the sensor's own word, None where it has none.
-    usable : (n,) every number finite, every interval positive, every time stamp possible; None where all are.
+    usable : (n,) every number finite and one that can be, every interval positive, every time stamp
+        possible; None where all are.
     """
 
     values: Floats
@@ -119,9 +124,9 @@ def _nanoseconds(dt: Floats) -> Ints:
 def _usable(values: Floats, dt: Floats | None, time: Ints | None) -> Bools | None:
     """(n,) which rows are samples; None for all, which is nearly always so and quickly seen."""
     timed = dt is None or (dt.min() > 0.0 and dt.max() < _LONGEST)
-    if timed and (time is None or time.min() >= 0) and np.isfinite(values).all():
+    if timed and (time is None or time.min() >= 0) and values.min() > -_LARGEST and values.max() < _LARGEST:
         return None
-    usable: Bools = np.logical_and.reduce(np.isfinite(values), axis=1)
+    usable: Bools = np.logical_and.reduce(np.abs(values) < _LARGEST, axis=1)
     if dt is not None:
         usable = usable & (dt[:, 0] > 0.0) & (dt[:, 0] < _LONGEST)
     if time is not None:
