@@ -19,7 +19,7 @@ from imumon.bus import Publisher
 from imumon.monitor import Monitor
 from imumon.samples import Kind, SampleBlock
 from imumon.sensors.vn100 import Decoder
-from imumon.sources import Lost, Recording, SourceError, Wanted, open_file
+from imumon.sources import Bag, Lost, Misused, RateUnknown, Recording, SourceError, Wanted, open_file
 
 FAST, PACED = 1 << 20, 1 << 12
 """Bytes decoded at once: as many samples as make the work on arrays worth the name; a second or less when a
@@ -160,10 +160,12 @@ def open_samples(task: Replay) -> Samples:
 
     Raises
     ------
-    SourceError : it cannot be read, or is plainly something else.
+    SourceError : it cannot be read, or is plainly something else. Misused : it is no bag, and has no topic.
     """
     wanted = Wanted(task.kind, task.columns, task.rate_hz, task.topic)
     found = open_file(task.path, wanted)
+    if task.topic is not None and not isinstance(found, Bag):
+        raise Misused(f"--topic is of a bag, and {task.path} is none: leave it out")
     if isinstance(found, Recording):
         return Capture(found, FAST if task.speed is None else PACED)
     return found
@@ -192,28 +194,33 @@ def replay(
     run = _Run(task, samples)
     pace = _Pace(task.speed)
     due = 0.0
-    for items in samples:
-        for item in items:
-            run.take(item)
-        if progress is not None:
-            progress(samples.progress, run.elapsed_s)
-        if bus is not None and time.monotonic() >= due:
-            due = time.monotonic() + 1.0
-            run.publish(bus, "running")
-        pace.keep(run.elapsed_s)
+    try:
+        for items in samples:
+            for item in items:
+                run.take(item)
+            if progress is not None:
+                progress(samples.progress, run.elapsed_s)
+            if bus is not None and time.monotonic() >= due:
+                due = time.monotonic() + 1.0
+                run.publish(bus, "running")
+            pace.keep(run.elapsed_s)
+    except RateUnknown as error:
+        raise monitor.RateNeeded(str(error)) from None
     run.monitor.flush()
     final = run.report("stopped")
     if not final.session.samples:
         raise NotARecording(samples.verdict())
-    for text in (*samples.remarks, *([samples.problem] if samples.problem is not None else [])):
-        tell(text)
+    for text in final.device.remarks:
+        tell(f"{task.path}: {text}")
+    if samples.problem is not None:
+        tell(samples.problem)
     if bus is not None:
         run.publish(bus, "stopped")
     return final
 
 
 class _Run:
-    """Monitor of one recording."""
+    """Monitor of one recording; what happened waits until it is published."""
 
     def __init__(self, task: Replay, samples: Samples) -> None:
         header = samples.header or {}
@@ -230,6 +237,8 @@ class _Run:
             settings=header.get("settings", {}),
         )
         self.started = header.get("time")
+        self._waiting: list[report.Event] = []
+        self._restarts: dict[str, int] = {}  # why the record has a break, and how often
 
     def take(self, item: SampleBlock | Lost) -> None:
         """As the daemon does."""
@@ -248,20 +257,27 @@ class _Run:
     def publish(self, bus: Publisher, state: report.State) -> None:
         """A report, and what happened since the last one; their time and name are those of the replay."""
         made = self.report(state)
-        made = replace(made, device=replace(made.device, id=bus.id))
-        bus.publish(made)
+        bus.publish(replace(made, device=replace(made.device, id=bus.id)))
+        for event in self._waiting:
+            bus.event(replace(event, device=bus.id))
+        self._waiting.clear()
+
+    def _happened(self, now: datetime) -> None:
+        """Take what happened since the last call; where the record began anew its reader must know."""
         for found in self.monitor.events():
             event = report.Event(
-                time=made.time,
+                time=report.stamp(now),
                 kind=found.kind,
                 text=found.text,
-                device=bus.id,
+                device=self.device.id,
                 elapsed_s=found.elapsed_s,
                 channel=found.channel,
                 length_s=found.length_s,
                 size=found.size,
             )
-            bus.event(event)
+            self._waiting.append(event)
+            if found.kind == "restart":
+                self._restarts[found.text] = self._restarts.get(found.text, 0) + 1
 
     def report(self, state: report.State) -> report.Report:
         session = report.Session(
@@ -276,7 +292,12 @@ class _Run:
         caveats = (*(own if noted is None else noted), *(word for word in own if word == "compensated"))
         cut = ("truncated",) if self.samples.problem is not None else ()
         caveats = tuple(dict.fromkeys((*caveats, *cut)))
-        return self.monitor.report(datetime.now(UTC), self.device, state, session, device_caveats=caveats)
+        now = datetime.now(UTC)
+        made = self.monitor.report(now, self.device, state, session, device_caveats=caveats)
+        self._happened(now)
+        breaks = [f"{text} ({many:,} times)" if many > 1 else text for text, many in self._restarts.items()]
+        remarks = tuple(map(report.plain, (*self.samples.remarks, *breaks)))
+        return replace(made, device=replace(made.device, remarks=remarks))
 
 
 class _Pace:

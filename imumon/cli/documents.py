@@ -147,11 +147,11 @@ def _of_state(path: Path) -> Any:
 def _of_recording(words: argparse.Namespace) -> Any:
     from imumon.monitor import RateNeeded
     from imumon.replay import bar, replay
-    from imumon.sources import SourceError
+    from imumon.sources import Misused, SourceError
 
     try:
         return replay(task_of(words), progress=bar(), tell=mention)
-    except RateNeeded as error:
+    except (RateNeeded, Misused) as error:
         raise Stop(str(error), USAGE) from None
     except SourceError as error:
         raise Stop(str(error)) from None

@@ -13,7 +13,7 @@ from imumon.datasheet.blocks import Block, Curves, Heading, Sheet, Snippet, Tabl
 from imumon.datasheet.known import LABORATORY, LABORATORY_GRADE, MANUFACTURER
 from imumon.datasheet.plot import curves
 from imumon.datasheet.snippets import kalibr, who
-from imumon.datasheet.text import coefficient
+from imumon.datasheet.text import coefficient, spoilt
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import AXES
 from imumon.units import READABLE, counted, duration, figures, pretty
@@ -269,7 +269,7 @@ def _record(made: Report) -> Iterator[Block]:
         ("Left out as warm-up", _seconds(session.warmup_s)),
         (
             "Line",
-            f"{counted(session.bad_checksums, 'bad checksum')}, "
+            f"{counted(session.bad_checksums, spoilt(device))}, "
             f"{counted(session.discarded_bytes, 'byte')} of no message",
         ),
         ("Restarts", f"{session.restarts:,}"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
+from imumon.report import COEFFICIENTS, Channel, Coefficient, Device, Report
 from imumon.samples import sensor_of
 from imumon.units import counted, duration, figures, measured, pretty
 from imumon.words import (
@@ -99,7 +99,7 @@ def _head(made: Report) -> list[str]:
     lines = [
         f"{who}  {device.source or ''} {device.stream or ''}  {rate}  {made.state}",
         f"{duration(session.elapsed_s)}, {counted(session.samples, 'sample')}, {session.missing:,} missing "
-        f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, 'bad checksum')}, "
+        f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, spoilt(device))}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
     left_out = cut_out(made, lambda seconds: f"{seconds:.1f} s")
@@ -109,6 +109,12 @@ def _head(made: Report) -> list[str]:
     if session.warmup_s:
         lines.append(f"warm-up of {duration(session.warmup_s)} cut out")
     return lines
+
+
+def spoilt(device: Device) -> str:
+    """What `bad_checksums` counts: messages that failed their check, or rows of a table."""
+    table = (device.source or "").startswith(("csv", "npz", "bag"))
+    return "incomplete row" if table else "bad checksum"
 
 
 def _rows(made: Report, form: Form) -> list[str]:

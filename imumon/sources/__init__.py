@@ -4,6 +4,7 @@ port        a serial port or a pyserial URL
 recording   raw bytes kept on disk, and read back
 header      what such a recording says of itself
 columns     which column of a table is which channel
+plausible   of which units its numbers can be
 table       rows of numbers as samples
 dates       times that are written as people read them
 csv         CSV, in pieces
@@ -12,7 +13,8 @@ bag         ROS bags
 kinds       which of them a file is
 """
 
-from imumon.sources.errors import SourceError
+from imumon.sources.bag import Bag
+from imumon.sources.errors import Misused, RateUnknown, SourceError
 from imumon.sources.kinds import open_file
 from imumon.sources.port import (
     QUEUE_BYTES,
@@ -29,10 +31,13 @@ from imumon.sources.table import Wanted
 
 __all__ = [
     "QUEUE_BYTES",
+    "Bag",
     "Lost",
+    "Misused",
     "PortError",
     "PortGone",
     "PortInfo",
+    "RateUnknown",
     "Recorder",
     "Recording",
     "SerialPort",

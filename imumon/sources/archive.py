@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from imumon.samples import AXES, Floats, SampleBlock
-from imumon.sources.columns import layout
+from imumon.sources.columns import SENSORS, layout
 from imumon.sources.errors import SourceError
+from imumon.sources.names import understood
 from imumon.sources.table import ROWS, Rows, Wanted
 
 
@@ -33,14 +34,15 @@ class Archive:
         self.bad_checksums = 0
         try:
             with np.load(path, allow_pickle=False) as archive:
-                names, arrays = _flattened({name: archive[name] for name in archive.files})
+                whole = {name: archive[name] for name in archive.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             raise SourceError(f"{path} is no NumPy archive of plain arrays") from None
         try:
+            names, arrays = _flattened(whole)
             found = layout(names, wanted.kind, wanted.given)
         except SourceError as error:
             raise SourceError(f"{path}: {error}") from None
-        self._rows = Rows(path, found, "npz", wanted.rate_hz)
+        self._rows = Rows(path, found, "npz", wanted.rate_hz, names)
         picked = [arrays[k] for k in self._rows.columns]
         if len({len(column) for column in picked}) != 1:
             raise SourceError(
@@ -53,7 +55,8 @@ class Archive:
         for start in range(0, count, ROWS):
             piece = np.column_stack([column[start : start + ROWS] for column in self._columns])
             self.fed += piece.nbytes
-            yield list(self._rows.blocks(self._rows.pick(piece)))
+            places = range(start + 1, start + 1 + len(piece))
+            yield list(self._rows.blocks(self._rows.pick(piece), places))
             self.bad_checksums, self.progress = self._rows.lost, min(1.0, (start + ROWS) / count)
         yield list(self._rows.finish())
 
@@ -66,7 +69,12 @@ class Archive:
 
 
 def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:
-    """Names and columns; of an array with three columns one for each axis."""
+    """Names and columns; of an array with three columns one for each axis.
+
+    Raises
+    ------
+    SourceError : a sensor's array lies on its side.
+    """
     names: list[str] = []
     columns: list[Floats] = []
     for name, array in arrays.items():
@@ -82,6 +90,8 @@ def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:
             for k, axis in enumerate(AXES):
                 names.append(f"{bare}_{axis}{unit}")
                 columns.append(array[:, k].astype(np.float64))
+        elif array.ndim == 2 and array.shape[0] == 3 and understood(0, f"{bare}_x").quantity in SENSORS:
+            raise SourceError(f"the array {name} is 3 x n: transpose it to n x 3, {name}={name}.T")
     return names, columns
 
 

@@ -12,13 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from imumon.samples import ACCEL, GYRO, SampleBlock
+from imumon.samples import ACCEL, AXES, GYRO, SampleBlock
 from imumon.sources.columns import Layout
 from imumon.sources.errors import SourceError
 from imumon.sources.names import Column
 from imumon.sources.table import ROWS, Rows, Wanted
 
 IMU = "sensor_msgs/msg/Imu"
+FIELDS = (("angular_velocity", "gyro", "rad/s"), ("linear_acceleration", "accel", "m/s2"))
+"""Of a message, with the units that its definition says."""
+
 MAGIC = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3": ".db3"}
 """How files of these kinds begin."""
 
@@ -38,7 +41,6 @@ class Bag:
 
     header: Mapping[str, Any] | None = None
     discarded = 0
-    bad_checksums = 0
     problem: str | None = None
     progress: float | None = None
 
@@ -50,6 +52,7 @@ class Bag:
             raise SourceError(f"{path} is a bag: pip install rosbags to read it") from None
         self.path = path
         self.fed = 0
+        self.bad_checksums = 0
         try:
             self._reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
@@ -59,10 +62,11 @@ class Bag:
         kind = wanted.kind or "uncompensated"
         if kind == "deltas":
             raise SourceError(f"{path}: a bag of {IMU} has no deltas")
-        names = [f"angular_velocity.{axis}" for axis in "xyz"] + [
-            f"linear_acceleration.{axis}" for axis in "xyz"
-        ]
-        columns = tuple(Column(k, f"{self._topic}.{name}") for k, name in enumerate(names))
+        columns = tuple(
+            Column(3 * k + i, f"{self._topic}.{name}.{axis}", quantity, axis, unit=unit)
+            for k, (name, quantity, unit) in enumerate(FIELDS)
+            for i, axis in enumerate(AXES)
+        )
         time = Column(6, "header.stamp", "t", unit="ns")
         self._rows = Rows(path, Layout(kind, (*GYRO, *ACCEL), columns, (time,)), "bag", wanted.rate_hz)
 
@@ -97,7 +101,7 @@ class Bag:
                 done += 1
                 if len(gathered) >= ROWS:
                     self.progress = None if total is None else done / total
-                    yield list(self._rows.blocks(self._rows.pick(np.array(gathered))))
+                    yield self._hand(gathered, done)
                     gathered = []
         except SourceError:
             raise
@@ -107,8 +111,14 @@ class Bag:
             self._reader.close()
         if gathered:
             self.progress = None if total is None else 1.0
-            yield list(self._rows.blocks(self._rows.pick(np.array(gathered))))
+            yield self._hand(gathered, done)
         yield list(self._rows.finish())
+
+    def _hand(self, gathered: list[tuple[float, ...]], done: int) -> list[SampleBlock]:
+        places = range(done - len(gathered) + 1, done + 1)
+        found = list(self._rows.blocks(self._rows.pick(np.array(gathered)), places))
+        self.bad_checksums = self._rows.lost
+        return found
 
     @property
     def remarks(self) -> Sequence[str]:

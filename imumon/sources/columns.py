@@ -1,7 +1,9 @@
 """Columns: which columns of a table make a stream.
 
-By their names (`names`) there may be several streams, of which the best is taken; what a name does not tell,
-``--map gyro/x=COLUMN:UNIT,...`` does. This file knows no files: names in, `Layout` out.
+By their names (`names`) there may be several streams, of which the best is taken. ``--map
+gyro/x=COLUMN:UNIT,...`` says otherwise of what it names, and of nothing else. No sensor vanishes without a
+word: `Layout.remarks` name every column of one that is not used. This file knows no files: names in,
+`Layout` out.
 """
 
 from __future__ import annotations
@@ -13,7 +15,15 @@ from dataclasses import dataclass, replace
 
 from imumon.samples import ACCEL, AXES, GYRO, MAG, Kind, sensor_of
 from imumon.sources.errors import SourceError
-from imumon.sources.names import NANOSECONDS, UNITS, Column, spelled, understood, words_of
+from imumon.sources.names import NANOSECONDS, UNITS, Column, said, spelled, understood, words_of
+
+KINDS: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
+"""The best first."""
+
+SENSORS = {"gyro": "gyro", "angle": "gyro", "accel": "accel", "velocity": "accel", "mag": "mag"}
+"""Sensor with axes that a quantity is of."""
+
+INERTIAL = {"gyro", "accel"}
 
 BY_HAND = "--map gyro/x=COLUMN:UNIT,..."
 
@@ -28,6 +38,7 @@ class Layout:
     channels, columns : the same number of each, in the order of the stream.
     times : columns of time, the best first; with `apart` two, seconds and nanoseconds to be added.
     interval : length of each sample's own interval, for deltas.
+    remarks : which columns of a sensor are not used, and why.
     """
 
     kind: Kind
@@ -36,6 +47,7 @@ class Layout:
     times: tuple[Column, ...] = ()
     interval: Column | None = None
     apart: bool = False
+    remarks: tuple[str, ...] = ()
 
 
 def layout(names: Sequence[str], kind: Kind | None = None, given: Mapping[str, str] | None = None) -> Layout:
@@ -45,22 +57,83 @@ def layout(names: Sequence[str], kind: Kind | None = None, given: Mapping[str, s
     ----------
     names : of all columns.
     kind : which stream, where the table has several; None: the best.
-    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``, as a user says it; then the
-        names say nothing.
+    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``, as a user says it; what it does
+        not name is found by the names.
 
     Raises
     ------
     SourceError : there is no complete gyroscope or accelerometer, or what is asked for is not there.
     """
-    if given:
-        return _given(names, kind, given)
-    columns = [column for k, name in enumerate(names) if (column := understood(k, name)).quantity]
-    for wanted in (kind,) if kind else ("deltas", "uncompensated", "compensated"):
+    hand = {channel: _by_hand(names, channel, text, kind) for channel, text in (given or {}).items()}
+    columns = _overridden([c for k, name in enumerate(names) if (c := understood(k, name)).quantity], hand)
+    pointwise = any(sensor_of(channel) in INERTIAL for channel in hand)
+    for wanted in (kind,) if kind else KINDS[pointwise:]:
         found = _stream(columns, wanted)
         if found is not None:
             _check_units(found)
-            return found
+            _check_whole(found, hand)
+            return replace(found, remarks=tuple(_unused(columns, found)))
     raise SourceError(_missing(names, columns, kind))
+
+
+def _by_hand(names: Sequence[str], channel: str, text: str, kind: Kind | None) -> Column:
+    """Column that the user says is a channel."""
+    quantity, _, axis = channel.partition("/")
+    if kind == "deltas":
+        quantity = {"gyro": "angle", "accel": "velocity"}.get(quantity, quantity)
+    index, unit = _named(names, text, quantity)
+    return said(index, names[index].strip(), quantity, axis or None, unit)
+
+
+def _overridden(columns: Sequence[Column], hand: Mapping[str, Column]) -> list[Column]:
+    """The columns, those that the user named in the place of what their names say."""
+    taken = {column.index for column in hand.values()}
+    free = [c for c in columns if c.index not in taken and _channel(c) not in hand]
+    return [*hand.values(), *free]
+
+
+def _channel(column: Column) -> str:
+    """Channel, also ``t`` and ``dt``, that a column is of."""
+    sensor = SENSORS.get(column.quantity or "", column.quantity)
+    return f"{sensor}/{column.axis}" if column.axis else f"{sensor}"
+
+
+def _check_whole(found: Layout, hand: Mapping[str, Column]) -> None:
+    """What the user named must be there."""
+    for channel in hand:
+        sensor = sensor_of(channel)
+        if sensor in SENSORS and channel not in found.channels:
+            lacking = [f"{sensor}/{axis}" for axis in AXES if f"{sensor}/{axis}" not in hand]
+            raise SourceError(
+                f"--map names a part of a sensor only: {_list(lacking)} is missing, "
+                "and no column is that by its name"
+            )
+
+
+def _unused(columns: Sequence[Column], found: Layout) -> list[str]:
+    """Columns of a sensor that are not in the stream, with the reason."""
+    used = {column.index for column in found.columns}
+    reasons: dict[str, list[str]] = {}
+    for column in columns:
+        if column.quantity not in SENSORS or column.index in used:
+            continue
+        sensor = SENSORS[column.quantity]
+        there = {c.axis for c in columns if c.quantity == column.quantity}
+        lacking = [f"{sensor}/{axis}" for axis in AXES if axis not in there]
+        if column.axis is None:
+            why = "the name tells no axis x, y or z"
+        elif lacking:
+            why = f"{_list(lacking)} is missing, name it with --map {lacking[0]}=COLUMN:UNIT"
+        elif any(_same(column, other) for other in found.columns):
+            why = "another column is the same axis"
+        else:
+            why = f"the stream taken is {found.kind}, --stream asks for another"
+        reasons.setdefault(why, []).append(column.name)
+    return [f"{_list(names)} not used: {why}" for why, names in reasons.items()]
+
+
+def _same(one: Column, other: Column) -> bool:
+    return (one.quantity, one.axis, one.kind) == (other.quantity, other.axis, other.kind)
 
 
 def _check_units(found: Layout) -> None:
@@ -80,7 +153,8 @@ def _stream(columns: Sequence[Column], kind: Kind) -> Layout | None:
         sets = [_triple(columns, sensor, kind) for sensor in ("gyro", "accel")]
         if not sets[0] and any(_triple(columns, "gyro", other) for other in ("uncompensated", "compensated")):
             return None  # its gyroscope is of the other kind
-        if kind == "compensated" and not any(c.kind for c in columns if c.quantity == "gyro"):
+        told = [c for c in columns if c.quantity == "gyro" and (c.kind or c.doubt < 0)]
+        if kind == "compensated" and not told:
             return None  # nothing says that it is compensated
     if not any(sets):
         return None
@@ -95,7 +169,10 @@ def _stream(columns: Sequence[Column], kind: Kind) -> Layout | None:
 
 
 def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:
-    """Axes of a sensor: of that kind, else such as say nothing, else any but deltas."""
+    """Axes of a sensor: of that kind, else such as say nothing, else any but deltas.
+
+    What the user named is of every kind.
+    """
     others: tuple[Kind | None, ...] = (kind, None, "uncompensated", "compensated")
     if kind == "deltas":
         others = ("deltas",)
@@ -103,7 +180,11 @@ def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Colum
         others = (kind, None)
     for each in others:
         axes = [
-            [c for c in columns if c.quantity == quantity and c.axis == axis and c.kind == each]
+            [
+                c
+                for c in columns
+                if c.quantity == quantity and c.axis == axis and (c.kind == each or c.doubt < 0)
+            ]
             for axis in AXES
         ]
         if all(axes):
@@ -125,31 +206,9 @@ def _times(columns: Sequence[Column]) -> tuple[tuple[Column, ...], bool]:
     return tuple(found), False
 
 
-def _given(names: Sequence[str], kind: Kind | None, given: Mapping[str, str]) -> Layout:
-    """Columns as the user names them."""
-    kind = kind or "uncompensated"
-    found: dict[str, Column] = {}
-    for channel, text in given.items():
-        quantity = sensor_of(channel)
-        if kind == "deltas":
-            quantity = {"gyro": "angle", "accel": "velocity"}.get(quantity, quantity)
-        found[channel] = _named(names, text, quantity)
-    known = [*GYRO, *ACCEL, *MAG, "temperature", "pressure"]
-    for group in (GYRO, ACCEL, MAG):
-        lacking = [name for name in group if name not in found]
-        if 0 < len(lacking) < 3:
-            raise SourceError(f"--map names a part of a sensor only: {', '.join(lacking)} is missing")
-    channels = tuple(name for name in known if name in found)
-    if not set(channels) & {*GYRO, *ACCEL}:
-        raise SourceError(
-            "--map names neither gyroscope nor accelerometer: --map gyro/x=COLUMN:UNIT,gyro/y=..."
-        )
-    times = (found["t"],) if "t" in found else ()
-    return Layout(kind, channels, tuple(found[name] for name in channels), times, found.get("dt"))
-
-
-def _named(names: Sequence[str], text: str, quantity: str) -> Column:
-    """Column by its name, with or without its own unit, or its number from 1; perhaps with ``:UNIT``."""
+def _named(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | None]:
+    """Which column that is, by its name with or without its own unit, or its number from 1, and the ``:UNIT``
+    behind it."""
     bare = [re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name.strip()) for name in names]
     whole = [name.strip() for name in names]
     tries: list[tuple[str, str | None]] = [(text, None)]
@@ -161,11 +220,9 @@ def _named(names: Sequence[str], text: str, quantity: str) -> Column:
     for name, spoken in tries:
         for index, candidates in enumerate(zip(whole, bare, strict=True)):
             if name in candidates:
-                return Column(
-                    index, whole[index], quantity, unit=spoken or understood(index, whole[index]).unit
-                )
+                return index, spoken
         if name.isdigit() and 1 <= int(name) <= len(names):
-            return Column(int(name) - 1, whole[int(name) - 1], quantity, unit=spoken)
+            return int(name) - 1, spoken
     close = difflib.get_close_matches(tries[0][0], whole, 3, 0.3)
     raise SourceError(
         f"no column {tries[0][0]!r} for --map; " + (f"near: {_list(close)}" if close else _there(whole))
@@ -192,9 +249,9 @@ def parse_map(text: str) -> dict[str, str]:
 
 def _missing(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> str:
     """What is lacking, what there is, and what is nearest."""
-    if kind and any(_stream(columns, other) for other in ("deltas", "uncompensated", "compensated")):
+    if kind and any(_stream(columns, other) for other in KINDS):
         return f"there is no {kind} stream in it; without --stream the best there is will be taken"
-    partly = [c for c in columns if c.quantity in ("gyro", "accel", "angle", "velocity")]
+    partly = [c for c in columns if c.quantity in SENSORS and c.quantity != "mag"]
     if partly:
         told = _list(c.name for c in partly)
         return f"only {told} of gyroscope and accelerometer: three axes are needed, or {BY_HAND}"

@@ -62,8 +62,7 @@ class Csv:
 
     @property
     def remarks(self) -> Sequence[str]:
-        spoilt = self._reader.remarks if self._reader is not None else []
-        return [*spoilt, *(self._rows.remarks if self._rows is not None else [])]
+        return [text for part in (self._reader, self._rows) if part is not None for text in part.remarks]
 
     @property
     def problem(self) -> str | None:
@@ -93,7 +92,8 @@ class Csv:
     def _hand(
         self, rows: Rows, reader: _Reader, lines: list[str], before: int, *, last: bool = False
     ) -> list[SampleBlock]:
-        found = list(rows.blocks(rows.pick(reader.numbers(lines, before, last=last))))
+        numbers, places = reader.numbers(lines, before, last=last)
+        found = list(rows.blocks(rows.pick(numbers), places))
         self.bad_checksums = rows.lost
         return found
 
@@ -128,7 +128,7 @@ class Csv:
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
         found = self._timed(found, seen[begin:], separator)
-        rows = Rows(self.path, found, "csv", self._wanted.rate_hz)
+        rows = Rows(self.path, found, "csv", self._wanted.rate_hz, names)
         return seen[names_at], separator, rows, seen[begin:], len(seen)
 
     def _timed(self, found: Layout, lines: Sequence[str], separator: str | None) -> Layout:
@@ -176,7 +176,8 @@ class Csv:
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
         found = self._timed(found, seen[start:], separator)
-        return "", separator, Rows(self.path, found, "csv", self._wanted.rate_hz), seen[start:], len(seen)
+        rows = Rows(self.path, found, "csv", self._wanted.rate_hz, names)
+        return "", separator, rows, seen[start:], len(seen)
 
     def verdict(self) -> str:
         return f"{self.path} has a header and no row of numbers behind it"
@@ -285,10 +286,12 @@ class _Reader:
         if not self.spoilt:
             return []
         rows = "1 row is no row" if self.spoilt == 1 else f"{self.spoilt:,} rows are no rows"
-        return [f"{self._path}: {rows} of numbers and taken as lost; first {self._first}"]
+        return [f"{rows} of numbers and taken as lost; first {self._first}"]
 
-    def numbers(self, lines: list[str], before: int, *, last: bool) -> Floats:
-        """(n, k) of the wanted columns; a row that is no row is not a number.
+    def numbers(self, lines: list[str], before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
+        """(n, k) of the wanted columns, and (n,) the number of each row's line.
+
+        A row that is no row is not a number, and its line 0.
 
         Raises
         ------
@@ -308,30 +311,32 @@ class _Reader:
                 ),
                 dtype=np.float64,
             )
+            places = [before + k + 1 for k, line in enumerate(lines) if line.strip()]
         except (ValueError, IndexError):
             end = len(lines) - 1 if last else -1
-            rows = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines)]
-            found = np.array([row for row in rows if row]).reshape(-1, len(self._columns))
+            read = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines)]
+            found = np.array([row for row, _ in read if row]).reshape(-1, len(self._columns))
+            places = [place for row, place in read if row]
         self.read += len(found)
         if self.spoilt > SPOILT_ROWS and self.spoilt > SPOILT_SHARE * self.read:
             raise SourceError(
                 f"{self._path} {self._first}; {self.spoilt:,} of {self.read:,} rows are no rows of numbers"
             )
-        return found
+        return found, places
 
-    def _row(self, line: str, number: int, last: bool) -> list[float]:
-        """Numbers of a line that is not quite regular; nothing for a line that stands for no sample."""
+    def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:
+        """Numbers of a line that is not quite regular; none of a line that stands for no sample."""
         if not line.strip() or line.lstrip()[0] in "#%" or line == self._head:
-            return []
+            return [], number
         cells = split(line, self._separator)
         try:
-            return [self._number(cells, column) for column in self._columns]
+            return [self._number(cells, column) for column in self._columns], number
         except ValueError as error:
             if last:  # cut off
-                return []
+                return [], number
             self.spoilt += 1
             self._first = self._first or f"line {number} {error}"
-            return [math.nan] * len(self._columns)
+            return [math.nan] * len(self._columns), 0
 
     def _number(self, cells: Sequence[str], column: int) -> float:
         """Number in a cell, NaN where it is left open.

@@ -59,11 +59,13 @@ _PER_SENSOR = {("mag", "g"): "gauss", ("mag", "mg"): "mgauss"}
 
 _SENSORS = {
     "gyro": {"gyro", "gyr", "gyros", "gyroscope", "omega", "w", "rate", "rates"},
-    "accel": {"accel", "acc", "accels", "acceleration", "accelerometer", "accelerations", "a", "force"},
+    "accel": {"accel", "acc", "accels", "acceleration", "accelerometer", "accelerations", "a", "force", "f"},
     "mag": {"mag", "magn", "magnetic", "magnetometer", "compass", "m"},
     "temperature": {"temp", "temperature"},
     "pressure": {"pres", "press", "pressure", "baro"},
 }
+_PLAIN = {"gyro", "gyr", "gyroscope", "accel", "acc", "accelerometer"}
+"""Words that name an inertial sensor even where no axis is told."""
 _STRANGE = {
     "cov", "covariance", "var", "variance", "std", "sigma", "bias", "offset", "error", "ned", "enu",
     "world", "inertial", "orientation", "quaternion", "quat", "ypr", "status", "valid", "ok", "week",
@@ -78,7 +80,7 @@ _NEUTRAL = {
 }  # fmt: skip
 """Words that change nothing."""
 
-_LETTERS = re.compile(r"^(w|g|gyr|gyro|omega|rate|a|acc|accel|m|mag)([xyz])$")
+_LETTERS = re.compile(r"^(w|g|gyr|gyro|omega|rate|a|acc|accel|f|m|mag)([xyz])$")
 _TIMES = {"t": 0, "time": 0, "timestamp": 0, "stamp": 1, "startup": -2, "sec": 2, "secs": 2, "seconds": 2}
 _SECONDS = {"secs", "seconds"}
 """Names of a time that are its unit; ``sec`` alone may be the part of a stamp."""
@@ -99,6 +101,7 @@ class Column:
     kind : what its name says was done to the values, None where it says nothing.
     unit : as found in `UNITS`, None where the name has none.
     doubt : how many words of the name were not understood; of two columns the one with less is taken.
+        Below 0 where the user said what the column is: then it goes with every `kind`.
     unknown : a unit that is not found there.
     """
 
@@ -139,6 +142,28 @@ def understood(index: int, name: str) -> Column:
     >>> understood(0, "linear_acceleration.z").quantity, understood(0, "GyroX_dps").unit
     ('accel', 'deg/s')
     """
+    words, axis, spoken = _parts(name)
+    quantity, kind, doubt = _meaning(set(words), axis)
+    if quantity is None:
+        return Column(index, name)
+    spoken = spoken or next((word for word in words if quantity == "t" and word in _SECONDS), None)
+    known = None if spoken is None else spelled(spoken, quantity)
+    return Column(index, name.strip(), quantity, axis, kind, known, doubt, spoken if known is None else None)
+
+
+def said(index: int, name: str, quantity: str, axis: str | None, unit: str | None) -> Column:
+    """Column that is what the user says; its name still tells the unit where he does not.
+
+    >>> said(2, "p [deg/s]", "gyro", "x", None).unit
+    'deg/s'
+    """
+    spoken = _parts(name)[2]
+    unit = unit or (None if spoken is None else spelled(spoken, quantity))
+    return Column(index, name, quantity, axis, unit=unit, doubt=-1)
+
+
+def _parts(name: str) -> tuple[list[str], str | None, str | None]:
+    """Words of a name, its axis, and its unit as it is spelled there."""
     text, unit, axis = name.strip().strip("\"'").lstrip("#% "), None, None
     if found := re.search(r"[\[(]([^\])]*)[\])]\s*$", text):
         text, inside = text[: found.start()], found.group(1)
@@ -146,16 +171,10 @@ def understood(index: int, name: str) -> Column:
             axis = AXES[int(inside)]
         else:
             unit = inside
-    words = words_of(text)
-    words, suffix = _suffix(words)
+    words, suffix = _suffix(words_of(text))
     if axis is None and words and words[-1] in AXES:
         axis = words.pop()
-    quantity, kind, doubt = _meaning(set(words), axis)
-    if quantity is None:
-        return Column(index, name)
-    spoken = unit or suffix or next((word for word in words if quantity == "t" and word in _SECONDS), None)
-    known = None if spoken is None else spelled(spoken, quantity)
-    return Column(index, name.strip(), quantity, axis, kind, known, doubt, unit if known is None else None)
+    return words, axis, unit or suffix
 
 
 def words_of(text: str) -> list[str]:
@@ -207,6 +226,8 @@ def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None
         if at := words & set(_TIMES):
             rest = words - set(_TIMES) - _NEUTRAL - {"header", "startup"}
             return "t", None, max(min(_TIMES[word] for word in at) + 3 * len(rest) + 2, 0)
+        if words & _PLAIN:
+            return ("gyro" if words & _PLAIN & _SENSORS["gyro"] else "accel"), None, len(words)
         return None, None, 0
     kind: Kind | None = None
     if words & {"uncomp", "uncompensated", "raw"}:

@@ -39,8 +39,54 @@ DOUBTED = 0.01
 AHEAD_S = 1.0
 """A stall that is made up for within this is a delay; a longer one counts as lost samples."""
 
+FEW = 10
+"""Steps of stamps in batches that are too few to tell a rate: what came before the first and behind the last
+is not known."""
+
 ROUGH = 0.1
 """Unrest of the least lateness, ticks, from which a single lost sample cannot be told."""
+
+
+def typical_step(times: Floats) -> float:
+    """Mean step within most stretches of rows, whether they come one by one or in batches.
+
+    Parameters
+    ----------
+    times : (n,) in any unit, at least two of which one is greater than the one before.
+
+    >>> typical_step(np.repeat(np.arange(20.0), 100)), typical_step(np.array([0.0, 1.0, 2.0, 90.0, 91.0]))
+    (0.01, 1.0)
+    """
+    count = len(times) - 1
+    window = min(WINDOWS[1], max(1, count // 4))
+    while window <= count:
+        step = float(np.median(times[window:] - times[:-window])) / window
+        if step > 0.0:
+            return step
+        window *= 4
+    return float(np.maximum(np.diff(times), 0.0).mean())
+
+
+def why_no_rate(times: Floats) -> str | None:
+    """Why some times tell no rate; None where they do.
+
+    Parameters
+    ----------
+    times : (n,) in any unit.
+    """
+    steps = np.diff(times)
+    ahead = int((steps > 0.0).sum())
+    if len(times) < 2:
+        return "is of one row, and two are needed to tell a rate"
+    if not ahead:
+        return (
+            "runs backwards, sort its rows by it"
+            if (steps < 0.0).any()
+            else "stands still: write it with more digits"
+        )
+    if 2 * ahead < len(steps) and ahead < FEW:
+        return f"hardly steps, {ahead} in {len(times):,} rows: write it with more digits"
+    return None
 
 
 def interval_of(times: Floats) -> tuple[float, bool]:
@@ -67,16 +113,16 @@ def interval_of(times: Floats) -> tuple[float, bool]:
         tick = _densest(times[window:] - times[:-window]) / window
         if tick > 0.0:
             tried.append(_round(_refined(times, tick, window)))
-    best = min((_wrongness(times, tick), tick) for tick in tried)
-    if best[0] > (False, DOUBTED):
+    best = min(((_wrongness(times, tick), tick) for tick in tried), default=None)
+    if best is None or (best[0] > (False, DOUBTED) and times[-1] > times[0]):
         level = _round(_level(times))
-        best = min(best, (_wrongness(times, level), level))
+        best = min(((_wrongness(times, level), level), *([] if best is None else [best])))
     return best[1], False
 
 
 def _bursts(ticks: Floats) -> bool:
     """Whether single steps are but the haste between rows that come at once; three holes are forgiven."""
-    single = float(ticks[ticks < 1.5].sum())
+    single = float(ticks[(ticks > 0.0) & (ticks < 1.5)].sum())
     return float(np.sort(ticks[ticks >= 1.5])[:-3].sum()) > SCARCE * single
 
 
@@ -155,6 +201,7 @@ class Late:
     Attributes
     ----------
     rough : a single lost sample cannot be told, only a hole.
+    back_s : s that the clock was put back by, in all.
     """
 
     def __init__(self, times: Floats, tick: float) -> None:
@@ -166,6 +213,7 @@ class Late:
         self._rows = 0  # before the held ones
         self._lost = 0
         self._level: float | None = None
+        self.back_s = 0.0
 
     def place(self, times: Floats, *, final: bool = False) -> Ints:
         """Samples lost before each row; those of the last second wait for what comes behind them.
@@ -191,6 +239,8 @@ class Late:
                 lost[k] = round(above)
                 self._lost += int(lost[k])
                 above -= int(lost[k])
+            if above < -self._window:
+                self.back_s -= above * self._tick * 1e-9
             # clocks drift apart, slowly; what was early before is early at once
             self._level = level + (above if above < -0.5 else above / self._window)
         self._held, self._rows = times[ready:], self._rows + ready

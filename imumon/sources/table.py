@@ -2,28 +2,27 @@
 
 A table has a column for each channel (`columns`) and mostly one of time. The time of its first rows tells
 the sampling interval and whether the stamps are a sensor's or a host's (`stamps`); a table without one needs
-the rate. Rows that lack a number are lost samples.
+the rate. Stamps of a sensor are its clock, whatever rate is told; those of a host give way to it. Rows that
+lack a number are lost samples. Nothing is lost or assumed without a remark.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from imumon.samples import Clock, Floats, Ints, Kind, SampleBlock, Stream, sensor_of
-from imumon.sources.columns import Layout
-from imumon.sources.errors import SourceError
-from imumon.sources.names import UNITS, Column
-from imumon.sources.stamps import Late, interval_of
+from imumon.sources.columns import INERTIAL, Layout
+from imumon.sources.errors import RateUnknown, SourceError
+from imumon.sources.names import UNITS
+from imumon.sources.plausible import assumed, check_sizes, time_unit
+from imumon.sources.stamps import Late, interval_of, why_no_rate
 
 ROWS = 1 << 15
 """Rows handed over at once."""
-
-SINCE_1970 = 1e11
-"""Size from which the unit of a time shows in the number itself."""
 
 ABSURD = 1e100
 """Size of a number that no instrument writes, and whose square is none: as good as missing."""
@@ -31,9 +30,16 @@ ABSURD = 1e100
 FAR_OFF = 0.02
 """Share by which a rate that was told may miss that of the stamps before it is a remark."""
 
-INERTIAL = {"gyro", "accel"}
+FULL = 0.9
+"""Share of the first rows that a column which is not an inertial sensor's must fill."""
+
+LONGEST_NS = 4e18
+"""Spans between two times that still are one; beyond, a stamp is garbage."""
+
+PLACES = {"csv": "line", "npz": "sample", "bag": "message"}
+"""What the rows of a table are numbered by, for people."""
+
 ZERO_CELSIUS = 273.15
-GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,15 +67,17 @@ class Rows:
     ----------
     path : for messages.
     found : which columns.
-    what : what the table is, ``csv`` and the like.
+    what : what the table is: ``csv``, ``npz``, ``bag``.
+    names : of all columns of the table.
 
     Attributes
     ----------
     lost : rows that lacked a number.
-    remarks : what a reader should know of its stamps.
     """
 
-    def __init__(self, path: str, found: Layout, what: str, rate_hz: float | None) -> None:
+    def __init__(
+        self, path: str, found: Layout, what: str, rate_hz: float | None, names: Sequence[str] = ()
+    ) -> None:
         self._path, self._layout, self._what, self._rate = path, found, what, rate_hz
         self._stream: Stream | None = None
         self._origin: Floats | None = None
@@ -78,8 +86,28 @@ class Rows:
         self._picked: list[int] = []
         self._late: Late | None = None  # stamps of a host: rows wait until it has placed them
         self._waiting: list[Floats] = []
+        self._names = names
+        self._said = list(found.remarks)
+        self._open, self._first_open = 0, ""  # rows that lacked a number, and where the first is
+        self._back, self._first_back = 0, ""  # steps of a clock that go back, and where the first is
+        self._last: Ints | None = None  # ns, the last two times
         self.lost = 0
-        self.remarks: list[str] = []
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a reader should know: columns and rows that are not used, units and stamps."""
+        said = list(self._said)
+        if self._open:
+            rows = "1 row lacks" if self._open == 1 else f"{self._open:,} rows lack"
+            said.append(f"{rows} a number and count as lost; first {self._first_open}")
+        if self._back:
+            times = "once" if self._back == 1 else f"{self._back:,} times"
+            said.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
+        if self._late is not None and self._late.back_s:
+            said.append(
+                f"its clock steps back by {self._late.back_s:.6g} s: a gap of unknown length, counted as none"
+            )
+        return said
 
     @property
     def columns(self) -> list[int]:
@@ -88,8 +116,12 @@ class Rows:
         interval = [found.interval] if found.interval is not None else []
         return [column.index for column in (*found.columns, *found.times, *interval)]
 
-    def blocks(self, rows: Floats) -> Iterator[SampleBlock]:
+    def blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
         """Blocks of some rows, (n, k) with the wanted columns; not finite is missing.
+
+        Parameters
+        ----------
+        places : (n,) number of each row in its file, for people; 0 for one of which they know already.
 
         Raises
         ------
@@ -103,13 +135,14 @@ class Rows:
         good = (np.abs(rows) < ABSURD).all(axis=1)
         lost = np.zeros(len(rows), dtype=np.int64)
         if not good.all():
-            places = np.flatnonzero(good)
-            before = np.diff(np.concatenate([[-1], places])) - 1
-            lost, bad = before, int(len(rows) - len(places))
+            kept = np.flatnonzero(good)
+            before = np.diff(np.concatenate([[-1], kept])) - 1
+            lost, bad = before, int(len(rows) - len(kept))
             self.lost += bad
-            rows = rows[places]
+            self._note_open(rows, np.flatnonzero(~good), places)
+            rows, places = rows[kept], [places[k] for k in kept.tolist()]
             tail = bad - int(before.sum())
-            if len(places):
+            if len(kept):
                 lost[0] += self._owed
                 self._owed = 0
             self._owed += tail
@@ -126,11 +159,40 @@ class Rows:
         if layout_.kind == "deltas":
             values = self._over_interval(values, rows)
         if self._late is None:
-            yield SampleBlock(self._stream, values, self._times(rows), lost)
+            times = self._times(rows)
+            if times is not None and self._stream.clock == "startup":
+                self._note_back(times, places)
+            yield SampleBlock(self._stream, values, times, lost)
             return
         self._waiting.append(values)
         stamps = rows[:, width : width + len(layout_.times)]
         yield from self._placed(self._late.place(self._nanoseconds(stamps).astype(np.float64)))
+
+    def _note_open(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
+        """Count rows that lack a number, and keep where the first is."""
+        found = self._layout
+        told = [k for k in bad.tolist() if places[k]]
+        if told and not self._open:
+            columns = (*found.columns, *found.times, *([found.interval] if found.interval else []))
+            lacking = [c.name for c, x in zip(columns, rows[told[0]], strict=True) if not abs(x) < ABSURD]
+            self._first_open = f"{PLACES[self._what]} {places[told[0]]}: {', '.join(lacking)}"
+        self._open += len(told)
+
+    def _note_back(self, times: Ints, places: Sequence[int]) -> None:
+        """Count the steps back of a sensor's clock, and keep where the first is and how long.
+
+        One wrong stamp is none: two on either side must agree.
+        """
+        seen = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
+        now = seen[2:]
+        back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(seen[1:-1], seen[:-2])
+        if back.any() and not self._back:
+            at = int(np.argmax(back))
+            by_s = (seen[at + 1] - now[at]) * 1e-9
+            where = f"{PLACES[self._what]} {places[at]}"
+            self._first_back = f"first by {by_s:.6g} s at {where}: a gap of unknown length"
+        self._back += int(back.sum())
+        self._last = seen[-2:]
 
     def finish(self) -> Iterator[SampleBlock]:
         """Rows that still wait, at the end of the table."""
@@ -152,31 +214,47 @@ class Rows:
         """Settle columns, clock and interval; the rows again, without columns that were given up."""
         rows = self._drop(rows)
         found = self._layout
-        self._check(rows)
-        seen = rows[np.isfinite(rows).all(axis=1)]
+        check_sizes(self._path, self._what, found, np.where(np.abs(rows) < ABSURD, rows, np.nan))
+        self._said += assumed(self._what, found.columns)
+        seen = rows[(np.abs(rows) < ABSURD).all(axis=1)]
+        if not len(seen):
+            raise SourceError(
+                f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}: "
+                "if its sensors take turns, put the rows of each into a file of its own"
+            )
         width = len(found.columns)
-        times = seen[:, width : width + len(found.times)]
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
-        if found.times and len(times):
-            self._origin = times[0].copy()
-            self._scales = [_scale(c, times[:, k], self._rate) for k, c in enumerate(found.times)]
-            clock, measured = self._clock(times)
-            guessed = (
-                self._rate is None and found.times[0].unit is None and self._scales[0] != UNITS["t"]["s"]
-            )
-            if guessed and abs(times[0, 0]) < SINCE_1970:
-                unit = next(name for name, ns in UNITS["t"].items() if ns == self._scales[0])
-                self.remarks.append(
-                    f"{self._path}: {found.times[0].name} says no unit, its numbers are taken for {unit}: "
-                    f"{1.0 / measured:.6g} Hz; write [{unit}] or [s] behind it if you know"
-                )
-            interval = interval or measured
+        if found.times:
+            clock, interval = self._clock(seen[:, width : width + len(found.times)])
         elif found.interval is not None:
-            clock = "dt"
-        first = found.columns[0].name.partition(" [")[0]
-        self._stream = Stream(found.kind, found.channels, f"{self._what} {first}", clock, interval)
+            clock, interval = "dt", None
+            self._compare(float(np.median(seen[:, -1])) * found.interval.factor, own=True)
+        elif interval is None:
+            raise RateUnknown(self._clockless())
+        sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
+        self._stream = Stream(found.kind, found.channels, f"{self._what} ({sensors})", clock, interval)
         return rows
+
+    def _clockless(self) -> str:
+        used = {column.index for column in self._layout.columns}
+        others = [name.strip() for k, name in enumerate(self._names) if k not in used]
+        there = f" (left over: {', '.join(others[:8])})" if others else ""
+        return (
+            f"{self._path} has no clock: no filled column is a time by its name{there}; "
+            "say which with --map t=COLUMN:UNIT, or give the sample rate with --rate"
+        )
+
+    def _compare(self, interval_s: float, *, own: bool) -> None:
+        """Remark where the rate that was told is not that of the stamps, and say which is used."""
+        if self._rate is None or abs(self._rate * interval_s - 1.0) <= FAR_OFF:
+            return
+        told = f"its stamps tell {1.0 / interval_s:.6g} Hz"
+        self._said.append(
+            f"{told} and are the sensor's clock: --rate {self._rate:g} is not used"
+            if own
+            else f"{told}, but are a host's: --rate {self._rate:g} is used"
+        )
 
     def _drop(self, rows: Floats) -> Floats:
         """Leave out columns that are not filled: an empty clock, a slower magnetometer."""
@@ -187,22 +265,31 @@ class Rows:
         keep = [
             k
             for k, name in enumerate(found.channels)
-            if (sensor_of(name) not in void if sensor_of(name) in INERTIAL else full[k] > 0.9)
+            if (sensor_of(name) not in void if sensor_of(name) in INERTIAL else full[k] > FULL)
         ]
-        times = [k for k in range(len(found.times)) if full[count + k] > 0.9]
+        times = [k for k in range(len(found.times)) if full[count + k] > FULL]
         times = times if found.apart else times[:1]
         interval = [count + len(found.times)] if found.interval is not None else []
-        if interval and full[interval[0]] <= 0.9:
+        if interval and full[interval[0]] <= FULL:
             interval = []
-        self._layout = Layout(
-            found.kind,
-            tuple(found.channels[k] for k in keep),
-            tuple(found.columns[k] for k in keep),
-            tuple(found.times[k] for k in times),
-            found.interval if interval else None,
-        )
         self._picked = [*keep, *(count + k for k in times), *interval]
+        self._tell_sparse(full)
+        self._layout = replace(
+            found,
+            channels=tuple(found.channels[k] for k in keep),
+            columns=tuple(found.columns[k] for k in keep),
+            times=tuple(found.times[k] for k in times),
+            interval=found.interval if interval else None,
+        )
         return rows[:, self._picked]
+
+    def _tell_sparse(self, full: Floats) -> None:
+        """Remark on columns that are left out because hardly a row has them."""
+        found = self._layout
+        wanted = (*found.columns, *found.times, *([found.interval] if found.interval else []))
+        left = [c.name for k, c in enumerate(wanted) if k not in self._picked and 0 < full[k] <= FULL]
+        if left:
+            self._said.append(f"{', '.join(left)} not used: too many rows lack it")
 
     def _void(self, full: Floats) -> set[str]:
         """Inertial sensors that lack an axis wholly, and are left out; none where there would be no other."""
@@ -213,55 +300,42 @@ class Rows:
             return set()
         for sensor in void:
             column = self._layout.columns[empty[sensor]].name
-            self.remarks.append(f"{self._path}: {column} holds no numbers: {sensor} is left out")
+            self._said.append(f"{column} holds no numbers: {sensor} is left out")
         return void
 
     def pick(self, rows: Floats) -> Floats:
         """Later rows, (n, k) with the wanted columns, without those that were left out."""
         return rows if self._stream is None else rows[:, self._picked]
 
-    def _check(self, rows: Floats) -> None:
-        """A sensor at rest feels about one g: anything else is another unit than is said."""
-        for sensor, least, most in (("accel", 0.0, 400.0), ("gyro", 0.0, 70.0)):
-            picked = [k for k, name in enumerate(self._layout.channels) if name.startswith(sensor)]
-            if len(picked) != 3 or self._layout.kind == "deltas":
-                continue
-            columns = [self._layout.columns[k] for k in picked]
-            seen = rows[np.isfinite(rows[:, picked]).all(axis=1)][:, picked] * columns[0].factor
-            if not len(seen):
-                raise SourceError(f"{self._path}: no row has numbers for all of {_names(columns)}")
-            # a few spoilt numbers say nothing of the unit
-            size = float(np.median(np.hypot(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])))
-            if sensor == "accel" and columns[0].unit is None and 0.8 < size < 1.25:
-                raise SourceError(_unit(self._path, columns, size, "g"))
-            if sensor == "accel" and columns[0].unit is None and 800.0 < size < 1250.0:
-                raise SourceError(_unit(self._path, columns, size, "mg"))
-            if not least <= size <= most:
-                likely = "deg/s" if sensor == "gyro" else "mg"
-                raise SourceError(_unit(self._path, columns, size, likely))
-
     def _clock(self, times: Floats) -> tuple[Clock, float]:
         """Clock and interval, s, from the times of the first rows."""
+        found = self._layout.times
+        self._origin = times[0].copy()
+        self._scales = [UNITS["t"][column.unit or "ns"] for column in found]
+        raw = times[:, 0] if len(found) == 1 else self._nanoseconds(times).astype(np.float64)
+        why = why_no_rate(raw)
+        if why is not None:
+            why = f"the time in {found[0].name} {why}"
+            if self._rate is None:
+                raise SourceError(f"{self._path}: {why}; or give --rate to do without it")
+            self._said.append(f"{why}: --rate {self._rate:g} is used, lost samples do not show")
+            return "none", 1.0 / self._rate
+        if len(found) == 1:
+            unit, remark = time_unit(self._path, self._what, found[0], raw, self._rate)
+            self._scales = [UNITS["t"][unit]]
+            self._said += [remark] if remark else []
         t = self._nanoseconds(times).astype(np.float64)
-        if not (np.diff(t) > 0.0).any():
-            name = self._layout.times[0].name
-            if len(t) < 2:
-                raise SourceError(f"{self._path}: one row tells no rate: two are needed")
-            if (np.diff(t) < 0.0).any():
-                raise SourceError(f"{self._path}: the time in {name} runs backwards: sort its rows by it")
-            raise SourceError(f"{self._path}: the time in {name} stands still")
         tick, steady = interval_of(t)
-        found = 1e9 / tick
-        if self._rate is not None and abs(self._rate / found - 1.0) > FAR_OFF:
-            self.remarks.append(f"{self._path}: its stamps tell {found:.6g} Hz, --rate says {self._rate:g}")
+        self._compare(tick * 1e-9, own=steady)
         if steady:
             return "startup", tick * 1e-9
         self._late = Late(t, tick)
-        told = f"{self._path}: its stamps are a host's, not the sensor's: only their mean rate is used"
+        told = "its stamps come late or in batches, as a host's do: "
+        told += "only their mean rate is used" if self._rate is None else "they only show what was lost"
         if self._late.rough:
             told += ", and single lost samples cannot be told"
-        self.remarks.append(told)
-        return "none", tick * 1e-9
+        self._said.append(told)
+        return "none", tick * 1e-9 if self._rate is None else 1.0 / self._rate
 
     # ------------------------------------------------------------ every block
 
@@ -272,8 +346,6 @@ class Rows:
         over: Any = self._stream.interval_s
         if found.interval is not None:
             over = (rows[:, -1] * found.interval.factor)[:, None]
-        elif over is None:
-            raise SourceError(f"{self._path} has deltas and no interval: a column dt, of time, or --rate")
         moved = [k for k, name in enumerate(found.channels) if name[:4] in ("gyro", "acce")]
         values[:, moved] /= over
         return values
@@ -293,36 +365,4 @@ class Rows:
         total = np.zeros(len(times))
         for k, scale in enumerate(self._scales):
             total += (times[:, k] - self._origin[k]) * scale
-        return np.rint(total).astype(np.int64)
-
-
-def _names(columns: Sequence[Column]) -> str:
-    return ", ".join(column.name for column in columns)
-
-
-def _unit(path: str, columns: Sequence[Column], size: float, likely: str) -> str:
-    said = columns[0].unit or "no unit, which means SI"
-    sensor = columns[0].quantity or "gyro"
-    return (
-        f"{path}: {columns[0].name} says {said}, but its size is {size:.3g}: if it is {likely}, write "
-        f"[{likely}] into the header or --map {sensor}/x={columns[0].name}:{likely},..."
-    )
-
-
-def _scale(column: Column, times: Floats, rate_hz: float | None) -> float:
-    """ns in a unit of a column of time that does not say its own: by its size and its steps."""
-    if column.unit is not None:
-        return UNITS["t"][column.unit]
-    steps = np.diff(times)
-    ahead = steps[steps > 0.0]
-    step = float(np.median(ahead)) if len(ahead) else 1.0
-    if rate_hz is not None:
-        return min(UNITS["t"].values(), key=lambda ns: abs(np.log(step * ns * 1e-9 * rate_hz)))
-    size = abs(float(times[0]))
-    for least, unit in ((1e17, "ns"), (1e14, "us"), (SINCE_1970, "ms"), (1e8, "s")):
-        if size >= least and unit != "s":  # since 1970
-            return UNITS["t"][unit]
-    whole = bool(np.all(times[:100] == np.rint(times[:100])))
-    if not whole or step < 1.0:
-        return UNITS["t"]["s"]
-    return UNITS["t"]["ms" if step < 1e3 else "us" if step < 1e6 else "ns"]
+        return np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)

@@ -1,0 +1,51 @@
+"""Tables for tests: a sensor at rest, written and read."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from imumon.replay import Replay, open_samples, replay
+from imumon.report import Report
+from imumon.samples import SampleBlock
+
+RATE = 100.0
+DEG, G = np.pi / 180.0, 9.80665
+
+
+def truth(n: int = 400, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time in s, gyro rad/s and accel m/s^2 of a sensor at rest."""
+    rng = np.random.default_rng(seed)
+    t = 12.0 + np.arange(n) / RATE
+    return t, rng.normal(0.001, 7e-4, (n, 3)), rng.normal((0.1, -0.2, -9.8), 0.013, (n, 3))
+
+
+def csv(path: Path, names: Iterable[str], *columns: np.ndarray, sep: str = ",") -> Path:
+    rows = [sep.join(f"{value:.12g}" for value in row) for row in np.column_stack(columns)]
+    data = (sep.join(names) + "\n" + "\n".join(rows) + "\n").encode()
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    return path
+
+
+def read(path: Path, **more: object) -> SampleBlock:
+    """All samples of a file as one block."""
+    blocks = [block for some in open_samples(Replay(path=str(path), **more)) for block in some]  # type: ignore[arg-type]
+    return SampleBlock(
+        blocks[0].stream,
+        np.concatenate([block.values for block in blocks]),
+        None
+        if blocks[0].time_ns is None
+        else np.concatenate([b.time_ns for b in blocks if b.time_ns is not None]),
+        np.concatenate([block.lost for block in blocks]),
+    )
+
+
+def told(path: Path, **more: object) -> tuple[Report, str]:
+    """The report of a file, and what is remarked on it."""
+    remarks: list[str] = []
+    made = replay(Replay(path=str(path), guarded=False, **more), tell=remarks.append)  # type: ignore[arg-type]
+    assert [text.removeprefix(f"{path}: ") for text in remarks] == list(made.device.remarks)
+    return made, "\n".join(remarks)
