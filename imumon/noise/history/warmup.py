@@ -26,7 +26,8 @@ ENOUGH = 2.5
 CHANGED = 5.0
 """Standard errors by which the slopes before and behind must differ."""
 OVER = (0.0625, 0.125, 0.25, 0.5)
-"""Time constants of an exponential that is over at a candidate, as shares of its time: a seventh is left at most."""
+"""Time constants of an exponential that is over at a candidate, as shares of its time: a seventh is left at
+most."""
 LASTING = (0.05, 0.1, 0.2, 0.35, 0.5)
 """Time constants of one that still bends the record, as shares of its length."""
 LEAST_S = 120.0
