@@ -41,8 +41,9 @@ CAVEATS: Mapping[str, Meaning] = {
         "fields.",
     ),
     "warming_up": Meaning(
-        "still warming up: the drift looks like K",
-        "The record is still within the warm-up: the ramp of the bias looks like K.",
+        "still warming up: drift may look like K",
+        "The temperature still rises, or the mean still settles: drift that a warm-up makes looks like K. "
+        "When it is over, what shows of it in the record is cut out; where none shows, nothing is.",
     ),
     "vibration": Meaning(
         "something vibrates: short times are distorted",

@@ -185,6 +185,60 @@ def test_saved_record_of_another_stream_is_refused() -> None:
     assert two.samples == 500
 
 
+def warmed(minutes: tuple[int, ...], time_s: float, follows: float = 0.0) -> tuple[Monitor, list[Report]]:
+    """Monitor of a sensor that heats up by 8 degrees, with its reports after so many minutes."""
+    stream = replace(DELTAS, channels=(*GYRO, *ACCEL, "temperature"))
+    monitor, made, rng = Monitor(), [], np.random.default_rng(5)
+    for minute in range(minutes[-1]):
+        at = 600 * minute + np.arange(600)
+        cold = np.exp(-at / (10.0 * time_s))
+        inertial = LEVEL + SIGMA * rng.normal(size=(600, 6))
+        inertial[:, 0] += follows * cold
+        values = np.column_stack((inertial, 30.0 - 8.0 * cold + 0.02 * rng.normal(size=600)))
+        monitor.feed(SampleBlock(stream, values, at * 10 * TICK, np.zeros(600, dtype=np.int64)))
+        if minute + 1 in minutes:
+            made.append(report(monitor))
+    return monitor, made
+
+
+def test_a_warm_up_that_does_not_show_is_told_to_be_over_and_nothing_is_cut() -> None:
+    monitor, (early, late, later) = warmed((3, 20, 30), 600.0)
+    assert "warming_up" in early.caveats
+    assert "warming_up" not in {*late.caveats, *late.channels["gyro/x"].caveats}
+    assert later.session.warmup_s == 0.0
+    (event,) = [event for event in monitor.events() if event.kind == "warmup"]
+    assert "nothing is cut out" in event.text
+
+
+def test_a_warm_up_that_shows_has_its_caveat_until_it_is_cut_out() -> None:
+    monitor, made = warmed((3, 12, 20, 26), 200.0, follows=4e-3)
+    told = ["warming_up" in each.channels["gyro/x"].caveats for each in made]
+    beside = ["warming_up" in each.channels["gyro/y"].caveats for each in made]
+    assert (told, beside) == ([True, True, True, False], [True, False, False, False])
+    assert [each.session.warmup_s for each in made] == [0.0, 0.0, 300.0, 600.0]  # what is left shows later
+    events = [event.text for event in monitor.events() if event.kind == "warmup"]
+    assert len(events) == 2
+    assert all("left out" in text for text in events)
+
+
+def test_a_sensor_that_is_set_down_has_no_warm_up() -> None:
+    """What was shaken at the beginning is motion, and in none of the statistics."""
+    monitor, part = Monitor(), block(30_000)
+    part.values[:1000, :3] += 0.5 * np.random.default_rng(4).normal(size=(1000, 3))
+    monitor.feed(part)
+    monitor.flush()
+    made = report(monitor)
+    assert made.session.warmup_s == 0.0
+    assert 10.0 <= made.session.excluded_s <= 60.0
+    gyro = made.channels["gyro/x"]
+    assert gyro.spectrum is not None
+    assert gyro.spectrum.lines == ()
+    assert gyro.distribution is not None
+    assert gyro.distribution.gaussian
+    assert gyro.max is not None
+    assert gyro.max < 0.02
+
+
 def test_moving_sensor_is_never_graded() -> None:
     monitor = Monitor()
     t = np.arange(12_000) / 100.0

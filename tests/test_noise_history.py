@@ -70,6 +70,15 @@ def test_warm_up_is_left_out(warm: np.ndarray) -> None:
     assert found.N.value == pytest.approx(N, rel=0.05)
 
 
+def test_a_faint_warm_up_is_left_out() -> None:
+    """What a random walk of the fitted size might have made, but not along such a curve."""
+    x = synthesise(round(3000.5 * RATE), RATE, N=[N] * 3, seed=8)
+    x[:, 1] += 1.5e-4 * np.exp(-np.arange(len(x)) / RATE / 600.0)
+    made = feed(x)
+    assert made.warmup_s == 1200.0
+    assert fit(made.curve())[1].K.status != "measured"
+
+
 def test_any_feeding_gives_the_same(warm: np.ndarray) -> None:
     one, many = feed(warm), feed(warm, [7, 480, 481, 5000, 14_400, 20_001])
     assert one.warmup_s == many.warmup_s

@@ -213,10 +213,12 @@ class Monitor:
         self._events.from_constants(verdict.constants(findings), record)
         self._events.from_changes(changes, record)
         self._events.from_grades(grades, record)
+        channels = verdict.channels(record, findings, caveats, changes)
+        self._events.from_warming(record, any("warming_up" in made.caveats for made in channels.values()))
         return replace(
             bare,
             grade=grades,
-            channels=verdict.channels(record, findings, caveats, changes),
+            channels=channels,
             caveats=tuple(dict.fromkeys(caveats)),
             limits=LIMITS,
         )

@@ -38,6 +38,7 @@ class Events:
         self._gaps = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
         self._warmup_s = 0.0
+        self._warming = self._warmed = False
         self._constants: set[str] = set()
         self._changes: set[tuple[int, str, str]] = set()
         self._grades: dict[str, SensorGrade] = {}
@@ -87,6 +88,16 @@ class Events:
             self._at_rest = record.at_rest
             text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
             self.tell("rest" if record.at_rest else "motion", text, record)
+
+    def from_warming(self, record: Record, warming: bool) -> None:
+        """Tell, once, when a warm-up is over of which nothing is cut out; where something is, the cut is
+        told."""
+        over = self._warming and not warming
+        self._warming = warming
+        if over and not self._warmed and not record.warmup_s:
+            self._warmed = True
+            text = "the warm-up is over: it does not show in the record so far, nothing is cut out"
+            self.tell("warmup", text, record)
 
     def from_gaps(self, record: Record) -> None:
         """Tell of gaps, those that came since the last telling in one line, ten seconds apart."""

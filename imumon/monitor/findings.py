@@ -62,6 +62,10 @@ class Findings:
         """Sudden change of a channel's mean; None where there is none."""
         return self._trends.step(column)
 
+    def settling(self, column: int) -> bool:
+        """Whether a channel's mean plainly settles, and no cut has taken that out."""
+        return self._trends.settling(column)
+
     def renew(self, *, now: bool) -> None:
         """Work everything out anew where it is due, or whatever has changed, `now`."""
         record = self._record
@@ -76,7 +80,7 @@ class Findings:
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
         fits = self._estimator.fit(curve, renew=now or None, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self._trends.renew(self.fits.values(), curve)
+        self._trends.renew(fits, curve)
         for column, name in enumerate(record.channels):
             sensor, fit = sensor_of(name), self.fits.get(name)
             made = Channel(unit=UNITS[sensor], histogram=describe.histogram(self.shapes[column]))

@@ -123,7 +123,12 @@ def channels(
             made = replace(made, grade=ChannelGrade())
         if fit is not None:
             warm = made.drift is not None and made.drift.steady_N is not None
-            own = {"constant": name in dead, "changed": column in changed, "temperature": warm}
+            own = {
+                "constant": name in dead,
+                "changed": column in changed,
+                "temperature": warm,
+                "warming_up": findings.settling(column),
+            }
             words = (
                 *whole,
                 *bent(fit, made, findings.shapes[column]),

@@ -145,5 +145,5 @@ def _present(report: Report) -> Situation:
     if caveats & MOVING:
         return Situation("moving", "◐", "not at rest", "it moves: what moves is cut out", "warn", True)
     if caveats & WARMING:
-        return Situation("warming", "◐", "warming up", "to be cut out once it is over", "warn", True)
+        return Situation("warming", "◐", "warming up", "cut out later, if it shows", "warn", True)
     return Situation("running", "●", "live", "", "good", True)

@@ -38,6 +38,9 @@ REST_LIMIT = {"gyro": 1.5e-3, "accel": 3e-2}
 """Allan deviation at 1 s, rad/s and m/s^2, above which a sensor with a coloured spectrum is not at rest: two
 to three times what the consumer grade has; a parked car with its engine running stays below, a driven one
 does not."""
+ABSURD = 20.0
+"""Times `REST_LIMIT`: 100 deg/sqrt(h), above which a sensor with a white spectrum is not at rest either. No
+sensor is so noisy; one that is shaken is."""
 TURNING = 0.1
 """rad/s that the gyroscope reads on end, by its length: more than the bias of a sensor at rest."""
 
@@ -268,7 +271,8 @@ class Reference:
         return np.asarray(np.maximum(np.maximum(limits, steps), ROUNDING * np.abs(self.origin)))
 
     def _looks_like_rest(self, n: int) -> bool:
-        """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT` and `TURNING`."""
+        """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT`, `ABSURD`
+        and `TURNING`."""
         if float(np.linalg.norm(self.level[self._gyro])) > TURNING:
             return False
         k = min(n, REST_FRAMES)
@@ -279,7 +283,7 @@ class Reference:
         step = _median(np.abs(np.diff(rows[:, 0], axis=0)), nothing) * (1.4826 / np.sqrt(2.0))
         rms, parts = np.exp(_median(rows[:, 1], nothing)), np.exp(_median(rows[:, 2], nothing))
         coloured = (step > 2.0 * parts / np.sqrt(PARTS)) | (parts > 1.5 * self._white * rms)
-        return not bool(np.any((step > self._limit) & coloured))
+        return not bool(np.any((step > self._limit) & (coloured | (step > ABSURD * self._limit))))
 
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""

@@ -6,8 +6,8 @@ when asked for. All decisions fall at fixed times of the sensor's clock: the sam
 result however it is fed and whenever it is asked.
 
 - Warm-up: candidates are 2, 5, 10, 20 and 40 min. When the record is two and a half times as long as one,
-  slopes before and behind it are compared (`warmup.settles`); what came before a warm-up's end is left out
-  from then on.
+  slopes before and behind it are compared (`warmup.settles`), and a decay that was over by then is looked for
+  (`decay`); what came before a warm-up's end is left out from then on.
 - Hours: as they age, neighbours of equal length are joined, so their number grows with the logarithm of the
   record. Each whole hour is compared with all before it (`stationarity.changes`).
 """
@@ -25,7 +25,7 @@ from imumon.noise.guards.watch import under
 from imumon.noise.history.drift import Drift
 from imumon.noise.history.stationarity import Behaviour, Change, changes
 from imumon.noise.history.wander import Fitted, Wander
-from imumon.noise.history.warmup import ENOUGH, TIMES_S, settles
+from imumon.noise.history.warmup import ENOUGH, OVER, TIMES_S, settles
 from imumon.noise.signal.moments import Moments, MomentsResult
 from imumon.samples import Bools, Floats
 
@@ -195,7 +195,10 @@ class History:
         mark = self._marks[candidate]
         # noise fitted behind the candidate: what came before may be a ramp
         fits = self._fit(self._curve(self._cascade.since(mark)).of(self._warming))
+        over = [share * middle for share in OVER]
         settled = any(
+            (found := self.drift.decay(c, over, begin)) is not None and found.plain for c in self._warming
+        ) or any(
             settles(self.drift.slope(c, wander, begin, middle), self.drift.slope(c, wander, middle))
             for c, fit in zip(self._warming, fits, strict=True)
             if (wander := Wander.of(fit)) is not None

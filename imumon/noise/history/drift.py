@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
+from imumon.noise.history.decay import Decay, decay
 from imumon.noise.history.wander import Wander
 from imumon.samples import Bools, Floats
 
@@ -252,6 +253,19 @@ class Drift:
         if len(at) < LEAST_NODES:
             return None
         return self._fitted(at, mean, count, at * width, wander)
+
+    def decay(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> Decay | None:
+        """The exponential along which a channel settles from a time on; None where too little is known.
+
+        Parameters
+        ----------
+        times_s : s, time constants in question.
+        begin_s : s since the first sample; whole stretches behind it are used.
+        """
+        at, mean, count = self._nodes(c)
+        inside = at * self._width / self._rate >= begin_s - 0.5 * self._width / self._rate
+        at, mean, share = at[inside], mean[inside], count[inside] / self._width
+        return decay(at, mean, share, self._width / self._rate, np.array(times_s))
 
     def step(self, c: int, wander: Wander, begin_s: float = 0.0) -> Step | None:
         """The greatest sudden change of a channel's mean beside a slope; None where noise explains it.
