@@ -13,8 +13,8 @@ searched and a walk has few degrees of freedom: `EVIDENCE` is set on simulated r
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -69,20 +69,24 @@ def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: 
     at, mean, share, width_s = _joined(at - at[0], mean, share, width_s)
     if len(at) < LEAST:
         return None
-    noise, logs = _mixtures(tuple(at.tolist()), tuple(share.tolist()))
     x = (at + 0.5) * width_s
     trial = np.column_stack((x / x[-1], np.exp(-x[:, None] / times_s)))
-    white = noise @ np.diff(np.column_stack((mean, trial)), axis=0)  # (mixtures, k-1, 2+t)
-    y, shapes = white[..., 0], white[..., 1:]
-    whole = np.maximum(np.einsum("mk,mk->m", y, y), 1e-300)[:, None]
-    power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), 1e-300)
-    pull = np.einsum("mkt,mk->mt", shapes, y)
-    left = np.maximum(whole - pull**2 / power, 1e-12 * whole)
+    steps = np.diff(np.column_stack((mean, trial)), axis=0)
     # the size of the noise is that which fits: -2 log L = n log(sum of squares) + log det, but for a constant
-    steady, *along = np.moveaxis(y.shape[1] * np.log(left) + logs[:, None], 1, 0)
-    without = min(float((y.shape[1] * np.log(whole[:, 0]) + logs).min()), float(steady.min()))
-    t, m = (int(i) for i in np.unravel_index(int(np.argmin(along)), (len(along), len(logs))))
-    return Decay(float(times_s[t]), float(pull[m, t + 1] / power[m, t + 1]), without - float(along[t][m]))
+    n, without, best = len(steps), np.inf, (np.inf, 0.0, 0.0)
+    for noise, logs in _mixtures(at, share):
+        white = noise @ steps  # (mixtures, k-1, 2+t)
+        y, shapes = white[..., 0], white[..., 1:]
+        whole = np.maximum(np.einsum("mk,mk->m", y, y), 1e-300)[:, None]
+        power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), 1e-300)
+        pull = np.einsum("mkt,mk->mt", shapes, y)
+        left = np.maximum(whole - pull**2 / power, 1e-12 * whole)
+        found = n * np.log(left) + logs[:, None]
+        without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(found[:, 0].min()))
+        m, t = (int(i) for i in np.unravel_index(int(np.argmin(found[:, 1:])), found[:, 1:].shape))
+        size = float(pull[m, t + 1] / power[m, t + 1])
+        best = min(best, (float(found[m, t + 1]), float(times_s[t]), size))
+    return Decay(best[1], best[2], without - best[0])
 
 
 def _joined(
@@ -98,26 +102,25 @@ def _joined(
     return at, mean, share, width_s
 
 
-@lru_cache(maxsize=1)
-def _mixtures(at: tuple[int, ...], share: tuple[float, ...]) -> tuple[Floats, Floats]:
-    """Every mixture for stretches of unit length.
+def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Mixtures for stretches of unit length, those of one flicker at a time: all at once take 3 MB.
 
-    Returns
-    -------
+    Yields
+    ------
     noise : (mixtures, k-1, k-1), whitens the differences of neighbouring means.
     logs : (mixtures,) logarithm of the determinant of their covariance.
     """
-    places = np.array(at)
-    span = float(places[-1] + 1)
-    lags = np.abs(places[:, None] - places[None, :]).astype(np.float64)
+    span = float(at[-1] + 1)
+    lags = np.abs(at[:, None] - at[None, :]).astype(np.float64)
     parts = []
     for one in (Wander(1.0, 0.0, 0.0), Wander(0.0, span**-0.5, 0.0), Wander(0.0, 0.0, 1.0 / span)):
         c = one.covariance(lags, 1.0, 1.0)
         if one.N:
-            c = np.diag(1.0 / np.array(share))
+            c = np.diag(1.0 / share)
         c = c[1:] - c[:-1]
         parts.append(c[:, 1:] - c[:, :-1])
-    whole = np.stack([parts[0] + b**2 * parts[1] + k**2 * parts[2] for b in FLICKER for k in WALK])
-    roots = np.linalg.cholesky(whole)
-    logs = 2.0 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-    return np.linalg.inv(roots), logs
+    white, flicker, walk = parts
+    for b in FLICKER:
+        roots: Floats = np.linalg.cholesky(np.stack([white + b**2 * flicker + k**2 * walk for k in WALK]))
+        logs = 2.0 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        yield np.asarray(np.linalg.inv(roots), dtype=np.float64), logs
