@@ -129,7 +129,7 @@ def fit_part(job: tuple[np.ndarray, int, float, float]) -> list[tuple[object, ..
     unit = np.array([math.sqrt(1 / rate), 1.0, math.sqrt(rate)])
     rows = []
     for channel, fit in enumerate(fits):
-        point = np.sqrt(np.maximum(estimator._alike[False]._known[channel].choice.p[:3], 0.0)) * unit
+        point = np.sqrt(np.maximum(estimator._known[channel].choice.p[:3], 0.0)) * unit
         found = [getattr(fit, name) for name in "NBK"]
         rows.append(
             (
