@@ -199,6 +199,13 @@ def test_a_replayed_loop_counts_once() -> None:
     assert valid[-50 * 40 :].all()
 
 
+def test_a_loop_of_half_an_hour_is_found_and_no_longer_one() -> None:
+    for minutes, found in ((27, "loop"), (45, None)):
+        once = quiet(60.0 * minutes)
+        guard, _, _ = cuts(np.concatenate((once, once[: 40 * 120])))
+        assert guard.repeating == found
+
+
 @pytest.mark.parametrize("rows", [2, 4, 9, 40])
 def test_a_loop_of_a_few_samples_is_one(rows: int) -> None:
     values = np.tile(quiet(rows / 40.0), (4000 // rows, 1))

@@ -8,9 +8,9 @@ when p^r is beyond chance (`CHANCE`), and never before `LEAST` of them.
 
 Loops are found by content-selected fingerprints: a row is chosen by the value of its own hash, so a replay
 chooses the same rows again; when several of them in a row were last seen the same number of rows ago, that
-number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`), and the last `REMEMBERED` of
-them kept: half an hour. A loop of a few rows may have none that is chosen: so `WINDOW` rows on end are taken
-as they come, at the beginning and every `WINDOW_S`.
+number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`). A loop of a few rows may have
+none that is chosen: so `WINDOW` rows on end are taken as they come, at the beginning and every `WINDOW_S`.
+The last `REMEMBERED` of both are kept, half an hour, in arrays that never grow.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CHANCE = 1e-12
 LEAST = 5
 """Fewest repeats in a row, or fingerprints at one distance, that may count."""
 
-REMEMBERED = 8192
+REMEMBERED, RECENT = 16384, 1024
 FINGERPRINTS_HZ = 5.0
 SAVED = 1024
 """Fingerprints that a state keeps: a longer loop that runs on is found again within one round."""
@@ -65,7 +65,7 @@ class Repeats:
         self._rows = np.zeros(g)
         self._longest = np.full(g, np.iinfo(np.int64).max, dtype=np.int64)
         self._frames = 0
-        self._seen: dict[int, int] = {}
+        self._seen = _Fingerprints()
         self._row = 0
         self._distance = 0
         self._matches = 0
@@ -167,22 +167,19 @@ class Repeats:
             for window in range(begin // self._every * self._every, begin + len(mixed), self._every):
                 wanted[max(0, window - begin) : max(0, window + WINDOW - begin)] = True
         chosen = np.flatnonzero(fresh & wanted)
-        rows = chosen + 1 if place is None else place[chosen]
-        keys = mixed[chosen].tolist()
-        if keys and not self.period and self._seen.keys().isdisjoint(keys) and len(set(keys)) == len(keys):
-            self._distance = self._matches = 0  # nothing comes again: the usual case
-            self._seen.update(zip(keys, (rows + self._row).tolist(), strict=True))
-            self._forget(received)
+        rows = self._row + (chosen + 1 if place is None else place[chosen])
+        self._row += int(received.sum())
+        before = self._seen.take(mixed[chosen], rows)
+        if not (self.period or any(before)):  # nothing comes again: the usual case
+            if np.any(mixed[chosen] < self._select):
+                self._distance = self._matches = 0
             return
         begin = 0 if self.period else -1
         needed = max(LEAST + 1, int(self._longest[-1]))
-        for i, key, row in zip(chosen.tolist(), keys, rows.tolist(), strict=True):
-            here = self._row + row
-            before = self._seen.pop(key, None)
-            self._seen[key] = here
-            if before is None and mixed[i] >= self._select:
+        for i, here, last in zip(chosen.tolist(), rows.tolist(), before, strict=True):
+            if not last and mixed[i] >= self._select:
                 continue  # of a window: that it was not chosen before says nothing
-            distance = 0 if before is None else here - before
+            distance = here - last if last else 0
             if distance and (distance == self._distance or (self.period and distance % self.period == 0)):
                 self._matches += 1
             else:
@@ -194,17 +191,10 @@ class Repeats:
                 self.period, begin = self._distance, i
         if begin >= 0:
             out[begin:] = True
-        self._forget(received)
-
-    def _forget(self, received: Bools) -> None:
-        """Count these rows, and drop the oldest fingerprints."""
-        if len(self._seen) > REMEMBERED + REMEMBERED // 4:
-            self._seen = dict(list(self._seen.items())[-REMEMBERED:])
-        self._row += int(received.sum())
 
     def save(self) -> dict[str, np.ndarray]:
         """State as arrays."""
-        keys = np.array(list(self._seen.keys())[-SAVED:], dtype=np.uint64)
+        keys, rows = self._seen.last(SAVED)
         return {
             "previous": self._previous.copy(),
             "started": self._started.copy(),
@@ -213,7 +203,7 @@ class Repeats:
             "rows": self._rows.copy(),
             "longest": self._longest.copy(),
             "seen_key": keys,
-            "seen_row": np.array(list(self._seen.values())[-SAVED:], dtype=np.int64),
+            "seen_row": rows,
             "loop": np.array(
                 [self._row, self._distance, self._matches, self.period or 0, self._frames], dtype=np.int64
             ),
@@ -227,11 +217,62 @@ class Repeats:
         self._repeats = saved["repeats"].astype(np.float64)
         self._rows = saved["rows"].astype(np.float64)
         self._longest = saved["longest"].astype(np.int64)
-        rows: Ints = saved["seen_row"]
-        self._seen = {int(k): int(r) for k, r in zip(saved["seen_key"], rows, strict=True)}
+        self._seen = _Fingerprints()
+        self._seen.take(saved["seen_key"].astype(np.uint64), saved["seen_row"].astype(np.int64))
         self._row, self._distance, self._matches = (int(v) for v in saved["loop"][:3])
         self.period = int(saved["loop"][3]) or None
         self._frames = int(saved["loop"][4])
+
+
+class _Fingerprints:
+    """Rows at which fingerprints were seen last.
+
+    The last `RECENT` of them are in a dict, the `REMEMBERED` before in arrays, sorted: of fixed size from the
+    start, and a tenth of what a dict of all would take.
+    """
+
+    def __init__(self) -> None:
+        self._recent: dict[int, int] = {}
+        self._keys = np.full(REMEMBERED, _MASK, dtype=np.uint64)
+        self._rows = np.zeros(REMEMBERED, dtype=np.int64)  # from 1 on; 0: empty
+
+    def take(self, keys: np.ndarray, rows: Ints) -> list[int]:
+        """Remember (n,) fingerprints; the row at which each was seen last, 0: it is new."""
+        recent, chosen = self._recent, keys.tolist()
+        before: list[int] = self._found(keys)[1].tolist()
+        for place, (key, row) in enumerate(zip(chosen, rows.tolist(), strict=True)):
+            before[place] = recent.get(key, before[place])
+            recent[key] = row
+        if len(recent) > RECENT:
+            self._settle()
+        return before
+
+    def last(self, count: int) -> tuple[np.ndarray, Ints]:
+        """The last so many at most, fingerprints and rows, the oldest first."""
+        self._settle()
+        order = np.argsort(self._rows)[-count:]
+        order = order[self._rows[order] > 0]
+        return self._keys[order], self._rows[order]
+
+    def _found(self, keys: np.ndarray) -> tuple[Ints, Ints]:
+        """Places of fingerprints in the arrays, and their rows; 0 where they are not there."""
+        at = np.minimum(np.searchsorted(self._keys, keys), REMEMBERED - 1)
+        return at, np.where(self._keys[at] == keys, self._rows[at], 0)
+
+    def _settle(self) -> None:
+        """Sort the recent ones in among the others, in the place of the oldest."""
+        keys = np.array(list(self._recent.keys())[-REMEMBERED:], dtype=np.uint64)
+        rows = np.array(list(self._recent.values())[-REMEMBERED:], dtype=np.int64)
+        self._recent.clear()
+        at, former = self._found(keys)
+        self._rows[at[former > 0]] = -1  # they have come again: the first to go
+        keys, rows = np.concatenate((self._keys, keys)), np.concatenate((self._rows, rows))
+        stays = np.ones(len(rows), dtype=bool)
+        surplus = len(rows) - REMEMBERED
+        stays[np.argpartition(rows, surplus)[:surplus]] = False
+        keys, rows = keys[stays], rows[stays]
+        order = np.argsort(keys, kind="stable")  # of two sorted parts
+        self._keys, self._rows = keys[order], rows[order]
 
 
 def _beyond_chance(share: float) -> int:

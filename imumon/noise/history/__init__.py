@@ -182,7 +182,7 @@ class History:
         at = self.position
         if at in self._candidates:
             self._marks[at] = self._cascade.mark()
-            self._pieces.append((at, self._new()))
+            self._begin_piece(at)
         for candidate in self._candidates:
             if at == round(ENOUGH * candidate):
                 self._decide(candidate)
@@ -230,7 +230,7 @@ class History:
                 self._moved = self._compared(last)
             self._hours.append(last)
             self._join_hours()
-        self._pieces.append((at, self._new()))
+        self._begin_piece(at)
         self._join_pieces(at)
 
     def _compared(self, last: Hour) -> list[Moved]:
@@ -257,6 +257,10 @@ class History:
             self._hours[older] = self._hours[older].joined(self._hours[newer])
             del self._hours[newer]
             size *= 2
+
+    def _begin_piece(self, at: int) -> None:
+        """Moments of what comes from here on are kept apart."""
+        self._pieces.append((at, self._pieces[-1][1].following()))
 
     def _join_pieces(self, at: int) -> None:
         """Pieces that no cut can separate any more become one."""

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.groups import Groups
-from imumon.samples import Bools, Floats
+from imumon.samples import Bools, Floats, Ints
 
 BATCH = 16384  # samples reduced at once: what the processor's cache holds
 
@@ -108,6 +108,12 @@ class Moments:
             for group, members in enumerate(self._groups.members):
                 self._take(part[present[start : start + BATCH, group]][:, members], [members])
 
+    def following(self) -> Moments:
+        """Moments of what comes next: nothing yet, in the working room of these, which are at an end."""
+        new = Moments(self._groups.channels, self._groups.of.tolist())
+        new._scratch, self._scratch = self._scratch, new._scratch
+        return new
+
     def merge(self, other: Moments) -> None:
         """Join the statistics of another record, taken after this one.
 
@@ -117,13 +123,13 @@ class Moments:
         """
         if self._groups != other._groups:
             raise ValueError("only moments of the same channels and groups merge")
-        for c in self._groups.members:
-            if n := int(other._count[c][0]):
-                mean = other._mean[c] + self._move_origin(c, other._origin[c])
-                self._join(c, n, mean, other._comoment[c, c], other._third[c], other._fourth[c])
-                self._min[c] = np.minimum(self._min[c], other._min[c])
-                self._max[c] = np.maximum(self._max[c], other._max[c])
-                self._last[c] = other._last[c]
+        there = other._count > 0
+        c = slice(0, self._groups.channels)
+        mean = other._mean + self._move_origin(c, other._origin)
+        self._join(c, other._count, mean, other._comoment, other._third, other._fourth)
+        np.minimum(self._min, other._min, out=self._min)
+        np.maximum(self._max, other._max, out=self._max)
+        np.copyto(self._last, other._last, where=there)
 
     def result(self) -> MomentsResult:
         """Statistics so far."""
@@ -200,11 +206,15 @@ class Moments:
         np.copyto(self._origin[c], first, where=self._count[c] == 0)
         return np.asarray(first - self._origin[c])
 
-    def _join(self, c: slice, n: int, mean: Floats, comoment: Floats, third: Floats, fourth: Floats) -> None:
-        """Join central moments of `n` samples of the channels `c`: mean (a,), comoment (a, a) and so on."""
+    def _join(
+        self, c: slice, n: int | Ints, mean: Floats, comoment: Floats, third: Floats, fourth: Floats
+    ) -> None:
+        """Join central moments of `n` samples of the channels `c`, or (a,) of each: mean (a,), comoment
+        (a, a) and so on."""
         total = self._count[c] + n
-        p = self._count[c] / total  # share of what was there
-        q = n / total
+        some = np.maximum(total, 1)
+        p = self._count[c] / some  # share of what was there
+        q = n / some
         pqn = p * n  # a b / (a + b)
         d = mean - self._mean[c]
         d2 = d * d
