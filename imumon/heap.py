@@ -19,7 +19,7 @@ def share() -> None:
     with suppress(*_UNABLE):
         import ctypes
 
-        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
+        ctypes.pythonapi.mallopt(M_ARENA_MAX, 1)
 
 
 def give_back() -> None:
@@ -27,4 +27,4 @@ def give_back() -> None:
     with suppress(*_UNABLE):
         import ctypes
 
-        ctypes.CDLL(None).malloc_trim(0)
+        ctypes.pythonapi.malloc_trim(0)
