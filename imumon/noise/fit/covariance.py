@@ -36,6 +36,8 @@ TERMS = ("N", "B", "K", "Q", "R")
 PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 """Pairs of noise types of which a table is kept."""
 _LEFT, _RIGHT = ([pair[side] for pair in PAIRS] for side in (0, 1))
+_TWICE = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
+_GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # of r with the cluster length: powers of it, by noise type
 
 REACH = 7  # octaves further apart than this: the shorter difference is a derivative beside the longer one
 TAIL = 8  # cluster lengths after which the covariance of two differences is neglected (flicker: lag^-2)
@@ -53,16 +55,14 @@ class Tables:
     averaged : of true averages, else of point samples.
     span : samples, length of the record.
     full : (k,) differences of an uninterrupted record.
-    pairs : (10, k, k) 1, tables of `PAIRS`; Cov(s_i, s_j) = sum over pairs of p_a p_b pairs[ab, i, j].
-    means : (4, k, k) 1, Cov of the mean differences at octaves i and j, by noise type.
+    sums : (14, t) 1, upper triangles of `pairs` and `means`, by rows.
     design : (k, 5) 1, expectation of s by `TERMS`.
     """
 
     averaged: bool
     span: int
     full: Ints
-    pairs: Floats
-    means: Floats
+    sums: Floats
     design: Floats
 
     def covariance(self, p: Floats, thinning: Floats) -> Floats:
@@ -78,14 +78,30 @@ class Tables:
         (..., k, k) unit of p squared.
         """
         k = self.full.size
-        products = p[..., _LEFT] * p[..., _RIGHT]
-        total = (products @ self.pairs.reshape(len(PAIRS), k * k)).reshape(*p.shape[:-1], k, k)
+        total = (p[..., _LEFT] * p[..., _RIGHT]) @ self.sums[: len(PAIRS)]
         ramp = p[..., 4]
         if np.any(ramp > 0.0):
-            m = 2.0 ** np.arange(k)
-            means = (p[..., :4] @ self.means.reshape(4, k * k)).reshape(*p.shape[:-1], k, k)
-            total = total + ramp[..., None, None] * means * (m[:, None] * m)
-        return np.asarray(total * (thinning[..., :, None] * thinning[..., None, :]))
+            i, j = np.triu_indices(k)
+            total += ramp[..., None] * (p[..., :4] @ self.sums[len(PAIRS) :]) * 2.0 ** (i + j)
+        return np.asarray(total[..., _square(k)] * (thinning[..., :, None] * thinning[..., None, :]))
+
+    @property
+    def pairs(self) -> Floats:
+        """(10, k, k) 1, Cov(s_i, s_j) = sum over `PAIRS` of p_a p_b pairs[ab, i, j]."""
+        return self.sums[: len(PAIRS), _square(self.full.size)]
+
+    @property
+    def means(self) -> Floats:
+        """(4, k, k) 1, Cov of the mean differences at octaves i and j, by noise type."""
+        return self.sums[len(PAIRS) :, _square(self.full.size)]
+
+
+@lru_cache(maxsize=8)
+def _square(octaves: int) -> Ints:
+    """(k, k) where each element of a symmetric matrix is in its upper triangle by rows."""
+    rows = np.arange(octaves)
+    low, high = np.minimum.outer(rows, rows), np.maximum.outer(rows, rows)
+    return np.asarray(low * (2 * octaves - 1 - low) // 2 + high)
 
 
 def design(octaves: int, *, averaged: bool) -> Floats:
@@ -114,6 +130,11 @@ def design(octaves: int, *, averaged: bool) -> Floats:
     return np.column_stack([1.0 / m, flicker, walk, 3.0 / m**2, m**2 / 2.0])
 
 
+def _stride(octave: int) -> int:
+    """Samples between the beginnings of two differences of an octave."""
+    return max(1, (1 << octave) // 8)
+
+
 def octaves_in(span: int) -> int:
     """Number of octaves that have a difference in so many samples."""
     return max(0, int(span).bit_length() - 1)
@@ -133,134 +154,131 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     return _tables(span >> step << step, octaves, averaged)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=14)  # one of each kind for the record, six of each for the outlook
 def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
     full = (span - 2 * m) // np.maximum(1, m // 8) + 1
-    sums = np.zeros((len(PAIRS) + 4, octaves, octaves))
-    for first in range(min(octaves, _SHARED + 1)):
-        for apart in range(octaves - first):
-            last = octaves if first == _SHARED else first + apart + 1
-            j = np.arange(first + apart, last)
-            i = j - apart
-            sums[:, i, j] = sums[:, j, i] = _copies(first, apart, span >> (i - first), averaged)
-    for index, (a, b) in enumerate(PAIRS):
-        sums[index] *= 0.5 if a == b else 1.0
-    sums /= np.multiply.outer(full.astype(np.float64), full)
-    pairs, means = sums[: len(PAIRS)], sums[len(PAIRS) :]
-    return Tables(averaged, span, full, pairs, means, design(octaves, averaged=averaged))
+    i, j = np.triu_indices(octaves)
+    first = np.minimum(i, _SHARED)
+    copies = i - first  # octaves i and j are those of `first` and `last`, doubled so often
+    last, spans = j - copies, span >> copies
+    lines = np.stack([_lines(apart, averaged) for apart in range(octaves)], axis=-1)
+    begin, slope = lines[:, :, first, last - first]
+    sums = begin + slope * spans
+    straight = (spans >= 16 << last) & (spans % np.maximum(1, (1 << last) // 8) == 0)
+    for at in np.flatnonzero(~straight).tolist():
+        sums[:, at] = _sums(int(first[at]), int(last[at]), int(spans[at]), averaged)
+    scale = 2.0 ** (copies * _GROWTH[:, None])
+    sums[: len(PAIRS)] *= scale[_LEFT] * scale[_RIGHT] * _TWICE[:, None]
+    sums[len(PAIRS) :] *= scale
+    sums /= full[i] * full[j].astype(np.float64)
+    return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
 
 
-def _copies(i: int, apart: int, spans: Ints, averaged: bool) -> Floats:
-    """Sums of `_sums` of octaves that are scaled copies of i and i + apart, i + n of the nth.
-
-    While the record is much longer than both, every sum grows with its length along a straight line.
-
-    Parameters
-    ----------
-    spans : (n,) length of the record, in samples of the scaled copy: halved for each octave.
+@lru_cache(maxsize=128)
+def _lines(apart: int, averaged: bool) -> Floats:
+    """Straight lines along which the sums grow while the record is much longer than both octaves.
 
     Returns
     -------
-    (14, n)
+    (2, 14, 6) sums of octaves i and i + apart at a record of no length, and their growth with each sample;
+    all other octaves are scaled copies of these i = 0 to 5.
     """
-    j = i + apart
-    line = (spans >= 16 << j) & (spans % max(1, (1 << j) // 8) == 0)
-    found = np.empty((len(PAIRS) + 4, spans.size))
-    if line.any():
-        begin, slope = _line(i, apart, averaged)
-        found[:, line] = begin[:, None] + slope[:, None] * spans[line]
-    for at in np.flatnonzero(~line):
-        found[:, at] = _sums(i, j, int(spans[at]), averaged)
-    scale = 2.0 ** (np.arange(spans.size) * np.array([[-1.0], [0.0], [1.0], [-2.0]]))
-    found[: len(PAIRS)] *= scale[_LEFT] * scale[_RIGHT]
-    found[len(PAIRS) :] *= scale
-    return found
-
-
-@lru_cache(maxsize=1024)
-def _line(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
-    """(14,) sums of octaves i and i + apart at a record of no length, and their growth with each sample."""
-    step = 16 << (i + apart)
-    one, two = (_sums(i, i + apart, span, averaged) for span in (step, 2 * step))
-    return 2.0 * one - two, (two - one) / step
+    lines = []
+    for i in range(_SHARED + 1):
+        step = 16 << (i + apart)
+        one, two = (_sums(i, i + apart, span, averaged) for span in (step, 2 * step))
+        lines.append((2.0 * one - two, (two - one) / step))
+    return np.stack(lines, axis=-1).reshape(2, -1, _SHARED + 1)
 
 
 def _sums(i: int, j: int, span: int, averaged: bool) -> Floats:
-    """(14,) sums over the lags: of the products of two noise types, by `PAIRS`, and of the types alone."""
-    (stride_i, terms_i), (stride_j, terms_j) = (
-        (stride, (span - (2 << octave)) // stride + 1)
-        for octave in (i, j)
-        for stride in [max(1, (1 << octave) // 8)]
-    )
-    steps, r, each = _differences(i, j, averaged)
-    centre = (1 << i) - (1 << j)
-    before, after = (_counts(centre + side * steps, stride_i, stride_j, terms_i, terms_j) for side in (-1, 1))
-    weighted = r * ((before + after) * each)
-    return np.concatenate([(weighted @ r.T)[_LEFT, _RIGHT], weighted.sum(axis=1)])
+    """(14,) sums over the lags: of the products of two noise types, by `PAIRS`, and of the types alone.
 
-
-def _counts(lags: Ints, stride_i: int, stride_j: int, terms_i: int, terms_j: int) -> Ints:
-    """How many pairs of differences begin `lags` samples apart (octave j after octave i).
-
-    >>> _counts(np.array([-1, 0, 1]), 1, 1, 5, 3)
-    array([3, 3, 2])
-    """
-    first = np.maximum(0, -(-lags // stride_j))
-    last = np.minimum(terms_j - 1, (lags + (terms_i - 1) * stride_i) // stride_j)
-    return np.asarray(np.maximum(0, last - first + 1))
-
-
-def _differences(i: int, j: int, averaged: bool) -> tuple[Ints, Floats, Floats]:
-    """Covariance of differences at octaves i <= j by the distance of their middles, the same on both sides.
-
-    Returns
-    -------
-    steps : (l,) samples, from the middle of the one at octave i to that of the one at octave j.
-    r : (4, l) units of tau0, by noise type.
-    each : (l,) lags that each of these stands for; half as many at distance 0, which is on both sides.
+    Octaves further apart than `REACH`: so short a difference takes the derivative of a rate that the long one
+    smooths, and r goes with m_i. White noise and quantisation have none to speak of.
     """
     near = max(i, j - REACH)
     base = min(near, _SHARED)
-    steps, r = _base(base, j - near, averaged)
-    scale = 2.0 ** (near - base)
-    r = r * np.array([1.0 / scale, 1.0, scale, 1.0 / scale**2])[:, None]
-    steps = steps * (1 << (near - base))
-    each = np.where(steps == 0, 0.5, 1.0)
-    if near == i:
-        return steps, r, each
-    # So short a difference takes the derivative of a rate that the long one smooths: r goes with m_i. White
-    # noise and quantisation have none to speak of.
-    r = r[:, ::_COARSE] * np.array([0.0, 1.0, 1.0, 0.0])[:, None] / 2.0 ** (near - i)
-    stride_i, stride_near = max(1, (1 << i) // 8), max(1, (1 << near) // 8)
-    return steps[::_COARSE], r, each[::_COARSE] * (_COARSE * stride_near / stride_i)
+    core, tail = _differences(base, j - near, averaged)
+    scale = 2.0 ** ((near - base) * _GROWTH)
+    stride, each = _stride(near), 1.0
+    if near > i:
+        core, tail = core[:, ::_COARSE], tail[::_COARSE]
+        scale *= np.array([0.0, 1.0, 1.0, 0.0]) / (1 << (near - i))
+        stride *= _COARSE
+        each = float(stride // _stride(i))
+    cut = core.shape[1]
+    count = each * _counts(i, j, span, stride * np.arange(cut + tail.size))
+    count[0] *= 0.5  # it is on both sides
+    weighted = core * count[:cut]
+    products, alone = weighted @ core.T, weighted.sum(axis=1)
+    weighted_tail = tail * count[cut:]
+    products[1, 1] += weighted_tail @ tail
+    alone[1] += weighted_tail.sum()
+    return np.concatenate([products[_LEFT, _RIGHT] * (scale[_LEFT] * scale[_RIGHT]), alone * scale])
 
 
-@lru_cache(maxsize=64)
-def _base(i: int, apart: int, averaged: bool) -> tuple[Ints, Floats]:
-    """`_differences` of the octaves that all others are scaled copies of."""
-    short = 1 << i
+def _counts(i: int, j: int, span: int, steps: Ints) -> Ints:
+    """How many pairs of differences at octaves i <= j have their middles so far apart, on either side.
+
+    The shorter difference is in the record whenever the longer one is, but for the end of the record beyond
+    which it is shifted: the nth long difference from there has partners up to n strides beyond the middle of
+    the first. At the end of the record both begin later by what is left over there.
+
+    Parameters
+    ----------
+    steps : (l,) samples, multiples of the stride of octave i.
+
+    >>> _counts(0, 1, 6, np.array([0, 1, 2, 3]))
+    array([6, 6, 4, 2])
+    """
+    stride_i, stride_j = _stride(i), _stride(j)
+    terms = (span - (2 << j)) // stride_j + 1
+    left = span // stride_i * stride_i % stride_j
+    shift = stride_j.bit_length() - 1
+    room = (1 << j) - (1 << i) - steps
+    sides = [np.minimum(np.maximum((room + more >> shift) + terms, 0), terms) for more in {0, left}]
+    return np.asarray(sides[0] + sides[-1])
+
+
+@lru_cache(maxsize=16)
+def _differences(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
+    """Covariance r of differences at octaves i and i + apart by the distance of their middles.
+
+    Distances from 0 on, in strides of octave i; r is the same on both sides.
+
+    Returns
+    -------
+    core : (4, c) units of tau0, by noise type, at least as far as the two differences overlap.
+    tail : (l,) units of tau0, of flicker beyond that; the others have none.
+    """
+    stride = _stride(i)
+    short = (1 << i) // stride
     long = short << apart
-    stride = max(1, short // 8)
-    steps = np.arange(0, TAIL * long + 1, stride, dtype=np.int64)
-    phase = _phase(TAIL * long + long + short + 1, averaged)
-    r = np.zeros((4, steps.size))
+    size = TAIL * long + 1
+    phase = _phase(size + long + short, averaged, stride)
+    phase = np.concatenate([phase[:, long + short : 0 : -1], phase], axis=1)
+    r = np.zeros((4, size))
     for p, weight_p in enumerate((1.0, -2.0, 1.0)):
         for q, weight_q in enumerate((1.0, -2.0, 1.0)):
-            r += weight_p * weight_q * phase[:, np.abs(steps + (q - 1) * long - (p - 1) * short)]
-    return steps, r / (float(short) * float(long))
+            begin = q * long + (2 - p) * short
+            r += weight_p * weight_q * phase[:, begin : begin + size]
+    r /= float(1 << i) * float(1 << (i + apart))
+    cut = -(-(long + short + 1) // _COARSE) * _COARSE
+    return r[:, :cut].copy(), r[1, cut:].copy()
 
 
-def _phase(size: int, averaged: bool) -> Floats:
-    """(4, size) generalised autocovariance of the phase by lag, one row a noise type."""
-    lag = np.arange(size, dtype=np.float64)
+def _phase(size: int, averaged: bool, stride: int = 1) -> Floats:
+    """(4, size) generalised autocovariance of the phase at multiples of a lag, one row a noise type."""
+    lag = stride * np.arange(size, dtype=np.float64)
     phase = np.zeros((4, size))
     phase[0] = -0.5 * lag
     if averaged:
         phase[1, 1:] = lag[1:] ** 2 * np.log(lag[1:]) / (2.0 * np.pi)
         phase[2] = lag**3 / 12.0
     else:
-        phase[1] = _sampled_flicker(size - 1)
+        phase[1] = _sampled_flicker(stride * (size - 1))[::stride]
         phase[2] = (lag**3 - lag) / 12.0
     phase[3, 0] = 1.0
     return phase
