@@ -24,6 +24,29 @@ print(before - resident_kb())
 """
 
 
+TUPLES = """
+import sys
+from imumon import heap
+def blocks():
+    return sys.getallocatedblocks()
+heap.settle()
+heap.give_back()
+before = blocks()
+for length in range(2, 20):
+    held = [tuple(i for i in range(length)) for _ in range(1500)]
+    del held
+kept = blocks() - before
+heap.give_back()
+print(kept, blocks() - before)
+"""
+
+
+def test_freed_tuples_are_not_kept() -> None:
+    done = subprocess.run([sys.executable, "-c", TUPLES], capture_output=True, text=True, check=True)
+    kept, left = (int(word) for word in done.stdout.split())
+    assert left < 0.05 * kept
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc and glibc")
 def test_freed_memory_goes_back_to_the_system() -> None:
     done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)

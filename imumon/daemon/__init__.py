@@ -37,7 +37,7 @@ from imumon.sources import PortError, PortGone, SourceError
 
 RETRY_S = 0.5
 STALE_S = 2.0
-TIDY_S = 1.0  # between two times that freed memory is given back: it takes 0.3 ms
+TIDY_S = 5.0  # between two times that freed memory is given back
 LEARNING_S = 30.0
 """In which bytes become samples, be they ever so slow; a service manager waits longer for a start."""
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
@@ -137,6 +137,7 @@ class Daemon:
             try:
                 try:
                     self._first()
+                    heap.settle()
                     while True:
                         self._serve()
                 except Stopped:
