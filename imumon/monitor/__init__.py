@@ -209,11 +209,12 @@ class Monitor:
         findings.renew(now=state != "running")
         caveats = (*device_caveats, *verdict.caveats(record, guarded=self.wanted.guarded))
         changes = verdict.changes(record, findings, self.wanted.baseline)
-        grades = verdict.grades(record, findings)
+        obstacle = verdict.obstacle(record)
+        grades = verdict.grades(findings, obstacle)
         self._events.from_constants(verdict.constants(findings), record)
         self._events.from_changes(changes, record)
         self._events.from_grades(grades, record)
-        channels = verdict.channels(record, findings, caveats, changes)
+        channels = verdict.channels(record, findings, caveats, changes, obstacle)
         self._events.from_warming(record, any("warming_up" in made.caveats for made in channels.values()))
         return replace(
             bare,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from imumon.noise.history.drift import Step, Trend
 from imumon.noise.history.stationarity import Change
 from imumon.noise.history.wander import Wander
 from imumon.noise.signal.histogram import Shape
-from imumon.noise.signal.moments import ChannelMoments, MomentsResult
+from imumon.noise.signal.moments import ChannelMoments
 from imumon.noise.signal.spectrum import Density
 from imumon.noise.signal.strip import Columns
 from imumon.noise.signal.strip import Strip as Strips
@@ -117,10 +117,22 @@ def sensor_grade(sensor: str, fits: Mapping[str, ChannelFit]) -> report.SensorGr
     )
 
 
-def running(channel: report.Channel, running: ChannelMoments) -> report.Channel:
-    """The same with its running statistics."""
+def running(
+    channel: report.Channel,
+    running: ChannelMoments,
+    *,
+    distribution: report.Distribution,
+    grade: report.ChannelGrade | None,
+    changes: tuple[report.Change, ...],
+    caveats: tuple[str, ...],
+) -> report.Channel:
+    """The same with what is of this moment: its running statistics, and what they mean."""
     return replace(
         channel,
+        distribution=distribution,
+        grade=grade,
+        changes=changes,
+        caveats=caveats,
         count=running.count,
         mean=running.mean,
         std=running.std,
@@ -149,18 +161,22 @@ def with_fit(
     )
 
 
+class Bias(NamedTuple):
+    """Mean less what a sensor at rest reads, channel unit, with its 95 % limits; or why there is none."""
+
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    reason: str | None = None
+
+
 def distribution(
-    channel: str,
-    axes: Sequence[str],
-    shape: Shape | None,
-    recent: tuple[float, float],
-    covariance: Floats | None,
+    shape: Shape | None, recent: tuple[float, float], bias: Bias, correlation: Mapping[str, float]
 ) -> report.Distribution:
-    """Shape of a channel's values, beside its last minute and the sensor's other axes.
+    """Shape of a channel's values, beside its last minute, its bias and the sensor's other axes.
 
     Parameters
     ----------
-    axes : channels of the sensor, in the order of `covariance`, (a, a) (channel unit)^2.
     recent : channel unit, mean and deviation of the last minute; NaN where unknown.
     """
     return report.Distribution(
@@ -169,19 +185,16 @@ def distribution(
         modes=shape.modes if shape else (),
         recent_mean=number(recent[0]),
         recent_std=number(recent[1]),
-        correlation=correlations(channel, axes, covariance),
+        bias=bias.value,
+        bias_low=bias.low,
+        bias_high=bias.high,
+        bias_reason=bias.reason,
+        correlation=correlation,
     )
 
 
-def with_bias(
-    shape: report.Distribution,
-    name: str,
-    running: MomentsResult,
-    channels: Sequence[str],
-    fit: ChannelFit | None,
-    length_s: float,
-) -> report.Distribution:
-    """The same with the mean against what a sensor at rest reads, and its 95 % limits.
+def bias(name: str, means: Mapping[str, float | None], fit: ChannelFit | None, length_s: float) -> Bias:
+    """The mean of a channel against what a sensor at rest reads, and its 95 % limits.
 
     A gyroscope at rest reads zero (the Earth turns at 7e-5 rad/s). Of an accelerometer only the length of
     the vector is known, that of gravity, and its excess speaks for the direction of gravity alone: across it
@@ -189,26 +202,31 @@ def with_bias(
     place and the other axes' biases, of which it sees the sine of its tilt, leave it known. The limits are
     those of a mean over the record against the noise of as long a time, the Allan deviation at its whole
     length (IEEE Std 952 annex C), with what is not known added to them.
+
+    Parameters
+    ----------
+    means : channel unit, of all channels by name.
+    length_s : s, of the record.
     """
-    mean = running.channels[channels.index(name)].mean
+    mean = means[name]
     wander = None if fit is None else Wander.of(fit)
     sensor, unknown = sensor_of(name), 0.0
     if mean is None or wander is None or length_s <= 0.0 or sensor not in ("gyro", "accel"):
-        return shape
+        return Bias()
     if sensor == "accel":
-        axes = [running.channels[channels.index(c)].mean for c in channels if sensor_of(c) == sensor]
+        axes = [axis for channel, axis in means.items() if sensor_of(channel) == sensor]
         length = math.hypot(*(a for a in axes if a is not None))
         if len(axes) < 3 or None in axes or not 0.5 < length / STANDARD_GRAVITY < 2.0:
-            return shape
+            return Bias()
         upright = mean / length
         if abs(upright) < VERTICAL:
-            return replace(shape, bias_reason="cannot be told from tilt")
+            return Bias(reason="cannot be told from tilt")
         mean = (length - STANDARD_GRAVITY) / upright
         unknown = GRAVITY_SPREAD + OTHER_BIAS * math.sqrt(1.0 - upright**2)
     flicker = 2.0 * math.log(2.0) / math.pi
     variance = wander.N**2 / length_s + flicker * wander.B**2 + wander.K**2 * length_s / 3.0
     half = 1.96 * math.sqrt(variance) + unknown
-    return replace(shape, bias=mean, bias_low=mean - half, bias_high=mean + half)
+    return Bias(mean, mean - half, mean + half)
 
 
 def drift(sensor: str, trend: Trend | None, steady: ChannelFit | None) -> report.Drift | None:
@@ -264,21 +282,23 @@ def sentence(channel: str, found: report.Change) -> str:
     return f"{channel}: {found.quantity} has {verb} by {abs(found.ratio - 1.0):.0%} {against}"
 
 
-def correlations(channel: str, axes: Sequence[str], covariance: Floats | None) -> dict[str, float]:
-    """Correlation of a channel with the other axes of its sensor, -1 to 1, by their names.
+def correlations(axes: Sequence[str], covariance: Floats | None) -> dict[str, dict[str, float]]:
+    """Correlation of each axis of a sensor with the others, -1 to 1, by their names.
 
     Parameters
     ----------
     axes : channels of the sensor, in the order of `covariance`, (a, a) (channel unit)^2.
     """
     if covariance is None or len(axes) < 2:
-        return {}
-    spread = np.sqrt(np.diag(covariance))
-    row = axes.index(channel)
+        return {axis: {} for axis in axes}
+    spread = np.sqrt(np.diagonal(covariance)).tolist()
     return {
-        other: float(covariance[row, column] / (spread[row] * spread[column]))
-        for column, other in enumerate(axes)
-        if column != row and spread[row] > 0.0 and spread[column] > 0.0
+        axis: {
+            other: common / (mine * its)
+            for other, its, common in zip(axes, spread, row, strict=True)
+            if other != axis and mine > 0.0 and its > 0.0
+        }
+        for axis, mine, row in zip(axes, spread, covariance.tolist(), strict=True)
     }
 
 

@@ -15,9 +15,10 @@ from imumon.monitor import describe
 from imumon.monitor.record import Record
 from imumon.monitor.trends import Trends
 from imumon.noise.fit import ChannelFit, Estimator
+from imumon.noise.grade import LIMITS
 from imumon.noise.history.drift import Step
 from imumon.noise.signal.histogram import Shape
-from imumon.report import Channel
+from imumon.report import Channel, SensorGrade
 from imumon.samples import UNITS, sensor_of
 
 
@@ -46,6 +47,7 @@ class Findings:
     fits : of the channels that have a curve.
     shapes : of the distribution of each channel; None where nothing came.
     channels : what a report says of each channel from here.
+    grades : headline of each sensor that has a grade, by the fits alone.
     """
 
     def __init__(self, record: Record, *, averaged: Sequence[bool], precision: Mapping[str, float]) -> None:
@@ -57,6 +59,7 @@ class Findings:
         self.fits: dict[str, ChannelFit] = {}
         self.shapes: list[Shape | None] = []
         self.channels: dict[str, Channel] = {}
+        self.grades: dict[str, SensorGrade] = {}
 
     def step(self, column: int) -> Step | None:
         """Sudden change of a channel's mean; None where there is none."""
@@ -81,6 +84,11 @@ class Findings:
         fits = self._estimator.fit(curve, renew=now or None, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
         self._trends.renew(fits, curve)
+        self.grades = {
+            sensor: describe.sensor_grade(sensor, axes)
+            for sensor in LIMITS
+            if (axes := {n.partition("/")[2]: fit for n, fit in self.fits.items() if sensor_of(n) == sensor})
+        }
         for column, name in enumerate(record.channels):
             sensor, fit = sensor_of(name), self.fits.get(name)
             made = Channel(unit=UNITS[sensor], histogram=describe.histogram(self.shapes[column]))

@@ -8,14 +8,12 @@ out, holes, a warm-up that is not over.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from imumon.monitor import describe
 from imumon.monitor.findings import Findings
 from imumon.monitor.record import Record
 from imumon.monitor.trends import against_baseline
 from imumon.noise.fit import ChannelFit
-from imumon.noise.grade import LIMITS
 from imumon.noise.signal.histogram import Shape
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
@@ -30,25 +28,26 @@ DISTURBED, MOSTLY = 0.1, 0.5
 
 def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
     """Words that stand for the whole record."""
+    repeating = record.repeating
     words = {
         "not_at_rest": not record.at_rest,
         "disturbed": record.excluded_share > DISTURBED,
         "saturated": "clipped" in record.excluded_by,
-        "stuck": record.repeating == "stuck",
-        "loop": record.repeating == "loop",
+        "stuck": repeating == "stuck",
+        "loop": repeating == "loop",
         "gaps": record.missing_share > DISTURBED,
         "warming_up": guarded and record.warming(),
     }
     return tuple(word for word, stands in words.items() if stands)
 
 
-def bent(fit: ChannelFit, made: Channel, shape: Shape | None) -> tuple[str, ...]:
-    """Caveats of a fit, what bends its shortest octaves by its right name.
+def bent(fit: ChannelFit, made: Channel, shape: Shape | None, std: float | None) -> tuple[str, ...]:
+    """Caveats of a fit, what bends its shortest octaves by its right name; `std` is the channel's deviation.
 
     The curve alone cannot tell a line from rounding or a filter; the spectrum and the steps of values can.
     """
     lines = made.spectrum.lines if made.spectrum is not None else ()
-    shakes = any(0.5 * line.amplitude**2 > STRONG * (made.std or 0.0) ** 2 for line in lines)
+    shakes = any(0.5 * line.amplitude**2 > STRONG * (std or 0.0) ** 2 for line in lines)
     step = shape.step if shape is not None else None
     sigma = made.allan.sigma if made.allan is not None else ()
     rounded = step is not None and len(sigma) > 0 and step > ROUNDED * sigma[0]
@@ -61,8 +60,9 @@ def obstacle(record: Record) -> str | None:
     """Why nothing of this record can be graded, None where nothing stands in the way."""
     if not record.at_rest:
         return "the sensor is not at rest"
-    if record.repeating or record.repeated_share > MOSTLY:
-        what = "stuck" if record.repeating == "stuck" else "stuck or replayed"
+    repeating = record.repeating
+    if repeating or record.repeated_share > MOSTLY:
+        what = "stuck" if repeating == "stuck" else "stuck or replayed"
         return f"{record.repeated_share:.0%} of the samples repeat: {what}"
     if record.excluded_share > MOSTLY:
         return f"{record.excluded_share:.0%} of the record was cut out: was it moved?"
@@ -100,61 +100,58 @@ def channels(
     findings: Findings,
     whole: tuple[str, ...],
     changed: Mapping[int, tuple[Change, ...]],
+    hindered: str | None,
 ) -> dict[str, Channel]:
-    """Every channel; `whole` are the caveats that stand for all of them."""
+    """Every channel; `whole` are the caveats that stand for all of them, `hindered` the record's obstacle."""
     fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
-    dead, hindered = constants(findings), obstacle(record) is not None
-    shown = {}
+    means = {name: each.mean for name, each in zip(record.channels, running.channels, strict=True)}
+    correlations: dict[str, dict[str, float]] = {}
+    for group, covariance in enumerate(running.covariance):
+        axes = [name for name, own in zip(record.channels, record.groups, strict=True) if own == group]
+        correlations |= describe.correlations(axes, covariance)
+    dead, shown = constants(findings), {}
     for column, name in enumerate(record.channels):
-        fit = fits.get(name)
-        axes = [other for other in record.channels if sensor_of(other) == sensor_of(name)]
-        shape = describe.distribution(
-            name,
-            axes,
-            findings.shapes[column],
-            (float(recent.mean[column]), float(recent.std[column])),
-            running.covariance[record.groups[column]],
-        )
-        made = replace(
-            describe.running(findings.channels[name], running.channels[column]),
-            distribution=describe.with_bias(shape, name, running, record.channels, fit, record.elapsed_s),
-        )
-        if made.grade is not None and hindered:
-            made = replace(made, grade=ChannelGrade())
+        found, fit, shape = findings.channels[name], fits.get(name), findings.shapes[column]
+        words: tuple[str, ...] = ()
         if fit is not None:
-            warm = made.drift is not None and made.drift.steady_N is not None
             own = {
                 "constant": name in dead,
                 "changed": column in changed,
-                "temperature": warm,
+                "temperature": found.drift is not None and found.drift.steady_N is not None,
                 "warming_up": findings.settling(column),
             }
             words = (
                 *whole,
-                *bent(fit, made, findings.shapes[column]),
+                *bent(fit, found, shape, running.channels[column].std),
                 *(word for word, stands in own.items() if stands),
             )
-            made = replace(made, changes=changed.get(column, ()), caveats=tuple(dict.fromkeys(words)))
-        shown[name] = made
+        shown[name] = describe.running(
+            found,
+            running.channels[column],
+            distribution=describe.distribution(
+                shape,
+                (float(recent.mean[column]), float(recent.std[column])),
+                describe.bias(name, means, fit, record.elapsed_s),
+                correlations[name],
+            ),
+            grade=ChannelGrade() if found.grade is not None and hindered else found.grade,
+            changes=changed.get(column, ()) if fit is not None else (),
+            caveats=tuple(dict.fromkeys(words)),
+        )
     return shown
 
 
-def grades(record: Record, findings: Findings) -> dict[str, SensorGrade]:
+def grades(findings: Findings, hindered: str | None) -> dict[str, SensorGrade]:
     """Headlines; none of a record with an obstacle, nor of a sensor with an axis that never changes."""
-    fits, dead, hindered = findings.fits, constants(findings), obstacle(record)
-    made = {}
-    for sensor in LIMITS:
-        axes = {name.partition("/")[2]: fit for name, fit in fits.items() if sensor_of(name) == sensor}
-        if not axes:
-            continue
+    dead, made = constants(findings), {}
+    for sensor, grade in findings.grades.items():
+        still = [name.partition("/")[2] for name in dead if sensor_of(name) == sensor]
         if hindered is not None:
             made[sensor] = SensorGrade(reason=hindered)
-            continue
-        still = [axis for axis in axes if f"{sensor}/{axis}" in dead]
-        if still:
+        elif still:
             made[sensor] = SensorGrade(
                 reason=f"{', '.join(still)} never changed: dead, stuck or not measured"
             )
-            continue
-        made[sensor] = describe.sensor_grade(sensor, axes)
+        else:
+            made[sensor] = grade
     return made

@@ -52,6 +52,8 @@ class Still:
     @property
     def stuck(self) -> Bools:
         """(c,) Watched channels that are stuck now."""
+        if not (self._run >= LEAST).any():  # as nearly always
+            return np.zeros(len(self._run), dtype=bool)
         return np.asarray(self._run >= self._needed())
 
     def update(self, values: Floats, valid: Bools, frames: int) -> list[tuple[int, int]]:

@@ -52,7 +52,7 @@ class Hour:
 
     def joined(self, other: Hour) -> Hour:
         """Both, `other` the later one."""
-        moments = Moments.restore(self.moments.save())
+        moments = self.moments.copy()
         moments.merge(other.moments)
         return Hour(self.start, self.count + other.count, self.stretch + other.stretch, moments)
 
@@ -106,6 +106,7 @@ class History:
         self.warmup_s = 0.0
         self._hour_mark = self._cascade.mark()
         self._pieces: list[tuple[int, Moments]] = [(0, self._new())]
+        self._finished: Moments | None = None  # of the pieces that count but for the last, once asked for
         self._hours: list[Hour] = []
         self._moved: list[Moved] = []
 
@@ -156,7 +157,11 @@ class History:
 
     def running(self) -> MomentsResult:
         """Moments of everything behind the warm-up."""
-        return self._joined(self._start, self.position + 1).result()
+        if self._finished is None:
+            self._finished = self._joined(self._start, self._pieces[-1][0])
+        whole = self._finished.copy()
+        whole.merge(self._pieces[-1][1])
+        return whole.result()
 
     def hours(self) -> tuple[Hour, ...]:
         """Finished hours behind the warm-up, oldest first, older ones joined."""
@@ -204,7 +209,7 @@ class History:
             if (wander := Wander.of(fit)) is not None
         )
         if settled:
-            self._start = candidate
+            self._start, self._finished = candidate, None
             self.warmup_s = self._warmed()
             self._hours, self._moved = [], []
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
@@ -224,7 +229,7 @@ class History:
         self._cascade.forget(self._hour_mark)
         self._hour_mark = self._cascade.mark()
         if at - self._hour >= self._start and stretch.valid.any():
-            moments = Moments.restore(self._joined(start, at).save())
+            moments = self._joined(start, at).copy()
             last = Hour(start, 1, stretch, moments)
             if self._hours:
                 self._moved = self._compared(last)
@@ -261,6 +266,7 @@ class History:
     def _begin_piece(self, at: int) -> None:
         """Moments of what comes from here on are kept apart."""
         self._pieces.append((at, self._pieces[-1][1].following()))
+        self._finished = None
 
     def _join_pieces(self, at: int) -> None:
         """Pieces that no cut can separate any more become one."""
@@ -271,7 +277,7 @@ class History:
                 kept[-1][1].merge(moments)
             else:
                 kept.append((start, moments))
-        self._pieces = kept
+        self._pieces, self._finished = kept, None
 
     def _joined(self, begin: int, end: int) -> Moments:
         """Moments of the pieces that begin from `begin` on and before `end`."""
@@ -324,6 +330,7 @@ class History:
             (int(start), Moments.restore(under(saved, f"piece{number}.")))
             for number, start in enumerate(saved["pieces"])
         ]
+        self._finished = None
         self.warmup_s = self._warmed()
         self._hours = []
         for number, (start, count) in enumerate(saved["hours"]):

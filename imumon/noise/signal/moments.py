@@ -8,6 +8,7 @@ changes has a deviation of exactly zero.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -113,6 +114,14 @@ class Moments:
         new = Moments(self._groups.channels, self._groups.of.tolist())
         new._scratch, self._scratch = self._scratch, new._scratch
         return new
+
+    def copy(self) -> Moments:
+        """Independent moments in the same state."""
+        other = copy.copy(self)
+        other._scratch = np.empty((2, 0))
+        for name in _ARRAYS:
+            setattr(other, name, getattr(self, name).copy())
+        return other
 
     def merge(self, other: Moments) -> None:
         """Join the statistics of another record, taken after this one.
