@@ -36,8 +36,10 @@ TERMS = ("N", "B", "K", "Q", "R")
 PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 """Pairs of noise types of which a table is kept."""
 _LEFT, _RIGHT = ([pair[side] for pair in PAIRS] for side in (0, 1))
-_TWICE = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
+_HALF = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
 _GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # of r with the cluster length: powers of it, by noise type
+_SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])
+_DEGREE = np.repeat([2, 1], [len(PAIRS), 4])
 
 REACH = 7  # octaves further apart than this: the shorter difference is a derivative beside the longer one
 TAIL = 8  # cluster lengths after which the covariance of two differences is neglected (flicker: lag^-2)
@@ -55,7 +57,7 @@ class Tables:
     averaged : of true averages, else of point samples.
     span : samples, length of the record.
     full : (k,) differences of an uninterrupted record.
-    sums : (14, t) 1, upper triangles of `pairs` and `means`, by rows.
+    sums : (14, t) 1, lower triangles of `pairs` and `means`, by rows.
     design : (k, 5) 1, expectation of s by `TERMS`.
     """
 
@@ -81,7 +83,7 @@ class Tables:
         total = (p[..., _LEFT] * p[..., _RIGHT]) @ self.sums[: len(PAIRS)]
         ramp = p[..., 4]
         if np.any(ramp > 0.0):
-            i, j = np.triu_indices(k)
+            j, i = np.tril_indices(k)
             total += ramp[..., None] * (p[..., :4] @ self.sums[len(PAIRS) :]) * 2.0 ** (i + j)
         return np.asarray(total[..., _square(k)] * (thinning[..., :, None] * thinning[..., None, :]))
 
@@ -98,10 +100,10 @@ class Tables:
 
 @lru_cache(maxsize=8)
 def _square(octaves: int) -> Ints:
-    """(k, k) where each element of a symmetric matrix is in its upper triangle by rows."""
+    """(k, k) where each element of a symmetric matrix is in its lower triangle by rows."""
     rows = np.arange(octaves)
     low, high = np.minimum.outer(rows, rows), np.maximum.outer(rows, rows)
-    return np.asarray(low * (2 * octaves - 1 - low) // 2 + high)
+    return np.asarray(high * (high + 1) // 2 + low)
 
 
 def design(octaves: int, *, averaged: bool) -> Floats:
@@ -157,20 +159,25 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
 @lru_cache(maxsize=14)  # one of each kind for the record, six of each for the outlook
 def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
-    full = (span - 2 * m) // np.maximum(1, m // 8) + 1
-    i, j = np.triu_indices(octaves)
-    first = np.minimum(i, _SHARED)
-    copies = i - first  # octaves i and j are those of `first` and `last`, doubled so often
-    last, spans = j - copies, span >> copies
-    lines = np.stack([_lines(apart, averaged) for apart in range(octaves)], axis=-1)
-    begin, slope = lines[:, :, first, last - first]
-    sums = begin + slope * spans
-    straight = (spans >= 16 << last) & (spans % np.maximum(1, (1 << last) // 8) == 0)
-    for at in np.flatnonzero(~straight).tolist():
-        sums[:, at] = _sums(int(first[at]), int(last[at]), int(spans[at]), averaged)
-    scale = 2.0 ** (copies * _GROWTH[:, None])
-    sums[: len(PAIRS)] *= scale[_LEFT] * scale[_RIGHT] * _TWICE[:, None]
-    sums[len(PAIRS) :] *= scale
+    stride = np.maximum(1, m // 8)
+    full = (span - 2 * m) // stride + 1
+    j, i = np.tril_indices(octaves)
+    apart, first = j - i, np.minimum(i, _SHARED)
+    copies = i - first  # how many octaves i and j are above those that they are scaled copies of
+    scales = _scales(copies)
+    begin, slope = np.stack([_lines(each, averaged) for each in range(octaves)], axis=-1)[:, :, first, apart]
+    sums = (begin + slope * (span >> copies)) * scales
+    bent = np.flatnonzero((span < 16 * m[j]) | (span % stride[j] != 0))
+    far = apart[bent] > REACH
+    at_once = np.where(far, -j[bent], 8 * apart[bent] + first[bent])
+    for key in np.unique(at_once).tolist():
+        at = bent[at_once == key]
+        if key < 0:
+            sums[:, at] = _sums(i[at], -key, span, averaged).T
+        else:
+            base, last = int(first[at[0]]), int(first[at[0]] + apart[at[0]])
+            sums[:, at] = _sums(base, last, span >> copies[at], averaged).T * scales[:, at]
+    sums[: len(PAIRS)] *= _HALF[:, None]
     sums /= full[i] * full[j].astype(np.float64)
     return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
 
@@ -192,54 +199,73 @@ def _lines(apart: int, averaged: bool) -> Floats:
     return np.stack(lines, axis=-1).reshape(2, -1, _SHARED + 1)
 
 
-def _sums(i: int, j: int, span: int, averaged: bool) -> Floats:
-    """(14,) sums over the lags: of the products of two noise types, by `PAIRS`, and of the types alone.
+def _sums(i: int | Ints, j: int, span: int | Ints, averaged: bool) -> Floats:
+    """(..., 14) sums over the lags: of the products of two noise types, by `PAIRS`, and of the types alone.
 
-    Octaves further apart than `REACH`: so short a difference takes the derivative of a rate that the long one
-    smooths, and r goes with m_i. White noise and quantisation have none to speak of.
+    Parameters
+    ----------
+    i : octave, or any that are more than `REACH` shorter than j. So short a difference takes the derivative
+        of a rate that the long one smooths, and r goes with m_i. White noise and quantisation have none to
+        speak of.
+    span : samples, lengths of the record.
     """
-    near = max(i, j - REACH)
+    shortest = int(np.max(i))
+    near = max(shortest, j - REACH)
     base = min(near, _SHARED)
     core, tail = _differences(base, j - near, averaged)
-    scale = 2.0 ** ((near - base) * _GROWTH)
-    stride, each = _stride(near), 1.0
-    if near > i:
-        core, tail = core[:, ::_COARSE], tail[::_COARSE]
-        scale *= np.array([0.0, 1.0, 1.0, 0.0]) / (1 << (near - i))
-        stride *= _COARSE
-        each = float(stride // _stride(i))
+    lag = _stride(near)
+    if near > shortest:
+        core, tail, lag = core[:, ::_COARSE] * _SMOOTH, tail[::_COARSE], lag * _COARSE
     cut = core.shape[1]
-    count = each * _counts(i, j, span, stride * np.arange(cut + tail.size))
-    count[0] *= 0.5  # it is on both sides
-    weighted = core * count[:cut]
-    products, alone = weighted @ core.T, weighted.sum(axis=1)
-    weighted_tail = tail * count[cut:]
-    products[1, 1] += weighted_tail @ tail
-    alone[1] += weighted_tail.sum()
-    return np.concatenate([products[_LEFT, _RIGHT] * (scale[_LEFT] * scale[_RIGHT]), alone * scale])
+    count = _counts(i, j, span, lag * np.arange(cut + tail.size))
+    weighted, beyond = count[..., None, :cut] * core, count[..., cut:] * tail
+    products, alone = weighted @ core.T, weighted.sum(axis=-1)
+    products[..., 1, 1] += beyond @ tail
+    alone[..., 1] += beyond.sum(axis=-1)
+    sums = np.concatenate([products[..., _LEFT, _RIGHT], alone], axis=-1)
+    if near > base:
+        sums *= _scales(near - base)
+    if near > shortest:
+        m = (1 << np.asarray(i))[..., None]
+        sums *= lag / np.maximum(1, m // 8) * (m / (1 << near)) ** _DEGREE
+    return np.asarray(sums)
 
 
-def _counts(i: int, j: int, span: int, steps: Ints) -> Ints:
-    """How many pairs of differences at octaves i <= j have their middles so far apart, on either side.
+def _scales(octaves: int | Ints) -> Floats:
+    """(14, ...) growth of `_sums` with clusters so many octaves longer, in a record so many times as long."""
+    growth = 2.0 ** np.multiply.outer(_GROWTH, octaves)
+    return np.concatenate([growth[_LEFT] * growth[_RIGHT], growth])
 
-    The shorter difference is in the record whenever the longer one is, but for the end of the record beyond
-    which it is shifted: the nth long difference from there has partners up to n strides beyond the middle of
-    the first. At the end of the record both begin later by what is left over there.
+
+def _counts(i: int | Ints, j: int, span: int | Ints, steps: Ints) -> Floats:
+    """How many pairs of differences at octaves i <= j have their middles so far apart; half of those of none.
+
+    The shorter begins m_j - m_i after the longer when their middles meet. Put earlier by a step, it is in the
+    record for every longer one but the first: the nth has n strides more room. Put later, it is the same seen
+    from the end, with what the longer ones leave over there as room besides.
 
     Parameters
     ----------
     steps : (l,) samples, multiples of the stride of octave i.
 
+    Returns
+    -------
+    (..., l)
+
     >>> _counts(0, 1, 6, np.array([0, 1, 2, 3]))
-    array([6, 6, 4, 2])
+    array([3., 6., 4., 2.])
     """
-    stride_i, stride_j = _stride(i), _stride(j)
+    m, span = (1 << np.asarray(i))[..., None], np.asarray(span)[..., None]
+    stride_i, stride_j = np.maximum(1, m // 8), _stride(j)
     terms = (span - (2 << j)) // stride_j + 1
-    left = span // stride_i * stride_i % stride_j
+    left = (span - span % stride_i) % stride_j
+    room = (1 << j) - m - steps
     shift = stride_j.bit_length() - 1
-    room = (1 << j) - (1 << i) - steps
-    sides = [np.minimum(np.maximum((room + more >> shift) + terms, 0), terms) for more in {0, left}]
-    return np.asarray(sides[0] + sides[-1])
+    before = np.minimum(np.maximum((room >> shift) + terms, 0), terms)
+    after = np.minimum(np.maximum((room + left >> shift) + terms, 0), terms) if left.any() else before
+    count = (before + after).astype(np.float64)
+    count[..., 0] *= 0.5
+    return np.asarray(count)
 
 
 @lru_cache(maxsize=16)
@@ -259,14 +285,15 @@ def _differences(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
     size = TAIL * long + 1
     phase = _phase(size + long + short, averaged, stride)
     phase = np.concatenate([phase[:, long + short : 0 : -1], phase], axis=1)
-    r = np.zeros((4, size))
+    cut = min(-(-(long + short + 1) // _COARSE) * _COARSE, size)
+    core, tail = np.zeros((4, cut)), np.zeros(size - cut)
     for p, weight_p in enumerate((1.0, -2.0, 1.0)):
         for q, weight_q in enumerate((1.0, -2.0, 1.0)):
             begin = q * long + (2 - p) * short
-            r += weight_p * weight_q * phase[:, begin : begin + size]
-    r /= float(1 << i) * float(1 << (i + apart))
-    cut = -(-(long + short + 1) // _COARSE) * _COARSE
-    return r[:, :cut].copy(), r[1, cut:].copy()
+            core += weight_p * weight_q * phase[:, begin : begin + cut]
+            tail += weight_p * weight_q * phase[1, begin + cut : begin + size]
+    clusters = float(1 << i) * float(1 << (i + apart))
+    return core / clusters, tail / clusters
 
 
 def _phase(size: int, averaged: bool, stride: int = 1) -> Floats:
@@ -276,10 +303,10 @@ def _phase(size: int, averaged: bool, stride: int = 1) -> Floats:
     phase[0] = -0.5 * lag
     if averaged:
         phase[1, 1:] = lag[1:] ** 2 * np.log(lag[1:]) / (2.0 * np.pi)
-        phase[2] = lag**3 / 12.0
+        phase[2] = lag * lag * lag / 12.0
     else:
         phase[1] = _sampled_flicker(stride * (size - 1))[::stride]
-        phase[2] = (lag**3 - lag) / 12.0
+        phase[2] = (lag * lag * lag - lag) / 12.0
     phase[3, 0] = 1.0
     return phase
 
