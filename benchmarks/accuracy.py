@@ -31,7 +31,7 @@ from figures import Figure
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, read_slopes, synthesise
 from imumon.noise.fit.covariance import _phase, design, octaves_in, tables
-from imumon.noise.fit.leastsquares import Problems, weigh
+from imumon.noise.fit.leastsquares import Problems
 
 N, B = 6.1e-5, 2.4e-5
 LONGEST = 720_000
@@ -164,8 +164,7 @@ def bound(n: int, rate: float, K: float) -> np.ndarray:
     )
     p = np.zeros((1, 5))
     p[0, :3] = strengths(K, rate) ** 2
-    at = weigh(problems, p)
-    information = (at.design.transpose(0, 2, 1) @ at.weight @ at.design)[0, :3, :3]
+    information = problems.frame().weigh(p).normal[0, :3, :3]
     return np.sqrt(np.diag(np.linalg.inv(information))) / p[0, :3] / 2.0
 
 

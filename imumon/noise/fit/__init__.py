@@ -31,7 +31,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import intervals
 from imumon.noise.fit.choice import QUANTISATION, RAMP, Choice, choose
 from imumon.noise.fit.covariance import TERMS, octaves_in, tables
-from imumon.noise.fit.leastsquares import Problems, expected, solve, weigh
+from imumon.noise.fit.leastsquares import Problems, solve
 from imumon.noise.fit.outlook import seconds_to
 from imumon.noise.fit.quantiles import chi2_quantile, few_differences_quantile, normal_quantile
 from imumon.noise.fit.readings import Readings, read_slopes
@@ -211,14 +211,15 @@ class Estimator:
             return tuple(fits)
         known = [self._known[channel] for channel in rows]
         part = problems.take(np.array(rows))
-        k = part.used.shape[1]
         part = _as_chosen(part, [item.choice for item in known])
         used = part.used
-        p = solve(part, start=np.array([item.choice.p for item in known]) + 0.0)
+        frame = part.frame()
+        p = solve(frame, part.free, start=np.array([item.choice.p for item in known]))
         whole = p * np.where(np.arange(len(TERMS)) == QUANTISATION, p > 0.0, 1.0)
-        at = weigh(replace(part, excess=np.zeros(len(rows))), whole)
-        variance = at.relative[:, np.arange(k), np.arange(k)]
-        model = np.where(used, expected(part, p), at.model)
+        every = replace(part, used=np.ones_like(used), excess=np.zeros(len(rows))).frame()
+        model = every.model(whole)
+        variance = np.einsum("bii->bi", every.covariance(whole, model))
+        model = np.where(used, frame.model(p), model)
         for row, channel in enumerate(rows):
             fits[channel] = _channel(
                 curve, channel, p[row], known[row], used[row], model[row], 2.0 / variance[row]
@@ -299,10 +300,12 @@ def _limits(
     each = problems.take(channel)
     octaves = each.used.sum(axis=1)
     need = np.where(term == 0, _OCTAVES_N, _OCTAVES)
-    spread = intervals.deviations(problems, p)[:, :3].ravel()
+    spread = intervals.deviations(problems.frame(), problems.free, p)[:, :3].ravel()
     told = np.isfinite(spread) & (octaves >= need)
     zero = np.full(term.size, -np.inf)
-    zero[told] = intervals.score(each.take(told), term[told], np.zeros(int(told.sum())), p[channel][told])[0]
+    some = each.take(told)
+    start = p[channel][told]
+    zero[told] = intervals.score(some.frame(), some.free, term[told], np.zeros(len(start)), start)[0]
     seen = told & (zero > _SEEN) & (p[:, :3].ravel() > 0.0)
     begin = p[channel]
     begin[~seen, term[~seen]] = 0.0
@@ -311,8 +314,10 @@ def _limits(
     upper = np.arange(rows.size) >= seen.sum()
     here = np.where(seen, 0.0, zero)[rows]
     bound = np.where(seen, -_TWO_SIDED, np.minimum(_BOUND, zero - _NARROW))[rows]
+    some = each.take(rows)
     found = intervals.limits(
-        each.take(rows),
+        some.frame(),
+        some.free,
         term[rows],
         begin[rows],
         here,

@@ -133,8 +133,9 @@ def _tried(
     used = np.array([octaves for octaves, _ in described])
     free = np.array([terms for _, terms in described])
     batch = replace(problems, used=used, free=free, excess=np.full(count, TOLERATED**2))
-    p = solve(batch, rounds=rounds)
-    chi2, dof = misfit(batch, p)
+    frame = batch.frame()
+    p = solve(frame, free, rounds=rounds)
+    chi2, dof = misfit(frame, p)
     choices = []
     for row in range(count):
         tested = bool(dof[row] > 0)
@@ -170,7 +171,7 @@ def _scores(problems: Problems, choices: Sequence[Choice], wanted: Sequence[tupl
     free[np.arange(len(rows)), terms] = True
     batch = replace(_at(problems, rows), used=np.array([choices[row].used for row in rows]), free=free)
     start = np.array([choices[row].p for row in rows])
-    z, _ = score(batch, terms, np.zeros(len(rows)), start)
+    z, _ = score(batch.frame(), free, terms, np.zeros(len(rows)), start)
     return [float(value) for value in z]
 
 
@@ -312,8 +313,9 @@ def _finished(problems: Problems, choices: list[Choice]) -> list[Choice]:
         used=np.array([choice.used for choice in choices]),
         free=np.array([choice.free for choice in choices]),
     )
-    p = solve(all_, start=np.array([choice.p for choice in choices]))
-    chi2, dof = misfit(all_, p)
+    frame = all_.frame()
+    p = solve(frame, all_.free, start=np.array([choice.p for choice in choices]))
+    chi2, dof = misfit(frame, p)
     finished = []
     for row, choice in enumerate(choices):
         if dof[row] <= 0:
@@ -340,8 +342,8 @@ def _excused(one: Problems, p: Floats, dof: int) -> tuple[Floats, float]:
     low, high, excess, start = 1e-5, 30.0, 0.0, p[None]  # of the Allan variance, one standard deviation
     for _ in range(14):
         excess = low * high
-        wide = replace(one, excess=np.array([excess]))
-        start = solve(wide, start=start, rounds=_ROUNDS)
+        wide = replace(one, excess=np.array([excess])).frame()
+        start = solve(wide, one.free, start=start, rounds=_ROUNDS)
         left, _ = misfit(wide, start)
         low, high = (excess**0.5, high) if left[0] > dof else (low, excess**0.5)
-    return solve(wide, start=start)[0], excess
+    return solve(wide, one.free, start=start)[0], excess

@@ -14,11 +14,9 @@ where z passes the quantiles.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from imumon.noise.fit.leastsquares import Problems, T, solve, weigh
+from imumon.noise.fit.leastsquares import Frame, T, blocks, solve
 from imumon.noise.fit.quantiles import cube_root_score, normal_cdf, normal_quantile
 from imumon.samples import Bools, Floats, Ints
 
@@ -33,24 +31,31 @@ _FAR = 1e6  # times estimate and deviation: a bound out there says nothing
 _ROUNDS = 4  # of weighing the other terms anew: they start from those of a value nearby
 
 
-def deviations(problems: Problems, p: Floats) -> Floats:
+def deviations(frame: Frame, free: Bools, p: Floats) -> Floats:
     """Standard deviations of the powers around p, with every term of N, B, K in play.
+
+    Parameters
+    ----------
+    free : (b, 5) terms that may be there.
+    p : (b, 5) powers in units of tau0.
 
     Returns
     -------
     (b, 5) units of p; inf for a term that the octaves do not tell from the others.
     """
-    at = weigh(problems, p)
-    inverse, known = _inverse(at.design.transpose(0, 2, 1) @ at.weight @ at.design, _in_play(problems.free))
-    spread = np.sqrt(np.maximum(np.einsum("bii->bi", inverse), 0.0))
-    return np.where(known, spread, np.inf)
+    found = np.empty_like(p)
+    for part in blocks(len(p)):
+        inverse, known = _inverse(frame.take(part).weigh(p[part]).normal, _in_play(free[part]))
+        found[part] = np.where(known, np.sqrt(np.maximum(np.einsum("bii->bi", inverse), 0.0)), np.inf)
+    return found
 
 
-def score(problems: Problems, term: Ints, x: Floats, start: Floats) -> tuple[Floats, Floats]:
+def score(frame: Frame, free: Bools, term: Ints, x: Floats, start: Floats) -> tuple[Floats, Floats]:
     """Standard normal scores of the data if a power had the value x.
 
     Parameters
     ----------
+    free : (b, 5) terms that may be there.
     term : (b,) index of the power.
     x : (b,) its value, >= 0, units of tau0.
     start : (b, 5) powers the others are sought from.
@@ -61,27 +66,22 @@ def score(problems: Problems, term: Ints, x: Floats, start: Floats) -> tuple[Flo
     p : (b, 5) powers with the one held.
     """
     rows = np.arange(len(x))
-    free = problems.free.copy()
-    free[rows, term] = False
-    held = np.zeros((len(x), T))
+    others, held = free.copy(), np.zeros(start.shape)
+    others[rows, term] = False
     held[rows, term] = x
-    begin = start.copy()
-    begin[rows, term] = x
-    others = replace(problems, free=free)
-    p = solve(others, start=begin, held=held, rounds=_ROUNDS)
-    at = weigh(others, p)
-    inverse, _ = _inverse(at.design.transpose(0, 2, 1) @ at.weight @ at.design, _in_play(problems.free))
-    weights = (at.weight @ at.design @ inverse[rows, :, term][:, :, None])[:, :, 0]
-    rest = np.where(problems.used, problems.variance / at.model, 0.0) - at.design[rows, :, term] * x[:, None]
+    p = solve(frame, others, start=start, held=held, rounds=_ROUNDS)
+    at = frame.weigh(p)
+    inverse, _ = _inverse(at.normal, _in_play(free))
+    column = inverse[rows, :, term][:, :, None]
+    weights, spread = (at.weighted @ column)[:, :, 0], (at.design @ column)[:, :, 0]  # w and V w
+    rest = frame.variance / at.model - at.design[rows, :, term] * x[:, None]
     # w is orthogonal to the other terms, so that what they come to need not be taken off
-    spread = np.einsum("bij,bj->bi", np.where(problems.used[:, :, None], at.relative, 0.0), weights)
-    deviation = np.sqrt(np.maximum(np.einsum("bi,bi->b", weights, spread), 1e-300))
-    t = np.einsum("bi,bi->b", weights, rest) / deviation
     both = weights * spread
-    third = 2.0 * np.einsum("bi,bi->b", both, spread)
-    fourth = 2.0 * np.einsum("bi,bi->b", both, spread**2) + 4.0 * np.einsum(
-        "bi,bij,bj->b", both, at.relative, both
-    )
+    deviation = np.sqrt(np.maximum(both.sum(axis=1), 1e-300))
+    t = (weights * rest).sum(axis=1) / deviation
+    third = 2.0 * (both * spread).sum(axis=1)
+    mixed = (at.relative @ both[:, :, None])[:, :, 0]
+    fourth = (both * (2.0 * spread**2 + 4.0 * mixed)).sum(axis=1)
     return normal_score(t, third / deviation**3, fourth / deviation**4), p
 
 
@@ -123,12 +123,20 @@ def _gamma_score(t: Floats, skewness: Floats) -> Floats:
 
 
 def limits(
-    problems: Problems, term: Ints, p: Floats, here: Floats, spread: Floats, target: Floats, upper: Bools
+    frame: Frame,
+    free: Bools,
+    term: Ints,
+    p: Floats,
+    here: Floats,
+    spread: Floats,
+    target: Floats,
+    upper: Bools,
 ) -> Floats:
     """Values of powers at which their scores pass a quantile.
 
     Parameters
     ----------
+    free : (b, 5) terms that may be there.
     term : (b,) index of the power.
     p : (b, 5) fitted powers, in which the search begins; the power of `term` may be zero.
     here : (b,) score at that value.
@@ -152,7 +160,7 @@ def limits(
         todo = np.flatnonzero(np.isnan(found))
         if not todo.size:
             break
-        z, start[todo] = score(problems.take(todo), term[todo], x[todo], start[todo])
+        z, start[todo] = score(frame.take(todo), free[todo], term[todo], x[todo], start[todo])
         g = z - target[todo]
         here_x = x[todo]
         left[todo] = np.where(g > 0.0, here_x, left[todo])
@@ -192,6 +200,8 @@ def _inverse(normal: Floats, terms: Bools) -> tuple[Floats, Bools]:
     scale = 1.0 / np.sqrt(np.where(known, size, 1.0))
     both = known[:, :, None] & known[:, None, :]
     matrix = np.where(both, normal * scale[:, :, None] * scale[:, None, :], np.eye(T))
-    inverse = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
-    reached = np.einsum("bij,bji->bi", matrix, inverse) > 0.999
+    values, vectors = np.linalg.eigh(matrix)
+    kept = vectors * (values > 1e-12 * values[:, -1:])[:, None, :]
+    inverse = (kept / np.where(values > 0.0, values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    reached = (kept * vectors).sum(axis=2) > 0.999
     return np.where(both, inverse * scale[:, :, None] * scale[:, None, :], 0.0), known & reached

@@ -108,7 +108,7 @@ def _not_yet(problems: Problems) -> Bools:
 
 def _relative(problems: Problems, p: Floats) -> Floats:
     """(b, 3) relative standard deviations of N, B, K: half of those of their squares; inf without."""
-    spread = deviations(problems, p)[:, :3]
+    spread = deviations(problems.frame(), problems.free, p)[:, :3]
     return np.asarray(
         np.where(p[:, :3] > 0.0, spread / (2.0 * np.where(p[:, :3] > 0.0, p[:, :3], 1.0)), np.inf)
     )
