@@ -173,8 +173,10 @@ class Timeline:
             ticks = time * (1e-9 / self.interval_s)
         else:
             before = time[0] if self._seen is None else self._seen
-            ticks = np.diff(time, prepend=before) * (self._scale / self.interval_s)
-        other = (np.abs(ticks - 1.0) > OTHER) & (ticks > FASTEST) & (ticks < SLOWEST)
+            ticks = _steps(time, before) * (self._scale / self.interval_s)
+        other = np.abs(ticks - 1.0) > OTHER
+        if other.any():
+            other &= (ticks > FASTEST) & (ticks < SLOWEST)
         if not other.any():
             self._steady = (0, 1.0)
             return None
@@ -196,7 +198,7 @@ class Timeline:
         if self.clock != "counter" or block.time_ns is None or not len(block):
             return block
         raw = block.time_ns
-        back = np.diff(raw, prepend=raw[0] if self._raw is None else self._raw) < -(1 << 31)
+        back = _steps(raw, raw[0] if self._raw is None else self._raw) < -(1 << 31)
         wraps = self._wraps + np.cumsum(back)
         self._raw, self._wraps = int(raw[-1]), int(wraps[-1])
         if not self._wraps:
@@ -275,22 +277,25 @@ class Timeline:
     def _absolute(self, block: SampleBlock, final: bool, room_s: float | None) -> Placed:
         assert block.time_ns is not None
         assert self.interval_s is not None
-        time, keep = block.time_ns, np.ones(len(block), dtype=bool)
+        time = block.time_ns
         anew = self._is_anew(int(time[0]))
-        before = np.empty_like(time)
-        before[1:] = time[:-1]
-        before[0] = time[0] if self._last is None else self._last
-        steps = np.rint((time - before) * (self._scale / self.interval_s)).astype(np.int64)
+        before = time[0] if self._last is None else self._last
+        steps = np.rint(_steps(time, before) * (self._scale / self.interval_s)).astype(np.int64)
         if self._last is None:
             steps[0] = 1
         far = int(FAR_TICKS_S / self.interval_s)
         odd = np.flatnonzero((steps < 1) | (steps > far))
-        if len(odd):
-            self._settle(time, steps, keep, odd, far, final)
-            if not final and keep[-1] and (steps[-1] < 0 or steps[-1] > far):
-                # the last sample stands out and nothing confirms it yet: wait for the next
-                self._suspect = _cut(block, len(block) - 1)
-                keep[-1] = False
+        if not len(odd):
+            if anew:
+                steps[0] = BREAK
+            self._last = int(time[-1])
+            return Placed(block.values, steps, block.saturated)
+        keep = np.ones(len(block), dtype=bool)
+        self._settle(time, steps, keep, odd, far, final)
+        if not final and keep[-1] and (steps[-1] < 0 or steps[-1] > far):
+            # the last sample stands out and nothing confirms it yet: wait for the next
+            self._suspect = _cut(block, len(block) - 1)
+            keep[-1] = False
         most = LONGEST_S if room_s is None else room_s + GAP_SLACK_S + 0.02 * room_s
         steps[steps > max(far, int(most / self.interval_s))] = BREAK
         if anew:
@@ -354,6 +359,14 @@ class Timeline:
             steps[0] = 1 if self._last is None else BREAK
         self._unknown_gap, self._last = False, 0
         return Placed(block.values, steps, block.saturated)
+
+
+def _steps(time: Ints, before: int) -> Ints:
+    """(n,) How much later each sample is than the one before it, the first than `before`."""
+    steps = np.empty_like(time)
+    steps[0] = time[0] - before
+    np.subtract(time[1:], time[:-1], out=steps[1:])
+    return steps
 
 
 def _multiples(steps: Floats, interval: float) -> bool:

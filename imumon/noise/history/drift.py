@@ -142,11 +142,13 @@ class Drift:
             self._offset = np.where(np.isfinite(values[0]), values[0], 0.0)
         self._make_room(n)
         first = self._n // self._width
-        edges = np.maximum(np.arange(first, (self._n + n - 1) // self._width + 1) * self._width - self._n, 0)
+        bounds = np.arange(first, (self._n + n - 1) // self._width + 2) * self._width - self._n
+        bounds[0], bounds[-1] = 0, n
+        edges = bounds[:-1]
         d = values - self._offset
         here = slice(first, first + len(edges))
         if valid is None or valid.all():
-            self._counts[here] += np.diff(edges, append=n)[:, None]
+            self._counts[here] += (bounds[1:] - edges)[:, None]
         else:
             ok = valid[:, self._groups]
             d[~ok] = 0.0

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.samples import Bools, Floats
+from imumon.samples import Bools, Floats, Ints
 
 COLUMN_S = 0.5
 RECENT = 120
@@ -93,32 +93,34 @@ class Strip:
         if valid is not None and not valid.all():
             ok = np.ascontiguousarray(valid[:, self._groups].T)
         first, last = self._n // self.column, (self._n + n - 1) // self.column
-        edges = np.maximum(np.arange(first, last + 1) * self.column - self._n, 0)
-        low = np.minimum.reduceat(x if ok is None else np.where(ok, x, np.inf), edges, axis=1)
-        high = np.maximum.reduceat(x if ok is None else np.where(ok, x, -np.inf), edges, axis=1)
-        low[np.isinf(low)], high[np.isinf(high)] = np.nan, np.nan
+        bounds = np.arange(first, last + 2) * self.column - self._n
+        bounds[0], bounds[-1] = 0, n
+        edges = bounds[:-1]
+        extremes, sums = np.empty((len(edges), 2, len(x))), np.empty((len(edges), 3, len(x)))
+        low = x if ok is None else np.where(ok, x, np.inf)
+        np.minimum.reduceat(low, edges, axis=1, out=extremes[:, 0].T)
+        high = x if ok is None else np.where(ok, x, -np.inf)
+        np.maximum.reduceat(high, edges, axis=1, out=extremes[:, 1].T)
+        extremes[np.isinf(extremes)] = np.nan
         d = x - self._offset[:, None]
         if ok is not None:
             d[~ok] = 0.0
-            count = np.add.reduceat(ok, edges, axis=1, dtype=np.float64)
+            np.add.reduceat(ok, edges, axis=1, dtype=np.float64, out=sums[:, 0].T)
         else:
-            count = np.broadcast_to(np.diff(edges, append=n).astype(np.float64), low.shape)
-        total = np.add.reduceat(d, edges, axis=1)
+            sums[:, 0] = (bounds[1:] - edges)[:, None]
+        np.add.reduceat(d, edges, axis=1, out=sums[:, 1].T)
         np.multiply(d, d, out=d)
-        square = np.add.reduceat(d, edges, axis=1)
-        extremes = np.stack((low.T, high.T), axis=1)
+        np.add.reduceat(d, edges, axis=1, out=sums[:, 2].T)
+        fresh = -(-self._n // self.column)  # first column that begins in this block
         self._n += n
         self._fit(last)
-        old = (self._n - n + self.column - 1) // self.column  # first column that begins in this block
-        keep = slice(max(0, last + 1 - first - RECENT), None)
-        numbers = np.arange(first, last + 1)[keep]
-        fresh = numbers >= old
-        self._minute[numbers[fresh] % RECENT] = np.nan
-        self._sums[numbers[fresh] % RECENT] = 0.0
-        _widen(self._minute, numbers % RECENT, extremes[keep])
-        self._sums[numbers % RECENT] += np.stack((count.T, total.T, square.T), axis=1)[keep]
-        self._coarser(self._hour, PER_HOUR_COLUMN, RECENT, first, last, old, extremes)
-        self._coarser(self._all, self._wide, EVERYTHING, first, last, old, extremes)
+        _widen(self._minute, first, last, fresh, extremes)
+        kept = max(first, last + 1 - RECENT)
+        self._sums[_places(max(kept, fresh), last, RECENT)] = 0.0
+        self._sums[_places(kept, last, RECENT)] += sums[kept - first :]
+        for ring, wide in ((self._hour, PER_HOUR_COLUMN), (self._all, self._wide)):
+            begin, end = first // wide, last // wide
+            _widen(ring, begin, end, -(-fresh // wide), _coarser(extremes, wide, first, end - begin + 1))
 
     def skip(self, n: int) -> None:
         """`n` samples are missing."""
@@ -135,19 +137,6 @@ class Strip:
 
     def break_(self) -> None:
         """A gap of unknown length: drawn as none."""
-
-    def _coarser(
-        self, ring: Floats, wide: int, size: int, first: int, last: int, old: int, extremes: Floats
-    ) -> None:
-        """Put columns of the minute into the wider ones of `ring`."""
-        begin, end = first // wide, last // wide
-        edges = np.maximum(np.arange(begin, end + 1) * wide - first, 0)
-        low = np.fmin.reduceat(extremes[:, 0], edges, axis=0)
-        high = np.fmax.reduceat(extremes[:, 1], edges, axis=0)
-        keep = slice(max(0, end + 1 - begin - size), None)
-        numbers = np.arange(begin, end + 1)[keep]
-        ring[numbers[numbers * wide >= old] % size] = np.nan
-        _widen(ring, numbers % size, np.stack((low, high), axis=1)[keep])
 
     def _fit(self, last: int) -> None:
         """Double the columns of everything until column `last` of the minute has a place."""
@@ -212,9 +201,29 @@ class Strip:
         return self
 
 
-def _widen(ring: Floats, at: np.ndarray, extremes: Floats) -> None:
-    """Let (k, 2, c) extremes into the rows of `ring`."""
-    rows = ring[at]
-    rows[:, 0] = np.fmin(rows[:, 0], extremes[:, 0])
-    rows[:, 1] = np.fmax(rows[:, 1], extremes[:, 1])
+def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:
+    """(k, 2, c) extremes of columns that are `wide` times as long, of those from column `first` on."""
+    edges = np.arange(first // wide, first // wide + k) * wide - first
+    edges[0] = 0
+    out = np.empty((k, *extremes.shape[1:]))
+    np.fmin.reduceat(extremes[:, 0], edges, axis=0, out=out[:, 0])
+    np.fmax.reduceat(extremes[:, 1], edges, axis=0, out=out[:, 1])
+    return out
+
+
+def _widen(ring: Floats, first: int, last: int, fresh: int, extremes: Floats) -> None:
+    """Let (k, 2, c) extremes into the columns `first` to `last` of a ring, of which those from `fresh` on
+    begin anew."""
+    kept = max(first, last + 1 - len(ring))
+    ring[_places(max(kept, fresh), last, len(ring))] = np.nan
+    at = _places(kept, last, len(ring))
+    rows, new = ring[at], extremes[kept - first :]
+    np.fmin(rows[:, 0], new[:, 0], out=rows[:, 0])
+    np.fmax(rows[:, 1], new[:, 1], out=rows[:, 1])
     ring[at] = rows
+
+
+def _places(first: int, last: int, size: int) -> slice | Ints:
+    """Where columns lie in a ring of that size: side by side unless it begins anew among them."""
+    begin, k = first % size, last + 1 - first
+    return slice(begin, begin + k) if begin + k <= size else np.arange(first, last + 1) % size
