@@ -92,6 +92,17 @@ def test_the_tables_are_the_definition_term_by_term(kind):
             assert found == pytest.approx(exact, rel=2e-4)
 
 
+@pytest.mark.parametrize("span", [64, 91, 100, 127])
+def test_the_pairs_of_differences_are_counted_one_by_one(span):
+    middles = [np.arange(0, span - 2 * m + 1, max(1, m // 8)) + m for m in 2 ** np.arange(6)]
+    for i in range(6):
+        for j in range(i, 6):
+            apart = np.abs(np.subtract.outer(middles[i], middles[j])).ravel()
+            steps = np.arange(0, span, max(1, (1 << i) // 8))
+            exact = np.bincount(apart, minlength=span)[steps]
+            assert covariance._counts(i, j, span, steps).tolist() == exact.tolist()
+
+
 def test_the_tables_are_covariances_and_scale_with_the_record():
     for averaged in (True, False):
         table = tables(1 << 22, 22, averaged=averaged)

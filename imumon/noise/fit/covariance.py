@@ -38,8 +38,8 @@ PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 _LEFT, _RIGHT = ([pair[side] for pair in PAIRS] for side in (0, 1))
 _HALF = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
 _GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # of r with the cluster length: powers of it, by noise type
-_SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])
-_DEGREE = np.repeat([2, 1], [len(PAIRS), 4])
+_SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])  # noise types whose rate has a derivative to speak of
+_DEGREE = np.repeat([2, 1], [len(PAIRS), 4])  # of r in `_sums`
 
 REACH = 7  # octaves further apart than this: the shorter difference is a derivative beside the longer one
 TAIL = 8  # cluster lengths after which the covariance of two differences is neglected (flicker: lag^-2)
@@ -66,26 +66,6 @@ class Tables:
     full: Ints
     sums: Floats
     design: Floats
-
-    def covariance(self, p: Floats, thinning: Floats) -> Floats:
-        """Covariance of the Allan variances.
-
-        Parameters
-        ----------
-        p : (..., 5) powers in units of tau0, in the order of `TERMS`.
-        thinning : (..., k) sqrt(full differences / differences there are), 1 without gaps.
-
-        Returns
-        -------
-        (..., k, k) unit of p squared.
-        """
-        k = self.full.size
-        total = (p[..., _LEFT] * p[..., _RIGHT]) @ self.sums[: len(PAIRS)]
-        ramp = p[..., 4]
-        if np.any(ramp > 0.0):
-            j, i = np.tril_indices(k)
-            total += ramp[..., None] * (p[..., :4] @ self.sums[len(PAIRS) :]) * 2.0 ** (i + j)
-        return np.asarray(total[..., _square(k)] * (thinning[..., :, None] * thinning[..., None, :]))
 
     @property
     def pairs(self) -> Floats:
@@ -167,16 +147,16 @@ def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     scales = _scales(copies)
     begin, slope = np.stack([_lines(each, averaged) for each in range(octaves)], axis=-1)[:, :, first, apart]
     sums = (begin + slope * (span >> copies)) * scales
+    # pairs too long for the line: at once those of one j with all far i, or the copies of one pair
     bent = np.flatnonzero((span < 16 * m[j]) | (span % stride[j] != 0))
-    far = apart[bent] > REACH
-    at_once = np.where(far, -j[bent], 8 * apart[bent] + first[bent])
-    for key in np.unique(at_once).tolist():
-        at = bent[at_once == key]
+    kin = np.where(apart[bent] > REACH, -j[bent], 8 * apart[bent] + first[bent])
+    for key in sorted(set(kin.tolist())):
+        at = bent[kin == key]
         if key < 0:
             sums[:, at] = _sums(i[at], -key, span, averaged).T
         else:
-            base, last = int(first[at[0]]), int(first[at[0]] + apart[at[0]])
-            sums[:, at] = _sums(base, last, span >> copies[at], averaged).T * scales[:, at]
+            base = key % 8
+            sums[:, at] = _sums(base, base + key // 8, span >> copies[at], averaged).T * scales[:, at]
     sums[: len(PAIRS)] *= _HALF[:, None]
     sums /= full[i] * full[j].astype(np.float64)
     return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
@@ -204,20 +184,20 @@ def _sums(i: int | Ints, j: int, span: int | Ints, averaged: bool) -> Floats:
 
     Parameters
     ----------
-    i : octave, or any that are more than `REACH` shorter than j. So short a difference takes the derivative
+    i : octave, or several that are all more than `REACH` below j. So short a difference takes the derivative
         of a rate that the long one smooths, and r goes with m_i. White noise and quantisation have none to
         speak of.
-    span : samples, lengths of the record.
+    span : samples, length of the record, or several for one i.
     """
-    shortest = int(np.max(i))
-    near = max(shortest, j - REACH)
+    highest = int(np.max(i))
+    near = max(highest, j - REACH)
     base = min(near, _SHARED)
     core, tail = _differences(base, j - near, averaged)
-    lag = _stride(near)
-    if near > shortest:
-        core, tail, lag = core[:, ::_COARSE] * _SMOOTH, tail[::_COARSE], lag * _COARSE
+    step = _stride(near)
+    if near > highest:
+        core, tail, step = core[:, ::_COARSE] * _SMOOTH, tail[::_COARSE], step * _COARSE
     cut = core.shape[1]
-    count = _counts(i, j, span, lag * np.arange(cut + tail.size))
+    count = _counts(i, j, span, step * np.arange(cut + tail.size))
     weighted, beyond = count[..., None, :cut] * core, count[..., cut:] * tail
     products, alone = weighted @ core.T, weighted.sum(axis=-1)
     products[..., 1, 1] += beyond @ tail
@@ -225,9 +205,9 @@ def _sums(i: int | Ints, j: int, span: int | Ints, averaged: bool) -> Floats:
     sums = np.concatenate([products[..., _LEFT, _RIGHT], alone], axis=-1)
     if near > base:
         sums *= _scales(near - base)
-    if near > shortest:
+    if near > highest:
         m = (1 << np.asarray(i))[..., None]
-        sums *= lag / np.maximum(1, m // 8) * (m / (1 << near)) ** _DEGREE
+        sums *= step / np.maximum(1, m // 8) * (m / (1 << near)) ** _DEGREE  # lags that each stands for
     return np.asarray(sums)
 
 
@@ -238,11 +218,12 @@ def _scales(octaves: int | Ints) -> Floats:
 
 
 def _counts(i: int | Ints, j: int, span: int | Ints, steps: Ints) -> Floats:
-    """How many pairs of differences at octaves i <= j have their middles so far apart; half of those of none.
+    """How many pairs of differences at octaves i <= j have their middles so far apart, on either side.
 
-    The shorter begins m_j - m_i after the longer when their middles meet. Put earlier by a step, it is in the
-    record for every longer one but the first: the nth has n strides more room. Put later, it is the same seen
-    from the end, with what the longer ones leave over there as room besides.
+    When the middles meet, the shorter difference begins m_j - m_i after the longer: by so much, and n strides
+    with the nth of the longer ones, it can be put earlier and still be in the record. Later is the same seen
+    from the end, where it has as room besides what the longer ones leave over. Distance 0 is on both sides
+    but once.
 
     Parameters
     ----------
@@ -268,7 +249,7 @@ def _counts(i: int | Ints, j: int, span: int | Ints, steps: Ints) -> Floats:
     return np.asarray(count)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=16)  # of long records: i = 5 and what is near to it, of each kind
 def _differences(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
     """Covariance r of differences at octaves i and i + apart by the distance of their middles.
 
@@ -285,6 +266,7 @@ def _differences(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
     size = TAIL * long + 1
     phase = _phase(size + long + short, averaged, stride)
     phase = np.concatenate([phase[:, long + short : 0 : -1], phase], axis=1)
+    # white noise, random walk and quantisation end where the differences part; both parts can be thinned
     cut = min(-(-(long + short + 1) // _COARSE) * _COARSE, size)
     core, tail = np.zeros((4, cut)), np.zeros(size - cut)
     for p, weight_p in enumerate((1.0, -2.0, 1.0)):
