@@ -215,6 +215,8 @@ def _regained(problems: Problems, choices: Sequence[Choice]) -> list[Choice]:
 def _cheaper(problem: Problems, choice: Choice) -> Choice:
     """The choice with an octave more or a term less, where that is cheaper and plainly fine."""
     everything = problem.used[0]
+    if np.array_equal(choice.used, everything) and np.array_equal(choice.free, _BASE):
+        return choice
     masks = [choice.used, everything]
     out = np.flatnonzero(everything & ~choice.used)
     for octave in out[[0, -1]] if out.size else ():

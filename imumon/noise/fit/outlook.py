@@ -40,6 +40,18 @@ def seconds_to(problems: Problems, p: Floats, wide: Floats, span: int, tau0: flo
     -------
     (b, 3) s; nan where it is not measured, or will not come within a year.
     """
+    found = np.full((len(p), 3), np.nan)
+    measured = np.isfinite(wide) & (p[:, :3] > 0.0)
+    found[measured & (wide <= asked)] = 0.0
+    rows = np.flatnonzero((measured & (wide > asked)).any(axis=1))
+    if rows.size:
+        still = _still(problems.take(rows), p[rows], wide[rows], span, asked) * tau0
+        found[rows] = np.where(wide[rows] > asked, still, found[rows])
+    return np.where(np.nan_to_num(found, nan=np.inf) < _YEAR, found, np.nan)
+
+
+def _still(problems: Problems, p: Floats, wide: Floats, span: int, asked: Floats) -> Floats:
+    """(b, 3) samples still to record, as `seconds_to`; nan where it is not measured or never comes."""
     lengths, spread = _spreads(problems, p, span)
     plain = problems.excess == 0.0
     since = np.sqrt(lengths / lengths[0])
@@ -50,17 +62,14 @@ def seconds_to(problems: Problems, p: Floats, wide: Floats, span: int, tau0: flo
     width = spread * np.clip(quantile, 0.5, 3.0)[:, None, :]
     found = np.full((len(p), 3), np.nan)
     for channel, term in np.argwhere(np.isfinite(wide) & (p[:, :3] > 0.0)):
-        if wide[channel, term] <= asked[term]:
-            found[channel, term] = 0.0
-            continue
         reached = np.flatnonzero(width[channel, 1:, term] <= asked[term]) + 1
         if reached.size:
             at = int(reached[0])
             length = _crossing(
                 lengths[at - 1 : at + 1], width[channel, at - 1 : at + 1, term], float(asked[term])
             )
-            found[channel, term] = max(length - span, 0.0) * tau0
-    return np.where(np.nan_to_num(found, nan=np.inf) < _YEAR, found, np.nan)
+            found[channel, term] = max(length - span, 0.0)
+    return found
 
 
 def _spreads(problems: Problems, p: Floats, span: int) -> tuple[Floats, Floats]:
