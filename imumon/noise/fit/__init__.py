@@ -220,9 +220,12 @@ class Estimator:
         model = every.model(whole)
         variance = np.einsum("bii->bi", every.covariance(whole, model))
         model = np.where(used, frame.model(p), model)
+        edf = 2.0 / variance
+        low, high = np.sqrt(edf / chi2_quantile(0.975, edf)), 1.0 / np.sqrt(few_differences_quantile(edf))
         for row, channel in enumerate(rows):
+            limits = low[row], high[row]
             fits[channel] = _channel(
-                curve, channel, p[row], known[row], used[row], model[row], 2.0 / variance[row]
+                curve, channel, p[row], known[row], used[row], model[row], edf[row], limits
             )
         return tuple(fits)
 
@@ -359,16 +362,22 @@ def _reason(status: Status, octaves: int, need: int) -> str | None:
 
 
 def _channel(
-    curve: AllanCurve, channel: int, p: Floats, known: _Known, used: Bools, model: Floats, edf: Floats
+    curve: AllanCurve,
+    channel: int,
+    p: Floats,
+    known: _Known,
+    used: Bools,
+    model: Floats,
+    edf: Floats,
+    limits: tuple[Floats, Floats],
 ) -> ChannelFit:
-    """Everything about one channel in SI."""
+    """Everything about one channel in SI; `limits` are those of the Allan deviation over the one found."""
     total, k = len(curve.m), model.size
     tau0 = curve.tau0
     unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0, tau0**2, 1.0 / tau0**2]))
     there = curve.terms[:k, channel] > 0
     sigma = curve.sigma[:k, channel]
-    low = np.where(there, sigma * np.sqrt(edf / chi2_quantile(0.975, edf)), 0.0)
-    high = np.where(there, sigma / np.sqrt(few_differences_quantile(edf)), 0.0)
+    low, high = (np.where(there, sigma * limit, 0.0) for limit in limits)
     choice = known.choice
     clear = there & (sigma > 0.0)
     caveats = _caveats(replace(choice, p=p), used, there, sigma**2, model, edf)

@@ -28,10 +28,8 @@ from imumon.noise.fit.quantiles import cube_root_score
 from imumon.samples import Bools, Floats, Ints
 
 T = len(TERMS)
-SIGNED, RAMP = (
-    TERMS.index("Q"),
-    TERMS.index("R"),
-)  # the former may be negative: the tail of short correlations, see `choice`
+SIGNED = TERMS.index("Q")  # may be negative: the tail of short correlations, see `choice`
+RAMP = TERMS.index("R")
 _JITTER = 1e-12  # relative variance added to every octave: rounding
 _ROUNDS = 25
 _STILL = 1e-5  # relative change of the model at which it stands
