@@ -35,7 +35,7 @@ TERMS = ("N", "B", "K", "Q", "R")
 
 PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 """Pairs of noise types of which a table is kept."""
-_LEFT, _RIGHT = ([pair[side] for pair in PAIRS] for side in (0, 1))
+LEFT, RIGHT = (np.array([pair[side] for pair in PAIRS]) for side in (0, 1))
 _HALF = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
 _GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # of r with the cluster length: powers of it, by noise type
 _SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])  # noise types whose rate has a derivative to speak of
@@ -70,16 +70,16 @@ class Tables:
     @property
     def pairs(self) -> Floats:
         """(10, k, k) 1, Cov(s_i, s_j) = sum over `PAIRS` of p_a p_b pairs[ab, i, j]."""
-        return self.sums[: len(PAIRS), _square(self.full.size)]
+        return self.sums[: len(PAIRS), square(self.full.size)]
 
     @property
     def means(self) -> Floats:
         """(4, k, k) 1, Cov of the mean differences at octaves i and j, by noise type."""
-        return self.sums[len(PAIRS) :, _square(self.full.size)]
+        return self.sums[len(PAIRS) :, square(self.full.size)]
 
 
 @lru_cache(maxsize=8)
-def _square(octaves: int) -> Ints:
+def square(octaves: int) -> Ints:
     """(k, k) where each element of a symmetric matrix is in its lower triangle by rows."""
     rows = np.arange(octaves)
     low, high = np.minimum.outer(rows, rows), np.maximum.outer(rows, rows)
@@ -136,7 +136,7 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     return _tables(span >> step << step, octaves, averaged)
 
 
-@lru_cache(maxsize=14)  # one of each kind for the record, six of each for the outlook
+@lru_cache(maxsize=16)  # of each kind one for the record, six for the outlook, and one to spare
 def _tables(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
     stride = np.maximum(1, m // 8)
@@ -202,7 +202,7 @@ def _sums(i: int | Ints, j: int, span: int | Ints, averaged: bool) -> Floats:
     products, alone = weighted @ core.T, weighted.sum(axis=-1)
     products[..., 1, 1] += beyond @ tail
     alone[..., 1] += beyond.sum(axis=-1)
-    sums = np.concatenate([products[..., _LEFT, _RIGHT], alone], axis=-1)
+    sums = np.concatenate([products[..., LEFT, RIGHT], alone], axis=-1)
     if near > base:
         sums *= _scales(near - base)
     if near > highest:
@@ -214,7 +214,7 @@ def _sums(i: int | Ints, j: int, span: int | Ints, averaged: bool) -> Floats:
 def _scales(octaves: int | Ints) -> Floats:
     """(14, ...) growth of `_sums` with clusters so many octaves longer, in a record so many times as long."""
     growth = 2.0 ** np.multiply.outer(_GROWTH, octaves)
-    return np.concatenate([growth[_LEFT] * growth[_RIGHT], growth])
+    return np.concatenate([growth[LEFT] * growth[RIGHT], growth])
 
 
 def _counts(i: int | Ints, j: int, span: int | Ints, steps: Ints) -> Floats:

@@ -22,8 +22,7 @@ from itertools import product
 
 import numpy as np
 
-from imumon.noise.fit.covariance import PAIRS, TERMS, Tables
-from imumon.noise.fit.covariance import _square as square
+from imumon.noise.fit.covariance import LEFT, PAIRS, RIGHT, TERMS, Tables, square
 from imumon.noise.fit.quantiles import cube_root_score
 from imumon.samples import Bools, Floats, Ints
 
@@ -34,7 +33,6 @@ _JITTER = 1e-12  # relative variance added to every octave: rounding
 _ROUNDS = 25
 _STILL = 1e-5  # relative change of the model at which it stands
 _BLOCK = 64  # problems weighed at once: bounds the memory
-_LEFT, _RIGHT = (np.array([pair[side] for pair in PAIRS]) for side in (0, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +143,7 @@ class Frame:
         """(b, k, k) 1, covariance of the Allan variances at powers p, (b, 5), relative to a model, (b, k)."""
         b, k = model.shape
         noise = np.maximum(p, 0.0)  # what is negative is no noise and has no covariance
-        products = self.own[:, :, None] * (noise[:, _LEFT] * noise[:, _RIGHT])[:, None, :]
+        products = self.own[:, :, None] * (noise[:, LEFT] * noise[:, RIGHT])[:, None, :]
         found = products.reshape(b, -1) @ self.pairs
         relative = found[:, square(k)]
         if noise[:, RAMP].any():
