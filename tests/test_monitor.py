@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -53,6 +55,20 @@ def test_a_young_record_has_n_at_once_and_no_fit_is_older_than_five_seconds_and_
     assert oldest >= 5.0  # nor is it worked out with every report
     stopped = monitor.report(NOW, Device(id="x"), "stopped", Session())
     assert stopped.channels["gyro/x"].N is not known  # the last one is of everything
+
+
+def test_a_record_eight_times_as_long_holds_hardly_more() -> None:
+    monitor, n, held = Monitor(), 100 * 60 * 5, []
+    tracemalloc.start()
+    try:
+        for fives in range(8):
+            monitor.feed(block(n, fives * n, seed=fives))
+            report(monitor)
+            gc.collect()
+            held.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert held[-1] - held[0] < 500_000
 
 
 def test_before_the_first_sample_there_is_a_report_too() -> None:
