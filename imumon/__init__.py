@@ -22,7 +22,7 @@ A bus carries it. A screen draws it. Three things cross boundaries: bytes, Sampl
   report.py      what is published; standard library only
   samples.py     what crosses from sensors to the monitor
   units.py       SI to the units people read
-  heap.py        the C library's memory, given back
+  heap.py        memory that was freed, given back
 """
 
 __version__ = "0.1.0"
