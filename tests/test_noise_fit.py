@@ -12,6 +12,7 @@ import pytest
 
 import imumon.noise
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
+from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import covariance
 from imumon.noise.fit.covariance import PAIRS, tables
 from imumon.noise.fit.quantiles import chi2_quantile, chi2_tail
@@ -55,6 +56,41 @@ def test_the_facades_examples_hold_and_it_names_every_room():
 
 
 # The covariance ---------------------------------
+
+
+@pytest.mark.parametrize("octaves", [20, 26, 30])
+def test_a_channel_of_a_long_record_is_fitted_alone_as_beside_one_with_a_ramp(octaves):
+    m = 1 << np.arange(octaves)
+    stride, span = np.maximum(1, m // 8), 3 << (octaves - 1)
+    terms = (span - 2 * m) // stride + 1
+    edf = np.maximum(1, span // m // 2)
+    generator = np.random.default_rng(7)
+    design = covariance.design(octaves, averaged=False)
+    white, ramp = (
+        design @ np.array([1e-6, B, 0.0, Q, 100.0 * R])
+        for B, Q, R in ((0.0, 0.0, 0.0), (1e-9, 3e-6, 1e-6 * 4.0**-octaves))
+    )
+    both = np.stack([white, ramp], axis=1)
+    both *= 1.0 + 0.5 * (generator.chisquare(edf, (2, octaves)).T / edf[:, None] - 1.0)
+
+    def n_of(channels):
+        count = channels.shape[1]
+        curve = AllanCurve(
+            0.00125,
+            m,
+            channels,
+            np.repeat(terms[:, None], count, 1),
+            stride,
+            span,
+            np.full(count, span),
+            1,
+            8,
+        )
+        return Estimator(averaged=False).fit(curve)[0].N
+
+    alone, beside = n_of(both[:, :1]), n_of(both)
+    assert beside.value == pytest.approx(alone.value, rel=1e-9)
+    assert alone.low < math.sqrt(1e-6 * 0.00125) < alone.high
 
 
 def differences(n, m):

@@ -331,7 +331,7 @@ class _Subsets:
         (b, f)
         """
         diagonal = np.abs(np.einsum("bii->bi", normal))
-        scale = np.sqrt(np.maximum(diagonal, 1e-24 * diagonal.max(axis=1, keepdims=True) + 1e-280))
+        scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         matrix = (normal / (scale[:, :, None] * scale[:, None, :]))[:, None] * self.both + self.ridge
         target = (right / scale)[:, None] * self.inside
         found = np.linalg.solve(matrix, target[..., None])[..., 0]
