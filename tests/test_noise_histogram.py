@@ -78,6 +78,18 @@ def test_moments_from_the_bins() -> None:
     assert result.excess_kurtosis == pytest.approx(6 / 9, abs=0.06)
 
 
+@pytest.mark.parametrize("unit", [2.0**-60, 2.0**150])
+def test_the_unit_is_of_no_effect(unit: float) -> None:
+    values = rng().gamma(9.0, size=20_000)
+    one, other = shape(values), shape(values * unit)
+    assert (other.skewness, other.excess_kurtosis, other.verdict, other.counts) == (
+        pytest.approx(one.skewness, rel=1e-9),
+        pytest.approx(one.excess_kurtosis, rel=1e-9),
+        one.verdict,
+        one.counts,
+    )
+
+
 def test_little_or_nothing() -> None:
     histogram = Histogram((0, 1))
     assert histogram.result() == [None, None]
@@ -86,6 +98,9 @@ def test_little_or_nothing() -> None:
     assert first is not None
     assert first.is_gaussian is None
     assert second is None
+    for tiny in (1e-160, 1e-300, 5e-324):
+        assert shape(np.array([0.0, tiny] * 500)).gaussian is not None
+        shape(np.array([0.0, tiny]))
     constant = shape(np.full(1000, 25.0))
     assert constant.verdict == "constant"
     assert constant.counts == (1000,)

@@ -261,8 +261,8 @@ class _Fingerprints:
 
     def _settle(self) -> None:
         """Sort the recent ones in among the others, in the place of the oldest."""
-        keys = np.array(list(self._recent.keys())[-REMEMBERED:], dtype=np.uint64)
-        rows = np.array(list(self._recent.values())[-REMEMBERED:], dtype=np.int64)
+        keys = np.array(list(self._recent), dtype=np.uint64)
+        rows = np.array(list(self._recent.values()), dtype=np.int64)
         self._recent.clear()
         at, former = self._found(keys)
         self._rows[at[former > 0]] = -1  # they have come again: the first to go

@@ -32,6 +32,7 @@ DISTANCE = 0.025
 SKEWNESS = 0.25
 KURTOSIS = 0.5
 """|skewness| and |excess kurtosis| up to which it does."""
+SMALLEST = 1e-150  # step that is still one; its reciprocal and its square are numbers
 COARSE = 1.5
 """A channel whose deviation is below so many quantisation steps is told to be quantised."""
 
@@ -279,7 +280,7 @@ def quantum(x: Floats) -> float:
         return 0.0
     gaps = np.diff(levels)
     step = float(gaps[gaps > 1e-9 * np.abs(levels).max()].min(initial=np.inf))
-    if not math.isfinite(step):
+    if not SMALLEST < step < math.inf:
         return 0.0
     for divisor in (1, 2, 3):  # the least gap seen may itself be some steps
         fine = step / divisor
@@ -307,9 +308,8 @@ def _judged(start: float, width: float, counts: Ints, step: float | None) -> Sha
     n = int(counts.sum())
     share = counts / n
     centres = np.asarray(start + width * (np.arange(len(counts)) + 0.5), dtype=np.float64)
-    middle = float(centres[len(counts) // 2])
-    d = centres - middle
-    mean = float(share @ d)
+    d = np.arange(len(counts)) - float(len(counts) // 2)  # in bins, whose powers are numbers
+    middle, mean = float(centres[len(counts) // 2]), float(share @ d)
     d = d - mean
     m2 = float(share @ d**2)
     if n < 2 or m2 <= 0.0:
@@ -321,24 +321,23 @@ def _judged(start: float, width: float, counts: Ints, step: float | None) -> Sha
             (float(n),) * len(counts),
             None,
             reason,
-            (mean + middle,),
+            (mean * width + middle,),
             None,
             None,
             None,
             step,
         )
-    # Grouping into bins adds width^2/12 to the variance (Sheppard), unless the bins are the levels
-    # themselves.
-    grouped = width if step is None or width > 1.5 * step else 0.0
-    variance = max(m2 - grouped**2 / 12.0, 0.25 * m2)
+    # Grouping into bins adds 1/12 to the variance (Sheppard), unless the bins are the levels themselves.
+    grouped = float(step is None or width > 1.5 * step)
+    variance = max(m2 - grouped / 12.0, 0.25 * m2)
     skewness = float(share @ d**3) / variance**1.5
-    kurtosis = (float(share @ d**4) - grouped**2 * m2 / 2.0 + 7.0 * grouped**4 / 240.0) / variance**2 - 3.0
-    edges = (start - middle - mean + width * np.arange(len(counts) + 1)) / math.sqrt(2.0 * variance)
+    kurtosis = (float(share @ d**4) - grouped * (m2 / 2.0 - 7.0 / 240.0)) / variance**2 - 3.0
+    edges = (np.append(d, d[-1] + 1.0) - 0.5) / math.sqrt(2.0 * variance)
     phi = np.array([0.5 * math.erfc(-e) for e in edges.tolist()])
     distance = float(np.abs(np.cumsum(share) - phi[1:]).max())
-    modes = _modes(counts, centres, math.sqrt(variance) / width)
+    modes = _modes(counts, centres, math.sqrt(variance))
     faults = _faults(n, distance, skewness, kurtosis, len(modes))
-    coarse = step is not None and math.sqrt(variance) < COARSE * step
+    coarse = step is not None and math.sqrt(variance) * width < COARSE * step
     if coarse and step is not None:
         faults = [f"quantised: {int(np.count_nonzero(counts))} levels"]
     if n < LEARN:
