@@ -164,8 +164,10 @@ class Record:
         noisy = self.groups[: self.noisy]
         inertial = [i for i, name in enumerate(self.channels) if sensor_of(name) in ("gyro", "accel")]
 
+        averaged = self._averaged  # not this record, which a circle would keep
+
         def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
-            return fit_curve(curve, averaged=self._averaged, outlook=False)
+            return fit_curve(curve, averaged=averaged, outlook=False)
 
         history = History(
             self.groups,
