@@ -3,15 +3,20 @@
     python benchmarks/lapse.py SPEED ... run --port PATH --state DIR --listen ENDPOINT --config FILE
 
 `imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same task;
-the words before ``run`` are passed over, so that it can stand before any command that starts a daemon.
+the words before ``run`` are passed over, so that it can stand before any command that starts a daemon. What
+the command does before it makes the daemon, for memory's sake, is done here too.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from imumon import heap
 from imumon.config import load
 from imumon.daemon import Daemon, Task
 
@@ -22,6 +27,7 @@ def main() -> None:
         parser.add_argument(name, required=True)
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
     settings = load(words.config, {"zenoh.listen": [words.listen]})
+    heap.share()
     Daemon(settings, Task(path=words.port, state_directory=Path(words.state), speed=speed)).run()
 
 

@@ -86,7 +86,7 @@ def state_bytes(directory: Path) -> int:
 def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, object]:
     """A real emulator, a real daemon, a real subscriber."""
     live = words.mode == "live"
-    settings = EmulatorSettings(seed=1, baud=921600 if live else None, warm_up=0.0, speed=words.speed)
+    settings = EmulatorSettings(seed=1, baud=921600 if live else words.baud, warm_up=0.0, speed=words.speed)
     until_s = words.minutes * 60.0 if live else words.days * 86400.0
     extra = ["--record", "/dev/null"] if live else []
     lapse = () if live else (sys.executable, str(Path(__file__).with_name("lapse.py")), f"{words.speed:g}")
@@ -214,6 +214,7 @@ def main() -> int:
     parser.add_argument("--days", type=float, default=7.0)
     parser.add_argument("--speed", type=float, default=5000.0, help="of the sensor in time-lapse")
     parser.add_argument("--rate", type=float, default=100.0, help="Hz, with --direct")
+    parser.add_argument("--baud", type=int, help="of a sensor in time-lapse: a slower one sends fewer samples")
     parser.add_argument("--direct", action="store_true")
     parser.add_argument("--verbose", action="store_true")
     words = parser.parse_args()
