@@ -164,11 +164,14 @@ def measure(minutes: float) -> Iterator[Figure]:
 
 
 def straight(words: argparse.Namespace) -> dict[str, object]:
-    """Blocks of an exact clock straight into the monitor, with a report every hour of the record."""
+    """Blocks of an exact clock straight into the monitor, with a report every hour of the record, after which
+    memory is given back as the daemon does."""
+    from imumon import heap
     from imumon.monitor import Monitor
     from imumon.report import Device, Session
     from imumon.samples import SampleBlock, Stream
 
+    heap.share()
     rate, n = words.rate, 8192
     names = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
     stream = Stream(
@@ -193,6 +196,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
             monitor.events()
             _, arrays = monitor.save()
             sizes.append(sum(array.nbytes for array in arrays.values()))
+            heap.give_back()
             taken.append(resident_kb(os.getpid()))
     monitor.flush()
     latest = monitor.report(datetime.now(UTC), Device(id="soak"), "stopped", Session())
@@ -214,7 +218,7 @@ def main() -> int:
     parser.add_argument("--days", type=float, default=7.0)
     parser.add_argument("--speed", type=float, default=5000.0, help="of the sensor in time-lapse")
     parser.add_argument("--rate", type=float, default=100.0, help="Hz, with --direct")
-    parser.add_argument("--baud", type=int, help="of a sensor in time-lapse: a slower one sends fewer samples")
+    parser.add_argument("--baud", type=int, help="of a sensor in time-lapse; fewer samples at a lower one")
     parser.add_argument("--direct", action="store_true")
     parser.add_argument("--verbose", action="store_true")
     words = parser.parse_args()
