@@ -17,8 +17,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from imumon import heap
-from imumon.config import load
-from imumon.daemon import Daemon, Task
+from imumon.config import load_apart
 
 
 def main() -> None:
@@ -26,8 +25,11 @@ def main() -> None:
     for name in ("--port", "--state", "--listen", "--config"):
         parser.add_argument(name, required=True)
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
-    settings = load(words.config, {"zenoh.listen": [words.listen]})
     heap.share()
+    answer = load_apart(words.config, {"zenoh.listen": [words.listen]})
+    from imumon.daemon import Daemon, Task
+
+    settings = answer()
     Daemon(settings, Task(path=words.port, state_directory=Path(words.state), speed=speed)).run()
 
 

@@ -102,6 +102,7 @@ class Timeline:
         self._suspect: SampleBlock | None = None
         self._unknown_gap = False
         self._expected_s: float | None = None
+        self._room_s: float | None = None  # that has passed, and that the sensor's clock has not filled yet
         self._raw: int | None = None  # last value of a counter, before its wraps are undone
         self._wraps = 0
         self._seen: int | None = None  # time of the last sample, kept or not
@@ -130,8 +131,10 @@ class Timeline:
         block : samples in order.
         final : no more will come: settle what is held back.
         room_s : s of the sensor's time that passed since the last call by another clock, None where nobody
-            knows. A leap of the sensor's clock that is far longer is no hole, but a gap of unknown length.
+            knows. A leap of the sensor's clock far beyond what has passed and is not filled with samples
+            (those from before a standstill may come first) is no hole, but a gap of unknown length.
         """
+        self._room_s = None if room_s is None else (self._room_s or 0.0) + room_s
         block = self._unwrapped(block)
         if not self._known:
             self._held.append(block)
@@ -156,7 +159,7 @@ class Timeline:
             block, final = _cut(block, 0, cut), True
         if not len(block):
             return []
-        placed = self._absolute(block, final, room_s) if absolute else self._relative(block)
+        placed = self._absolute(block, final) if absolute else self._relative(block)
         if absolute and block.time_ns is not None:
             waiting = 0 if self._suspect is None else 1
             if len(block) > waiting:
@@ -274,7 +277,7 @@ class Timeline:
             self.interval_s = self._told
             self._known = True
 
-    def _absolute(self, block: SampleBlock, final: bool, room_s: float | None) -> Placed:
+    def _absolute(self, block: SampleBlock, final: bool) -> Placed:
         assert block.time_ns is not None
         assert self.interval_s is not None
         time = block.time_ns
@@ -289,6 +292,7 @@ class Timeline:
             if anew:
                 steps[0] = BREAK
             self._last = int(time[-1])
+            self._fill(steps)
             return Placed(block.values, steps, block.saturated)
         keep = np.ones(len(block), dtype=bool)
         self._settle(time, steps, keep, odd, far, final)
@@ -296,16 +300,24 @@ class Timeline:
             # the last sample stands out and nothing confirms it yet: wait for the next
             self._suspect = _cut(block, len(block) - 1)
             keep[-1] = False
-        most = LONGEST_S if room_s is None else room_s + GAP_SLACK_S + 0.02 * room_s
+        most = LONGEST_S if self._room_s is None else 1.02 * self._room_s + GAP_SLACK_S
         steps[steps > max(far, int(most / self.interval_s))] = BREAK
         if anew:
             steps[0] = BREAK
         if keep.any():
             self._last = int(time[np.flatnonzero(keep)[-1]])
+        self._fill(steps[keep])
         if keep.all():
             return Placed(block.values, steps, block.saturated)
         saturated = None if block.saturated is None else block.saturated[keep]
         return Placed(block.values[keep], steps[keep], saturated)
+
+    def _fill(self, steps: Ints) -> None:
+        """The room's time that samples and holes between them account for is no longer open."""
+        if self._room_s is not None:
+            known = int(steps.min(initial=0)) != BREAK
+            filled = int(steps.sum()) * (self.interval_s or 0.0)
+            self._room_s = max(0.0, self._room_s - filled) if known else 0.0
 
     def _is_anew(self, time: int) -> bool:
         """Whether the first sample behind a lost link is not where another clock expects it."""

@@ -234,6 +234,20 @@ def test_leap_that_the_room_does_not_confirm_is_no_hole() -> None:
     assert [int(s) for p in out for s in p.steps] == [1] * 100 + [BREAK] + [1] * 99
 
 
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_hole_of_a_standstill_is_known_though_older_samples_come_first(pieces: int) -> None:
+    line = Timeline("startup", 0.025)
+    out = line.place(block(np.arange(100) * TICK), room_s=2.5)
+    for k in range(pieces):
+        old = np.arange(100) + 100 * (k + 1)
+        out += line.place(block(old * TICK), room_s=0.0 if k else 3600.0)
+    out += line.place(block((np.arange(100) + 144_000) * TICK), room_s=0.2)
+    hole = 144_000 - 100 * (pieces + 1) + 1
+    assert [int(s) for p in out for s in p.steps] == [1] * 100 * (pieces + 1) + [hole] + [1] * 99
+    out = line.place(block((np.arange(100) + 288_000) * TICK), room_s=2.5)
+    assert out[0].steps[0] == BREAK, "what was filled is not open again"
+
+
 def test_count_of_32_bits_goes_on_over_its_wrap() -> None:
     counts = (np.arange(200, dtype=np.int64) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32)
     for cuts in ([], [88, 91, 120]):

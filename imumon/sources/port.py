@@ -40,6 +40,7 @@ BATCH_S = 0.05  # afterwards it lets bytes gather so long,
 BATCH = 2048  # or until there are so many, half of what a tty holds
 GATHER_S = 0.2  # and `read` lets batches gather this long: each round of a reader costs as much as its bytes
 ENOUGH = 1 << 14  # unless so many bytes are waiting
+PIECE = 1 << 15  # the most that `read` hands over: after a stall there may be megabytes
 
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
@@ -179,7 +180,7 @@ class SerialPort:
         return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
 
     def read(self, timeout: float) -> bytes:
-        """All that is queued; waits up to `timeout` seconds for the first byte.
+        """What is queued, in pieces of some 32 kB; waits up to `timeout` seconds for the first byte.
 
         While nothing is asked of the far end, bytes gather for up to a fifth of a second.
 
@@ -195,11 +196,13 @@ class SerialPort:
                 self._changed.wait(max(0.0, begun + timeout - time.monotonic()))
             if not self._queue and self._gone is not None:
                 raise PortGone(self._gone)
-            data = b"".join(self._queue)
-            self._queue.clear()
-            self._queued = 0
+            piece, size = [], 0
+            while self._queue and size < PIECE:
+                piece.append(self._queue.popleft())
+                size += len(piece[-1])
+            self._queued -= size
             self._changed.notify_all()
-            return data
+            return b"".join(piece)
 
     def write(self, data: bytes) -> None:
         """Send `data`.

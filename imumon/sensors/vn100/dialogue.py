@@ -52,7 +52,7 @@ class Port(Protocol):
         """Whether setting a baud has no effect."""
 
     def read(self, timeout: float) -> bytes:
-        """All that is there; waits up to `timeout` seconds for the first byte."""
+        """What is there; waits up to `timeout` seconds for the first byte."""
 
     def write(self, data: bytes) -> None: ...
 
