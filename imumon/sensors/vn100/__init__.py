@@ -1,6 +1,7 @@
 """VN-100: its line protocol, without the line.
 
-session   know it, have it stream what noise needs, leave it as it was
+session   know it, take its stream, look after it
+changes   have it stream what noise needs, leave it as it was
 dialogue  find its baud, ask it, write its registers
 facts     what a report says of it
 settings  what to ask it for, what that does to the noise, what to put back

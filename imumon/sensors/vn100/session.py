@@ -2,9 +2,8 @@
 
 The port and the clock are handed in; this file opens nothing and waits for nothing but `Port.read`. Rules:
 
-- Nothing is ever written to flash, and the sensor is never reset. With `Wanted.listen_only` nothing
+- What is changed of the sensor, `changes` alone changes and puts back; with `Wanted.listen_only` nothing
   is written at all.
-- The ASCII output goes off before the binary one is set: the sensor refuses what does not fit its baud.
 - `tick` repairs what can be repaired in place: a paused sensor, a restarted one, another baud, a bad
   read. A port that vanishes is its owner's affair: the exception of `Port` goes through.
 
@@ -18,36 +17,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from imumon.samples import Kind, SampleBlock, Stream
-from imumon.sensors.contract import Item, Response, SensorError
+from imumon.sensors.contract import Item, SensorError
 from imumon.sensors.vn100.arrival import Arrival
+from imumon.sensors.vn100.changes import Changes
 from imumon.sensors.vn100.decoder import Decoder
 from imumon.sensors.vn100.dialogue import BAUDS, Dialogue, NotAVn100, Port, SensorChanged, SessionError
 from imumon.sensors.vn100.facts import Facts, describe, nominal_rate
-from imumon.sensors.vn100.registers import (
-    BAUD,
-    BAUD_TOO_LOW,
-    BINARY_OUTPUTS,
-    CHANGE_THE_DATA,
-    DELTA_CONTROL,
-    IMU_FILTER,
-    LOOP_RATE,
-    OUTPUT_TYPE,
-)
-from imumon.sensors.vn100.settings import (
-    OFF,
-    UNCOMPENSATED_DELTAS,
-    divisors,
-    off_port,
-    originals,
-    output,
-    parse_output,
-    same,
-    windowed,
-)
+from imumon.sensors.vn100.registers import BAUD, CHANGE_THE_DATA, LOOP_RATE, OUTPUT_TYPE
 
 __all__ = ["Facts", "NotAVn100", "Notice", "Port", "SensorChanged", "Session", "SessionError", "Wanted"]
 
-FIRST_PACKET_S = 0.5
 QUIET_S = 1.0
 PATIENT_S = 3.0  # with a stream whose rate is not known
 RETRY_S = 5.0
@@ -55,7 +34,6 @@ BACK_NS = 1_000_000_000  # a clock that goes back so far began anew
 RUBBISH = 64  # bytes; fewer may be the rest of a message
 ERROR_S = 60.0  # between two notices of one error of the sensor, which may come a hundred times a second
 
-_NEW_BAUD = "new baud"  # in the note that `remember` makes: what the baud is to be changed to
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
@@ -120,12 +98,11 @@ class Session:
         self.decoder = Decoder() if decoder is None else decoder
         self._port, self._wanted, self._clock, self._progress = port, wanted, clock, progress
         self._dialogue = Dialogue(port, clock, wanted.listen_only, progress)
+        self._changes = Changes(self._dialogue, wanted.stream, wanted.set_baud, clock)
         self._serial = serial
         self._identity: dict[int, str] = {}
-        self._originals: dict[int, str] | None = None
         self._divisor: int | None = None  # of our own stream, None when the sensor sends another
         self._streams: dict[Kind, Stream] = {}
-        self._remarks: list[str] = []
         self._notices: list[Notice] = []
         self._arrival = Arrival()
         self._paced = paced
@@ -159,17 +136,7 @@ class Session:
         ----------
         saved : the answer of an earlier process that ended without `restore`, None when there was none.
         """
-        if self._wanted.listen_only:
-            self._originals = {}
-            return {}
-        new_baud = None if self._wanted.set_baud is None else str(self._wanted.set_baud)
-        before, written = self._originals, new_baud
-        if before is None and saved is not None:
-            before = {int(register): text for register, text in saved.items() if register.isdigit()}
-            written = saved.get(_NEW_BAUD)
-        self._originals = originals(self._dialogue.settings, before, written)
-        note = {str(register): text for register, text in self._originals.items()}
-        return note if new_baud is None else note | {_NEW_BAUD: new_baud}
+        return {} if self._wanted.listen_only else self._changes.remember(saved)
 
     def configure(self) -> Facts:
         """Have the sensor stream what is wanted; in vain, take what it sends and say so.
@@ -178,21 +145,14 @@ class Session:
         ------
         SessionError : it does not answer any more.
         """
-        self._remarks.clear()
         self._streams.clear()
         self._divisor = None
         if not self._wanted.listen_only:
-            if self._originals is None:
-                self.remember()
             self._progress("setting up the stream")
-            if self._dialogue.ask("VNASY,0") is None:
-                raise SessionError(f"the sensor on {self._port.name} has stopped answering: check the cable")
-            if self._wanted.set_baud is not None and not self._change_baud(self._wanted.set_baud):
-                self._remarks.append(f"the sensor stays at {self._port.baud} baud, it refused the other")
-            if not self._start_binary():
-                self._take_ascii()
-            elif self._divisor != divisors(self._wanted.stream, self._port.baud)[0]:
-                self._remarks.append("the sensor refused a higher rate at this baud")
+            flow = self._changes.make()
+            if flow is not None:
+                self._streams[flow.stream.kind] = flow.stream
+                self._divisor, self._ahead = flow.divisor, flow.ahead
         self._watch_from(self._clock())
         return self.facts()
 
@@ -201,25 +161,7 @@ class Session:
 
         It may be called at any moment, also after `configure` was interrupted.
         """
-        talk, before = self._dialogue, self._originals or {}
-        changed = [r for r, text in before.items() if r in talk.touched or talk.settings.get(r) != text]
-        if not changed:
-            return True
-        done = talk.ask("VNASY,0", tries=3) is not None
-        if not done and BAUD in talk.touched:  # interrupted while the baud was being changed
-            for baud in (int(before[BAUD]), self._wanted.set_baud or self._port.baud):
-                if not done and self._port.set_baud(baud) and talk.is_here():
-                    done = talk.ask("VNASY,0") is not None
-        for register in (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE):
-            if done and register in changed:
-                done = talk.write(register, before[register])
-        if done and BAUD in changed:
-            done = self._change_baud(int(before[BAUD]))
-        if done:
-            done = talk.ask("VNASY,1") is not None
-        if done:
-            talk.touched.clear()
-        return done
+        return self._changes.undo()
 
     # ------------------------------------------------------------------ while it streams
 
@@ -275,7 +217,7 @@ class Session:
             self._dialogue.settings,
             self._best(),
             LOOP_RATE / self._divisor if self._divisor is not None else self._wanted.rate_hz,
-            tuple(self._remarks),
+            tuple(self._changes.remarks),
         )
         remark = facts.sample_rate_hz and self._arrival.remark(facts.sample_rate_hz)
         return replace(facts, remarks=(*facts.remarks, remark)) if remark else facts
@@ -330,100 +272,6 @@ class Session:
         if self._serial is not None and serial is not None and serial != self._serial:
             raise SensorChanged(f"the sensor on {self._port.name} is {serial}, not {self._serial}")
         self._serial = serial or self._serial
-
-    # ------------------------------------------------------------------ making it stream
-
-    def _change_baud(self, baud: int) -> bool:
-        """Change the baud of the sensor and of the port; the sensor is paused."""
-        talk, before = self._dialogue, self._port.baud
-        if baud == before or self._port.fixed_baud:
-            return baud == before
-        if not (self._port.set_baud(baud) and self._port.set_baud(before)):
-            raise SessionError(f"the adapter of {self._port.name} cannot do {baud} baud: choose another")
-        if not talk.write(BAUD, str(baud)) and talk.refusal is not None:
-            return False
-        self._port.read(0.05)  # it answers at the old baud, then switches; the answer may be lost
-        self._port.set_baud(baud)
-        talk.decoder = Decoder()
-        if talk.read(1) is None:
-            talk.find(dict.fromkeys((baud, before, *BAUDS)))
-            talk.ask("VNASY,0")
-        talk.settings[BAUD] = str(self._port.baud)
-        return self._port.baud == baud
-
-    def _start_binary(self) -> bool:
-        """Start our stream; False when the sensor does not send it."""
-        talk = self._dialogue
-        if not talk.write(OUTPUT_TYPE, "0"):
-            return False
-        for mode in self._ports():
-            for register in BINARY_OUTPUTS[1:]:
-                if parse_output(text := talk.settings.get(register, OFF)) is not None:
-                    talk.write(register, off_port(text, mode))
-            divisor = self._write_output(mode)
-            if divisor is not None:
-                self._write_filter(divisor)
-                if self._flows(divisor):
-                    self._divisor = divisor
-                    return True
-                talk.ask("VNASY,0")
-        return False
-
-    def _ports(self) -> list[int]:
-        """The sensor's ports, the likelier one to be ours first: sentences are off on it now."""
-        off = []
-        for port in (1, 2):
-            answer = self._dialogue.ask(f"VNRRG,{OUTPUT_TYPE:02d},{port}")
-            if isinstance(answer, Response) and answer.fields[1:2] == ("0",):
-                off.append(port)
-        return sorted((1, 2), key=lambda port: port not in off)
-
-    def _write_output(self, mode: int) -> int | None:
-        """Set the binary output at the highest rate that the sensor takes; its divisor."""
-        talk, register = self._dialogue, BINARY_OUTPUTS[0]
-        for divisor in divisors(self._wanted.stream, self._port.baud):
-            text = output(self._wanted.stream, divisor, mode)
-            if talk.write(register, text) and same(talk.read(register) or "", text):
-                return divisor
-            if talk.refusal != BAUD_TOO_LOW:
-                break
-        return None
-
-    def _write_filter(self, divisor: int) -> None:
-        """Have samples be true averages: deltas uncompensated, readings over their own interval."""
-        talk = self._dialogue
-        if self._wanted.stream == "deltas":
-            if not talk.write(DELTA_CONTROL, UNCOMPENSATED_DELTAS):
-                self._remarks.append("register 82 cannot be set: the deltas may be compensated")
-        elif (text := windowed(talk.settings.get(IMU_FILTER, ""), divisor, self._wanted.stream)) is not None:
-            talk.write(IMU_FILTER, text)
-
-    def _flows(self, divisor: int) -> bool:
-        """Let the stream go; whether its samples come. Bytes behind the first ones are kept for `read`."""
-        self._dialogue.ask("VNASY,1")
-        scratch, tail = Decoder(), b""
-        deadline = self._clock() + FIRST_PACKET_S + 2 * divisor / LOOP_RATE
-        while (left := deadline - self._clock()) > 0:
-            data = self._port.read(left)
-            tail = (tail + data)[-4096:]
-            for item in scratch.feed(data):
-                if isinstance(item, SampleBlock) and item.stream.kind == self._wanted.stream:
-                    # the first increment may be as long as the pause before it: begin behind it
-                    self._ahead = tail[len(tail) - scratch.pending :]
-                    self._streams[item.stream.kind] = item.stream
-                    return True
-        return False
-
-    def _take_ascii(self) -> None:
-        """Put things back and take the sensor's own stream; where there was none, its IMU sentence."""
-        talk, before = self._dialogue, self._originals or {}
-        self._remarks.append("the binary stream does not come: what the sensor sends by itself is taken")
-        for register in (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE):
-            if register in before:
-                talk.write(register, before[register])
-        if before.get(OUTPUT_TYPE) == "0" and all(same(before.get(r, OFF), OFF) for r in BINARY_OUTPUTS):
-            talk.write(OUTPUT_TYPE, "19")
-        talk.ask("VNASY,1")
 
     # ------------------------------------------------------------------ looking after it
 
@@ -492,8 +340,7 @@ class Session:
         before = self._silences, self._restarted
         try:
             self.connect()
-            if self._originals is not None:
-                self.remember()
+            self.remember()
             self.configure()
         except SensorChanged:
             raise
