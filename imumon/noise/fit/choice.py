@@ -111,6 +111,17 @@ def choose(problems: Problems, formers: Sequence[Choice | None]) -> list[Choice]
     return _finished(problems, [found[row] for row in range(len(formers))])
 
 
+def as_chosen(problems: Problems, choices: Sequence[Choice]) -> Problems:
+    """The problems with the octaves and terms that were chosen for them."""
+    both = zip(choices, problems.used, strict=True)
+    return replace(
+        problems,
+        used=np.array([_widened(choice.used, available) for choice, available in both]),
+        free=np.array([choice.free for choice in choices]),
+        excess=np.array([choice.excess for choice in choices]),
+    )
+
+
 def _at(problems: Problems, rows: Sequence[int]) -> Problems:
     return problems.take(np.array(rows, dtype=np.int64))
 

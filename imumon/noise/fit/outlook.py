@@ -12,7 +12,7 @@ bound says how much it may be, not how much it is.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,16 @@ from imumon.samples import Bools, Floats
 
 NEAR = 6
 _YEAR = 3.15576e7
+
+
+@dataclass(frozen=True, slots=True)
+class TimeTo:
+    """Seconds of record still to come until the asked precision; 0 once reached; None while not measured, or
+    not within a year."""
+
+    N: float | None = None
+    B: float | None = None
+    K: float | None = None
 
 
 def seconds_to(problems: Problems, p: Floats, wide: Floats, span: int, tau0: float, asked: Floats) -> Floats:
