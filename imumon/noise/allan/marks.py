@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.allan.octave import BLOCK, variances
+from imumon.noise.allan.octave import BLOCK
 from imumon.samples import Bools, Floats, Ints
 
 OCTAVES = 48
@@ -60,13 +60,16 @@ class Stretch:
 
     def curve(self, tau0: float, ratio: int) -> AllanCurve:
         """The Allan curve of these sums."""
-        seen = np.flatnonzero((self.terms > 0).any(axis=1))
-        k = int(seen[-1]) + 1 if len(seen) else 0
-        m = np.left_shift(1, np.arange(k, dtype=np.int64))
-        terms = self.terms[:k]
-        avar = variances(self.squares[:k], terms, self.lacks[:k], m)
-        stride = np.maximum(1, m // ratio)
-        return AllanCurve(tau0, m, avar, terms, stride, self.span, self.valid, self.segments, ratio)
+        return AllanCurve.of_sums(
+            tau0,
+            ratio,
+            self.squares,
+            self.terms,
+            self.lacks,
+            span=self.span,
+            valid=self.valid,
+            segments=self.segments,
+        )
 
 
 @dataclass(slots=True, eq=False)
