@@ -3,12 +3,9 @@
     python benchmarks/accuracy.py            100 records a cell, a few minutes
     python benchmarks/accuracy.py --full     2,000 records a cell (docs/ACCURACY.md is its output)
 
-Truth: N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, point samples. Seeds are 0, 1, 2 ... and were never
-looked at for choosing anything. The Allan variances of a sum of white noise, flicker and random walk are a
-quadratic form: of every record the six octave sums (three noises, three mixed) are kept, and every K, and
-every length that is a beginning of the record, comes from them. That these are the cascade's numbers is
-checked first. Every figure has its standard error; what is beyond its goal by more than two of them is
-marked.
+Truth: N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, point samples. The records are `simulated`, and only their
+octave sums are kept; that these are the cascade's numbers is checked first. Every figure has its standard
+error; what is beyond its goal by more than two of them is marked.
 """
 
 from __future__ import annotations
@@ -20,152 +17,36 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import allantools
 import numpy as np
-from allantools.realtime import oadev_realtime
+from cells import Cell, bound, cell
 from figures import Figure
+from peers import peer_errors, realtime
+from simulated import (
+    LENGTHS,
+    LONGEST,
+    B,
+    N,
+    check_against_cascade,
+    components,
+    curves,
+    records,
+    strengths,
+    sums_of,
+)
 
-from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, read_slopes, synthesise
-from imumon.noise.fit.covariance import _phase, design, octaves_in, tables
-from imumon.noise.fit.leastsquares import Problems
+from imumon.noise import ChannelFit, Estimator, OctaveCascade
+from imumon.noise.fit.covariance import _phase
 
-N, B = 6.1e-5, 2.4e-5
-LONGEST = 720_000
-LENGTHS = (36_000, 144_000, LONGEST)
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 DURATIONS = {"15 min": (36_000, 40.0), "1 h": (144_000, 40.0), "5 h": (LONGEST, 40.0)}
 WALKS = (1e-7, 3e-7, 1e-6, 3e-6)
 CRAMER_RAO = {("5 h", 40.0): (0.086, 2.6, 25.0), ("1 h", 200.0): (0.084, 5.9, 63.0)}
 """Least deviation of N, B and K, %, that an unbiased estimator on every sample can have, at K = 1e-6."""
 
 
-# Records -------------------------------------------------------------------------
-
-
-def components(seed: int) -> np.ndarray:
-    """(3, n) white noise, flicker and walk of unit strength at unit rate."""
-    generator = np.random.default_rng([20_260, seed])
-    unit = np.eye(3)
-    return np.array([synthesise(LONGEST, 1.0, *row, seed=generator, averaged=False).ravel() for row in unit])
-
-
-def octave_sums(parts: np.ndarray) -> list[np.ndarray]:
-    """For each length (k, 6): half the mean products of the second differences of `PAIRS`."""
-    phase = np.concatenate([np.zeros((3, 1)), np.cumsum(parts, axis=1)], axis=1)
-    found = []
-    for n in LENGTHS:
-        rows = []
-        for j in range(octaves_in(n)):
-            m = 1 << j
-            s = max(1, m // 8)
-            d = (
-                phase[:, 2 * m : n + 1 : s] - 2 * phase[:, m : n + 1 - m : s] + phase[:, : n + 1 - 2 * m : s]
-            ) / m
-            rows.append([0.5 * np.dot(d[a], d[b]) / d.shape[1] for a, b in PAIRS])
-        found.append(np.array(rows))
-    return found
-
-
-def sums_of(seed: int) -> list[np.ndarray]:
-    return octave_sums(components(seed))
-
-
-def strengths(K: float, rate: float) -> np.ndarray:
-    """(3,) what the unit components are multiplied by."""
-    return np.array([N * math.sqrt(rate), B, K / math.sqrt(rate)])
-
-
-def curves(sums: np.ndarray, n: int, rate: float, K: float) -> AllanCurve:
-    """Records as channels of one curve; sums : (r, k, 6)."""
-    a = strengths(K, rate)
-    factors = np.array([a[i] * a[j] * (1.0 if i == j else 2.0) for i, j in PAIRS])
-    avar = (sums @ factors).T
-    m = 1 << np.arange(len(avar), dtype=np.int64)
-    stride = np.maximum(1, m // 8)
-    terms = np.repeat(((n - 2 * m) // stride + 1)[:, None], avar.shape[1], axis=1)
-    return AllanCurve(1 / rate, m, avar, terms, stride, n, np.full(avar.shape[1], n), 1, 8)
-
-
-def check_against_cascade() -> float:
-    """Largest relative difference between the sums' Allan variances and the cascade's."""
-    parts = components(0)
-    values = strengths(1e-6, 40.0) @ parts
-    cascade = OctaveCascade(1, tau0=1 / 40.0)
-    cascade.update(values[:, None])
-    ours = curves(np.array(octave_sums(parts)[2])[None], LONGEST, 40.0, 1e-6)
-    return float(np.max(np.abs(ours.avar / cascade.result().avar - 1.0)))
-
-
-# Cells ---------------------------------------------------------------------------
-
-
-@dataclass
-class Cell:
-    """Fits of one length and K over all records."""
-
-    duration: str
-    K: float
-    n: int
-    rate: float
-    values: np.ndarray  # (r, 3) point estimates in SI, zero included
-    low: np.ndarray
-    high: np.ndarray
-    measured: np.ndarray  # (r, 3) bool
-    inside: np.ndarray  # (r, k) bool, truth within the limits of sigma
-    whole: np.ndarray  # (r,) bool, no octave left out, no caveat
-
-
-def fit_part(job: tuple[np.ndarray, int, float, float]) -> list[tuple[object, ...]]:
-    sums, n, rate, K = job
-    curve = curves(sums, n, rate, K)
-    estimator = Estimator(averaged=False)
-    fits = estimator.fit(curve)
-    p = strengths(K, rate) ** 2
-    truth = design(len(curve.m), averaged=False)[:, :3] @ p
-    unit = np.array([math.sqrt(1 / rate), 1.0, math.sqrt(rate)])
-    rows = []
-    for channel, fit in enumerate(fits):
-        point = np.sqrt(np.maximum(estimator._known[channel].choice.p[:3], 0.0)) * unit
-        found = [getattr(fit, name) for name in "NBK"]
-        rows.append(
-            (
-                point,
-                [c.low if c.low is not None else 0.0 for c in found],
-                [c.high if c.high is not None else math.inf for c in found],
-                [c.status == "measured" for c in found],
-                (fit.low**2 <= truth) & (truth <= fit.high**2),
-                bool(fit.used.all()) and not fit.caveats,
-            )
-        )
-    return rows
-
-
-def cell(
-    pool: multiprocessing.pool.Pool, sums: np.ndarray, duration: str, n: int, rate: float, K: float
-) -> Cell:
-    jobs = [(part, n, rate, K) for part in np.array_split(sums, max(1, len(sums) // 25))]
-    rows = [row for part in pool.map(fit_part, jobs) for row in part]
-    return Cell(duration, K, n, rate, *(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def bound(n: int, rate: float, K: float) -> np.ndarray:
-    """(3,) relative deviations that the best use of the octaves leaves, at the truth."""
-    k = octaves_in(n)
-    table = tables(n, k, averaged=False)
-    ones = np.ones((1, k))
-    m = 1 << np.arange(k)
-    thinning = np.sqrt(table.full / ((n - 2 * m) // np.maximum(1, m // 8) + 1))[None]
-    problems = Problems(
-        (table,), np.array([0]), ones, thinning, ones > 0, (np.arange(5) < 3)[None], np.zeros(1)
-    )
-    p = np.zeros((1, 5))
-    p[0, :3] = strengths(K, rate) ** 2
-    information = problems.frame().weigh(p).normal[0, :3, :3]
-    return np.sqrt(np.diag(np.linalg.inv(information))) / p[0, :3] / 2.0
+# Tables --------------------------------------------------------------------------
 
 
 def say(title: str, text: str) -> None:
@@ -284,50 +165,6 @@ def edf_table() -> None:
 # Peers ---------------------------------------------------------------------------
 
 
-def matlab_slope(values: np.ndarray, rate: float) -> tuple[float | None, ...]:
-    """MATLAB's example: 100 log-spaced m, overlapping, lines of slope where the curve is nearest to it."""
-    phase = np.concatenate([[0.0], np.cumsum(values)]) / rate
-    m = np.unique(np.ceil(np.logspace(0, math.log10(2 ** int(math.log2(len(values) / 2))), 100)).astype(int))
-    tau = m / rate
-    sigma = np.array(
-        [
-            math.sqrt(np.mean((phase[2 * k :] - 2 * phase[k:-k] + phase[: -2 * k]) ** 2) / 2) / (k / rate)
-            for k in m
-            if 2 * k < len(phase)
-        ]
-    )
-    found = read_slopes(tau[: len(sigma)], sigma)
-    return found.N, found.B, found.K
-
-
-def least_squares(values: np.ndarray, rate: float) -> tuple[float, ...]:
-    """allantools.oadev at octaves, and non-negative least squares of relative errors."""
-    tau, sigma, _, _ = allantools.oadev(values, rate=rate, data_type="freq", taus="octave")
-    rows = (
-        np.column_stack([1 / tau, np.full(tau.size, 2 * math.log(2) / math.pi), tau / 3])
-        / sigma[:, None] ** 2
-    )
-    from scipy.optimize import nnls
-
-    return tuple(np.sqrt(nnls(rows, np.ones(tau.size))[0]))
-
-
-PEERS = {"slope reading (MATLAB's example)": matlab_slope, "allantools + least squares": least_squares}
-
-
-def peer_errors(count: int, rates: tuple[float, ...] = (40.0, 200.0)) -> dict[str, list[np.ndarray]]:
-    """For each peer and rate (count, 3) relative errors of N, B, K; NaN where it reads none."""
-    errors: dict[str, list[list[list[float]]]] = {name: [[] for _ in rates] for name in PEERS}
-    for seed in range(count):
-        parts = components(seed)
-        for at, rate in enumerate(rates):
-            values = strengths(1e-6, rate) @ parts
-            for name, method in PEERS.items():
-                found = zip(method(values, rate), (N, B, 1e-6), strict=True)
-                errors[name][at].append([math.nan if v is None else v / t - 1 for v, t in found])
-    return {name: [np.array(rows) for rows in both] for name, both in errors.items()}
-
-
 def peer_table(cells: list[Cell], count: int) -> None:
     say(
         "Beside peers",
@@ -380,30 +217,6 @@ def measure(count: int, peers: int) -> Iterator[Figure]:
 
 
 # Disturbances --------------------------------------------------------------------
-
-
-def realtime() -> None:
-    """allantools' realtime class and the cascade over the same samples: agreement and speed."""
-    values = strengths(1e-6, 40.0) @ components(0)[:, :50_000]
-    theirs = oadev_realtime(afs=[1, 2, 4, 8], tau0=1 / 40.0)
-    begin = time.perf_counter()
-    for x in np.cumsum(values) / 40.0:
-        theirs.add_phase(x)
-    slow = len(values) / (time.perf_counter() - begin)
-    cascade = OctaveCascade(1, tau0=1 / 40.0)
-    begin = time.perf_counter()
-    for block in np.split(values[:, None], 1250):
-        cascade.update(block)
-    ours = len(values) / (time.perf_counter() - begin)
-    # theirs begins with the first phase given, so it lacks the zero before it
-    again = OctaveCascade(1, tau0=1 / 40.0)
-    again.update(values[1:, None])
-    error = np.max(np.abs(again.result().sigma[:4, 0] / theirs.devs()[:4] - 1.0))
-    print(
-        f"\nallantools' realtime class keeps every sample, gives no N, B or K, and takes {slow / 1e3:.0f}"
-        " thousand samples a second in one channel at four averaging times; the cascade, in live blocks of 40"
-        f" and at all octaves, {ours / 1e3:.0f} thousand. They agree within {error:.0e} for m ≤ 8."
-    )
 
 
 def disturbed(count: int) -> None:
@@ -474,21 +287,6 @@ def speed(sums: np.ndarray) -> None:
         f"Nine channels of 19 octaves, processor time: points {times[0]:.1f} ms (goal 5), everything anew"
         f" {times[1]:.0f} ms (goal 300).",
     )
-
-
-def records(pool: multiprocessing.pool.Pool, count: int, keep: str | None) -> list[np.ndarray]:
-    """For each length (count, k, 6) octave sums; `keep` is a file that they are taken from and added to."""
-    rows: list[list[np.ndarray]] = []
-    if keep and os.path.exists(keep):
-        kept = np.load(keep)
-        rows = [list(row) for row in zip(*(kept[str(n)] for n in LENGTHS), strict=True)]
-    for row in pool.imap(sums_of, range(len(rows), count), chunksize=10):
-        rows.append(row)
-        if len(rows) % 100 == 0 or len(rows) == count:
-            print(f"{len(rows)} of {count} records", file=sys.stderr, flush=True)
-            if keep:
-                np.savez(keep, **{str(n): np.array([r[at] for r in rows]) for at, n in enumerate(LENGTHS)})
-    return [np.array([row[at] for row in rows[:count]]) for at in range(len(LENGTHS))]
 
 
 def main() -> None:
