@@ -265,17 +265,7 @@ class _Run:
     def _happened(self, now: datetime) -> None:
         """Take what happened since the last call; where the record began anew its reader must know."""
         for found in self.monitor.events():
-            event = report.Event(
-                time=report.stamp(now),
-                kind=found.kind,
-                text=found.text,
-                device=self.device.id,
-                elapsed_s=found.elapsed_s,
-                channel=found.channel,
-                length_s=found.length_s,
-                size=found.size,
-            )
-            self._waiting.append(event)
+            self._waiting.append(found.stamped(now, self.device.id))
             if found.kind == "restart":
                 self._restarts[found.text] = self._restarts.get(found.text, 0) + 1
 

@@ -7,11 +7,12 @@ room: whoever knows a clock stamps it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from datetime import datetime
 
 from imumon.monitor import describe
 from imumon.monitor.record import Record
-from imumon.report import Change, SensorGrade
+from imumon.report import Change, Event, SensorGrade, stamp
 from imumon.units import duration
 
 GAP_TELL_S = 10.0
@@ -28,6 +29,10 @@ class Found:
     channel: str | None = None
     length_s: float | None = None
     size: float | None = None
+
+    def stamped(self, now: datetime, device: str) -> Event:
+        """The event of a report, told at `now` of `device`."""
+        return Event(time=stamp(now), device=device, **asdict(self))
 
 
 class Events:
