@@ -19,6 +19,7 @@ from imumon.config import Settings, Zenoh, search
 from imumon.daemon import Daemon, Task
 from imumon.daemon.link import Link, NoSensor
 from imumon.daemon.service import Log
+from imumon.daemon.stop import Stop
 from imumon.emulator import EmulatorSettings, spawn
 from imumon.sensors.vn100.session import Facts, Session, Wanted
 from imumon.sources import PortGone, PortInfo
@@ -142,7 +143,7 @@ def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
 ) -> None:
     """Else it would never be ready, and be killed and started again for ever."""
     daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
-    monkeypatch.setattr(daemon, "_stale_s", lambda: 0.0)
+    monkeypatch.setattr("imumon.daemon.silence.stale_s", lambda rate_hz: 0.0)
     daemon._heard(b"")
     assert daemon._state == "starting"
     daemon._heard(b"")
@@ -156,7 +157,7 @@ def test_a_sensor_whose_bytes_never_become_samples_is_waited_for_too(
     daemon._heard(b"$")
     daemon._heard(b"$")
     assert daemon._state == "starting"
-    monkeypatch.setattr("imumon.daemon.LEARNING_S", 0.0)
+    monkeypatch.setattr("imumon.daemon.silence.LEARNING_S", 0.0)
     daemon._heard(b"$")
     assert daemon._state == "waiting"
 
@@ -233,13 +234,13 @@ def test_a_reader_of_the_log_that_does_not_read_holds_nothing_up(monkeypatch: py
 
 
 @pytest.mark.parametrize("ignored", [True, False])
-def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(tmp_path: Path, ignored: bool) -> None:
+def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(ignored: bool) -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
     try:
-        daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
-        with daemon._listening_to_signals():
+        stop = Stop(None)
+        with stop.listening():
             os.kill(os.getpid(), signal.SIGHUP)
-        assert daemon._signal == (None if ignored else signal.SIGHUP)
+        assert stop.signal == (None if ignored else signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
 

@@ -1,7 +1,11 @@
 """Daemon: read, feed, ask, publish, save.
 
     Daemon      the loop                                          daemon/__init__.py
+    task        what to run, and how it ended                     daemon/task.py
+    stop        a signal, or the time is over                     daemon/stop.py
     link        the sensor on its port, lost and found again      daemon/link.py
+    silence     no bytes, or no samples, for too long             daemon/silence.py
+    account     what is said of the sensor, and where             daemon/account.py
     keeping     the state: taken up, saved, set aside             daemon/keeping.py
     tape        the raw bytes, kept if that is wanted             daemon/tape.py
     service     service manager and log                           daemon/service.py
@@ -13,66 +17,34 @@ on wherever the daemon waits for bytes.
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
-from types import FrameType
 
 from imumon import heap, report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
+from imumon.daemon import account
 from imumon.daemon.keeping import Keeping
-from imumon.daemon.link import BEAT_S, Link, NoSensor, Stopped
-from imumon.daemon.service import Level, Log, Notifier
+from imumon.daemon.link import BEAT_S, Link, NoSensor
+from imumon.daemon.service import Level, Log, Notifier, status_line
+from imumon.daemon.silence import Silence
+from imumon.daemon.stop import Stop, Stopped
 from imumon.daemon.tape import Tape
+from imumon.daemon.task import Outcome, Task
 from imumon.monitor import Monitor
 from imumon.monitor import Wanted as Watched
 from imumon.samples import SampleBlock, Stream
 from imumon.sensors.vn100.session import Facts, SensorChanged, SessionError, Wanted
 from imumon.sources import PortError, PortGone, SourceError
 
+__all__ = ["Daemon", "Outcome", "Task"]
+
 RETRY_S = 0.5
-STALE_S = 2.0
 TIDY_S = 5.0  # between two times that freed memory is given back
-LEARNING_S = 30.0
-"""In which bytes become samples, be they ever so slow; a service manager waits longer for a start."""
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
-SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
-    """What to run beside the settings.
-
-    Attributes
-    ----------
-    path : port; None: the one sensor that is found.
-    duration_s : s of the room until it stops by itself; None: never.
-    fresh : start anew, the old state kept aside.
-    speed : sensor seconds in one of the room; other than 1 for an emulator in time-lapse.
-    state_directory : where the accumulated statistics live.
-    baseline : an earlier report of the same sensor, to compare with.
-    """
-
-    path: str | None
-    state_directory: Path
-    duration_s: float | None = None
-    fresh: bool = False
-    speed: float = 1.0
-    baseline: report.Report | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How it ended: the final report, None when no sensor was ever known, and the signal that ended it."""
-
-    report: report.Report | None
-    signal: int | None
 
 
 class Daemon:
@@ -87,11 +59,7 @@ class Daemon:
         rate = device.rate_hz or None
         self._watched = Watched(
             guarded=settings.guards.enabled,
-            precision={
-                "N": precision.precision_n,
-                "B": precision.precision_b,
-                "K": precision.precision_k,
-            },
+            precision={"N": precision.precision_n, "B": precision.precision_b, "K": precision.precision_k},
             period_s=precision.period_s,
             baseline=task.baseline,
         )
@@ -108,11 +76,9 @@ class Daemon:
         self._bus: Publisher | None = None
         self._keeping: Keeping | None = None
         self._tape = Tape(settings.record)
-        self._signal: int | None = None
-        self._deadline = time.monotonic() + task.duration_s if task.duration_s else None
+        self._stop = Stop(task.duration_s)
+        self._silence = Silence()
         self._next_report = self._next_save = self._next_alive = self._next_tidy = 0.0
-        self._mute_since: float | None = None  # no bytes
-        self._silent_since: float | None = None  # no samples
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -133,7 +99,7 @@ class Daemon:
         """
         if not self._notifier.listens:
             self._tape.check()
-        with self._listening_to_signals():
+        with self._stop.listening():
             try:
                 try:
                     self._first()
@@ -141,7 +107,7 @@ class Daemon:
                     while True:
                         self._serve()
                 except Stopped:
-                    return Outcome(self._end(), self._signal)
+                    return Outcome(self._end(), self._stop.signal)
             except BaseException:
                 self._give_up()
                 raise
@@ -177,10 +143,11 @@ class Daemon:
         for text, level in self._keeping.take_up(self._facts):
             self._tell("state", text, level)
         self._started = self._keeping.started
-        self.log.say(f"reading {self._who()} on {self._facts.port} at {self._facts.baud} baud")
+        who = f"{account.who(self._facts)} on {self._facts.port}"
+        self.log.say(f"reading {who} at {self._facts.baud} baud")
         self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
         self._learn(self._facts)
-        self._tell("connect", f"{self._who()} on {self._facts.port}", "debug")
+        self._tell("connect", who, "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
 
     def _part(self) -> None:
@@ -194,24 +161,10 @@ class Daemon:
 
     def _record(self, data: bytes) -> None:
         """Keep the raw bytes, if that is wanted; it begins when the stream is known, with the first byte."""
-        tape, facts = self._tape, self._facts
+        tape, facts, bus = self._tape, self._facts, self._bus
         tape.take(data)
-        if facts is None or not tape.waits or not (self._monitor.samples or tape.full):
-            return
-        tape.begin(
-            {
-                "time": report.stamp(datetime.now(UTC)),
-                "id": self._bus.id if self._bus else facts.id,
-                "model": facts.model,
-                "serial": facts.serial,
-                "firmware": facts.firmware,
-                "stream": facts.stream,
-                "rate_hz": self._monitor.rate_hz,
-                "alias_factor": facts.alias_factor,
-                "caveats": facts.caveats,
-                "settings": dict(facts.settings),
-            }
-        )
+        if facts is not None and bus is not None and tape.waits and (self._monitor.samples or tape.full):
+            tape.begin(account.header(bus.id, facts, self._monitor.rate_hz))
 
     # ------------------------------------------------------------------ the loop
 
@@ -234,24 +187,17 @@ class Daemon:
         self._duties()
 
     def _heard(self, data: bytes, samples: bool = False) -> None:
-        """Whether the sensor is silent; it is not while the daemon itself is busy.
-
-        Bytes without samples of the stream are no sign of life, but at the start they may need their time.
-        """
-        now, stale = time.monotonic(), self._stale_s()
-        self._mute_since = None if data else self._mute_since or now
-        self._silent_since = None if samples else self._silent_since or now
-        mute = now - (self._mute_since or now) > stale
-        silent = now - (self._silent_since or now) > (LEARNING_S if self._state == "starting" else stale)
-        if self._state != "waiting" and (mute or silent):
+        """Whether the sensor is silent; it is not while the daemon itself is busy."""
+        lack = self._silence.lack(
+            time.monotonic(),
+            data=bool(data),
+            samples=samples,
+            rate_hz=self._monitor.sample_rate_hz,
+            learning=self._state == "starting",
+        )
+        if lack is not None and self._state != "waiting":
             self._state = "waiting"
-            text = "nothing comes from the sensor" if mute else "bytes come, but no samples of the stream"
-            self._tell("silent", text, "warning")
-
-    def _stale_s(self) -> float:
-        """Silence that is longer than any sample takes to come."""
-        rate = self._monitor.sample_rate_hz or 1.0
-        return max(STALE_S, 5.0 / rate)
+            self._tell("silent", lack, "warning")
 
     def _learn(self, facts: Facts) -> Facts:
         """What is known of the sensor by now; remarks are told when they arise, each once."""
@@ -326,7 +272,8 @@ class Daemon:
         self._streams.clear()
         if self._keeping.differing(self._facts) and self._monitor.samples:
             self._begin_anew(self._facts)
-        self._tell("connect", f"{self._who()} is back on {self._facts.port} after {away:.1f} s", "info")
+        who, where = account.who(self._facts), self._facts.port
+        self._tell("connect", f"{who} is back on {where} after {away:.1f} s", "info")
 
     def _gap(self, away_s: float | None) -> None:
         """The stream was interrupted, s of the sensor's time, None where nobody knows."""
@@ -351,9 +298,7 @@ class Daemon:
 
     def _beat(self) -> None:
         """What must go on wherever the daemon waits; raises `Stopped` when it is to stop."""
-        now = time.monotonic()
-        if self._signal is not None or (self._deadline is not None and now >= self._deadline):
-            raise Stopped
+        self._stop.ask()
         self._duties()
 
     def _duties(self) -> None:
@@ -378,50 +323,23 @@ class Daemon:
         made = self._report()
         self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
         for found in self._monitor.events():
-            event = report.Event(
-                time=report.stamp(datetime.now(UTC)),
-                kind=found.kind,
-                text=found.text,
-                device=self._bus.id,
-                elapsed_s=found.elapsed_s,
-                channel=found.channel,
-                length_s=found.length_s,
-                size=found.size,
-            )
-            self._bus.event(event)
-            self.log.say(found.text, _level(found.kind), found.kind)
+            self._bus.event(found.stamped(datetime.now(UTC), self._bus.id))
+            self.log.say(found.text, "debug" if found.kind == "gap" else "info", found.kind)
         for lack in self._tape.complaints():
             self._tell("recording", lack, "error")
         for trouble in self._bus.troubles():
             self._tell("bus", trouble, "warning")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
             self._tell("state", complaint, self._keeping.level)
-        self._notifier.status(_status(made))
+        self._notifier.status(status_line(made))
         return made
 
     def _report(self) -> report.Report:
         assert self._bus is not None
         facts = self._facts
-        device = report.Device(id=self._bus.id)
-        if facts is not None:
-            device = report.Device(
-                id=self._bus.id,
-                model=facts.model,
-                serial=facts.serial,
-                firmware=facts.firmware,
-                port=facts.port,
-                baud=facts.baud,
-                stream=facts.stream,
-                sample_rate_hz=facts.sample_rate_hz,
-                alias_factor=facts.alias_factor,
-                source=facts.source,
-                clock=facts.clock,
-                settings=facts.settings,
-                remarks=facts.remarks,
-            )
         return self._monitor.report(
             datetime.now(UTC),
-            device,
+            account.device(self._bus.id, facts),
             self._state,
             self._session(),
             device_caveats=facts.caveats if facts else (),
@@ -430,16 +348,7 @@ class Daemon:
 
     def _session(self) -> report.Session:
         """Counters of the link, with those of the runs before."""
-        decoder = self._link.decoder
-        now = report.Session(
-            started=self._started,
-            discarded_bytes=decoder.discarded,
-            bad_checksums=decoder.bad_checksums,
-            received_bytes=decoder.fed,
-            overruns=self._link.overruns,
-            kernel_overruns=self._link.kernel_overruns,
-            most_queued_bytes=self._link.most_queued,
-        )
+        now = replace(self._link.counted(), started=self._started)
         return self._keeping.added_up(now) if self._keeping else now
 
     def _tell(self, kind: str, text: str, level: Level = "info") -> None:
@@ -451,12 +360,6 @@ class Daemon:
 
     def _progress(self, text: str) -> None:
         self.log.say(text, "debug")
-
-    def _who(self) -> str:
-        facts = self._facts
-        if facts is None or facts.model is None:
-            return "the sensor"
-        return f"{facts.model} {facts.serial or ''}".strip()
 
     # ------------------------------------------------------------------ the end
 
@@ -505,29 +408,3 @@ class Daemon:
                         "warning",
                     )
         self._link.close()
-
-    @contextmanager
-    def _listening_to_signals(self) -> Iterator[None]:
-        def note(number: int, frame: FrameType | None) -> None:
-            self._signal = number
-
-        # a terminal that closes is none of the business of what was started with nohup
-        heeded = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
-        before = {number: signal.signal(number, note) for number in heeded}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-
-def _level(kind: str) -> Level:
-    return "debug" if kind == "gap" else "info"
-
-
-def _status(made: report.Report) -> str:
-    """One line for the service manager."""
-    if made.state != "running":
-        return f"{made.state}"
-    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
-    return f"running, {', '.join(grades) or 'no grade yet'}, {made.session.samples} samples"

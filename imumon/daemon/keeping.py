@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from imumon import __version__
 from imumon.checkpoint import Checkpoint, State
+from imumon.daemon.account import kept
 from imumon.daemon.service import Level
 from imumon.monitor import Monitor, OtherRun
 from imumon.report import Session, stamp
@@ -80,7 +81,7 @@ class Keeping:
         -------
         What had to be decided, in words and by weight: that a record goes on is no warning.
         """
-        self._serial, self._settings, self._device = facts.serial, data_settings(facts), _device(facts)
+        self._serial, self._settings, self._device = facts.serial, data_settings(facts), kept(facts)
         if self._run.fresh:
             if not self._checkpoint.there:
                 return []
@@ -133,7 +134,7 @@ class Keeping:
         self.save(session, self.started)
         self._checkpoint.settle()
         changed = "; ".join(self.differing(facts))
-        self._monitor, self._settings, self._device = monitor, data_settings(facts), _device(facts)
+        self._monitor, self._settings, self._device = monitor, data_settings(facts), kept(facts)
         return self._refuse("other-settings", f"of other settings, {changed}")
 
     def remember(self, sensor: Sensor) -> None:
@@ -211,12 +212,6 @@ def noted(path: Path) -> dict[str, str] | None:
 def data_settings(facts: Facts) -> dict[str, str]:
     """Registers of `DATA_REGISTERS` as far as they are known, ``"85 IMU filtering"`` to its text."""
     return {name: text for name, text in facts.settings.items() if name.split()[0] in DATA_REGISTERS}
-
-
-def _device(facts: Facts) -> dict[str, Any]:
-    """What a report of the state alone says of the sensor."""
-    names = ("model", "serial", "firmware", "port", "baud", "alias_factor")
-    return {name: getattr(facts, name) for name in names} | {"caveats": list(facts.caveats)}
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from imumon import report
 from imumon.sensors.vn100 import Decoder
 from imumon.sensors.vn100.session import Facts, Session, SessionError, Wanted
 from imumon.sources import QUEUE_BYTES, PortInfo, SerialPort, SourceError, find_again, find_ports
@@ -18,10 +19,6 @@ BEAT_S = 0.2
 FIRST_BAUD = 115200
 LAPSE_BYTES = 1 << 19
 """Bytes of a sensor in time-lapse that may wait: it waits itself, and to decode more at once takes memory."""
-
-
-class Stopped(Exception):
-    """The daemon is to stop."""
 
 
 class NoSensor(Exception):
@@ -88,9 +85,6 @@ class Link:
     session : None while there is no port.
     obstacle : why a port that is there again could not be had, of the last time.
     decoder : goes through all connections, so that its counters are those of the record.
-    received_bytes, overruns : of all connections.
-    kernel_overruns : of these, those that a driver counted; None: no driver counts.
-    most_queued : bytes, most that ever waited for the loop at once.
     """
 
     def __init__(
@@ -112,25 +106,20 @@ class Link:
         self._line: Line | None = None
         self._seen: list[PortInfo] = []
         self._serial: str | None = None
-        self._received = self._overruns = self._most_queued = 0
-        self._kernel_overruns: int | None = None
+        self._before = report.Session()  # of earlier connections
 
-    @property
-    def received_bytes(self) -> int:
-        return self._received + (self._port.received_bytes if self._port else 0)
-
-    @property
-    def overruns(self) -> int:
-        return self._overruns + (self._port.overruns if self._port else 0)
-
-    @property
-    def kernel_overruns(self) -> int | None:
-        now = self._port.kernel_overruns if self._port else None
-        return self._kernel_overruns if now is None else (self._kernel_overruns or 0) + now
-
-    @property
-    def most_queued(self) -> int:
-        return max(self._most_queued, self._port.most_queued if self._port else 0)
+    def counted(self) -> report.Session:
+        """What was received, and what was lost on the way, of all connections."""
+        decoder, port, before = self.decoder, self._port, self._before
+        kernel, now = before.kernel_overruns, port.kernel_overruns if port else None
+        return report.Session(
+            discarded_bytes=decoder.discarded,
+            bad_checksums=decoder.bad_checksums,
+            received_bytes=decoder.fed,
+            overruns=before.overruns + (port.overruns if port else 0),
+            kernel_overruns=kernel if now is None else (kernel or 0) + now,
+            most_queued_bytes=max(before.most_queued_bytes or 0, port.most_queued if port else 0),
+        )
 
     def open(self) -> Facts:
         """Open the port and know the sensor, whichever it is.
@@ -162,10 +151,8 @@ class Link:
     def close(self) -> None:
         """Let go of the port; what the session held back is settled."""
         if self._port is not None:
-            self._received += self._port.received_bytes
             self._port.close()
-            self._overruns += self._port.overruns
-            self._kernel_overruns, self._most_queued = self.kernel_overruns, self.most_queued
+            self._before = self.counted()
         self._port = self.session = None
 
     def _open(self, path: str) -> Facts:

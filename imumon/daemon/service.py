@@ -14,7 +14,7 @@ import sys
 from datetime import UTC, datetime
 from typing import Literal, TypeAlias
 
-from imumon.report import stamp
+from imumon.report import Report, stamp
 
 Level: TypeAlias = Literal["error", "warning", "info", "debug"]
 PRIORITY: dict[str, int] = {"error": 3, "warning": 4, "info": 6, "debug": 7}
@@ -128,3 +128,11 @@ class Notifier:
                 ear.sendto(text.encode(), address)
         except OSError:
             return  # the manager is gone: nothing depends on being heard
+
+
+def status_line(made: Report) -> str:
+    """One line for the service manager."""
+    if made.state != "running":
+        return f"{made.state}"
+    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
+    return f"running, {', '.join(grades) or 'no grade yet'}, {made.session.samples} samples"
