@@ -1,9 +1,8 @@
 """Ladder: the octaves one above the other, and how a stretch of the time grid is carried up them.
 
 Two entries of an octave make one of the next (`octave`). So a stretch goes in at the bottom as samples, and
-at each octave leaves its differences and goes on with half as many entries, as soon as these lie further
-apart than samples. What is missing at its end is carried up as far as it touches what is valid: a hole of a
-month costs no more than its octaves.
+at each octave leaves its differences and goes on, beyond m = R with half as many entries. What is missing at
+its end is carried up as far as it touches what is valid: a hole of a month costs no more than its octaves.
 """
 
 from __future__ import annotations
