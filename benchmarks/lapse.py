@@ -1,6 +1,6 @@
 """A daemon on an emulator in time-lapse that somebody else holds, and can ask what it has sent.
 
-    python benchmarks/lapse.py SPEED ... run --port PATH --state DIR --listen ENDPOINT --config FILE
+    python benchmarks/lapse.py SPEED ... run --port PATH --state DIR --listen ENDPOINT
 
 `imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same task;
 the words before ``run`` are passed over, so that it can stand before any command that starts a daemon. What
@@ -22,11 +22,11 @@ from imumon.config import load_apart
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    for name in ("--port", "--state", "--listen", "--config"):
+    for name in ("--port", "--state", "--listen"):
         parser.add_argument(name, required=True)
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
     heap.share()
-    answer = load_apart(words.config, {"zenoh.listen": [words.listen]})
+    answer = load_apart(None, {"zenoh.listen": [words.listen]})
     from imumon.daemon import Daemon, Task
 
     settings = answer()

@@ -90,16 +90,12 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
     until_s = words.minutes * 60.0 if live else words.days * 86400.0
     extra = ["--record", "/dev/null"] if live else []
     lapse = () if live else (sys.executable, str(Path(__file__).with_name("lapse.py")), f"{words.speed:g}")
-    config = scratch / "config.toml"
-    config.write_text("[state]\nsave_period_s = 10\n")
     taken: list[int] = []
     states: list[int] = []
     with ExitStack() as alive:
         sensor = alive.enter_context(spawn(settings))
         began, started = time.monotonic(), datetime.now(UTC)
-        daemon = alive.enter_context(
-            Daemon(sensor.path, scratch / "state", "--config", str(config), *extra, before=lapse)
-        )
+        daemon = alive.enter_context(Daemon(sensor.path, scratch / "state", *extra, before=lapse))
         first = daemon.samples(1)
         seen_s = time.monotonic() - began
         first_s = (datetime.fromisoformat(first.time) - started).total_seconds()

@@ -42,6 +42,8 @@ from imumon.sources import PortError, PortGone, SourceError
 __all__ = ["Daemon", "Outcome", "Task"]
 
 RETRY_S = 0.5
+GATHER_S, LOOK_S = 0.5, 0.1  # bytes gather so long at most; how often to look whether they still may
+AHEAD_S = 0.01  # before a report is due they are taken in, so that it has them
 TIDY_S = 5.0  # between two times that freed memory is given back
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
@@ -175,7 +177,7 @@ class Daemon:
             self._reconnect()
             return
         try:
-            data = session.read(min(BEAT_S, self.settings.report.period_s))
+            data = session.read(self._gathered())
             self._heard(data, self._take(data))
             for notice in session.tick():
                 self._tell(notice.kind, notice.text, "warning")
@@ -184,7 +186,22 @@ class Daemon:
             self._learn(session.facts())
         except (PortGone, SensorChanged) as error:
             self._lose(str(error))
-        self._duties()
+        self._duties(time.monotonic() + AHEAD_S)
+
+    def _gathered(self) -> float:
+        """Let bytes gather until a report wants them, for each round costs as much as its bytes.
+
+        Returns
+        -------
+        Seconds to wait for the first of them.
+        """
+        if self._state == "starting":
+            return min(BEAT_S, self.settings.report.period_s)
+        until = min(self._next_report - AHEAD_S, time.monotonic() + GATHER_S)
+        while not self._link.waits and (left := until - time.monotonic()) > 0.0:
+            self._stop.ask()
+            time.sleep(min(left, LOOK_S))
+        return 0.0
 
     def _heard(self, data: bytes, samples: bool = False) -> None:
         """Whether the sensor is silent; it is not while the daemon itself is busy."""
@@ -299,10 +316,9 @@ class Daemon:
     def _beat(self) -> None:
         """What must go on wherever the daemon waits; raises `Stopped` when it is to stop."""
         self._stop.ask()
-        self._duties()
+        self._duties(time.monotonic())
 
-    def _duties(self) -> None:
-        now = time.monotonic()
+    def _duties(self, now: float) -> None:
         if self._notifier.watchdog_s is not None and now >= self._next_alive:
             self._notifier.alive()
             self._next_alive = now + self._notifier.watchdog_s

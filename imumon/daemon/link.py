@@ -108,6 +108,11 @@ class Link:
         self._serial: str | None = None
         self._before = report.Session()  # of earlier connections
 
+    @property
+    def waits(self) -> bool:
+        """Whether to read at once, and not to let bytes gather."""
+        return self._port is None or self._port.waits
+
     def counted(self) -> report.Session:
         """What was received, and what was lost on the way, of all connections."""
         decoder, port, before = self.decoder, self._port, self._before

@@ -38,9 +38,7 @@ POLL_S = 0.1
 TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
 BATCH_S = 0.05  # afterwards it lets bytes gather so long,
 BATCH = 2048  # or until there are so many, half of what a tty holds
-GATHER_S = 0.2  # and `read` lets batches gather this long: each round of a reader costs as much as its bytes
-ENOUGH = 1 << 14  # unless so many bytes are waiting
-PIECE = 1 << 15  # the most that `read` hands over: after a stall there may be megabytes
+PIECE = 1 << 16  # about the most that `read` hands over: after a stall there may be megabytes
 
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
@@ -169,6 +167,11 @@ class SerialPort:
         return self._gone is not None
 
     @property
+    def waits(self) -> bool:
+        """Whether to read at once: a whole piece is queued, or no more will come."""
+        return self._queued >= PIECE or self._gone is not None
+
+    @property
     def overruns(self) -> int:
         """Times bytes were lost on this side: at a full queue, or in the kernel where it counts them."""
         return self._episodes + (self.kernel_overruns or 0)
@@ -180,20 +183,15 @@ class SerialPort:
         return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
 
     def read(self, timeout: float) -> bytes:
-        """What is queued, in pieces of some 32 kB; waits up to `timeout` seconds for the first byte.
-
-        While nothing is asked of the far end, bytes gather for up to a fifth of a second.
+        """What is queued, in pieces of some 64 kB; waits up to `timeout` seconds for the first byte.
 
         Raises
         ------
         PortGone : nothing is queued and nothing will come.
         """
-        begun = time.monotonic()
-        if timeout > 0.0 and begun > self._talking_until and self._queued < ENOUGH and not self.gone:
-            time.sleep(min(timeout, GATHER_S))
         with self._changed:
             if not self._queue and self._gone is None:
-                self._changed.wait(max(0.0, begun + timeout - time.monotonic()))
+                self._changed.wait(timeout)
             if not self._queue and self._gone is not None:
                 raise PortGone(self._gone)
             piece, size = [], 0
