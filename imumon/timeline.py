@@ -115,13 +115,16 @@ class Timeline:
 
         Parameters
         ----------
-        length_s : s, about how long by another clock, None where nobody knows. Where the sensor's clock
-            says something else, it was restarted meanwhile, and the gap is of unknown length.
+        length_s : s, about how long by another clock, None where nobody knows; `place` is not told of it
+            again. Where the sensor's clock says something else, it was restarted meanwhile, and the gap is of
+            unknown length.
         """
         if self.clock in ("dt", "none"):
             self._unknown_gap = True
         elif self._last is not None:
             self._expected_s = length_s
+            if length_s is not None:
+                self._room_s = (self._room_s or 0.0) + length_s
 
     def place(self, block: SampleBlock, *, final: bool = False, room_s: float | None = None) -> list[Placed]:
         """Blocks with their steps; empty while the interval is being learned.

@@ -77,18 +77,19 @@ def test_bytes_without_samples_of_the_stream_are_no_running_sensor(tmp_path: Pat
         assert "bytes come, but no samples of the stream" in daemon.stop()[2]
 
 
-def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:
+@pytest.mark.parametrize("away_s", [1.0, pytest.param(75.0, marks=pytest.mark.slow)])
+def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> None:
     with spawn(EmulatorSettings(seed=2)) as sensor:
         with Daemon(sensor.path, tmp_path) as first:
             before = first.samples(200)
             code, _, _ = first.stop()
             assert code == 0
-        time.sleep(1.0)
+        time.sleep(away_s)
         with Daemon(sensor.path, tmp_path) as second:
             resumed = second.wait(lambda r: r.session.restarts == 1)
             after = second.samples(resumed.session.samples + 200)
             assert after.session.gaps == 1
-            assert 50 < after.session.missing < 1500  # a few seconds at 100 Hz
+            assert 50 < after.session.missing - 100 * (away_s - 1.0) < 1500  # a few seconds at 100 Hz
             assert after.session.started == before.session.started
             adds_up(after)
             second.stop()

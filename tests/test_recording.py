@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ gzip = true
 def same(live: Report, path: Path) -> Report:
     """The daemon's report, held against that of its recording."""
     again = replay(Replay(path=str(path)))
+    again = replace(again, session=replace(again.session, restarts=live.session.restarts))
     for part, names in {
         "session": "samples missing gaps restarts elapsed_s received_bytes discarded_bytes bad_checksums "
         "duplicates excluded_s disturbances warmup_s",
@@ -50,6 +52,10 @@ def same(live: Report, path: Path) -> Report:
         if channel.allan is not None:
             assert other.allan is not None
             assert other.allan.sigma == pytest.approx(channel.allan.sigma, rel=1e-12)
+        if channel.drift is not None:
+            assert other.drift is not None
+            assert other.drift.per_hour == pytest.approx(channel.drift.per_hour, rel=1e-6)
+            assert other.drift.explained == pytest.approx(channel.drift.explained, rel=1e-6)
     return live
 
 
@@ -97,6 +103,23 @@ def test_a_lost_link_is_in_the_recording(tmp_path: Path, words: list[str]) -> No
     [lost] = [piece for piece in Recording(str(path)).pieces() if isinstance(piece, Lost)]
     assert lost.away_s is not None
     assert 0.0 < lost.away_s < 10.0
+
+
+def test_a_recording_goes_on_with_the_record_after_a_restart(tmp_path: Path) -> None:
+    """In the next free number, which a reader of the first finds; what is joined by hand is read once."""
+    path, state = tmp_path / "raw.bin", tmp_path / "state"
+    with spawn(EmulatorSettings(seed=15)) as sensor:
+        for run in range(2):
+            with Daemon(sensor.path, state, "--record", str(path), "--json", "--duration", "1e4") as daemon:
+                daemon.samples(80 * (run + 1))
+                live, _ = ended(daemon)
+        assert same(live, path).session.gaps == 1
+        with Daemon(sensor.path, state, "--fresh", "--record", str(path), "--duration", "1") as daemon:
+            daemon.ended()
+    assert replay(Replay(path=str(path))).session.samples == live.session.samples, "another record"
+    joined = tmp_path / "joined.bin"
+    joined.write_bytes(path.read_bytes() + (tmp_path / "raw.0001.bin").read_bytes())
+    same(live, joined)
 
 
 def test_any_chunking_finds_the_same_lines() -> None:

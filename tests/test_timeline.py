@@ -221,6 +221,17 @@ def test_samples_out_of_order_do_not_mislead() -> None:
     assert line.interval_s == 0.025
 
 
+@pytest.mark.parametrize("away_s", [5.0, 70.0, 6000.0])
+def test_hole_of_a_restart_is_known_though_nothing_was_fed_meanwhile(away_s: float) -> None:
+    line = Timeline("startup", 0.025)
+    place(line, block(np.arange(100) * TICK))
+    again = Timeline.restore("startup", line.save())
+    again.gap(away_s)
+    hole = round(away_s / 0.025)
+    out = again.place(block((np.arange(10) + 99 + hole) * TICK), room_s=0.0)
+    assert [int(s) for p in out for s in p.steps] == [hole] + [1] * 9
+
+
 def test_leap_of_a_century_is_no_hole() -> None:
     ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
     steps, _ = place(Timeline("startup", 0.025), block(ticks * TICK))

@@ -26,7 +26,7 @@ from imumon import heap, report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
 from imumon.daemon import account
-from imumon.daemon.keeping import Keeping
+from imumon.daemon.keeping import Keeping, uptime_s
 from imumon.daemon.link import BEAT_S, Link, NoSensor
 from imumon.daemon.service import Level, Log, Notifier, status_line
 from imumon.daemon.silence import Silence
@@ -166,7 +166,7 @@ class Daemon:
         tape, facts, bus = self._tape, self._facts, self._bus
         tape.take(data)
         if facts is not None and bus is not None and tape.waits and (self._monitor.samples or tape.full):
-            tape.begin(account.header(bus.id, facts, self._monitor.rate_hz))
+            tape.begin(account.header(bus.id, facts, self._monitor.rate_hz, self._started))
 
     # ------------------------------------------------------------------ the loop
 
@@ -239,17 +239,17 @@ class Daemon:
                 facts = self._learn(session.facts())
                 if self._monitor.rate_hz is None:
                     self._monitor.rate_hz = facts.sample_rate_hz
-            now = time.monotonic()
+            now = uptime_s()
             passed, self._fed_at = now - (self._fed_at or now), now
             self._monitor.feed(item, room_s=passed * self.task.speed)
             if self._monitor.refused is not None and self._keeping is not None:
                 self._tell("state", self._keeping.refuse() or "", "warning")
                 self._started = None
+        arrived = self._monitor.samples not in (0, before)
+        if arrived:
+            self._arrived()
         self._record(data)
-        if self._monitor.samples in (0, before):
-            return False
-        self._arrived()
-        return True
+        return arrived
 
     def _arrived(self) -> None:
         if self._state != "running":
@@ -260,7 +260,7 @@ class Daemon:
             self._started = report.stamp(datetime.now(UTC))
 
     def _lose(self, why: str) -> None:
-        self._lost_at = time.monotonic()
+        self._lost_at, self._fed_at = uptime_s(), None
         self._obstacle = self._link.obstacle = None
         self._state = "waiting"
         self._link.close()
@@ -284,7 +284,7 @@ class Daemon:
             self._lose(str(error))
             return
         assert self._lost_at is not None
-        away = time.monotonic() - self._lost_at
+        away = uptime_s() - self._lost_at
         self._gap(away * self.task.speed)
         self._streams.clear()
         if self._keeping.differing(self._facts) and self._monitor.samples:

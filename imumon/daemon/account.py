@@ -30,10 +30,17 @@ def device(name: str, facts: Facts | None) -> report.Device:
     )
 
 
-def header(name: str, facts: Facts, rate_hz: float | None) -> dict[str, Any]:
-    """Of a recording that begins now; the rate is that of a stream without a clock."""
+def header(name: str, facts: Facts, rate_hz: float | None, started: str | None) -> dict[str, Any]:
+    """Of a recording that begins now.
+
+    Parameters
+    ----------
+    rate_hz : of a stream without a clock.
+    started : when the record began, which goes on in the next recording after a restart.
+    """
     return {
         "time": report.stamp(datetime.now(UTC)),
+        "record": started,
         "id": name,
         "model": facts.model,
         "serial": facts.serial,

@@ -112,7 +112,7 @@ class Keeping:
         self.started = meta.get("started")
         counted["restarts"] += 1
         self._before = Session(**counted)
-        return f"the record of {saved} goes on"
+        return f"the record begun {self.started} goes on, saved {saved}"
 
     def _refuse(self, name: str, why: str) -> str:
         self.started, self._before = None, Session()

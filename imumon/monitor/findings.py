@@ -55,7 +55,8 @@ class Findings:
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._trends = Trends(record, averaged=averaged)
         self._due_s = 0.0
-        self._seen = (-1, -1, 0.0)  # samples of the grid, those past the guard, and warm-up then
+        # samples of the grid, those past the guard, and warm-up then; and whether all of it was renewed
+        self._seen = (-1, -1, 0.0, False)
         self.fits: dict[str, ChannelFit] = {}
         self.shapes: list[Shape | None] = []
         self.channels: dict[str, Channel] = {}
@@ -72,7 +73,7 @@ class Findings:
     def renew(self, *, now: bool) -> None:
         """Work everything out anew where it is due, or whatever has changed, `now`."""
         record = self._record
-        seen = (record.span, record.history.position, record.warmup_s)
+        seen = (record.span, record.history.position, record.warmup_s, now)
         elapsed = record.elapsed_s
         waits = not now and elapsed < self._due_s and seen[2] == self._seen[2]
         if waits or seen == self._seen:
@@ -83,7 +84,7 @@ class Findings:
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
         fits = self._estimator.fit(curve, renew=now or None, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self._trends.renew(fits, curve)
+        self._trends.renew(fits, curve, now=now)
         self.grades = {
             sensor: describe.sensor_grade(sensor, axes)
             for sensor in LIMITS

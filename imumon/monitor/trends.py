@@ -33,10 +33,10 @@ class Trends:
         self._steps: list[Step | None] = []
         self._settling: list[bool] = []
 
-    def renew(self, fits: Sequence[ChannelFit], curve: AllanCurve) -> None:
-        """Work all of it out anew where the record has grown by a twentieth, or lost its warm-up."""
+    def renew(self, fits: Sequence[ChannelFit], curve: AllanCurve, *, now: bool) -> None:
+        """Work all of it out anew where the record has grown by a twentieth or lost its warm-up, or `now`."""
         elapsed, begin = self._record.elapsed_s, self._record.history.begin_s
-        if elapsed < self._due_s and begin == self._begin_s:
+        if not now and elapsed < self._due_s and begin == self._begin_s:
             return
         self._due_s, self._begin_s = max(elapsed + LEAST_S, elapsed * GROWTH), begin
         wanders: list[Wander | None] = [Wander.of(fit) for fit in fits]

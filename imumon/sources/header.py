@@ -82,6 +82,7 @@ _TAKEN: Mapping[str, Callable[[Any], Any]] = {
     "settings": _named,
     "away_s": _number(0.0, 1e10),
     "run": _path,
+    "record": _text,
     "part": _count,
     "base": _path,
 }

@@ -5,7 +5,7 @@ A recording is what came from the port, byte for byte, behind one line that says
 ``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. A decoder resynchronises
 over these lines, and `Recording` takes them out. Writing goes on in a thread of its own, and a full disk ends
 the recording, not the reading. What is there already is never overwritten: a new run takes the next free
-number.
+number. Where it goes on with the record of the run before, reading goes on with it too.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class Recording:
     """A recording as chunks of bytes, in memory that does not grow with its length.
 
     Iterate to get the chunks: of a raw capture, of gzip of one, or of what `Recorder` made; of the latter
-    the further parts of the same run follow by themselves. `pieces` has `Lost` where the link was.
+    the further parts of the same run, and those of the runs that went on with its record, follow by
+    themselves while they have the names that they were given. `pieces` has `Lost` where the link was.
 
     Parameters
     ----------
@@ -113,15 +114,18 @@ class Recording:
         yield from self._read_part()
         for path in self._later:
             self._behind += self._part.taken
-            self._part = _Part(path)
+            before, self._part = self._part, _Part(path)
+            if _said(self._part, "run") != _said(before, "run"):
+                yield Lost(None)
             yield from self._read_part()
 
     def _read_part(self) -> Iterator[bytes | Lost]:
-        run = (self.header or {}).get("run")
+        run = _said(self._part, "run")
         for item in self._part:
             if isinstance(item, bytes):
                 yield item
-            elif run is None or item.get("run") != run:  # else: parts of one run, put together in one file
+            elif "run" not in item or item["run"] != run:  # else: parts of one run, put together in one file
+                run = item.get("run", run)
                 yield Lost(item.get("away_s"))
         if self._part.problem is not None and self.problem is None:
             self.problem = f"{self._part.path} {self._part.problem}"
@@ -245,11 +249,17 @@ def _undamaged(member: Any, data: bytes) -> Iterator[bytes]:
 
 
 def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
-    """Parts of the same run behind the one at `path`, in order."""
+    """Parts of the same record behind the one at `path`, in order.
+
+    None behind a file of another name than it was given: it may be several, put together.
+    """
     found: list[str] = []
     number, base = header.get("part"), header.get("base")
     if not isinstance(number, int) or not isinstance(base, str):
         return []
+    if os.path.basename(path) != part_path(base, number):
+        return []
+    run, record = header.get("run"), header.get("record")
     while True:
         number += 1
         following = part_path(os.path.join(os.path.dirname(path), base), number)
@@ -258,9 +268,14 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
         except SourceError:
             return found
         part.close()
-        if part.header is None or part.header.get("run") != header.get("run"):
+        if _said(part, "run") != run and (record is None or _said(part, "record") != record):
             return found
         found.append(following)
+
+
+def _said(part: _Part, name: str) -> Any:
+    """What the header of a part says; None where it says nothing."""
+    return (part.header or {}).get(name)
 
 
 def _open_pipe(path: str) -> BinaryIO:
