@@ -7,12 +7,16 @@ import tracemalloc
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from imumon.monitor import Monitor, RateNeeded, Wanted
-from imumon.report import Device, Report, Session, from_json, to_json
+from imumon.monitor.events import Events
+from imumon.monitor.record import Record
+from imumon.report import Device, Report, SensorGrade, Session, from_json, to_json
 from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
@@ -189,6 +193,25 @@ def test_saved_monitor_goes_on_as_if_nothing_had_happened() -> None:
     assert a.session == b.session
     assert a.channels["accel/z"].allan == b.channels["accel/z"].allan
     assert a.channels["gyro/y"].std == b.channels["gyro/y"].std
+
+
+def test_a_grade_on_the_line_between_two_is_told_when_it_stays() -> None:
+    def told(events: Events, lengths: range, flips: int) -> list[str]:
+        for k, length in enumerate(lengths):
+            nearest = "industrial" if k // flips % 2 == 0 else "consumer"
+            at = cast(Record, SimpleNamespace(elapsed_s=float(length)))
+            events.from_grades({"gyro": SensorGrade(nearest=nearest)}, at)
+        return [event.text for event in events.take()]
+
+    assert told(Events(), range(1000, 2000), 20) == ["gyro is industrial"]
+    assert told(Events(), range(1000, 1600), 300) == [
+        "gyro is industrial",
+        "gyro is consumer (was industrial)",
+    ]
+    again = Events()
+    again.resumed(cast(Record, SimpleNamespace(gaps=0, missing=0)))
+    assert told(again, range(1000, 1100), 200) == [], "told before the restart"
+    assert told(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
 
 
 def test_saved_record_of_another_stream_is_refused() -> None:

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import pytest
 
+from imumon.daemon.link import _others
 from imumon.sources import (
     PortError,
     PortGone,
@@ -313,6 +314,16 @@ def test_port_in_use_names_who_has_it(line: Line) -> None:
         other.kill()
         other.communicate()
     SerialPort(line.path).close()
+
+
+def test_who_else_reads_a_port_that_gives_nothing_is_named(tmp_path: Path) -> None:
+    place = tmp_path / "port"
+    place.touch()
+    assert _others(str(place)) == ""
+    with place.open() as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
+        said = _others(str(place))
+        other.kill()
+    assert said == f"; sleep ({other.pid}) has it open too: end that program first"
 
 
 def test_a_port_is_ours_alone(line: Line) -> None:

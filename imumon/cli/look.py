@@ -73,7 +73,6 @@ def add_wait(parser: Parser) -> None:
     )
 
 
-NAME_IT = "name it with --connect"
 GONE_S = 5.0
 """After so long without a word a daemon that has left is not waited for any more."""
 
@@ -101,10 +100,17 @@ def show(
         )
 
 
+def _cure(words: argparse.Namespace) -> str:
+    """What to do where no daemon answers, beside starting one."""
+    if not words.connect:
+        return "name it with --connect"
+    return f"see whether it listens there, on {', '.join(words.connect)}"
+
+
 def status(words: argparse.Namespace) -> int:
     """One report of a running daemon."""
     with viewer(words) as feed:
-        made = first_report(feed, words.id, 2.0, NAME_IT)
+        made = first_report(feed, words.id, 2.0, _cure(words))
     print_report(made, words.json)
     return DONE
 
@@ -127,7 +133,7 @@ def wait(words: argparse.Namespace) -> int:
     start = time.monotonic()
     end = start + words.timeout if words.timeout else float("inf")
     with viewer(words) as feed:
-        made = first_report(feed, words.id, words.timeout or 2.0, NAME_IT)
+        made = first_report(feed, words.id, words.timeout or 2.0, _cure(words))
         said = ""
         while lacks := goal.lacks(made):
             if goal.unknown(made):

@@ -48,7 +48,11 @@ def add_run(parser: Parser) -> None:
         help="what to ask the sensor for; default deltas",
     )
     add("--id", metavar="NAME", help="name in the keys; default vn100-<serial number>")
-    add("--state", metavar="DIR", help="where the accumulated statistics live")
+    add(
+        "--state",
+        metavar="DIR",
+        help="where the accumulated statistics live; of --port sim nothing is kept without it",
+    )
     add("--fresh", action="store_true", help="start anew; the old state is kept aside")
     add("--record", metavar="FILE", help="also keep the raw bytes, for replay")
     add("--config", metavar="FILE", help="settings; flags win over the file")

@@ -7,13 +7,14 @@ and leaves when the daemon is to stop.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 
 from imumon import report
 from imumon.sensors.vn100 import Decoder
-from imumon.sensors.vn100.session import Facts, Session, SessionError, Wanted
-from imumon.sources import QUEUE_BYTES, PortInfo, SerialPort, SourceError, find_again, find_ports
+from imumon.sensors.vn100.session import Facts, NotAVn100, Session, SessionError, Wanted
+from imumon.sources import QUEUE_BYTES, PortInfo, SerialPort, SourceError, find_again, find_ports, holders
 
 BEAT_S = 0.2
 FIRST_BAUD = 115200
@@ -175,6 +176,9 @@ class Link:
                 paced=not self._lossless,
             )
             facts = session.connect()
+        except NotAVn100 as error:
+            port.close()
+            raise NotAVn100(f"{error}{_others(path)}") from None
         except BaseException:
             port.close()
             raise
@@ -213,3 +217,9 @@ def told(why: str, port: PortInfo) -> str:
     """
     named = f"{port.path} ({port.description})"
     return why.replace(port.path, named, 1) if port.path in why else f"{named}: {why}"
+
+
+def _others(path: str) -> str:
+    """Who else reads a port, and so takes a part of its bytes; a terminal of an emulator is its own."""
+    who = [] if os.path.realpath(path).startswith("/dev/pts/") else holders(path)
+    return f"; {', '.join(who)} has it open too: end that program first" if who else ""

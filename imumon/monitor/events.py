@@ -18,6 +18,9 @@ from imumon.units import duration
 GAP_TELL_S = 10.0
 """Sensor seconds between two events that tell of gaps."""
 
+GRADE_STAYS = 1.1
+"""Growth of the record in which another grade must stay before it is told."""
+
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -46,7 +49,9 @@ class Events:
         self._warming = self._warmed = False
         self._constants: set[str] = set()
         self._changes: set[tuple[int, str, str]] = set()
-        self._grades: dict[str, SensorGrade] = {}
+        self._grades: dict[str, str | None] = {}  # as told
+        self._turning: dict[str, tuple[str | None, float]] = {}  # what they are instead, and since when
+        self._grades_known = False
 
     def take(self) -> list[Found]:
         """What happened since the last call, in order."""
@@ -66,8 +71,9 @@ class Events:
         self._found.append(Found(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
 
     def resumed(self, record: Record) -> None:
-        """The record was taken up: the gaps it has were told before."""
+        """The record was taken up: the gaps and grades it has were told before."""
         self._gaps = (record.gaps, record.missing, 0.0)
+        self._grades_known = True
 
     def from_guards(self, record: Record) -> None:
         """Tell what the guards cut out, of a warm-up that is over, and of rest and motion."""
@@ -139,10 +145,20 @@ class Events:
         self._changes = set(told)
 
     def from_grades(self, grades: Mapping[str, SensorGrade], record: Record) -> None:
-        """Tell when a headline is another."""
+        """Tell when a headline is another and has stayed so for a while: on the line between two it flips."""
+        elapsed = record.elapsed_s
         for sensor, grade in grades.items():
-            before = self._grades.get(sensor)
-            if grade.nearest != (before.nearest if before else None):
-                was = f" (was {before.nearest})" if before and before.nearest else ""
-                self.tell("grade", f"{sensor} is {grade.nearest or 'without a grade'}{was}", record)
-        self._grades = dict(grades)
+            now, before = grade.nearest, self._grades.get(sensor)
+            if now == before:
+                self._turning.pop(sensor, None)
+                continue
+            turned, since = self._turning.get(sensor, (None, elapsed))
+            if turned != now:
+                since = elapsed
+            self._turning[sensor] = (now, since)
+            if before is None or elapsed >= since * GRADE_STAYS:
+                self._grades[sensor] = now
+                if not self._grades_known:
+                    was = f" (was {before})" if before else ""
+                    self.tell("grade", f"{sensor} is {now or 'without a grade'}{was}", record)
+        self._grades_known &= not grades
