@@ -2,9 +2,10 @@
 
 glibc gives each thread a heap of its own, which costs 4 MB here and gains nothing; and it keeps what was
 freed below what is still in use: fits and spectra come and go in pieces of some hundred kilobytes, of which
-5 MB stay behind. Python keeps up to two thousand freed tuples of each length below twenty, which fill report
-by report to 4 MB; only a full collection lets them go. With another C library, a Python without ctypes, or
-a system that lets it not load, all stays as it is.
+5 MB stay behind, and holes that swing by a megabyte; so pieces from 32 kB on have pages of their own. Python
+keeps up to two thousand freed tuples of each length below twenty, which fill report by report to 4 MB; only a
+full collection lets them go. With another C library, a Python without ctypes, or a system that lets it not
+load, all stays as it is.
 """
 
 from __future__ import annotations
@@ -12,16 +13,18 @@ from __future__ import annotations
 import gc
 from contextlib import suppress
 
-M_ARENA_MAX = -8  # of malloc.h
+M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
+APART_BYTES = 1 << 15
 _UNABLE = (AttributeError, ImportError, OSError, MemoryError)
 
 
 def share() -> None:
-    """Let all threads share one heap; to be called before there are threads."""
+    """Let all threads share one heap, large pieces apart; to be called before there are threads."""
     with suppress(*_UNABLE):
         import ctypes
 
         ctypes.pythonapi.mallopt(M_ARENA_MAX, 1)
+        ctypes.pythonapi.mallopt(M_MMAP_THRESHOLD, APART_BYTES)
 
 
 def settle() -> None:

@@ -102,7 +102,7 @@ class Timeline:
         self._suspect: SampleBlock | None = None
         self._unknown_gap = False
         self._expected_s: float | None = None
-        self._room_s: float | None = None  # that has passed, and that the sensor's clock has not filled yet
+        self._room_s: float | None = 0.0  # that has passed, and that the sensor's clock has not filled yet
         self._raw: int | None = None  # last value of a counter, before its wraps are undone
         self._wraps = 0
         self._seen: int | None = None  # time of the last sample, kept or not
@@ -115,16 +115,16 @@ class Timeline:
 
         Parameters
         ----------
-        length_s : s, about how long by another clock, None where nobody knows; `place` is not told of it
-            again. Where the sensor's clock says something else, it was restarted meanwhile, and the gap is of
-            unknown length.
+        length_s : s, about how long by another clock, None where nobody knows; 0 where `place` will be told
+            of all of it as the room's time. Where the sensor's clock says something else, it was restarted
+            meanwhile, and the gap is of unknown length.
         """
         if self.clock in ("dt", "none"):
             self._unknown_gap = True
         elif self._last is not None:
-            self._expected_s = length_s
-            if length_s is not None:
-                self._room_s = (self._room_s or 0.0) + length_s
+            self._expected_s = None if length_s is None else (self._expected_s or 0.0) + length_s
+            if length_s is not None and self._room_s is not None:
+                self._room_s += length_s
 
     def place(self, block: SampleBlock, *, final: bool = False, room_s: float | None = None) -> list[Placed]:
         """Blocks with their steps; empty while the interval is being learned.
@@ -220,7 +220,7 @@ class Timeline:
         block = concatenated(rest)
         if self._wraps:  # they have been undone already
             self._raw = int(block.time_ns[0]) & 0xFFFFFFFF if block.time_ns is not None else None
-        return self.place(block, final=True)
+        return self.place(block, final=True, room_s=None if self._room_s is None else 0.0)
 
     def save(self) -> dict[str, object]:
         """State of a timeline that has learned its interval: JSON values."""
@@ -320,13 +320,15 @@ class Timeline:
         if self._room_s is not None:
             known = int(steps.min(initial=0)) != BREAK
             filled = int(steps.sum()) * (self.interval_s or 0.0)
-            self._room_s = max(0.0, self._room_s - filled) if known else 0.0
+            self._room_s = max(0.0, self._room_s - 1.02 * filled) if known else 0.0
 
     def _is_anew(self, time: int) -> bool:
         """Whether the first sample behind a lost link is not where another clock expects it."""
         expected, self._expected_s = self._expected_s, None
         if expected is None or self._last is None:
             return False
+        if self._room_s is not None:  # what passed since then, too
+            expected = self._room_s
         if abs((time - self._last) * self._scale - expected) < GAP_SLACK_S + 0.02 * expected:
             return False
         self._last = None

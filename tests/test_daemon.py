@@ -95,6 +95,24 @@ def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> No
             second.stop()
 
 
+@pytest.mark.slow
+def test_hole_is_counted_from_the_last_sample(tmp_path: Path) -> None:
+    """Not from when the link was lost, nor from when the state was saved."""
+    with spawn(EmulatorSettings(seed=2, link=str(tmp_path / "sensor"))) as sensor:
+        with Daemon(str(tmp_path / "sensor"), tmp_path / "state") as first:
+            first.samples(200)
+            sensor.ask("unplug")
+            first.wait(lambda r: r.state == "waiting")
+            time.sleep(14.0)
+            first.stop()
+        sensor.ask("replug")
+        with Daemon(str(tmp_path / "sensor"), tmp_path / "state") as second:
+            after = second.samples(400)
+            assert after.session.restarts == 1
+            assert after.session.missing > 1400
+            adds_up(after)
+
+
 def test_other_sensors_state_is_set_aside(tmp_path: Path) -> None:
     words = ("--id", "lab")
     with spawn(EmulatorSettings(seed=5)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:

@@ -214,6 +214,16 @@ def test_a_grade_on_the_line_between_two_is_told_when_it_stays() -> None:
     assert told(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
 
 
+def test_a_hole_is_known_though_another_stream_comes_back_first() -> None:
+    monitor = Monitor()
+    monitor.feed(block(5000), room_s=0.0)
+    other = replace(block(10), stream=replace(DELTAS, kind="compensated", source="VNYMR", clock="none"))
+    monitor.feed(other, room_s=7200.0)
+    monitor.feed(block(5000, 5000 + 40 * 7200), room_s=0.1)
+    monitor.flush()
+    assert report(monitor).session.missing == 40 * 7200
+
+
 def test_saved_record_of_another_stream_is_refused() -> None:
     one = Monitor()
     one.feed(block(500))

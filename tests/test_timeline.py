@@ -232,6 +232,38 @@ def test_hole_of_a_restart_is_known_though_nothing_was_fed_meanwhile(away_s: flo
     assert [int(s) for p in out for s in p.steps] == [hole] + [1] * 9
 
 
+def test_hole_is_known_though_the_link_is_lost_twice_in_it() -> None:
+    line = Timeline("startup", 0.025)
+    line.place(block(np.arange(100) * TICK), room_s=2.5)
+    line.gap(60.0)
+    line.gap(60.0)
+    out = line.place(block((np.arange(10) + 99 + 4800) * TICK), room_s=0.2)
+    assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
+
+
+def test_clock_that_began_anew_and_has_passed_the_old_one_is_no_hole() -> None:
+    line = Timeline("startup", 0.025)
+    line.place(block(np.arange(100) * TICK), room_s=2.5)
+    line.gap(0.0)  # interrupted; how long, is told with the samples
+    out = line.place(block((np.arange(10) + 140) * TICK), room_s=3600.0)
+    assert [int(s) for p in out for s in p.steps] == [BREAK] + [1] * 9
+
+
+def test_a_room_whose_clock_is_fast_leaves_nothing_open() -> None:
+    line = Timeline("startup", 0.025)
+    for k in range(2000):
+        line.place(block((np.arange(400) + 400 * k) * TICK), room_s=10.0 * 1.0001)
+    out = line.place(block((np.arange(10) + 800_000 + 4000) * TICK), room_s=0.25)
+    assert out[0].steps[0] == BREAK
+
+
+def test_leap_of_the_last_sample_of_all_is_no_hole() -> None:
+    line = Timeline("startup", 0.025)
+    line.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), room_s=2.5)
+    [last] = line.finish()
+    assert last.steps.tolist() == [BREAK]
+
+
 def test_leap_of_a_century_is_no_hole() -> None:
     ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
     steps, _ = place(Timeline("startup", 0.025), block(ticks * TICK))

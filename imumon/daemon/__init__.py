@@ -82,6 +82,7 @@ class Daemon:
         self._silence = Silence()
         self._next_report = self._next_save = self._next_alive = self._next_tidy = 0.0
         self._fed_at: float | None = None
+        self._back_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
         self._state: report.State = "starting"
@@ -144,7 +145,7 @@ class Daemon:
         self._facts = self._link.session.configure()
         for text, level in self._keeping.take_up(self._facts):
             self._tell("state", text, level)
-        self._started = self._keeping.started
+        self._started, self._fed_at = self._keeping.started, uptime_s()
         who = f"{account.who(self._facts)} on {self._facts.port}"
         self.log.say(f"reading {who} at {self._facts.baud} baud")
         self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
@@ -193,15 +194,15 @@ class Daemon:
 
         Returns
         -------
-        Seconds to wait for the first of them.
+        Seconds to wait for the first of them; a little though it is late, for the reader may be later still.
         """
         if self._state == "starting":
             return min(BEAT_S, self.settings.report.period_s)
         until = min(self._next_report - AHEAD_S, time.monotonic() + GATHER_S)
         while not self._link.waits and (left := until - time.monotonic()) > 0.0:
-            self._stop.ask()
+            self._beat()
             time.sleep(min(left, LOOK_S))
-        return 0.0
+        return LOOK_S / 2
 
     def _heard(self, data: bytes, samples: bool = False) -> None:
         """Whether the sensor is silent; it is not while the daemon itself is busy."""
@@ -239,9 +240,7 @@ class Daemon:
                 facts = self._learn(session.facts())
                 if self._monitor.rate_hz is None:
                     self._monitor.rate_hz = facts.sample_rate_hz
-            now = uptime_s()
-            passed, self._fed_at = now - (self._fed_at or now), now
-            self._monitor.feed(item, room_s=passed * self.task.speed)
+            self._feed(item)
             if self._monitor.refused is not None and self._keeping is not None:
                 self._tell("state", self._keeping.refuse() or "", "warning")
                 self._started = None
@@ -250,6 +249,14 @@ class Daemon:
             self._arrived()
         self._record(data)
         return arrived
+
+    def _feed(self, block: SampleBlock) -> None:
+        """Hand samples over, with the room's time that has passed; in time-lapse that proves nothing."""
+        now = uptime_s()
+        passed, self._fed_at = now - (self._fed_at or now), now
+        if self._keeping is not None:
+            self._keeping.fed_s = now
+        self._monitor.feed(block, room_s=passed if self.task.speed == 1.0 else None)
 
     def _arrived(self) -> None:
         if self._state != "running":
@@ -260,7 +267,7 @@ class Daemon:
             self._started = report.stamp(datetime.now(UTC))
 
     def _lose(self, why: str) -> None:
-        self._lost_at, self._fed_at = uptime_s(), None
+        self._lost_at = self._lost_at or uptime_s()
         self._obstacle = self._link.obstacle = None
         self._state = "waiting"
         self._link.close()
@@ -284,8 +291,12 @@ class Daemon:
             self._lose(str(error))
             return
         assert self._lost_at is not None
-        away = uptime_s() - self._lost_at
-        self._gap(away * self.task.speed)
+        now = uptime_s()
+        away, self._lost_at = now - self._lost_at, None
+        # since the last sample; of that, an earlier return that brought none has told its part
+        whole = now - max(self._fed_at or now, self._back_at or 0.0)
+        self._back_at = now
+        self._gap(whole * self.task.speed)
         self._streams.clear()
         if self._keeping.differing(self._facts) and self._monitor.samples:
             self._begin_anew(self._facts)
@@ -294,7 +305,7 @@ class Daemon:
 
     def _gap(self, away_s: float | None) -> None:
         """The stream was interrupted, s of the sensor's time, None where nobody knows."""
-        self._monitor.gap(away_s)
+        self._monitor.gap(away_s if self.task.speed != 1.0 else 0.0)  # else it is told with the next samples
         self._tape.lost(away_s)
 
     def _begin_anew(self, facts: Facts) -> None:
@@ -323,7 +334,8 @@ class Daemon:
             self._notifier.alive()
             self._next_alive = now + self._notifier.watchdog_s
         if self._bus is not None and now >= self._next_report:
-            self._next_report = max(self._next_report + self.settings.report.period_s, now)
+            period = self.settings.report.period_s
+            self._next_report = max(self._next_report, now - period) + period  # late is late: no two at once
             self._publish()
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
@@ -382,6 +394,7 @@ class Daemon:
     def _end(self) -> report.Report | None:
         """Leave the sensor as it was, keep the state, say goodbye."""
         self._notifier.stopping()
+        self._take_the_rest()
         self._link.decoder.finish()
         self._monitor.flush()
         final = None
@@ -400,6 +413,15 @@ class Daemon:
         if self._bus is not None:
             self._bus.close()
         return final
+
+    def _take_the_rest(self) -> None:
+        """What has come by now still counts; a moment is enough, for more may come all the time."""
+        end = time.monotonic() + LOOK_S
+        with suppress(PortGone, SessionError):
+            while self._link.session is not None and time.monotonic() < end:
+                if not (data := self._link.session.read(0.0)):
+                    break
+                self._take(data)
 
     def _give_up(self) -> None:
         """Leave the sensor as it was; what was saved last stays, for samples may be counted by half.

@@ -55,6 +55,7 @@ class Keeping:
     Attributes
     ----------
     started : when the record began, None for a new one.
+    fed_s : `uptime_s` of the last samples, from which a hole is counted; None before the first.
 
     Raises
     ------
@@ -73,6 +74,7 @@ class Keeping:
         self._before = Session()
         self._complained: str | None = None
         self.started: str | None = None
+        self.fed_s: float | None = None
 
     def take_up(self, facts: Facts) -> list[tuple[str, Level]]:
         """Have the monitor go on with the kept record, if it is one of this sensor as it is set now.
@@ -101,7 +103,7 @@ class Keeping:
             return self._refuse("other-settings", f"of other settings, {'; '.join(changed)}")
         try:
             counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
-            away, saved = _since(meta), meta["saved"]
+            away, saved = _since(meta) + float(meta.get("age_s", 0.0)), meta["saved"]
             self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
         except OtherRun as error:
             return self._refuse("other-settings", str(error))
@@ -192,6 +194,7 @@ class Keeping:
             "saved": stamp(datetime.now(UTC)),
             "boot": _boot(),
             "uptime_s": uptime_s(),
+            "age_s": uptime_s() - self.fed_s if self.fed_s is not None else 0.0,
             "session": {name: getattr(session, name) for name in COUNTERS},
             "monitor": meta,
         }

@@ -53,12 +53,11 @@ class Line:
 
     def read(self, timeout: float) -> bytes:
         deadline = time.monotonic() + timeout
-        while True:
+        data = self.port.read(0.0)  # what is there comes before all else
+        while not data and (left := deadline - time.monotonic()) > 0.0:
             self.beat()
-            left = deadline - time.monotonic()
-            data = self.port.read(max(0.0, min(left, BEAT_S)))
-            if data or left <= BEAT_S:
-                return data
+            data = self.port.read(min(left, BEAT_S))
+        return data
 
     def write(self, data: bytes) -> None:
         self.port.write(data)

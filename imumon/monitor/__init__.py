@@ -92,6 +92,7 @@ class Monitor:
         self._events = Events()
         self._unrated = ""  # message of a stream that wants a rate
         self._waited, self._waited_s = 0, 0.0
+        self._passed_s = 0.0  # of the room, with blocks of other streams
         self._resumed: tuple[Stream, Timeline, Record, int] | None = None
         self.refused: str | None = None
 
@@ -106,11 +107,14 @@ class Monitor:
         ------
         RateNeeded : the stream has no clock and no rate was given.
         """
+        passed = None if room_s is None else self._passed_s + room_s
         if not len(block) or not self._chosen(block.stream):
+            self._passed_s = passed or 0.0
             self._without_rate(block, room_s or 0.0)
             return
         assert self._timeline is not None
-        for placed in self._timeline.place(block, room_s=room_s):
+        self._passed_s = 0.0
+        for placed in self._timeline.place(block, room_s=passed):
             self._take(placed)
         rest = self._timeline.rest
         if self._timeline.changed and rest is not None:

@@ -153,10 +153,10 @@ class Events:
                 self._turning.pop(sensor, None)
                 continue
             turned, since = self._turning.get(sensor, (None, elapsed))
-            if turned != now:
+            if turned != now or elapsed < since:  # of another record
                 since = elapsed
             self._turning[sensor] = (now, since)
-            if before is None or elapsed >= since * GRADE_STAYS:
+            if before is None or now is None or elapsed >= since * GRADE_STAYS:
                 self._grades[sensor] = now
                 if not self._grades_known:
                     was = f" (was {before})" if before else ""

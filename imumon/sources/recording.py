@@ -71,7 +71,8 @@ class Recording:
 
     Iterate to get the chunks: of a raw capture, of gzip of one, or of what `Recorder` made; of the latter
     the further parts of the same run, and those of the runs that went on with its record, follow by
-    themselves while they have the names that they were given. `pieces` has `Lost` where the link was.
+    themselves where they lie beside it under the names that they were given, and are not in it already.
+    `pieces` has `Lost` where the link was.
 
     Parameters
     ----------
@@ -93,6 +94,7 @@ class Recording:
         self._part = _Part(path)
         self.header = self._part.header
         self._later = [] if self.header is None else _later_parts(path, self.header)
+        self._read: set[tuple[Any, Any]] = set()  # parts, by `_key`
         self._behind = 0  # bytes of the parts that have been read
         self._total = 0 if path == "-" else sum(os.path.getsize(p) for p in [path, *self._later])
 
@@ -115,20 +117,32 @@ class Recording:
         for path in self._later:
             self._behind += self._part.taken
             before, self._part = self._part, _Part(path)
+            if self._key(self._part.header) in self._read:  # put together with others by hand
+                self._part.close()
+                continue
             if _said(self._part, "run") != _said(before, "run"):
                 yield Lost(None)
             yield from self._read_part()
 
     def _read_part(self) -> Iterator[bytes | Lost]:
         run = _said(self._part, "run")
+        self._read.add(self._key(self._part.header))
         for item in self._part:
             if isinstance(item, bytes):
                 yield item
-            elif "run" not in item or item["run"] != run:  # else: parts of one run, put together in one file
+                continue
+            self._read.add(self._key(item))
+            if "run" not in item or item["run"] != run:  # else: parts of one run, put together in one file
                 run = item.get("run", run)
                 yield Lost(item.get("away_s"))
         if self._part.problem is not None and self.problem is None:
             self.problem = f"{self._part.path} {self._part.problem}"
+
+    @staticmethod
+    def _key(header: Mapping[str, Any] | None) -> tuple[Any, Any]:
+        """What tells one part from every other."""
+        told = header or {}
+        return told.get("run"), told.get("part")
 
 
 def read_file(path: str) -> Recording:
@@ -251,18 +265,19 @@ def _undamaged(member: Any, data: bytes) -> Iterator[bytes]:
 def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
     """Parts of the same record behind the one at `path`, in order.
 
-    None behind a file of another name than it was given: it may be several, put together.
+    None behind standard input, whose place nobody knows.
     """
     found: list[str] = []
     number, base = header.get("part"), header.get("base")
     if not isinstance(number, int) or not isinstance(base, str):
         return []
-    if os.path.basename(path) != part_path(base, number):
+    if path == "-":
         return []
+    folder = os.path.dirname(os.path.realpath(path))
     run, record = header.get("run"), header.get("record")
     while True:
         number += 1
-        following = part_path(os.path.join(os.path.dirname(path), base), number)
+        following = part_path(os.path.join(folder, base), number)
         try:
             part = _Part(following)
         except SourceError:

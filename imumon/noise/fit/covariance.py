@@ -122,7 +122,7 @@ def octaves_in(span: int) -> int:
     return max(0, int(span).bit_length() - 1)
 
 
-def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
+def tables(span: int, octaves: int, *, averaged: bool, coarse: bool = False) -> Tables:
     """Tables for a record of so many samples, from a cache that a growing record refreshes every 3 %.
 
     Parameters
@@ -130,14 +130,15 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     span : samples, length of the time grid.
     octaves : how many, from m = 1 on; at most `octaves_in(span)`.
     averaged : true cluster averages, else point samples.
+    coarse : seven digits are enough, in half the memory.
     """
     span = max(int(span), 1 << octaves)
     step = max(0, span.bit_length() - 6)
-    return _tables(span >> step << step, octaves, averaged)
+    return _tables(span >> step << step, octaves, averaged, coarse)
 
 
 @lru_cache(maxsize=16)  # of each kind one for the record, six for the outlook, and one to spare
-def _tables(span: int, octaves: int, averaged: bool) -> Tables:
+def _tables(span: int, octaves: int, averaged: bool, coarse: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
     stride = np.maximum(1, m // 8)
     full = (span - 2 * m) // stride + 1
@@ -159,7 +160,8 @@ def _tables(span: int, octaves: int, averaged: bool) -> Tables:
             sums[:, at] = _sums(base, base + key // 8, span >> copies[at], averaged).T * scales[:, at]
     sums[: len(PAIRS)] *= _HALF[:, None]
     sums /= full[i] * full[j].astype(np.float64)
-    return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
+    kept = sums.astype(np.float32) if coarse else sums
+    return Tables(averaged, span, full, kept, design(octaves, averaged=averaged))
 
 
 @lru_cache(maxsize=128)

@@ -94,7 +94,9 @@ def _spreads(problems: Problems, p: Floats, span: int) -> tuple[Floats, Floats]:
         used[:, : out.shape[1]] = ~out | _not_yet(problems)
         longest = replace(
             problems,
-            tables=tuple(tables(length, octaves, averaged=kind.averaged) for kind in problems.tables),
+            tables=tuple(
+                tables(length, octaves, averaged=kind.averaged, coarse=True) for kind in problems.tables
+            ),
             variance=np.ones(used.shape),
             thinning=np.ones(used.shape),
             used=used,
