@@ -115,9 +115,9 @@ class Timeline:
 
         Parameters
         ----------
-        length_s : s, about how long by another clock, None where nobody knows; 0 where `place` will be told
-            of all of it as the room's time. Where the sensor's clock says something else, it was restarted
-            meanwhile, and the gap is of unknown length.
+        length_s : s, about how long by another clock since the last samples or the last call, None where
+            nobody knows; `place` is not told of it again. Where the sensor's clock says something else, it
+            was restarted meanwhile, and the gap is of unknown length.
         """
         if self.clock in ("dt", "none"):
             self._unknown_gap = True
@@ -285,6 +285,8 @@ class Timeline:
         assert self.interval_s is not None
         time = block.time_ns
         anew = self._is_anew(int(time[0]))
+        if self._last is None and self._room_s is not None:
+            self._room_s = 0.0  # what passed before the first sample of all is no hole
         before = time[0] if self._last is None else self._last
         steps = np.rint(_steps(time, before) * (self._scale / self.interval_s)).astype(np.int64)
         if self._last is None:
@@ -327,8 +329,6 @@ class Timeline:
         expected, self._expected_s = self._expected_s, None
         if expected is None or self._last is None:
             return False
-        if self._room_s is not None:  # what passed since then, too
-            expected = self._room_s
         if abs((time - self._last) * self._scale - expected) < GAP_SLACK_S + 0.02 * expected:
             return False
         self._last = None

@@ -10,13 +10,20 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
-from daemons import Daemon
+from daemons import Daemon, free_endpoint
 
+from imumon.config import load
+from imumon.daemon import Daemon as Reader
+from imumon.daemon import Task
+from imumon.daemon.stop import Stopped
 from imumon.emulator import EmulatorSettings, spawn
 from imumon.report import Report
 from imumon.sensors.vn100.ascii import encode
+from imumon.sensors.vn100.session import Facts, Session
+from imumon.sources import SerialPort
 
 ROOT = Path(__file__).parents[1]
 
@@ -93,6 +100,52 @@ def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> No
             assert after.session.started == before.session.started
             adds_up(after)
             second.stop()
+
+
+def here(port: str, state: Path, **words: Any) -> Reader:
+    """A daemon in this process."""
+    settings = load(None, {"zenoh.listen": [free_endpoint()], "log.level": "error"})
+    return Reader(settings, Task(path=port, state_directory=state, **words))
+
+
+def test_a_stop_while_it_is_being_set_up_leaves_the_kept_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configure = Session.configure
+
+    def stopped(session: Session) -> Facts:
+        configure(session)
+        time.sleep(0.3)  # samples have come by now
+        raise Stopped
+
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        with Daemon(sensor.path, tmp_path) as first:
+            first.samples(200)
+            first.stop()
+        kept = {path.name: path.read_bytes() for path in tmp_path.glob("*.state*")}
+        assert kept
+        monkeypatch.setattr(Session, "configure", stopped)
+        here(sensor.path, tmp_path).run()
+        assert {path.name: path.read_bytes() for path in tmp_path.glob("*.state*")} == kept
+
+
+def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        reader = here(sensor.path, tmp_path, duration_s=4.0)
+        read = SerialPort.read
+
+        def flood(port: SerialPort, timeout: float) -> bytes:
+            return read(port, timeout) or (bytes(1000) if reader._state == "running" else b"")
+
+        monkeypatch.setattr(SerialPort, "read", flood)
+        monkeypatch.setattr(SerialPort, "waits", True)
+        begun = time.monotonic()
+        outcome = reader.run()
+        assert time.monotonic() - begun < 12.0
+        assert outcome.report is not None
+        assert outcome.report.session.samples > 50
 
 
 @pytest.mark.slow

@@ -208,6 +208,11 @@ def test_a_grade_on_the_line_between_two_is_told_when_it_stays() -> None:
         "gyro is industrial",
         "gyro is consumer (was industrial)",
     ]
+    lost = Events()
+    for k in range(100):
+        at = cast(Record, SimpleNamespace(elapsed_s=1000.0 + k))
+        lost.from_grades({"gyro": SensorGrade(nearest=None if k % 2 else "industrial")}, at)
+    assert len(lost.take()) == 1
     again = Events()
     again.resumed(cast(Record, SimpleNamespace(gaps=0, missing=0)))
     assert told(again, range(1000, 1100), 200) == [], "told before the restart"

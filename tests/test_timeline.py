@@ -241,19 +241,18 @@ def test_hole_is_known_though_the_link_is_lost_twice_in_it() -> None:
     assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
 
 
-def test_clock_that_began_anew_and_has_passed_the_old_one_is_no_hole() -> None:
-    line = Timeline("startup", 0.025)
-    line.place(block(np.arange(100) * TICK), room_s=2.5)
-    line.gap(0.0)  # interrupted; how long, is told with the samples
-    out = line.place(block((np.arange(10) + 140) * TICK), room_s=3600.0)
-    assert [int(s) for p in out for s in p.steps] == [BREAK] + [1] * 9
-
-
 def test_a_room_whose_clock_is_fast_leaves_nothing_open() -> None:
     line = Timeline("startup", 0.025)
     for k in range(2000):
         line.place(block((np.arange(400) + 400 * k) * TICK), room_s=10.0 * 1.0001)
     out = line.place(block((np.arange(10) + 800_000 + 4000) * TICK), room_s=0.25)
+    assert out[0].steps[0] == BREAK
+
+
+def test_time_before_the_first_sample_is_not_open() -> None:
+    line = Timeline("startup", 0.025)
+    line.place(block(np.arange(100) * TICK), room_s=7200.0)
+    out = line.place(block((np.arange(10) + 100 + 280_000) * TICK), room_s=0.25)
     assert out[0].steps[0] == BREAK
 
 

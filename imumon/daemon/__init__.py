@@ -82,7 +82,6 @@ class Daemon:
         self._silence = Silence()
         self._next_report = self._next_save = self._next_alive = self._next_tidy = 0.0
         self._fed_at: float | None = None
-        self._back_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
         self._state: report.State = "starting"
@@ -145,7 +144,7 @@ class Daemon:
         self._facts = self._link.session.configure()
         for text, level in self._keeping.take_up(self._facts):
             self._tell("state", text, level)
-        self._started, self._fed_at = self._keeping.started, uptime_s()
+        self._started = self._keeping.started
         who = f"{account.who(self._facts)} on {self._facts.port}"
         self.log.say(f"reading {who} at {self._facts.baud} baud")
         self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
@@ -177,6 +176,7 @@ class Daemon:
         if session is None:
             self._reconnect()
             return
+        self._stop.ask()
         try:
             data = session.read(self._gathered())
             self._heard(data, self._take(data))
@@ -254,9 +254,10 @@ class Daemon:
         """Hand samples over, with the room's time that has passed; in time-lapse that proves nothing."""
         now = uptime_s()
         passed, self._fed_at = now - (self._fed_at or now), now
-        if self._keeping is not None:
-            self._keeping.fed_s = now
+        before = self._monitor.samples
         self._monitor.feed(block, room_s=passed if self.task.speed == 1.0 else None)
+        if self._keeping is not None and self._monitor.samples != before:
+            self._keeping.fed_s = now
 
     def _arrived(self) -> None:
         if self._state != "running":
@@ -293,10 +294,8 @@ class Daemon:
         assert self._lost_at is not None
         now = uptime_s()
         away, self._lost_at = now - self._lost_at, None
-        # since the last sample; of that, an earlier return that brought none has told its part
-        whole = now - max(self._fed_at or now, self._back_at or 0.0)
-        self._back_at = now
-        self._gap(whole * self.task.speed)
+        unfed, self._fed_at = now - (self._fed_at or now), now  # longer than the link was away
+        self._gap(unfed * self.task.speed)
         self._streams.clear()
         if self._keeping.differing(self._facts) and self._monitor.samples:
             self._begin_anew(self._facts)
@@ -305,7 +304,7 @@ class Daemon:
 
     def _gap(self, away_s: float | None) -> None:
         """The stream was interrupted, s of the sensor's time, None where nobody knows."""
-        self._monitor.gap(away_s if self.task.speed != 1.0 else 0.0)  # else it is told with the next samples
+        self._monitor.gap(away_s)
         self._tape.lost(away_s)
 
     def _begin_anew(self, facts: Facts) -> None:
@@ -335,7 +334,9 @@ class Daemon:
             self._next_alive = now + self._notifier.watchdog_s
         if self._bus is not None and now >= self._next_report:
             period = self.settings.report.period_s
-            self._next_report = max(self._next_report, now - period) + period  # late is late: no two at once
+            self._next_report += period
+            if self._next_report <= now:  # late is late: no two at once
+                self._next_report = now + period
             self._publish()
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
@@ -394,7 +395,8 @@ class Daemon:
     def _end(self) -> report.Report | None:
         """Leave the sensor as it was, keep the state, say goodbye."""
         self._notifier.stopping()
-        self._take_the_rest()
+        if self._fed_at is not None and self._lost_at is None:  # else it was being set up
+            self._take_the_rest()
         self._link.decoder.finish()
         self._monitor.flush()
         final = None

@@ -156,7 +156,7 @@ class Events:
             if turned != now or elapsed < since:  # of another record
                 since = elapsed
             self._turning[sensor] = (now, since)
-            if before is None or now is None or elapsed >= since * GRADE_STAYS:
+            if sensor not in self._grades or elapsed >= since * GRADE_STAYS:
                 self._grades[sensor] = now
                 if not self._grades_known:
                     was = f" (was {before})" if before else ""

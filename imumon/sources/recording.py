@@ -273,7 +273,9 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
         return []
     if path == "-":
         return []
-    folder = os.path.dirname(os.path.realpath(path))
+    folders = [os.path.dirname(place) for place in (path, os.path.realpath(path))]
+    following = part_path(base, number + 1)
+    folder = next((f for f in folders if os.path.exists(os.path.join(f, following))), folders[1])
     run, record = header.get("run"), header.get("record")
     while True:
         number += 1
