@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -148,6 +149,22 @@ def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
     assert daemon._state == "starting"
     daemon._heard(b"")
     assert daemon._state == "waiting"
+
+
+def test_a_late_report_is_not_followed_by_another_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = Settings()
+    daemon = Daemon(settings, Task(path=None, state_directory=tmp_path))
+    published: list[float] = []
+    monkeypatch.setattr(daemon, "_bus", object())
+    monkeypatch.setattr(daemon, "_publish", lambda: published.append(now))
+    step = settings.report.period_s / 10.0
+    for now in [100.0 + step * k for k in (*range(15), *range(55, 75))]:  # stopped for four periods
+        daemon._duties(now)
+    gaps = [after - before for before, after in pairwise(published)]
+    assert min(gaps) > 9.5 * step
+    assert len(published) == 4
 
 
 def test_a_sensor_whose_bytes_never_become_samples_is_waited_for_too(
