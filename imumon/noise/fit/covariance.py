@@ -23,7 +23,7 @@ a rate ramp, R^2 tau^2/2, which has no noise of its own but multiplies that of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -36,6 +36,7 @@ TERMS = ("N", "B", "K", "Q", "R")
 PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 """Pairs of noise types of which a table is kept."""
 LEFT, RIGHT = (np.array([pair[side] for pair in PAIRS]) for side in (0, 1))
+_ROWS = len(PAIRS) + 4
 _HALF = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
 _GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # of r with the cluster length: powers of it, by noise type
 _SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])  # noise types whose rate has a derivative to speak of
@@ -122,7 +123,7 @@ def octaves_in(span: int) -> int:
     return max(0, int(span).bit_length() - 1)
 
 
-def tables(span: int, octaves: int, *, averaged: bool, coarse: bool = False) -> Tables:
+def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     """Tables for a record of so many samples, from a cache that a growing record refreshes every 3 %.
 
     Parameters
@@ -130,15 +131,37 @@ def tables(span: int, octaves: int, *, averaged: bool, coarse: bool = False) -> 
     span : samples, length of the time grid.
     octaves : how many, from m = 1 on; at most `octaves_in(span)`.
     averaged : true cluster averages, else point samples.
-    coarse : seven digits are enough, in half the memory.
     """
     span = max(int(span), 1 << octaves)
     step = max(0, span.bit_length() - 6)
-    return _tables(span >> step << step, octaves, averaged, coarse)
+    return _tables(span >> step << step, octaves, averaged)
 
 
-@lru_cache(maxsize=16)  # of each kind one for the record, six for the outlook, and one to spare
-def _tables(span: int, octaves: int, averaged: bool, coarse: bool) -> Tables:
+@lru_cache(maxsize=2)  # of each kind
+def doublings(bits: int, count: int, *, averaged: bool) -> tuple[Tables, ...]:
+    """Tables for records of 2^bits samples and its doublings, all octaves in them.
+
+    They have seven digits and lie together, for they stay as long as the record takes to double: many pieces
+    of that age amid what comes and goes would hold the pages between them.
+    """
+    octaves = np.arange(bits, bits + count)
+    ends = np.cumsum(_ROWS * octaves * (octaves + 1) // 2)
+    room = np.empty(ends[-1], dtype=np.float32)
+    found = []
+    for k, part in zip(octaves.tolist(), np.split(room, ends[:-1]), strict=True):
+        made = _made(1 << k, k, averaged)
+        part = part.reshape(_ROWS, -1)
+        part[:] = made.sums
+        found.append(replace(made, sums=part))
+    return tuple(found)
+
+
+@lru_cache(maxsize=4)  # of each kind one for the record and one to spare
+def _tables(span: int, octaves: int, averaged: bool) -> Tables:
+    return _made(span, octaves, averaged)
+
+
+def _made(span: int, octaves: int, averaged: bool) -> Tables:
     m = 1 << np.arange(octaves, dtype=np.int64)
     stride = np.maximum(1, m // 8)
     full = (span - 2 * m) // stride + 1
@@ -160,8 +183,7 @@ def _tables(span: int, octaves: int, averaged: bool, coarse: bool) -> Tables:
             sums[:, at] = _sums(base, base + key // 8, span >> copies[at], averaged).T * scales[:, at]
     sums[: len(PAIRS)] *= _HALF[:, None]
     sums /= full[i] * full[j].astype(np.float64)
-    kept = sums.astype(np.float32) if coarse else sums
-    return Tables(averaged, span, full, kept, design(octaves, averaged=averaged))
+    return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
 
 
 @lru_cache(maxsize=128)

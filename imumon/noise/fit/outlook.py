@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.fit.covariance import octaves_in, tables
+from imumon.noise.fit.covariance import doublings
 from imumon.noise.fit.intervals import deviations
 from imumon.noise.fit.leastsquares import Problems
 from imumon.samples import Bools, Floats
@@ -87,16 +87,14 @@ def _spreads(problems: Problems, p: Floats, span: int) -> tuple[Floats, Floats]:
     lengths, found = [float(span)], [_relative(problems, p)]
     out = ~problems.used
     longest = problems
-    for doubling in range(1, NEAR + 1):
-        length = 1 << (span.bit_length() + doubling - 1)
-        octaves = octaves_in(length)
+    kinds = [doublings(span.bit_length(), NEAR, averaged=kind.averaged) for kind in problems.tables]
+    for each in zip(*kinds, strict=True):
+        length, octaves = each[0].span, each[0].full.size
         used = np.ones((len(p), octaves), dtype=bool)
         used[:, : out.shape[1]] = ~out | _not_yet(problems)
         longest = replace(
             problems,
-            tables=tuple(
-                tables(length, octaves, averaged=kind.averaged, coarse=True) for kind in problems.tables
-            ),
+            tables=each,
             variance=np.ones(used.shape),
             thinning=np.ones(used.shape),
             used=used,
@@ -112,8 +110,8 @@ def _spreads(problems: Problems, p: Floats, span: int) -> tuple[Floats, Floats]:
     powers = (
         p * np.stack([1.0 / scale, np.ones_like(scale), scale, 1.0 / scale**2, scale**2], axis=1)[:, None]
     )
-    each = longest.take(np.tile(np.arange(len(p)), steps.size))
-    far = _relative(replace(each, used=used.reshape(-1, k)), powers.reshape(-1, p.shape[1]))
+    every = longest.take(np.tile(np.arange(len(p)), steps.size))
+    far = _relative(replace(every, used=used.reshape(-1, k)), powers.reshape(-1, p.shape[1]))
     lengths += (lengths[NEAR] * scale).tolist()
     return np.array(lengths), np.concatenate(
         [np.stack(found, axis=1), far.reshape(steps.size, *found[0].shape).swapaxes(0, 1)], axis=1

@@ -250,7 +250,7 @@ class _Fingerprints:
     def last(self, count: int) -> tuple[np.ndarray, Ints]:
         """The last so many at most, fingerprints and rows, the oldest first."""
         self._settle()
-        order = np.argsort(self._rows)[-count:]
+        order = np.argsort(self._rows, kind="stable")[-count:]
         order = order[self._rows[order] > 0]
         return self._keys[order], self._rows[order]
 

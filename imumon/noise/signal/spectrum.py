@@ -199,7 +199,7 @@ class Spectrum:
             share = np.concatenate([w for _, w in stage.waiting])
         stage.waiting = []
         self._average(stage, y, share)
-        stage.last, stage.last_share = y[:, -1].copy(), share[-1].copy()
+        stage.last, stage.last_share = _into(stage.last, y[:, -1]), share[-1].copy()
         if s + 1 >= STAGES:
             return
         half = _decimated(stage, y.reshape(len(y), -1)).reshape(len(y), -1, HOP // 2)
@@ -374,8 +374,16 @@ def _decimated(stage: _Stage, x: Floats) -> Floats:
             np.add(even[:, u : u + n], even[:, last - u : last - u + n], out=pair)
             pair *= tap
             mine += pair
-    stage.history = x[:, -_REACH:].copy()
+    stage.history = _into(stage.history, x[:, -_REACH:])
     return out
+
+
+def _into(room: Floats | None, x: Floats) -> Floats:
+    """A copy, where the one before was: what is renewed for ever had better not wander about the heap."""
+    if room is None:
+        return x.copy()
+    room[:] = x
+    return room
 
 
 def _band(s: int, stages: int) -> tuple[int, int]:
