@@ -272,7 +272,8 @@ class _Fingerprints:
         stays[np.argpartition(rows, surplus)[:surplus]] = False
         keys, rows = keys[stays], rows[stays]
         order = np.argsort(keys, kind="stable")  # of two sorted parts
-        self._keys, self._rows = keys[order], rows[order]
+        np.take(keys, order, out=self._keys)
+        np.take(rows, order, out=self._rows)
 
 
 def _beyond_chance(share: float) -> int:

@@ -23,6 +23,7 @@ PROMINENCE = 2.0
 """A line's bin holds at least so many times the density beside it."""
 SIDE, GUARD = 11, 3
 """Bins beside one that tell the level there, and those between that its own line may fill."""
+_WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))
 LOWEST = 12
 """First bin in which a line is looked for: below, a drift looks like one."""
 MAINS_HZ = (50.0, 60.0)
@@ -65,7 +66,8 @@ def beside(power: Floats) -> Floats:
     reach = GUARD + SIDE
     padded = np.full((len(power), BINS + 2 * reach), np.nan)
     padded[:, reach + 2 : reach + BINS] = power[:, 2:]
-    windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, SIDE, axis=1), axis=2)
+    windows = padded[:, _WINDOWS]
+    windows.sort(axis=2)
     known = np.isfinite(windows).sum(axis=2)
     middle = np.maximum(known - 1, 0)[:, :, None] // 2
     median = np.take_along_axis(windows, middle, axis=2)[:, :, 0]

@@ -87,7 +87,7 @@ class _Stage:
         self.last: Floats | None = None  # (c, HOP) the hop before
         self.last_share: Floats | None = None  # (g,) valid share of it
         self.history: Floats | None = None  # (c, _REACH) inputs before the next hop
-        self.half: Floats | None = None  # (c, HOP/2) first half of a hop
+        self.half: Floats | None = None  # (c, HOP/2) first half of a hop, where it has a share
         self.half_share: Floats | None = None
         self.waiting: list[tuple[Floats, Floats]] = []  # hops and their shares
 
@@ -207,9 +207,9 @@ class Spectrum:
             half = np.concatenate((stage.half[:, None], half), axis=1)
             share = np.concatenate((stage.half_share[None], share))
         pairs = half.shape[1] // 2
-        stage.half = stage.half_share = None
+        stage.half_share = None
         if half.shape[1] % 2:
-            stage.half, stage.half_share = half[:, -1].copy(), share[-1].copy()
+            stage.half, stage.half_share = _into(stage.half, half[:, -1]), share[-1].copy()
         if pairs:
             whole = half[:, : 2 * pairs].reshape(len(y), pairs, HOP)
             self._feed(s + 1, whole, share[: 2 * pairs].reshape(pairs, 2, -1).mean(axis=1))
@@ -329,6 +329,8 @@ class Spectrum:
             for name, value in vars(stage).items():
                 if value is not None and name != "waiting":
                     out[f"{s}.{name}"] = np.array(value)
+            if stage.half_share is None:
+                out.pop(f"{s}.half", None)
             if HOP * 2**s / self._rate < least_s:
                 for name in ("last", "half", "history"):
                     if (hop := out.get(f"{s}.{name}")) is not None:
