@@ -48,7 +48,9 @@ def test_a_young_record_has_n_at_once_and_no_fit_is_older_than_five_seconds_and_
     monitor, at, known, oldest = Monitor(), 0.0, None, 0.0
     for second in range(150):
         monitor.feed(block(100, start=100 * second))
+        before = monitor.renewals
         found = report(monitor).channels["gyro/x"].N
+        assert monitor.renewals - before == int(found is not known)
         if found is not known:
             at, known = second, found
         if second == 2:

@@ -228,6 +228,11 @@ class Monitor:
             limits=LIMITS,
         )
 
+    @property
+    def renewals(self) -> int:
+        """How often all that is dear was worked out, which takes memory that is free again then."""
+        return self._findings.renewals if self._findings else 0
+
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
         """What a signal view draws of some channels: strips; histogram and spectrum are in the report."""
         record = self._record

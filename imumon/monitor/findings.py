@@ -48,6 +48,7 @@ class Findings:
     shapes : of the distribution of each channel; None where nothing came.
     channels : what a report says of each channel from here.
     grades : headline of each sensor that has a grade, by the fits alone.
+    renewals : how often all was worked out.
     """
 
     def __init__(self, record: Record, *, averaged: Sequence[bool], precision: Mapping[str, float]) -> None:
@@ -61,6 +62,7 @@ class Findings:
         self.shapes: list[Shape | None] = []
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
+        self.renewals = 0
 
     def step(self, column: int) -> Step | None:
         """Sudden change of a channel's mean; None where there is none."""
@@ -79,6 +81,7 @@ class Findings:
         if waits or seen == self._seen:
             return
         self._seen, self._due_s = seen, elapsed + pause_s(elapsed)
+        self.renewals += 1
         curve, density = record.history.curve(), record.spectrum.result()
         self.shapes = record.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
