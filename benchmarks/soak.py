@@ -161,7 +161,7 @@ def measure(minutes: float) -> Iterator[Figure]:
 
 def straight(words: argparse.Namespace) -> dict[str, object]:
     """Blocks of an exact clock straight into the monitor, with a report every hour of the record, after which
-    memory is given back as the daemon does."""
+    memory is tidied as the daemon does."""
     from imumon import heap
     from imumon.monitor import Monitor
     from imumon.report import Device, Session
@@ -192,7 +192,9 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
             monitor.events()
             _, arrays = monitor.save()
             sizes.append(sum(array.nbytes for array in arrays.values()))
-            heap.give_back()
+            if not taken:
+                heap.settle()
+            heap.tidy()
             taken.append(resident_kb(os.getpid()))
     monitor.flush()
     latest = monitor.report(datetime.now(UTC), Device(id="soak"), "stopped", Session())

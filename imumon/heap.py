@@ -34,9 +34,14 @@ def settle() -> None:
 
 
 def give_back() -> None:
-    """Give the system what was freed: some milliseconds, so now and then."""
-    gc.collect()
+    """Give the system what was freed: a tenth of a millisecond."""
     with suppress(*_UNABLE):
         import ctypes
 
         ctypes.pythonapi.malloc_trim(0)
+
+
+def tidy() -> None:
+    """Free what nobody can reach and what Python keeps, and give it back: milliseconds, so now and then."""
+    gc.collect()
+    give_back()

@@ -30,13 +30,13 @@ from imumon import heap
 def blocks():
     return sys.getallocatedblocks()
 heap.settle()
-heap.give_back()
+heap.tidy()
 before = blocks()
 for length in range(2, 20):
     held = [tuple(i for i in range(length)) for _ in range(1500)]
     del held
 kept = blocks() - before
-heap.give_back()
+heap.tidy()
 print(kept, blocks() - before)
 """
 

@@ -44,7 +44,7 @@ __all__ = ["Daemon", "Outcome", "Task"]
 RETRY_S = 0.5
 GATHER_S, LOOK_S = 0.5, 0.1  # bytes gather so long at most; how often to look whether they still may
 AHEAD_S = 0.01  # before a report is due they are taken in, so that it has them
-TIDY_S, IDLE_S = 5.0, 60.0  # between two times that freed memory is given back: after a fit, and else
+TIDY_S, IDLE_S = 5.0, 60.0  # between two times that memory is tidied: after a fit, and else
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 
@@ -81,7 +81,7 @@ class Daemon:
         self._stop = Stop(task.duration_s)
         self._silence = Silence()
         self._next_report = self._next_save = self._next_alive = 0.0
-        self._tidied, self._tidied_at = 0, 0.0  # how often all had been worked out when memory was given back
+        self._tidied, self._tidied_at = 0, 0.0  # how often all had been worked out then
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -339,13 +339,14 @@ class Daemon:
             if self._next_report <= now:  # late is late: no two at once
                 self._next_report = now + period
             self._publish()
+            heap.give_back()
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._keeping.save(self._session(), self._started)
         idle = self._monitor.renewals == self._tidied
         if now - self._tidied_at >= (IDLE_S if idle else TIDY_S):
             self._tidied, self._tidied_at = self._monitor.renewals, now
-            heap.give_back()
+            heap.tidy()
 
     def _publish(self) -> report.Report:
         assert self._bus is not None
