@@ -246,27 +246,32 @@ class Checkpoint:
         self._lock = -1
 
     def _write_all(self) -> None:
-        while True:
-            with self._wake:
-                self._wake.wait_for(lambda: self._next is not None or self._closing)
-                state, self._next = self._next, None
-                if state is None:
-                    return
-                self._busy = True
-            try:
-                if not self._holds():
-                    self._let_go()
-                    self._take_hold()
-                while self._owed:  # or it would be overwritten
-                    self._move(*self._owed[0])
-                    self._owed.pop(0)
-                self._write(encode(state))
-                self.failed, self.saved = None, self.saved + 1
-            except Exception as error:  # whatever it is, the next save gets its chance
-                self.failed = self._why(error)
-            with self._wake:
-                self._busy = False
-                self._wake.notify_all()
+        while self._write_next():
+            pass
+
+    def _write_next(self) -> bool:
+        """Wait for a state, write it and let go of it; False: none will come."""
+        with self._wake:
+            self._wake.wait_for(lambda: self._next is not None or self._closing)
+            state, self._next = self._next, None
+            if state is None:
+                return False
+            self._busy = True
+        try:
+            if not self._holds():
+                self._let_go()
+                self._take_hold()
+            while self._owed:  # or it would be overwritten
+                self._move(*self._owed[0])
+                self._owed.pop(0)
+            self._write(encode(state))
+            self.failed, self.saved = None, self.saved + 1
+        except Exception as error:  # whatever it is, the next save gets its chance
+            self.failed = self._why(error)
+        with self._wake:
+            self._busy = False
+            self._wake.notify_all()
+        return True
 
     def _why(self, error: Exception) -> str:
         """What is wrong, and how to mend it."""

@@ -6,6 +6,8 @@ import errno
 import fcntl
 import os
 import shutil
+import time
+import weakref
 import zlib
 from pathlib import Path
 
@@ -195,6 +197,19 @@ def test_failing_disk_is_said_and_the_old_state_stays(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
     assert keeper.failed
     assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
+
+
+def test_what_is_written_is_let_go_of(tmp_path: Path) -> None:
+    checkpoint, array = Checkpoint(tmp_path, "x"), np.zeros(3)
+    there = weakref.ref(array)
+    checkpoint.save(State({}, {"a": array}))
+    del array
+    assert checkpoint.settle()
+    until = time.monotonic() + 5.0
+    while there() is not None and time.monotonic() < until:
+        time.sleep(0.01)
+    assert there() is None
+    checkpoint.close()
 
 
 def test_fresh_start_keeps_the_old_one(tmp_path: Path) -> None:
