@@ -2,10 +2,10 @@
 
 glibc gives each thread a heap of its own, which costs 4 MB here and gains nothing; and it keeps what was
 freed below what is still in use: fits and spectra come and go in pieces of some hundred kilobytes, of which
-5 MB stay behind, and holes that swing by a megabyte; so pieces from 32 kB on have pages of their own. Python
-keeps up to two thousand freed tuples of each length below twenty, which fill report by report to 4 MB; only a
-full collection lets them go. With another C library, a Python without ctypes, or a system that lets it not
-load, all stays as it is.
+5 MB stay behind, and holes that swing by a megabyte; so pieces from 32 kB on have pages of their own, and
+what lives long is renewed where it lies. Python keeps up to two thousand freed tuples of each length below
+twenty, which fill report by report to 4 MB; only a full collection lets them go. With another C library, a
+Python without ctypes, or a system that lets it not load, all stays as it is.
 """
 
 from __future__ import annotations

@@ -41,6 +41,25 @@ print(kept, blocks() - before)
 """
 
 
+NAMES = """
+import tracemalloc
+import numpy as np
+from imumon.noise.signal.lines import BINS, beside
+power = np.ones((1, BINS))
+beside(power)
+tracemalloc.start()
+for _ in range(4000):
+    beside(power)
+print(tracemalloc.get_traced_memory()[0])
+"""
+
+
+def test_no_names_come_and_go() -> None:
+    """Each takes a place in Python's table of names; when some thousand are used up, it doubles."""
+    done = subprocess.run([sys.executable, "-c", NAMES], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 100_000
+
+
 def test_freed_tuples_are_not_kept() -> None:
     done = subprocess.run([sys.executable, "-c", TUPLES], capture_output=True, text=True, check=True)
     kept, left = (int(word) for word in done.stdout.split())
