@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -296,7 +295,9 @@ def main() -> None:
     """Write the pages into the directory that is named, or docs/man."""
     from imumon.cli import parsers
 
-    directory = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/man")
+    words = argparse.ArgumentParser(prog="python -m imumon.cli.manual", description=main.__doc__)
+    words.add_argument("directory", type=Path, nargs="?", default=Path("docs/man"))
+    directory: Path = words.parse_args().directory
     directory.mkdir(parents=True, exist_ok=True)
     for name, text in pages(*parsers()).items():
         (directory / name).write_text(text)
