@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from imumon.daemon import Daemon as Reader
 from imumon.daemon import Task
 from imumon.daemon.stop import Stopped
 from imumon.emulator import EmulatorSettings, spawn
-from imumon.report import Report
+from imumon.report import Report, stamp
 from imumon.sensors.vn100.ascii import encode
 from imumon.sensors.vn100.session import Facts, Session
 from imumon.sources import SerialPort
@@ -146,6 +147,24 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
         assert time.monotonic() - begun < 12.0
         assert outcome.report is not None
         assert outcome.report.session.samples > 50
+
+
+def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(100)
+        sensor.ask("stall 600")
+        time.sleep(1.0)  # all is read, and a report has it
+        begun = stamp(datetime.now(UTC))
+        first, before = daemon.wait(lambda r: r.time > begun), sensor.ask("counters")
+        sensor.ask("stall 0")
+        daemon.samples(first.session.samples + 150)
+        time.sleep(0.3)  # more gathers, and is in no report yet
+        after = sensor.ask("silence 600")
+        daemon.process.send_signal(signal.SIGTERM)
+        last = daemon.wait(lambda r: r.state == "stopped")
+        sent = (after["sent"] - after["replies"]) - (before["sent"] - before["replies"])
+        assert last.session.samples - first.session.samples == sent
+        adds_up(last)
 
 
 @pytest.mark.slow
