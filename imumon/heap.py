@@ -2,10 +2,11 @@
 
 glibc gives each thread a heap of its own, which costs 4 MB here and gains nothing; and it keeps what was
 freed below what is still in use: fits and spectra come and go in pieces of some hundred kilobytes, of which
-5 MB stay behind, and holes that swing by a megabyte; so pieces from 32 kB on have pages of their own, and
-what lives long is renewed where it lies. Python keeps up to two thousand freed tuples of each length below
-twenty, which fill report by report to 4 MB; only a full collection lets them go. With another C library, a
-Python without ctypes, or a system that lets it not load, all stays as it is.
+5 MB stay behind. So it is asked for after every report, what lives long is renewed where it lies, and large
+pieces keep pages of their own, where glibc would move that mark up to the largest that ever came (a mark of
+32 kB costs a seventh of the processor's time and gains nothing). Python keeps up to two thousand freed tuples
+of each length below twenty, which fill report by report to 4 MB; only a full collection lets them go. With
+another C library, a Python without ctypes, or a system that lets it not load, all stays as it is.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import gc
 from contextlib import suppress
 
 M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
-APART_BYTES = 1 << 15
+APART_BYTES = 1 << 17
 _UNABLE = (AttributeError, ImportError, OSError, MemoryError)
 
 
