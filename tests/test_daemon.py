@@ -160,6 +160,7 @@ def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
         daemon.samples(first.session.samples + 150)
         time.sleep(0.3)  # more gathers, and is in no report yet
         after = sensor.ask("silence 600")
+        time.sleep(0.1)  # the thread that reads has it
         daemon.process.send_signal(signal.SIGTERM)
         last = daemon.wait(lambda r: r.state == "stopped")
         sent = (after["sent"] - after["replies"]) - (before["sent"] - before["replies"])
