@@ -152,15 +152,15 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
 def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
         daemon.samples(100)
-        sensor.ask("stall 600")
+        before = sensor.ask("stall 600")
         time.sleep(1.0)  # all is read, and a report has it
         begun = stamp(datetime.now(UTC))
-        first, before = daemon.wait(lambda r: r.time > begun), sensor.ask("counters")
+        first = daemon.wait(lambda r: r.time > begun)
         sensor.ask("stall 0")
         daemon.samples(first.session.samples + 150)
         time.sleep(0.3)  # more gathers, and is in no report yet
-        after = sensor.ask("silence 600")
-        time.sleep(0.1)  # the thread that reads has it
+        after = sensor.ask("stall 600")
+        time.sleep(0.02)  # the thread that reads has it
         daemon.process.send_signal(signal.SIGTERM)
         last = daemon.wait(lambda r: r.state == "stopped")
         sent = (after["sent"] - after["replies"]) - (before["sent"] - before["replies"])
