@@ -4,9 +4,9 @@ glibc gives each thread a heap of its own, which costs 4 MB here and gains nothi
 freed below what is still in use: fits and spectra come and go in pieces of some hundred kilobytes, of which
 5 MB stay behind. So it is asked for after every report, what lives long is renewed where it lies, and large
 pieces keep pages of their own, where glibc would move that mark up to the largest that ever came (a mark of
-32 kB costs a seventh of the processor's time and gains nothing). Python keeps up to two thousand freed tuples
-of each length below twenty, which fill report by report to 4 MB; only a full collection lets them go. With
-another C library, a Python without ctypes, or a system that lets it not load, all stays as it is.
+32 kB costs the monitor a seventh of its time). Python keeps up to two thousand freed tuples of each length
+below twenty, which fill report by report to 4 MB; only a full collection lets them go. With another C
+library, a Python without ctypes, or a system that lets it not load, all stays as it is.
 """
 
 from __future__ import annotations
