@@ -15,8 +15,8 @@ from imumon import heap
 def resident_kb():
     return next(int(line.split()[1]) for line in open("/proc/self/smaps_rollup") if line.startswith("Rss"))
 heap.share()
-held = [bytearray(30_000) for _ in range(1000)]  # too small for pages of their own
-last = bytearray(30_000)  # and what is above them stays
+held = [bytearray(60_000) for _ in range(500)]  # too small for pages of their own
+last = bytearray(60_000)  # and what is above them stays
 del held
 before = resident_kb()
 heap.give_back()

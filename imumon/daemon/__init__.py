@@ -81,7 +81,7 @@ class Daemon:
         self._stop = Stop(task.duration_s)
         self._silence = Silence()
         self._next_report = self._next_save = self._next_alive = 0.0
-        self._tidied, self._tidied_at = 0, 0.0  # how often all had been worked out then
+        self._tidied, self._tidied_at = 0, 0.0  # renewals at the last tidying, and when that was
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last

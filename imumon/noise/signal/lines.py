@@ -23,7 +23,7 @@ PROMINENCE = 2.0
 """A line's bin holds at least so many times the density beside it."""
 SIDE, GUARD = 11, 3
 """Bins beside one that tell the level there, and those between that its own line may fill."""
-_WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))
+_WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))  # bins of each stretch
 LOWEST = 12
 """First bin in which a line is looked for: below, a drift looks like one."""
 MAINS_HZ = (50.0, 60.0)
