@@ -192,18 +192,22 @@ class Publisher:
         self.close()
 
     def _run(self) -> None:
-        while True:
-            with self._wake:
-                self._wake.wait_for(lambda: self._slot or self._queue or self._closing)
-                slot, self._slot = self._slot, None
-                events, self._queue = self._queue, deque()
-                done = self._closing and not slot and not events
-            if done:
-                return
-            for event in events:
-                self._attempt(self._send_event, event)
-            if slot:
-                self._attempt(self._send_report, *slot)
+        while self._send_next():
+            pass
+
+    def _send_next(self) -> bool:
+        """Wait for something to send, and send it; it is held no longer. False when all is sent and over."""
+        with self._wake:
+            self._wake.wait_for(lambda: self._slot or self._queue or self._closing)
+            slot, self._slot = self._slot, None
+            events, self._queue = self._queue, deque()
+            if self._closing and not slot and not events:
+                return False
+        for event in events:
+            self._attempt(self._send_event, event)
+        if slot:
+            self._attempt(self._send_report, *slot)
+        return True
 
     def _attempt(self, send: Any, *what: Any) -> None:
         """Send; a report that cannot be sent must not end the thread that sends the next one."""
