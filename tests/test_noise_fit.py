@@ -154,7 +154,7 @@ def test_the_tables_are_covariances_and_scale_with_the_record():
 @pytest.mark.parametrize("span", [37 << 11, 100_003])
 def test_tables_that_grow_along_a_line_are_the_sums_over_the_lags(span, averaged):
     octaves = 16
-    table = covariance._tables(span, octaves, averaged)
+    table = covariance._made(span, octaves, averaged)
     for i, j in np.argwhere(np.triu(np.arange(octaves) % 3 == np.arange(octaves)[:, None] % 3)).tolist():
         sums = covariance._sums(i, j, span, averaged) / (table.full[i] * table.full[j])
         for index, (a, b) in enumerate(PAIRS):

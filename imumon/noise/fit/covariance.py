@@ -124,7 +124,7 @@ def octaves_in(span: int) -> int:
 
 
 def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
-    """Tables for a record of so many samples, from a cache that a growing record refreshes every 3 %.
+    """Tables for a record of so many samples, or up to 3 % less: a round number is quicker.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     """
     span = max(int(span), 1 << octaves)
     step = max(0, span.bit_length() - 6)
-    return _tables(span >> step << step, octaves, averaged)
+    return _made(span >> step << step, octaves, averaged)
 
 
 @lru_cache(maxsize=2)  # of each kind
@@ -154,11 +154,6 @@ def doublings(bits: int, count: int, *, averaged: bool) -> tuple[Tables, ...]:
         part[:] = made.sums
         found.append(replace(made, sums=part))
     return tuple(found)
-
-
-@lru_cache(maxsize=4)  # of each kind one for the record and one to spare
-def _tables(span: int, octaves: int, averaged: bool) -> Tables:
-    return _made(span, octaves, averaged)
 
 
 def _made(span: int, octaves: int, averaged: bool) -> Tables:
