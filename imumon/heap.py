@@ -15,7 +15,7 @@ import gc
 from contextlib import suppress
 
 M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
-APART_BYTES = 1 << 17
+APART_BYTES = 1 << 16
 _UNABLE = (AttributeError, ImportError, OSError, MemoryError)
 
 

@@ -38,6 +38,7 @@ POLL_S = 0.1
 TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
 BATCH_S = 0.05  # afterwards it lets bytes gather so long,
 BATCH = 2048  # or until there are so many, half of what a tty holds
+ROOM = 1 << 14  # is taken for each reading: as much as four ttys hold
 PIECE = 1 << 16  # about the most that `read` hands over: after a stall there may be megabytes
 
 _TIOCGICOUNT = 0x545D
@@ -322,7 +323,7 @@ class SerialPort:
             self._empty = 0
             return b""
         try:
-            data = os.read(self._fd, 1 << 16)
+            data = os.read(self._fd, ROOM)
         except (BlockingIOError, InterruptedError):
             return b""
         if data:
