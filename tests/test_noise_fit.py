@@ -6,6 +6,7 @@ import pkgutil
 import warnings
 from dataclasses import replace
 from importlib import import_module
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -163,6 +164,19 @@ def test_tables_that_grow_along_a_line_are_the_sums_over_the_lags(span, averaged
             assert table.pairs[index, i, j] == pytest.approx(exact, rel=1e-11)
         size = np.abs(table.means[:, i, j]).max()
         assert table.means[:, i, j] == pytest.approx(sums[len(PAIRS) :], rel=1e-9, abs=1e-9 * size)
+
+
+@pytest.mark.parametrize("averaged", [True, False])
+@pytest.mark.parametrize("octaves", [5, 12, 20])
+def test_tables_of_a_record_that_doubles_are_those_of_one_as_long(octaves, averaged):
+    for table in islice(covariance.doublings(octaves, averaged=averaged), 8):
+        k = table.full.size
+        anew = covariance._made(1 << k, k, averaged)
+        assert table.span == anew.span
+        assert (table.full == anew.full).all()
+        for one, other in ((table.pairs, anew.pairs), (table.means, anew.means)):
+            size = np.sqrt(np.abs(np.einsum("rii->ri", other)))
+            assert (np.abs(one - other) <= 1e-14 * size[:, :, None] * size[:, None, :]).all()
 
 
 def test_quantiles_agree_with_tables():

@@ -23,7 +23,8 @@ a rate ramp, R^2 tau^2/2, which has no noise of its own but multiplies that of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -137,37 +138,47 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     return _made(span >> step << step, octaves, averaged)
 
 
-@lru_cache(maxsize=2)  # of each kind
-def doublings(bits: int, count: int, *, averaged: bool) -> tuple[Tables, ...]:
-    """Tables for records of 2^bits samples and its doublings, all octaves in them.
+def doublings(octaves: int, *, averaged: bool) -> Iterator[Tables]:
+    """Tables for a record of 2^octaves samples and its doublings, all octaves in them, without end.
 
-    They have seven digits and lie together, for they stay as long as the record takes to double: many pieces
-    of that age amid what comes and goes would hold the pages between them.
+    Made each time, for 1 ms each: kept, they would take a quarter of a megabyte, more with each octave.
     """
-    octaves = np.arange(bits, bits + count)
-    ends = np.cumsum(_ROWS * octaves * (octaves + 1) // 2)
-    room = np.empty(ends[-1], dtype=np.float32)
-    found = []
-    for k, part in zip(octaves.tolist(), np.split(room, ends[:-1]), strict=True):
-        made = _made(1 << k, k, averaged)
-        part = part.reshape(_ROWS, -1)
-        part[:] = made.sums
-        found.append(replace(made, sums=part))
-    return tuple(found)
+    table = _made(1 << octaves, octaves, averaged)
+    while True:
+        yield table
+        table = _made(2 * table.span, table.full.size + 1, averaged, table)
 
 
-def _made(span: int, octaves: int, averaged: bool) -> Tables:
+def _made(span: int, octaves: int, averaged: bool, half: Tables | None = None) -> Tables:
+    """Tables for just so many samples; copies of those of `half` as many, with an octave less, come cheap."""
     m = 1 << np.arange(octaves, dtype=np.int64)
-    stride = np.maximum(1, m // 8)
-    full = (span - 2 * m) // stride + 1
+    full = (span - 2 * m) // np.maximum(1, m // 8) + 1
     j, i = np.tril_indices(octaves)
+    sums = np.empty((_ROWS, i.size))
+    anew = np.full(i.size, True)
+    if half is not None:
+        anew = i <= _SHARED
+        sums[:, ~anew] = half.sums[:, np.tril_indices(octaves - 1)[1] >= _SHARED] * _scales(1)[:, None]
+    i, j = i[anew], j[anew]
+    mine = _sums_of_pairs(i, j, span, averaged)
+    mine[: len(PAIRS)] *= _HALF[:, None]
+    mine /= full[i] * full[j].astype(np.float64)
+    sums[:, anew] = mine
+    return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
+
+
+def _sums_of_pairs(i: Ints, j: Ints, span: int, averaged: bool) -> Floats:
+    """(14, t) `_sums` of pairs of octaves i <= j, (t,) each, in a record of so many samples."""
     apart, first = j - i, np.minimum(i, _SHARED)
     copies = i - first  # how many octaves i and j are above those that they are scaled copies of
     scales = _scales(copies)
-    begin, slope = np.stack([_lines(each, averaged) for each in range(octaves)], axis=-1)[:, :, first, apart]
-    sums = (begin + slope * (span >> copies)) * scales
+    begin, slope = np.stack([_lines(each, averaged) for each in range(int(apart.max()) + 1)], axis=-1)[
+        :, :, first, apart
+    ]
+    sums = np.asarray((begin + slope * (span >> copies)) * scales)
     # pairs too long for the line: at once those of one j with all far i, or the copies of one pair
-    bent = np.flatnonzero((span < 16 * m[j]) | (span % stride[j] != 0))
+    m = 1 << j
+    bent = np.flatnonzero((span < 16 * m) | (span % np.maximum(1, m // 8) != 0))
     kin = np.where(apart[bent] > REACH, -j[bent], 8 * apart[bent] + first[bent])
     for key in sorted(set(kin.tolist())):
         at = bent[kin == key]
@@ -176,9 +187,7 @@ def _made(span: int, octaves: int, averaged: bool) -> Tables:
         else:
             base = key % 8
             sums[:, at] = _sums(base, base + key // 8, span >> copies[at], averaged).T * scales[:, at]
-    sums[: len(PAIRS)] *= _HALF[:, None]
-    sums /= full[i] * full[j].astype(np.float64)
-    return Tables(averaged, span, full, sums, design(octaves, averaged=averaged))
+    return sums
 
 
 @lru_cache(maxsize=128)

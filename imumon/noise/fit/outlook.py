@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -87,8 +88,8 @@ def _spreads(problems: Problems, p: Floats, span: int) -> tuple[Floats, Floats]:
     lengths, found = [float(span)], [_relative(problems, p)]
     out = ~problems.used
     longest = problems
-    kinds = [doublings(span.bit_length(), NEAR, averaged=kind.averaged) for kind in problems.tables]
-    for each in zip(*kinds, strict=True):
+    kinds = [doublings(span.bit_length(), averaged=kind.averaged) for kind in problems.tables]
+    for each in islice(zip(*kinds, strict=True), NEAR):
         length, octaves = each[0].span, each[0].full.size
         used = np.ones((len(p), octaves), dtype=bool)
         used[:, : out.shape[1]] = ~out | _not_yet(problems)
