@@ -190,8 +190,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
             next_s += 3600.0
             monitor.report(datetime.now(UTC), Device(id="soak"), "running", Session())
             monitor.events()
-            _, arrays = monitor.save()
-            sizes.append(sum(array.nbytes for array in arrays.values()))
+            sizes.append(sum(array.nbytes for array in monitor.save()[1].values()))
             if not taken:
                 heap.settle()
             heap.tidy()
