@@ -167,7 +167,7 @@ def test_tables_that_grow_along_a_line_are_the_sums_over_the_lags(span, averaged
 
 
 @pytest.mark.parametrize("averaged", [True, False])
-@pytest.mark.parametrize("octaves", [5, 12, 20])
+@pytest.mark.parametrize("octaves", [1, 5, 12, 20])
 def test_tables_of_a_record_that_doubles_are_those_of_one_as_long(octaves, averaged):
     for table in islice(covariance.doublings(octaves, averaged=averaged), 8):
         k = table.full.size

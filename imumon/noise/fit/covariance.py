@@ -119,13 +119,18 @@ def _stride(octave: int) -> int:
     return max(1, (1 << octave) // 8)
 
 
+def _strides(m: Ints) -> Ints:
+    """`_stride` by cluster length."""
+    return np.maximum(1, m // 8)
+
+
 def octaves_in(span: int) -> int:
     """Number of octaves that have a difference in so many samples."""
     return max(0, int(span).bit_length() - 1)
 
 
 def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
-    """Tables for a record of so many samples, or up to 3 % less: a round number is quicker.
+    """Tables for a record of so many samples, from a cache that a growing record refreshes every 3 %.
 
     Parameters
     ----------
@@ -135,13 +140,18 @@ def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
     """
     span = max(int(span), 1 << octaves)
     step = max(0, span.bit_length() - 6)
-    return _made(span >> step << step, octaves, averaged)
+    return _tables(span >> step << step, octaves, averaged)
+
+
+@lru_cache(maxsize=2)  # those of the record, of each kind
+def _tables(span: int, octaves: int, averaged: bool) -> Tables:
+    return _made(span, octaves, averaged)
 
 
 def doublings(octaves: int, *, averaged: bool) -> Iterator[Tables]:
-    """Tables for a record of 2^octaves samples and its doublings, all octaves in them, without end.
+    """Tables for a record of 2^octaves samples, for one of twice as many, and so on, all octaves in them.
 
-    Made each time, for 1 ms each: kept, they would take a quarter of a megabyte, more with each octave.
+    They are not kept: those that an outlook takes would hold half a megabyte, and one is made in 1 ms.
     """
     table = _made(1 << octaves, octaves, averaged)
     while True:
@@ -150,9 +160,14 @@ def doublings(octaves: int, *, averaged: bool) -> Iterator[Tables]:
 
 
 def _made(span: int, octaves: int, averaged: bool, half: Tables | None = None) -> Tables:
-    """Tables for just so many samples; copies of those of `half` as many, with an octave less, come cheap."""
+    """Tables for just so many samples.
+
+    Parameters
+    ----------
+    half : tables of the same kind, of half as many samples and an octave less: most pairs here are copies.
+    """
     m = 1 << np.arange(octaves, dtype=np.int64)
-    full = (span - 2 * m) // np.maximum(1, m // 8) + 1
+    full = (span - 2 * m) // _strides(m) + 1
     j, i = np.tril_indices(octaves)
     sums = np.empty((_ROWS, i.size))
     anew = np.full(i.size, True)
@@ -177,8 +192,8 @@ def _sums_of_pairs(i: Ints, j: Ints, span: int, averaged: bool) -> Floats:
     ]
     sums = np.asarray((begin + slope * (span >> copies)) * scales)
     # pairs too long for the line: at once those of one j with all far i, or the copies of one pair
-    m = 1 << j
-    bent = np.flatnonzero((span < 16 * m) | (span % np.maximum(1, m // 8) != 0))
+    m = 1 << j.astype(np.int64)
+    bent = np.flatnonzero((span < 16 * m) | (span % _strides(m) != 0))
     kin = np.where(apart[bent] > REACH, -j[bent], 8 * apart[bent] + first[bent])
     for key in sorted(set(kin.tolist())):
         at = bent[kin == key]
@@ -235,7 +250,7 @@ def _sums(i: int | Ints, j: int, span: int | Ints, averaged: bool) -> Floats:
         sums *= _scales(near - base)
     if near > highest:
         m = (1 << np.asarray(i))[..., None]
-        sums *= step / np.maximum(1, m // 8) * (m / (1 << near)) ** _DEGREE  # lags that each stands for
+        sums *= step / _strides(m) * (m / (1 << near)) ** _DEGREE  # lags that each stands for
     return np.asarray(sums)
 
 
@@ -265,7 +280,7 @@ def _counts(i: int | Ints, j: int, span: int | Ints, steps: Ints) -> Floats:
     array([3., 6., 4., 2.])
     """
     m, span = (1 << np.asarray(i))[..., None], np.asarray(span)[..., None]
-    stride_i, stride_j = np.maximum(1, m // 8), _stride(j)
+    stride_i, stride_j = _strides(m), _stride(j)
     terms = (span - (2 << j)) // stride_j + 1
     left = (span - span % stride_i) % stride_j
     room = (1 << j) - m - steps
