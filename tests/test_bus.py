@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -21,7 +22,7 @@ from imumon.bus.answers import Answers
 from imumon.bus.session import check_endpoint, explain, is_local
 from imumon.bus.texts import BULKY, Texts
 from imumon.config import Zenoh
-from imumon.report import Event, Report, from_json, to_dict, to_json
+from imumon.report import Event, Report, Signal, from_json, to_dict, to_json
 
 
 def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:
@@ -191,6 +192,18 @@ def test_nothing_waits_and_nothing_is_lost_in_silence() -> None:
         publisher.publish(report("x", 3))
         until(lambda: publisher.counts.reports == 2)
         assert publisher.last_error is None
+
+
+def test_what_was_sent_is_held_no_longer() -> None:
+    class Signals(dict[str, Signal]):
+        """A dict that tells when it goes."""
+
+    with Publisher("x", listen=[free()]) as publisher:
+        signals = Signals()
+        gone = weakref.ref(signals)
+        publisher.publish(report("x", 1), signals)
+        del signals
+        until(lambda: gone() is None)
 
 
 def test_signals_are_made_for_those_who_ask() -> None:

@@ -196,7 +196,7 @@ class Publisher:
             pass
 
     def _send_next(self) -> bool:
-        """Wait for something to send, and send it; it is held no longer. False when all is sent and over."""
+        """Wait for something to send and send it, and hold it no longer; False when all is sent and over."""
         with self._wake:
             self._wake.wait_for(lambda: self._slot or self._queue or self._closing)
             slot, self._slot = self._slot, None
