@@ -38,7 +38,7 @@ POLL_S = 0.1
 TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
 BATCH_S = 0.05  # afterwards it lets bytes gather so long,
 BATCH = 2048  # or until there are so many, half of what a tty holds
-ROOM = 1 << 14  # is taken for each reading: as much as four ttys hold
+ROOM = 1 << 14  # of each reading: four times what a tty holds, and less than a piece apart (`heap`)
 PIECE = 1 << 16  # about the most that `read` hands over: after a stall there may be megabytes
 
 _TIOCGICOUNT = 0x545D
