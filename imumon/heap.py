@@ -5,18 +5,27 @@ freed below what is still in use: fits and spectra come and go in pieces of some
 5 MB stay behind. So it is asked for after every report, what lives long is renewed where it lies, and large
 pieces keep pages of their own, where glibc would move that mark up to the largest that ever came (a mark of
 32 kB costs the monitor a seventh of its time). Python keeps up to two thousand freed tuples of each length
-below twenty, which fill report by report to 4 MB; only a full collection lets them go. With another C
-library, a Python without ctypes, or a system that lets it not load, all stays as it is.
+below twenty, which fill report by report to 4 MB; only a full collection lets them go. And numpy keeps up to
+seven freed pieces of each size below a kilobyte, of which a record that grows needs ever new ones: 0.6 MB and
+growing. With another C library, a Python without ctypes, or a system that lets it not load, all stays as it
+is.
 """
 
 from __future__ import annotations
 
 import gc
 from contextlib import suppress
+from importlib import import_module
+from typing import Any
 
 M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
 APART_BYTES = 1 << 16
-_UNABLE = (AttributeError, ImportError, OSError, MemoryError)
+_RAW = 0  # of Python's memory domains: the C library, without a lock
+_SET_HANDLER = 304  # place of PyDataMem_SetHandler among numpy's functions
+_HANDLER = b"mem_handler"
+_UNABLE = (AttributeError, ImportError, OSError, MemoryError, ValueError)
+
+_in_use: list[object] = []
 
 
 def share() -> None:
@@ -26,6 +35,38 @@ def share() -> None:
 
         ctypes.pythonapi.mallopt(M_ARENA_MAX, 1)
         ctypes.pythonapi.mallopt(M_MMAP_THRESHOLD, APART_BYTES)
+
+
+def bypass_cache() -> None:
+    """Let new arrays of this thread take memory from the C library, not from numpy's cache of small pieces.
+
+    numpy takes other routines for that (NEP 49): five pointers, after a name and a version. Those that Python
+    has for raw memory take the same arguments; its `free` asks for no size, and gets one to ignore.
+    """
+    with suppress(*_UNABLE):
+        import ctypes
+
+        class Handler(ctypes.Structure):
+            _fields_ = (
+                ("name", ctypes.c_char * 127),
+                ("version", ctypes.c_uint8),
+                ("routines", ctypes.c_void_p * 5),
+            )
+
+        def function(name: str, *types: Any) -> Any:
+            return ctypes.PYFUNCTYPE(*types)((name, ctypes.pythonapi))
+
+        numpy: Any = import_module("numpy._core._multiarray_umath")  # before numpy 2 it has another name
+        routines = (ctypes.c_void_p * 5)()
+        function("PyMem_GetAllocator", None, ctypes.c_int, ctypes.c_void_p)(_RAW, ctypes.byref(routines))
+        handler = Handler(b"imumon", 1, routines)
+        made = function("PyCapsule_New", ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)(
+            ctypes.addressof(handler), _HANDLER, None
+        )
+        pointer = function("PyCapsule_GetPointer", ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
+        functions = ctypes.cast(pointer(numpy._ARRAY_API, None), ctypes.POINTER(ctypes.c_void_p))
+        ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.py_object)(functions[_SET_HANDLER] or 0)(made)
+        _in_use.append(handler)
 
 
 def settle() -> None:

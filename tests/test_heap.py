@@ -41,6 +41,31 @@ print(kept, blocks() - before)
 """
 
 
+ARRAYS = """
+import sys
+import numpy as np
+from imumon import heap
+def resident_kb():
+    return next(int(line.split()[1]) for line in open("/proc/self/smaps_rollup") if line.startswith("Rss"))
+def sizes(more):
+    held = [[np.zeros(more + size, dtype=np.uint8) for size in range(1, 1024)] for _ in range(7)]
+    assert not any(array.any() for row in held for array in row)
+before = np.ones(100)
+heap.share()
+heap.bypass_cache()
+after = np.arange(100.0)
+after.resize(3000, refcheck=False)
+assert (after[:100] == np.arange(100.0)).all() and not after[100:].any()
+del before, after
+sizes(2000)
+heap.tidy()
+began = resident_kb()
+sizes(0)
+heap.tidy()
+print(resident_kb() - began)
+"""
+
+
 NAMES = """
 import tracemalloc
 import numpy as np
@@ -72,7 +97,15 @@ def test_freed_memory_goes_back_to_the_system() -> None:
     assert int(done.stdout) > 20_000
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc and glibc")
+def test_small_arrays_are_not_kept() -> None:
+    """A cache would hold 3.5 MB of them: seven of each size."""
+    done = subprocess.run([sys.executable, "-c", ARRAYS], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 1000
+
+
 def test_another_c_library_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ctypes.pythonapi", object())
     heap.share()
+    heap.bypass_cache()
     heap.give_back()

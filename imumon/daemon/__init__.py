@@ -100,6 +100,7 @@ class Daemon:
         SourceError : what is to be recorded can never be written there.
         RateNeeded : the stream has no clock and no rate was given.
         """
+        heap.bypass_cache()
         if not self._notifier.listens:
             self._tape.check()
         with self._stop.listening():
