@@ -6,9 +6,9 @@ freed below what is still in use: fits and spectra come and go in pieces of some
 pieces keep pages of their own, where glibc would move that mark up to the largest that ever came (a mark of
 32 kB costs the monitor a seventh of its time). Python keeps up to two thousand freed tuples of each length
 below twenty, which fill report by report to 4 MB; only a full collection lets them go. And numpy keeps up to
-seven freed pieces of each size below a kilobyte, of which a record that grows needs ever new ones: 0.6 MB and
-growing. With another C library, a Python without ctypes, or a system that lets it not load, all stays as it
-is.
+seven freed pieces of each size below a kilobyte, 3.5 MB when all have come; a record that grows brings ever
+new ones. Where one of these cannot be had, with another C library or a Python without ctypes, that stays as
+it is.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from typing import Any
 M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
 APART_BYTES = 1 << 16
 _RAW = 0  # of Python's memory domains: the C library, without a lock
-_SET_HANDLER = 304  # place of PyDataMem_SetHandler among numpy's functions
+_GET_VERSION, _SET_HANDLER = 0, 304  # places among numpy's functions, in all of this version
+_VERSION = 0x2000000
 _HANDLER = b"mem_handler"
 _UNABLE = (AttributeError, ImportError, OSError, MemoryError, ValueError)
-
-_in_use: list[object] = []
 
 
 def share() -> None:
@@ -41,9 +40,11 @@ def bypass_cache() -> None:
     """Let new arrays of this thread take memory from the C library, not from numpy's cache of small pieces.
 
     numpy takes other routines for that (NEP 49): five pointers, after a name and a version. Those that Python
-    has for raw memory take the same arguments; its `free` asks for no size, and gets one to ignore.
+    has for raw memory take the same arguments; its `free` asks for no size, and gets one to ignore. While
+    Python traces them, or with another numpy than 2, all stays as it is.
     """
     with suppress(*_UNABLE):
+        import _tracemalloc
         import ctypes
 
         class Handler(ctypes.Structure):
@@ -53,20 +54,23 @@ def bypass_cache() -> None:
                 ("routines", ctypes.c_void_p * 5),
             )
 
-        def function(name: str, *types: Any) -> Any:
+        def python(name: str, *types: Any) -> Any:
             return ctypes.PYFUNCTYPE(*types)((name, ctypes.pythonapi))
 
-        numpy: Any = import_module("numpy._core._multiarray_umath")  # before numpy 2 it has another name
+        api: Any = import_module("numpy._core._multiarray_umath")._ARRAY_API
+        pointer = python("PyCapsule_GetPointer", ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
+        functions = ctypes.cast(pointer(api, None), ctypes.POINTER(ctypes.c_void_p))
+        version = ctypes.PYFUNCTYPE(ctypes.c_uint)(functions[_GET_VERSION] or 0)
+        if version() != _VERSION or _tracemalloc.is_tracing():
+            return
         routines = (ctypes.c_void_p * 5)()
-        function("PyMem_GetAllocator", None, ctypes.c_int, ctypes.c_void_p)(_RAW, ctypes.byref(routines))
+        python("PyMem_GetAllocator", None, ctypes.c_int, ctypes.c_void_p)(_RAW, ctypes.byref(routines))
         handler = Handler(b"imumon", 1, routines)
-        made = function("PyCapsule_New", ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)(
-            ctypes.addressof(handler), _HANDLER, None
-        )
-        pointer = function("PyCapsule_GetPointer", ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
-        functions = ctypes.cast(pointer(numpy._ARRAY_API, None), ctypes.POINTER(ctypes.c_void_p))
-        ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.py_object)(functions[_SET_HANDLER] or 0)(made)
-        _in_use.append(handler)
+        for needed in (handler, _HANDLER):  # by the last array, which goes after this module
+            python("Py_IncRef", None, ctypes.py_object)(needed)
+        capsule = python("PyCapsule_New", ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+        use = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.py_object)(functions[_SET_HANDLER] or 0)
+        use(capsule(ctypes.addressof(handler), _HANDLER, None))
 
 
 def settle() -> None:

@@ -104,6 +104,31 @@ def test_small_arrays_are_not_kept() -> None:
     assert int(done.stdout) < 1000
 
 
+LATE = """
+from imumon import heap
+import numpy as np
+heap.bypass_cache()
+np.held = [np.arange(n) for n in range(300)]  # goes after what was there before numpy
+"""
+
+TRACED = """
+import tracemalloc
+import numpy as np
+from imumon import heap
+tracemalloc.start()
+heap.bypass_cache()
+tracemalloc.stop()
+assert np.arange(1000).sum() == 499500
+"""
+
+
+@pytest.mark.parametrize("script", [LATE, TRACED], ids=["at the end", "traced"])
+def test_arrays_past_the_cache_are_sound(script: str) -> None:
+    """Those that go after all modules, and those of a Python that counted its memory for a while."""
+    done = subprocess.run([sys.executable, "-X", "dev", "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_another_c_library_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ctypes.pythonapi", object())
     heap.share()
