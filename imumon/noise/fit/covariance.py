@@ -130,7 +130,7 @@ def octaves_in(span: int) -> int:
 
 
 def tables(span: int, octaves: int, *, averaged: bool) -> Tables:
-    """Tables for a record of so many samples, from a cache that a growing record refreshes every 3 %.
+    """Tables for a record of so many samples, or up to 3 % less, from a cache: one more in 3 % of growth.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _made(span: int, octaves: int, averaged: bool, half: Tables | None = None) -
 
     Parameters
     ----------
-    half : tables of the same kind, of half as many samples and an octave less: most pairs here are copies.
+    half : tables of the same kind, of half as many samples and an octave less: most pairs are theirs, scaled.
     """
     m = 1 << np.arange(octaves, dtype=np.int64)
     full = (span - 2 * m) // _strides(m) + 1
@@ -192,7 +192,7 @@ def _sums_of_pairs(i: Ints, j: Ints, span: int, averaged: bool) -> Floats:
     ]
     sums = np.asarray((begin + slope * (span >> copies)) * scales)
     # pairs too long for the line: at once those of one j with all far i, or the copies of one pair
-    m = 1 << j.astype(np.int64)
+    m = 1 << j
     bent = np.flatnonzero((span < 16 * m) | (span % _strides(m) != 0))
     kin = np.where(apart[bent] > REACH, -j[bent], 8 * apart[bent] + first[bent])
     for key in sorted(set(kin.tolist())):
