@@ -9,11 +9,16 @@ import pytest
 
 from imumon import heap
 
-FREED = """
-import gc, sys
-from imumon import heap
+RESIDENT = """
 def resident_kb():
     return next(int(line.split()[1]) for line in open("/proc/self/smaps_rollup") if line.startswith("Rss"))
+"""
+
+
+FREED = (
+    RESIDENT
+    + """
+from imumon import heap
 heap.share()
 held = [bytearray(60_000) for _ in range(500)]  # too small for pages of their own
 last = bytearray(60_000)  # and what is above them stays
@@ -22,6 +27,7 @@ before = resident_kb()
 heap.give_back()
 print(before - resident_kb())
 """
+)
 
 
 TUPLES = """
@@ -41,12 +47,11 @@ print(kept, blocks() - before)
 """
 
 
-ARRAYS = """
-import sys
+ARRAYS = (
+    RESIDENT
+    + """
 import numpy as np
 from imumon import heap
-def resident_kb():
-    return next(int(line.split()[1]) for line in open("/proc/self/smaps_rollup") if line.startswith("Rss"))
 def sizes(more):
     held = [[np.zeros(more + size, dtype=np.uint8) for size in range(1, 1024)] for _ in range(7)]
     assert not any(array.any() for row in held for array in row)
@@ -57,13 +62,14 @@ after = np.arange(100.0)
 after.resize(3000, refcheck=False)
 assert (after[:100] == np.arange(100.0)).all() and not after[100:].any()
 del before, after
-sizes(2000)
+sizes(2000)  # too large for a cache: what else comes with so many arrays is there
 heap.tidy()
 began = resident_kb()
 sizes(0)
 heap.tidy()
 print(resident_kb() - began)
 """
+)
 
 
 NAMES = """

@@ -187,9 +187,8 @@ def _sums_of_pairs(i: Ints, j: Ints, span: int, averaged: bool) -> Floats:
     apart, first = j - i, np.minimum(i, _SHARED)
     copies = i - first  # how many octaves i and j are above those that they are scaled copies of
     scales = _scales(copies)
-    begin, slope = np.stack([_lines(each, averaged) for each in range(int(apart.max()) + 1)], axis=-1)[
-        :, :, first, apart
-    ]
+    lines = np.stack([_lines(each, averaged) for each in range(int(apart.max()) + 1)], axis=-1)
+    begin, slope = lines[:, :, first, apart]
     sums = np.asarray((begin + slope * (span >> copies)) * scales)
     # pairs too long for the line: at once those of one j with all far i, or the copies of one pair
     m = 1 << j
