@@ -23,6 +23,7 @@ import serial
 from imumon.emulator import EmulatorProcess, EmulatorSettings, Noise, spawn
 from imumon.emulator.faults import Faults
 from imumon.emulator.line import OUTPUT_BUFFER, Uart
+from imumon.emulator.serve import CATCH_UP
 from imumon.samples import SampleBlock
 from imumon.sensors.vn100 import ascii
 from imumon.sensors.vn100.binary import Layout
@@ -249,6 +250,22 @@ def test_a_client_that_does_not_read_loses_messages_and_nothing_hangs() -> None:
         client.port.read(client.port.in_waiting)  # else the answer may be lost like the rest
         assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
         assert conserved(sensor.ask("counters"))
+
+
+def test_an_emulator_that_was_kept_from_running_loses_nothing_and_catches_up() -> None:
+    with emulator(rate=400, baud=460800) as sensor, Client(sensor.path, 460800) as client:
+        client.stream("VNWRG,75,1,2,06,0001,00C0")
+        heard = client.collect(0.3)
+        os.kill(sensor.pid, signal.SIGSTOP)
+        time.sleep(2.0)  # 800 messages of 44 bytes, more than the terminal and what is staged hold
+        os.kill(sensor.pid, signal.SIGCONT)
+        soon, later = client.collect(0.5), client.collect(2.5)
+        counted = sensor.ask("counters")
+    clock = packets(heard + soon + later, TIME_AND_DELTAS)["2.timeStartup"][:, 0].astype(np.int64)
+    assert counted["dropped"] == counted["overflowed"] == 0
+    assert (np.abs(np.diff(clock) - 2_500_000) < 100_000).all()
+    assert len(soon) < 0.8 * CATCH_UP * 400 * 44
+    assert len(clock) / 400 == pytest.approx(5.3, abs=0.2)
 
 
 def test_a_new_client_hears_nothing_old() -> None:
