@@ -29,7 +29,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -64,8 +64,23 @@ def slow_disk(scratch: Path) -> Iterator[tuple[Path, dict[str, str]]]:
     Path(f"{directory}.hang").unlink(missing_ok=True)
 
 
-def still(sensor: EmulatorProcess, daemon: Daemon, word: str) -> tuple[dict[str, Any], Report]:
-    """Counters of both sides with nothing on the way: for a moment the sensor is told to keep still.
+class Stillness(NamedTuple):
+    """Both sides with nothing on the way.
+
+    Attributes
+    ----------
+    counted : by the emulator.
+    report : of the daemon.
+    resident_kb : memory of the daemon, kB.
+    """
+
+    counted: dict[str, Any]
+    report: Report
+    resident_kb: int
+
+
+def still(sensor: EmulatorProcess, daemon: Daemon, word: str) -> Stillness:
+    """For a moment the sensor is told to keep still.
 
     With ``silence`` what it makes meanwhile is lost, with ``stall`` it waits, and so does what it answers.
     """
@@ -79,8 +94,10 @@ def still(sensor: EmulatorProcess, daemon: Daemon, word: str) -> tuple[dict[str,
     while len(said) < 2 or said[-1].session.samples != said[-2].session.samples:
         said.append(daemon.wait(newer))
     counted = sensor.ask("counters")
+    time.sleep(0.1)  # what the report took is given back
+    memory = resident_kb(daemon.process.pid)
     sensor.ask(f"{word} 0")
-    return counted | {"replies": replies}, said[-1]
+    return Stillness(counted | {"replies": replies}, said[-1], memory)
 
 
 class Adversity:
@@ -134,17 +151,16 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
         words += ["--json", "--duration", "1e6"]
         with Daemon(sensor.path, disk / "state", *words, environment=environment) as daemon:
             daemon.samples(2000)
-            first, at_first = still(sensor, daemon, "silence")
+            first, at_first, resident = still(sensor, daemon, "silence")
             daemon.wait(lambda r: r.session.samples > at_first.session.samples + 800)
             stuck = Actor("viewer", connect=[daemon.endpoint]).ready()
             adversity = Adversity(disk, stuck)
             pid, begun = daemon.process.pid, time.monotonic()
-            used, resident = cpu_s(pid), resident_kb(pid)
+            used = cpu_s(pid)
             longest = watch(daemon, adversity, begun + 60.0 * minutes)
             cpu = 100.0 * (cpu_s(pid) - used) / (time.monotonic() - begun)
-            ended = resident_kb(pid)
             adversity.end()
-            last, at_last = still(sensor, daemon, "stall")
+            last, at_last, ended = still(sensor, daemon, "stall")
             daemon.process.send_signal(signal.SIGTERM)
             out, err = daemon.ended(60)
             stuck.end()

@@ -34,6 +34,7 @@ import numpy.typing as npt
 FORMAT = 2
 LEVEL = 1  # of zlib: the next ones take twice the time for 3 % less
 _MAGIC = "imumon-state"
+_NO_MEMORY = "out of memory: grant more"
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
@@ -131,11 +132,9 @@ class Checkpoint:
             self._take_hold()
         except OSError as error:
             self.failed = self._why(error)
-        self._wake = threading.Condition()
+        self._change = threading.Condition()
         self._next: State | None = None
-        self._busy = False
-        self._closing = False
-        self._thread: threading.Thread | None = None
+        self._writing = False
 
     def _take_hold(self) -> None:
         """Have the directory and the lock in it.
@@ -218,25 +217,26 @@ class Checkpoint:
 
     def save(self, state: State) -> None:
         """Hand over a state to be written soon; a newer one replaces one that still waits."""
-        with self._wake:
+        with self._change:
             self._next = state
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._write_all, name="checkpoint", daemon=True)
-                self._thread.start()
-            self._wake.notify_all()
+            if self._writing:
+                return
+            self._writing = True
+        try:
+            threading.Thread(target=self._write_all, name="checkpoint", daemon=True).start()
+        except (RuntimeError, MemoryError):  # no thread can begin
+            self.failed, self._next = _NO_MEMORY, None
+            self._written()
 
     def settle(self, timeout_s: float = 5.0) -> bool:
         """Wait until what was handed over is written, or could not be; False when it takes too long."""
-        with self._wake:
-            return self._wake.wait_for(lambda: self._next is None and not self._busy, timeout_s)
+        with self._change:
+            return self._change.wait_for(lambda: not self._writing, timeout_s)
 
     def close(self, state: State | None = None, timeout_s: float = 5.0) -> None:
         """Write the last state, wait for the disk, let go of the lock."""
         if state is not None:
             self.save(state)
-        with self._wake:
-            self._closing = True
-            self._wake.notify_all()
         self.settle(timeout_s)
         self._let_go()
 
@@ -246,17 +246,17 @@ class Checkpoint:
         self._lock = -1
 
     def _write_all(self) -> None:
+        """Write what waits; then the thread ends, and with it the memory that the C library keeps for it."""
         while self._write_next():
             pass
 
     def _write_next(self) -> bool:
-        """Wait for a state, write it and let go of it; False: none will come."""
-        with self._wake:
-            self._wake.wait_for(lambda: self._next is not None or self._closing)
+        """Write the state that waits and let go of it; False: there is none, the next has another thread."""
+        with self._change:
             state, self._next = self._next, None
             if state is None:
+                self._written()
                 return False
-            self._busy = True
         try:
             if not self._holds():
                 self._let_go()
@@ -268,15 +268,19 @@ class Checkpoint:
             self.failed, self.saved = None, self.saved + 1
         except Exception as error:  # whatever it is, the next save gets its chance
             self.failed = self._why(error)
-        with self._wake:
-            self._busy = False
-            self._wake.notify_all()
         return True
+
+    def _written(self) -> None:
+        with self._change:
+            self._writing = False
+            self._change.notify_all()
 
     def _why(self, error: Exception) -> str:
         """What is wrong, and how to mend it."""
         if isinstance(error, StateError):
             return str(error)
+        if isinstance(error, MemoryError):
+            return _NO_MEMORY
         why = error.strerror if isinstance(error, OSError) else str(error)
         return f"{self.path.parent}: {why or type(error).__name__}; make room there or give another --state"
 

@@ -20,6 +20,7 @@ from typing import Any
 
 M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
 APART_BYTES = 1 << 16
+_KEPT, _KEPT_BYTES = 7, range(24, 1033, 16)  # pieces of each size that glibc keeps for a thread, sizes
 _RAW = 0  # of Python's memory domains: the C library, without a lock
 _GET_VERSION, _SET_HANDLER = 0, 304  # places among numpy's functions, in all of this version
 _VERSION = 0x2000000
@@ -87,7 +88,25 @@ def give_back() -> None:
         ctypes.pythonapi.malloc_trim(0)
 
 
+def repack() -> None:
+    """Let what the C library keeps for this thread lie in holes, not where it was when it was freed.
+
+    Of each size as many are taken as are kept, and as many new ones; the new ones are freed first.
+    """
+    with suppress(*_UNABLE):
+        import ctypes
+
+        take, free = ctypes.pythonapi.PyMem_RawMalloc, ctypes.pythonapi.PyMem_RawFree
+        take.restype, take.argtypes = ctypes.c_void_p, (ctypes.c_size_t,)
+        free.restype, free.argtypes = None, (ctypes.c_void_p,)
+        for size in _KEPT_BYTES:
+            pieces = [take(size) for _ in range(2 * _KEPT)]
+            for piece in pieces[_KEPT:] + pieces[:_KEPT]:
+                free(piece)
+
+
 def tidy() -> None:
     """Free what nobody can reach and what Python keeps, and give it back: milliseconds, so now and then."""
     gc.collect()
+    repack()
     give_back()

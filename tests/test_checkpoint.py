@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import shutil
+import threading
 import time
 import weakref
 import zlib
@@ -210,6 +211,50 @@ def test_what_is_written_is_let_go_of(tmp_path: Path) -> None:
         time.sleep(0.01)
     assert there() is None
     checkpoint.close()
+
+
+def writers() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == "checkpoint"]
+
+
+def test_between_two_saves_no_thread_waits(tmp_path: Path) -> None:
+    """For the C library keeps memory for each as long as it lives."""
+    checkpoint = Checkpoint(tmp_path, "x")
+    for count in (1, 2, 3):
+        checkpoint.save(State({"samples": count}, {}))
+        assert checkpoint.settle()
+        for thread in writers():
+            thread.join(5.0)
+        assert writers() == []
+        assert (checkpoint.saved, checkpoint.failed) == (count, None)
+    checkpoint.close()
+
+
+def test_of_states_that_come_while_one_is_written_the_newest_is_kept(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path, "x")
+    for count in range(100):
+        checkpoint.save(State({"samples": count}, STATE.arrays))
+    assert checkpoint.settle()
+    assert 1 <= checkpoint.saved <= 100
+    assert decode(checkpoint.path.read_bytes()).meta["samples"] == 99
+    checkpoint.close()
+
+
+def test_where_no_thread_can_begin_that_is_said_and_the_next_save_tries_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begin(self: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    checkpoint = Checkpoint(tmp_path, "x")
+    with monkeypatch.context() as no_memory:
+        no_memory.setattr(threading.Thread, "start", begin)
+        checkpoint.save(STATE)
+        assert checkpoint.settle(1.0)
+        assert checkpoint.failed == "out of memory: grant more"
+    checkpoint.close(STATE)
+    assert checkpoint.failed is None
+    assert same(Checkpoint(tmp_path, "x").load()[0], STATE)
 
 
 def test_fresh_start_keeps_the_old_one(tmp_path: Path) -> None:
