@@ -9,8 +9,7 @@ and over the bus to a subscriber. Every law of the counters is checked at the en
 says that it sent; at the start and at the end it keeps still for a moment, so that both count the same.
 Memory is taken from the kernel every few seconds; its growth is from the second tenth of the run to the last,
 each a median. In time-lapse, where a second is minutes of the sensor and half a megabyte of it may be on its
-way, the growth is that of looks at moments of stillness; that amid the work is told beside it. Exit code 1
-where a law does not hold.
+way, it is also taken in moments of stillness. Exit code 1 where a law does not hold.
 """
 
 from __future__ import annotations
@@ -43,10 +42,12 @@ from imumon.report import Report
 STILL_EVERY = 4  # looks at memory, in time-lapse
 
 
-def growth_kb(taken: list[int]) -> float:
-    """Median of the last tenth less that of the second, when all is in place."""
-    tenth = max(1, len(taken) // 10)
-    return statistics.median(taken[-tenth:]) - statistics.median(taken[tenth : 2 * tenth] or taken)
+def growth_kb(taken: list[int]) -> float | None:
+    """Median of the last tenth less that of the second, when all is in place; None of too few looks."""
+    tenth = len(taken) // 10
+    if tenth < 2:
+        return None
+    return statistics.median(taken[-tenth:]) - statistics.median(taken[tenth : 2 * tenth])
 
 
 def by_tenth(taken: list[int]) -> list[int]:
@@ -105,22 +106,29 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
         first_s = (datetime.fromisoformat(first.time) - started).total_seconds()
         pid = daemon.process.pid
         told, at_first, resident = still(sensor, daemon, "silence" if live else "stall")
-        at_rest = taken if live else [resident]
-        latest, steady = at_first, (cpu_s(pid), time.monotonic())
+        at_rest, rested = [resident], np.zeros(2)
+
+        def spent() -> np.ndarray:
+            """Processor time of the daemon and room's time, s, without the moments of stillness."""
+            return np.array([cpu_s(pid), time.monotonic()]) - rested
+
+        latest, steady = at_first, spent()
         while latest.session.elapsed_s < until_s and daemon.process.poll() is None:
             time.sleep(5.0)
             latest = daemon.wait(lambda r: True)
             taken.append(resident_kb(pid))
             states.append(state_bytes(scratch / "state"))
             if not live and len(taken) % STILL_EVERY == 0:
+                begun = spent()
                 _, latest, resident = still(sensor, daemon, "stall")
                 at_rest.append(resident)
+                rested += spent() - begun
             if latest.session.elapsed_s < until_s / 4:
-                steady = (cpu_s(pid), time.monotonic())
+                steady = spent()
             if words.verbose and len(taken) % 12 == 0:
-                done, memory = latest.session.elapsed_s / until_s, f"{taken[-1]} kB, at rest {at_rest[-1]} kB"
+                done, memory = latest.session.elapsed_s / until_s, f"{taken[-1]} kB, at rest {at_rest[-1]}"
                 print(f"{done:6.1%}  {memory}  state {states[-1]} B", file=sys.stderr, flush=True)
-        cpu = 100.0 * (cpu_s(pid) - steady[0]) / (time.monotonic() - steady[1])
+        worked = spent() - steady
         counted, latest, _ = still(sensor, daemon, "stall")
         cost = {who: cpu_s(number) for who, number in (("emulator", sensor.pid), ("daemon", pid))}
         asked = time.monotonic()
@@ -129,22 +137,23 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
         stop_s = time.monotonic() - asked
     sent = (counted["sent"] - counted["replies"]) - (told["sent"] - told["replies"])
     received = latest.session.samples - at_first.session.samples
+    passed_s = time.monotonic() - began
+    rest = {"resident_kb_at_rest_by_tenth": by_tenth(at_rest), "growth_at_rest_kb": growth_kb(at_rest)}
     return {
         "emulator": {name: counted[name] for name in ("made", "sent", "lost", "dropped", "unheard")},
         **laws(latest, sent, received, counted["lost"], counted["dropped"]),
         "first_report_s": round(first_s, 2),
         "first_report_seen_s": round(seen_s, 2),
         "stop_s": round(stop_s, 2),
-        "cpu_percent_last_three_quarters": round(cpu, 2),
+        "cpu_percent_last_three_quarters": round(100.0 * worked[0] / worked[1], 2),
         "resident_kb_first_last_max": [taken[0], taken[-1], max(taken)],
         "resident_kb_by_tenth": by_tenth(taken),
-        "resident_kb_at_rest_by_tenth": by_tenth(at_rest),
-        "growth_amid_the_work_kb": growth_kb(taken),
-        "growth_kb": growth_kb(at_rest),
+        "growth_kb": growth_kb(taken),
+        **({} if live else rest),
         "state_bytes_by_tenth": by_tenth(states),
-        "times_as_fast_as_the_clock": round(latest.session.elapsed_s / (time.monotonic() - began), 1),
+        "times_as_fast_as_the_clock": round(latest.session.elapsed_s / (passed_s - rested[1]), 1),
         "cpu_s": cost,
-        "room_s": round(time.monotonic() - began, 1),
+        "room_s": round(passed_s, 1),
     }
 
 

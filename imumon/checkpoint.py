@@ -224,8 +224,8 @@ class Checkpoint:
             self._writing = True
         try:
             threading.Thread(target=self._write_all, name="checkpoint", daemon=True).start()
-        except (RuntimeError, MemoryError):  # no thread can begin
-            self.failed, self._next = _NO_MEMORY, None
+        except (RuntimeError, MemoryError):
+            self.failed = "no thread can begin: grant more memory, or more threads"
             self._written()
 
     def settle(self, timeout_s: float = 5.0) -> bool:
@@ -237,7 +237,8 @@ class Checkpoint:
         """Write the last state, wait for the disk, let go of the lock."""
         if state is not None:
             self.save(state)
-        self.settle(timeout_s)
+        if self.settle(timeout_s):
+            self._write_all()  # where no thread could
         self._let_go()
 
     def _let_go(self) -> None:
@@ -247,8 +248,12 @@ class Checkpoint:
 
     def _write_all(self) -> None:
         """Write what waits; then the thread ends, and with it the memory that the C library keeps for it."""
-        while self._write_next():
-            pass
+        try:
+            while self._write_next():
+                pass
+        except Exception:  # there is not even memory to say what is wrong
+            self.failed = _NO_MEMORY
+            self._written()
 
     def _write_next(self) -> bool:
         """Write the state that waits and let go of it; False: there is none, the next has another thread."""

@@ -240,21 +240,38 @@ def test_of_states_that_come_while_one_is_written_the_newest_is_kept(tmp_path: P
     checkpoint.close()
 
 
-def test_where_no_thread_can_begin_that_is_said_and_the_next_save_tries_anew(
+def test_where_no_thread_can_begin_that_is_said_and_the_last_state_is_written_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def begin(self: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
 
     checkpoint = Checkpoint(tmp_path, "x")
-    with monkeypatch.context() as no_memory:
-        no_memory.setattr(threading.Thread, "start", begin)
-        checkpoint.save(STATE)
-        assert checkpoint.settle(1.0)
-        assert checkpoint.failed == "out of memory: grant more"
+    monkeypatch.setattr(threading.Thread, "start", begin)
+    checkpoint.save(State({"samples": 1}, {}))
+    assert checkpoint.settle(1.0)
+    assert checkpoint.failed == "no thread can begin: grant more memory, or more threads"
     checkpoint.close(STATE)
     assert checkpoint.failed is None
     assert same(Checkpoint(tmp_path, "x").load()[0], STATE)
+
+
+def test_an_error_that_cannot_even_be_told_ends_no_later_save(tmp_path: Path) -> None:
+    class Untold(Exception):
+        def __str__(self) -> str:
+            raise MemoryError
+
+    class Full(Checkpoint):
+        def _write(self, data: bytes) -> None:
+            raise Untold
+
+    checkpoint = Full(tmp_path, "x")
+    for _ in range(2):
+        checkpoint.failed = None
+        checkpoint.save(STATE)
+        assert checkpoint.settle(1.0)
+        assert checkpoint.failed == "out of memory: grant more"
+    checkpoint.close()
 
 
 def test_fresh_start_keeps_the_old_one(tmp_path: Path) -> None:

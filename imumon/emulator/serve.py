@@ -1,9 +1,9 @@
 """The emulator at work: device, line and control in one loop.
 
 The sensor's clock follows the room's: tick t is due at start + t / 800 s, whatever the loop did meanwhile,
-so nothing drifts; after a delay of its own the loop makes up for it no faster than a line brings bytes. In
-time-lapse it runs faster, without pacing, and stands still as long as its reader has not taken what there is,
-or none is there. Messages are made in batches of a few milliseconds.
+so nothing drifts; a loop that was kept from running makes up for it at twice the pace. In time-lapse it runs
+faster, without pacing, and stands still as long as its reader has not taken what there is, or none is there.
+Messages are made in batches of a few milliseconds.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Clock:
 
     def __call__(self) -> float:
         before, self._room = self._room, time.monotonic()
-        self._shown = min(self._room, self._shown + min(CATCH_UP * (self._room - before), IDLE_S))
+        self._shown = min(self._room, self._shown + CATCH_UP * min(self._room - before, IDLE_S))
         return self._shown
 
 
@@ -257,9 +257,8 @@ def run(settings: EmulatorSettings) -> int:
     stop: list[int] = []
     for number in (signals.SIGTERM, signals.SIGINT, signals.SIGHUP):
         signals.signal(number, lambda received, _: stop.append(received))
-    clock = Clock()
     try:
-        emulator = Emulator(settings, clock())
+        emulator = Emulator(settings, time.monotonic())
     except ValueError as error:
         return _refuse(str(error))
     except OSError as error:
@@ -272,7 +271,7 @@ def run(settings: EmulatorSettings) -> int:
     if emulator.baud != (settings.baud or FACTORY_BAUD):
         print(f"imumon sim: {settings.rate:g} Hz needs {emulator.baud} baud", file=sys.stderr)
     print(emulator.terminal.path, flush=True)
-    again, ready = 0.0, list[int]()
+    clock, again, ready = Clock(), 0.0, list[int]()
     try:
         while not stop and not control.ended:
             now = clock()
