@@ -126,7 +126,8 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
             if latest.session.elapsed_s < until_s / 4:
                 steady = spent()
             if words.verbose and len(taken) % 12 == 0:
-                done, memory = latest.session.elapsed_s / until_s, f"{taken[-1]} kB, at rest {at_rest[-1]}"
+                done, memory = latest.session.elapsed_s / until_s, f"{taken[-1]} kB"
+                memory += "" if live else f", at rest {at_rest[-1]} kB"
                 print(f"{done:6.1%}  {memory}  state {states[-1]} B", file=sys.stderr, flush=True)
         worked = spent() - steady
         counted, latest, _ = still(sensor, daemon, "stall")
