@@ -25,7 +25,7 @@ def main() -> None:
     for name in ("--port", "--state", "--listen"):
         parser.add_argument(name, required=True)
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
-    heap.share()
+    heap.tune()
     answer = load_apart(None, {"zenoh.listen": [words.listen]})
     from imumon.daemon import Daemon, Task
 

@@ -187,7 +187,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
     from imumon.report import Device, Session
     from imumon.samples import SampleBlock, Stream
 
-    heap.share()
+    heap.tune()
     heap.bypass_cache()
     rate, n = words.rate, 8192
     names = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")

@@ -1,8 +1,18 @@
-"""`python -m imumon`: the command line."""
+"""The program: `imumon`, and `python -m imumon`."""
 
 import sys
 
-from imumon.cli import main
+
+def main() -> int:
+    """The command line; a daemon, which is to run for months, has its heap told how before all else."""
+    if sys.argv[1:2] == ["run"]:
+        from imumon import heap
+
+        heap.tune()
+    from imumon.cli import main as command
+
+    return command()
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,30 +1,38 @@
 """Heap: memory that was freed, given back to the system, for nothing else will do it.
 
-glibc gives each thread a heap of its own, which costs 4 MB here and gains nothing; and it keeps what was
-freed below what is still in use: fits and spectra come and go in pieces of some hundred kilobytes, of which
-5 MB stay behind. So it is asked for after every report, what lives long is renewed where it lies, and large
-pieces keep pages of their own, where glibc would move that mark up to the largest that ever came (a mark of
-32 kB costs the monitor a seventh of its time). Python keeps up to two thousand freed tuples of each length
-below twenty, which fill report by report to 4 MB; only a full collection lets them go. And numpy keeps up to
-seven freed pieces of each size below a kilobyte, 3.5 MB when all have come; a record that grows brings ever
-new ones. glibc, too, keeps seven of each of 64 sizes below a kilobyte for each thread: 0.2 MB, but what lies
-between them does not join to larger pieces, and a page goes back only whole. So those of the loop are laid
-side by side, and a thread without work had better end. Where one of these cannot be had, with another C
-library or a Python without ctypes, that stays as it is.
+glibc keeps what was freed below what is still in use. It gives each thread a heap of its own, which costs
+4 MB here and gains nothing. For each thread it keeps seven freed pieces of each of 64 sizes below a kilobyte:
+0.4 MB in all, but what lies between them does not join to larger pieces, and a page goes back only whole, so
+that memory grows with all that comes and goes. And once a large piece was freed, others as large come from
+amid the rest, not on pages of their own (a mark of 32 kB for these, though, costs the monitor a seventh of
+its time). All three it can be told, the second only before a program starts: so the program starts twice
+(`tune`). It is asked for what is left after every report, and what lives long is renewed where it lies.
+
+Python keeps up to two thousand freed tuples of each length below twenty, which fill report by report to 4 MB;
+only a full collection lets them go. And numpy keeps up to seven freed pieces of each size below a kilobyte,
+3.5 MB when all have come; a record that grows brings ever new ones. Where one of these cannot be had, with
+another C library or a Python without ctypes, that stays as it is.
 """
 
 from __future__ import annotations
 
 import gc
+import os
+import sys
 from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-M_ARENA_MAX, M_MMAP_THRESHOLD = -8, -3  # of malloc.h
-APART_BYTES = 1 << 16
-KEPT, KEPT_BYTES = 16, range(520, 1033, 16)
-"""Freed pieces of a size that the C library keeps for a thread at most (glibc before 2.43: 7), and the sizes;
-there are smaller ones, of which Python takes few."""
+TUNABLES = "GLIBC_TUNABLES"
+TUNED = ":".join(
+    f"glibc.malloc.{name}={value}"
+    for name, value in {"arena_max": 1, "mmap_threshold": 1 << 16, "tcache_count": 0}.items()
+)
+"""One heap, large pieces apart (bytes), nothing kept for a thread."""
+
+_STARTED = "IMUMON_STARTED"
+"""Number of the process that was started anew: the C library may take its words out of the environment
+(of a program with privileges, it does), and once is enough."""
 
 _RAW = 0  # of Python's memory domains: the C library, without a lock
 _GET_VERSION, _SET_HANDLER = 0, 304  # places among numpy's functions, in all of this version
@@ -33,13 +41,19 @@ _HANDLER = b"mem_handler"
 _UNABLE = (AttributeError, ImportError, OSError, MemoryError, ValueError)
 
 
-def share() -> None:
-    """Let all threads share one heap, large pieces apart; to be called before there are threads."""
-    with suppress(*_UNABLE):
-        import ctypes
+def tune() -> None:
+    """Start this program anew, with the words by which the C library is told; what the user told it stands.
 
-        ctypes.pythonapi.mallopt(M_ARENA_MAX, 1)
-        ctypes.pythonapi.mallopt(M_MMAP_THRESHOLD, APART_BYTES)
+    Returns in the program that was started anew, and where there is no such C library. What was done before
+    is done again, so call it first of all: it costs the start of Python, 20 ms and more.
+    """
+    with suppress(*_UNABLE):
+        here = str(os.getpid())  # which stays the same
+        if os.environ.get(_STARTED) == here or not os.confstr("CS_GNU_LIBC_VERSION"):
+            return
+        told = ":".join(filter(None, (TUNED, os.environ.get(TUNABLES))))  # what comes last stands
+        words = [sys.executable or "", *sys.orig_argv[1:]]
+        os.execve(words[0], words, {**os.environ, TUNABLES: told, _STARTED: here})
 
 
 def bypass_cache() -> None:
@@ -93,25 +107,7 @@ def give_back() -> None:
         ctypes.pythonapi.malloc_trim(0)
 
 
-def repack() -> None:
-    """Let what the C library keeps for this thread lie in holes, not where it was when it was freed.
-
-    Of each size as many are taken as are kept, and as many new ones; the new ones are freed first.
-    """
-    with suppress(*_UNABLE):
-        import ctypes
-
-        take, free = ctypes.pythonapi.PyMem_RawMalloc, ctypes.pythonapi.PyMem_RawFree
-        take.restype, take.argtypes = ctypes.c_void_p, (ctypes.c_size_t,)
-        free.restype, free.argtypes = None, (ctypes.c_void_p,)
-        for size in KEPT_BYTES:
-            pieces = [take(size) for _ in range(2 * KEPT)]
-            for piece in pieces[KEPT:] + pieces[:KEPT]:
-                free(piece)
-
-
 def tidy() -> None:
     """Free what nobody can reach and what Python keeps, and give it back: milliseconds, so now and then."""
     gc.collect()
-    repack()
     give_back()

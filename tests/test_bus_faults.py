@@ -132,9 +132,9 @@ def test_a_publisher_that_has_closed_leaves_no_memory_behind() -> None:
     code = f"""
 import os
 from imumon import heap
+heap.tune()
 from imumon.bus import Publisher
 from usage import resident_kb
-heap.share()
 def grown(times):
     for _ in range(times):
         Publisher("a", listen=["{free()}"]).close()

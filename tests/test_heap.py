@@ -6,8 +6,11 @@ import ctypes
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
+from daemons import free_endpoint
 
 from imumon import heap
 
@@ -21,7 +24,7 @@ FREED = (
     RESIDENT
     + """
 from imumon import heap
-heap.share()
+heap.tune()
 held = [bytearray(60_000) for _ in range(500)]  # too small for pages of their own
 last = bytearray(60_000)  # and what is above them stays
 del held
@@ -54,11 +57,11 @@ ARRAYS = (
     + """
 import numpy as np
 from imumon import heap
+heap.tune()
 def sizes(more):
     held = [[np.zeros(more + size, dtype=np.uint8) for size in range(1, 1024)] for _ in range(7)]
     assert not any(array.any() for row in held for array in row)
 before = np.ones(100)
-heap.share()
 heap.bypass_cache()
 after = np.arange(100.0)
 after.resize(3000, refcheck=False)
@@ -75,26 +78,23 @@ print(resident_kb() - began)
 
 
 KEPT = (
-    RESIDENT
+    """
+from imumon import heap
+heap.tune()
+"""
+    + RESIDENT
     + """
 import ctypes
-from imumon import heap
 take, free = ctypes.pythonapi.PyMem_RawMalloc, ctypes.pythonapi.PyMem_RawFree
 take.restype, take.argtypes, free.argtypes = ctypes.c_void_p, (ctypes.c_size_t,), (ctypes.c_void_p,)
-heap.share()
-sizes = [size for size in heap.KEPT_BYTES for _ in range(heap.KEPT)]
-held = [take(size) for size in sizes]  # what is kept by now
 heap.give_back()
 before = resident_kb()
-pieces = [(take(size), take(10_000)) for size in sizes]
+pieces = [(take(size), take(10_000)) for size in range(24, 1033, 16) for _ in range(7)]
 for pair in pieces:
     for piece in pair:
         free(piece)
 heap.give_back()
-kept = resident_kb() - before
-heap.repack()
-heap.give_back()
-print(kept, resident_kb() - before)
+print(resident_kb() - before)
 """
 )
 
@@ -137,17 +137,76 @@ def test_small_arrays_are_not_kept() -> None:
     assert int(done.stdout) < 1000
 
 
-@pytest.mark.skipif(not hasattr(ctypes.pythonapi, "malloc_trim"), reason="needs glibc")
-def test_what_is_kept_for_a_thread_keeps_few_pages() -> None:
-    """Seven freed pieces of each size, each on a page of its own, are 0.9 MB; side by side 0.2."""
-    plain = {
-        name: value
-        for name, value in os.environ.items()
-        if name not in ("PYTHONMALLOC", "PYTHONDEVMODE", "GLIBC_TUNABLES")
-    }
-    done = subprocess.run([sys.executable, "-c", KEPT], capture_output=True, text=True, check=True, env=plain)
-    kept, left = (int(word) for word in done.stdout.split())
-    assert left < 0.6 * kept
+PLAIN = {
+    name: value
+    for name, value in os.environ.items()
+    if name not in ("PYTHONMALLOC", "PYTHONDEVMODE", heap.TUNABLES)
+}
+glibc = pytest.mark.skipif(not hasattr(ctypes.pythonapi, "malloc_trim"), reason="needs glibc")
+
+
+@glibc
+def test_nothing_is_kept_for_a_thread() -> None:
+    """Seven freed pieces of each size, each on a page of its own, would be 1.7 MB."""
+    done = subprocess.run([sys.executable, "-c", KEPT], capture_output=True, text=True, check=True, env=PLAIN)
+    assert int(done.stdout) < 400
+
+
+TUNED = """
+import os, sys
+from imumon import heap
+print(os.getpid(), sys.argv[1:], sys.flags.utf8_mode, os.environ.get(heap.TUNABLES, ""), flush=True)
+heap.tune()
+print("on")
+"""
+
+
+def started(environment: Mapping[str, str], *before: str) -> list[str]:
+    """What the script above says each time it begins and once it goes on."""
+    words = [*before, sys.executable, "-X", "utf8", "-c", TUNED, "a b", ""]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, env={**PLAIN, **environment})
+    return done.stdout.splitlines()
+
+
+@glibc
+def test_a_program_starts_anew_once_with_its_own_words() -> None:
+    first, second, on = started({heap.TUNABLES: "glibc.malloc.arena_max=3"})
+    process, rest = first.split(" ", 1)
+    assert rest == "['a b', ''] 1 glibc.malloc.arena_max=3"
+    assert second == f"{process} ['a b', ''] 1 {heap.TUNED}:glibc.malloc.arena_max=3"  # the user's stands
+    assert on == "on"
+
+
+@glibc
+def test_words_that_are_taken_away_do_not_start_it_for_ever() -> None:
+    """The C library strips them from a program with privileges."""
+    begun, on = started({}, "sh", "-c", 'IMUMON_STARTED=$$ exec "$@"', "sh")
+    assert (begun.split(" ", 1)[1], on) == ("['a b', ''] 1 ", "on")
+
+
+@glibc
+@pytest.mark.parametrize("program", [("-m", "imumon"), (str(Path(sys.executable).with_name("imumon")),)])
+def test_a_daemon_runs_with_a_heap_that_was_told_how(program: tuple[str, ...], tmp_path: Path) -> None:
+    words = [sys.executable, *program, "run", "--port", "sim", "--listen", free_endpoint()]
+    home = {**PLAIN, "HOME": str(tmp_path)}
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=home) as daemon:
+        assert daemon.stderr is not None
+        assert "reading VN-100" in daemon.stderr.readline()
+        told = Path(f"/proc/{daemon.pid}/environ").read_text().replace("\0", ":")  # glibc cuts it there
+        daemon.terminate()
+    assert f"{heap.TUNABLES}={heap.TUNED}" in told
+    assert f"IMUMON_STARTED={daemon.pid}" in told
+    assert daemon.returncode == 0
+
+
+@glibc
+def test_where_it_cannot_start_anew_it_goes_on() -> None:
+    code = "import sys; sys.executable = sys.argv[1] or None\n" + TUNED
+    for nowhere in ("", "/nowhere/python"):
+        done = subprocess.run(
+            [sys.executable, "-c", code, nowhere], capture_output=True, text=True, check=True, env=PLAIN
+        )
+        assert done.stdout.splitlines()[1:] == ["on"]
 
 
 LATE = """
@@ -177,7 +236,7 @@ def test_arrays_past_the_cache_are_sound(script: str) -> None:
 
 def test_another_c_library_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ctypes.pythonapi", object())
-    heap.share()
-    heap.repack()
+    monkeypatch.setattr("os.confstr", lambda name: None)
+    heap.tune()
     heap.bypass_cache()
     heap.give_back()

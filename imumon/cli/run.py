@@ -7,7 +7,6 @@ import os
 import sys
 from typing import Any
 
-from imumon import heap
 from imumon.cli.words import (
     DONE,
     FAILED,
@@ -78,7 +77,6 @@ def add_sim(parser: Parser) -> None:
 
 
 def run(words: argparse.Namespace) -> int:
-    heap.share()
     made = _settings(words)
     if made.device.port == "sim":
         return _run_emulated(words, made)
