@@ -36,6 +36,7 @@ from figures import Figure, at_most
 from stall import still
 from usage import cpu_s, resident_kb
 
+from imumon import heap
 from imumon.emulator import EmulatorSettings, spawn
 from imumon.report import Report
 
@@ -182,12 +183,10 @@ def measure(minutes: float) -> Iterator[Figure]:
 def straight(words: argparse.Namespace) -> dict[str, object]:
     """Blocks of an exact clock straight into the monitor, with a report every hour of the record, after which
     memory is tidied as the daemon does."""
-    from imumon import heap
     from imumon.monitor import Monitor
     from imumon.report import Device, Session
     from imumon.samples import SampleBlock, Stream
 
-    heap.tune()
     heap.bypass_cache()
     rate, n = words.rate, 8192
     names = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
@@ -241,8 +240,10 @@ def main() -> int:
     parser.add_argument("--verbose", action="store_true")
     words = parser.parse_args()
     words.speed = 1.0 if words.mode == "live" else words.speed
+    direct = words.direct and words.mode == "days"
+    if direct:
+        heap.tune()  # as the daemon does
     with tempfile.TemporaryDirectory(prefix="imumon-soak-") as scratch:
-        direct = words.direct and words.mode == "days"
         made = straight(words) if direct else through_the_pipeline(words, Path(scratch))
     print(json.dumps(made, indent=1))
     return 0 if all(value is not False for value in made.values()) else 1

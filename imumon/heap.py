@@ -1,12 +1,13 @@
 """Heap: memory that was freed, given back to the system, for nothing else will do it.
 
 glibc keeps what was freed below what is still in use. It gives each thread a heap of its own, which costs
-4 MB here and gains nothing. For each thread it keeps seven freed pieces of each of 64 sizes below a kilobyte:
-0.4 MB in all, but what lies between them does not join to larger pieces, and a page goes back only whole, so
-that memory grows with all that comes and goes. And once a large piece was freed, others as large come from
-amid the rest, not on pages of their own (a mark of 32 kB for these, though, costs the monitor a seventh of
-its time). All three it can be told, the second only before a program starts: so the program starts twice
-(`tune`). It is asked for what is left after every report, and what lives long is renewed where it lies.
+4 MB here and gains nothing. For each thread it keeps seven freed pieces (16 from 2.43 on) of each of 64 sizes
+below a kilobyte: 0.4 MB in all, but what lies between them does not join to larger pieces, and a page goes
+back only whole, so that memory grows with all that comes and goes. And once a large piece was freed, others
+as large come from amid the rest, not on pages of their own (a mark of 32 kB for these, though, costs the
+monitor a seventh of its time). All three it can be told, the second only before a program starts: so the
+program starts twice (`tune`). It is asked for what is left after every report, and what lives long is renewed
+where it lies.
 
 Python keeps up to two thousand freed tuples of each length below twenty, which fill report by report to 4 MB;
 only a full collection lets them go. And numpy keeps up to seven freed pieces of each size below a kilobyte,
@@ -30,30 +31,36 @@ TUNED = ":".join(
 )
 """One heap, large pieces apart (bytes), nothing kept for a thread."""
 
-_STARTED = "IMUMON_STARTED"
-"""Number of the process that was started anew: the C library may take its words out of the environment
-(of a program with privileges, it does), and once is enough."""
+STARTED = "IMUMON_STARTED"
+"""Name of the process that was started anew; where it is set, once is enough."""
+_NAME = "/proc/self/comm"
 
 _RAW = 0  # of Python's memory domains: the C library, without a lock
 _GET_VERSION, _SET_HANDLER = 0, 304  # places among numpy's functions, in all of this version
 _VERSION = 0x2000000
 _HANDLER = b"mem_handler"
-_UNABLE = (AttributeError, ImportError, OSError, MemoryError, ValueError)
+_UNABLE = (AttributeError, ImportError, OSError, MemoryError, TypeError, ValueError)
 
 
 def tune() -> None:
-    """Start this program anew, with the words by which the C library is told; what the user told it stands.
+    """Start this program anew, with the words for the C library; what the user says to it stands.
 
-    Returns in the program that was started anew, and where there is no such C library. What was done before
-    is done again, so call it first of all: it costs the start of Python, 20 ms and more.
+    Returns in the program that was started anew, which keeps its number and its name; and at once, with
+    nothing told, where `STARTED` is set, where there is no such C library, or where Python cannot be started
+    in the same way. What was done before is done again, so call it first of all; Python starts twice.
     """
     with suppress(*_UNABLE):
-        here = str(os.getpid())  # which stays the same
-        if os.environ.get(_STARTED) == here or not os.confstr("CS_GNU_LIBC_VERSION"):
+        named = os.environ.pop(STARTED, "")
+        if named:
+            with open(_NAME, "w") as name:  # else it has Python's
+                name.write(named)
+            return
+        if not os.confstr("CS_GNU_LIBC_VERSION") or not os.path.samefile(sys.executable, "/proc/self/exe"):
             return
         told = ":".join(filter(None, (TUNED, os.environ.get(TUNABLES))))  # what comes last stands
-        words = [sys.executable or "", *sys.orig_argv[1:]]
-        os.execve(words[0], words, {**os.environ, TUNABLES: told, _STARTED: here})
+        with open(_NAME) as name:
+            words = {TUNABLES: told, STARTED: name.read().strip()}
+        os.execve(sys.executable, sys.orig_argv, {**os.environ, **words})
 
 
 def bypass_cache() -> None:

@@ -147,17 +147,53 @@ glibc = pytest.mark.skipif(not hasattr(ctypes.pythonapi, "malloc_trim"), reason=
 
 @glibc
 def test_nothing_is_kept_for_a_thread() -> None:
-    """Seven freed pieces of each size, each on a page of its own, would be 1.7 MB."""
+    """Seven freed pieces of each size, each on a page of its own, would be 1.2 MB."""
     done = subprocess.run([sys.executable, "-c", KEPT], capture_output=True, text=True, check=True, env=PLAIN)
     assert int(done.stdout) < 400
+
+
+APART = """
+import ctypes, threading
+from imumon import heap
+heap.tune()
+libc = ctypes.pythonapi
+class Told(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd usmblks".split()]
+    _fields_ += [(name, ctypes.c_size_t) for name in "fsmblks uordblks fordblks keepcost".split()]
+libc.mallinfo2.restype = Told
+before = libc.mallinfo2().hblks
+held = [bytearray(100_000) for _ in range(20)]
+print(libc.mallinfo2().hblks - before, flush=True)
+take, wait = libc.PyMem_RawMalloc, threading.Event()
+take.restype, take.argtypes = ctypes.c_void_p, (ctypes.c_size_t,)
+for _ in range(3):
+    threading.Thread(target=lambda: (take(2000), wait.wait())).start()
+libc.malloc_info(0, ctypes.c_void_p.in_dll(libc, "stdout"))
+libc.fflush(None)
+wait.set()
+"""
+
+
+@glibc
+@pytest.mark.parametrize(("told", "apart"), [("", True), ("glibc.malloc.mmap_threshold=1000000", False)])
+def test_large_pieces_lie_apart_and_threads_share_one_heap_unless_the_user_says_else(
+    told: str, apart: bool
+) -> None:
+    words = [sys.executable, "-c", APART]
+    done = subprocess.run(
+        words, capture_output=True, text=True, check=True, env={**PLAIN, heap.TUNABLES: told}
+    )
+    assert (int(done.stdout.split()[0]) > 15) is apart  # of 20
+    assert done.stdout.count("<heap nr=") == 1
 
 
 TUNED = """
 import os, sys
 from imumon import heap
+name = open("/proc/self/comm").read().strip()
 print(os.getpid(), sys.argv[1:], sys.flags.utf8_mode, os.environ.get(heap.TUNABLES, ""), flush=True)
 heap.tune()
-print("on")
+print(os.environ.get(heap.STARTED), open("/proc/self/comm").read().strip())
 """
 
 
@@ -173,40 +209,46 @@ def test_a_program_starts_anew_once_with_its_own_words() -> None:
     first, second, on = started({heap.TUNABLES: "glibc.malloc.arena_max=3"})
     process, rest = first.split(" ", 1)
     assert rest == "['a b', ''] 1 glibc.malloc.arena_max=3"
-    assert second == f"{process} ['a b', ''] 1 {heap.TUNED}:glibc.malloc.arena_max=3"  # the user's stands
-    assert on == "on"
+    assert second == f"{process} ['a b', ''] 1 {heap.TUNED}:glibc.malloc.arena_max=3"
+    assert on.startswith("None ")  # not for its children
 
 
 @glibc
-def test_words_that_are_taken_away_do_not_start_it_for_ever() -> None:
-    """The C library strips them from a program with privileges."""
-    begun, on = started({}, "sh", "-c", 'IMUMON_STARTED=$$ exec "$@"', "sh")
-    assert (begun.split(" ", 1)[1], on) == ("['a b', ''] 1 ", "on")
+def test_who_says_it_has_started_starts_once() -> None:
+    begun, on = started({heap.STARTED: "other"})
+    assert (begun.split(" ", 1)[1], on) == ("['a b', ''] 1 ", "None other")
 
 
 @glibc
-@pytest.mark.parametrize("program", [("-m", "imumon"), (str(Path(sys.executable).with_name("imumon")),)])
-def test_a_daemon_runs_with_a_heap_that_was_told_how(program: tuple[str, ...], tmp_path: Path) -> None:
-    words = [sys.executable, *program, "run", "--port", "sim", "--listen", free_endpoint()]
+def test_where_it_cannot_start_in_the_same_way_it_goes_on() -> None:
+    """No Python, another one, or one under another name, by which it then looks for itself."""
+    code = "import sys; sys.executable = sys.argv[1] or None\n" + TUNED
+    for other in ("", "/nowhere/python", "/bin/sh"):
+        done = subprocess.run(
+            [sys.executable, "-c", code, other], capture_output=True, text=True, check=True, env=PLAIN
+        )
+        assert len(done.stdout.splitlines()) == 2
+    begun, _ = started({}, "bash", "-c", 'exec -a imumon "$@"', "bash")
+    assert begun.endswith("['a b', ''] 1 ")
+
+
+@glibc
+@pytest.mark.parametrize("module", [True, False], ids=["module", "script"])
+def test_a_daemon_runs_with_a_heap_that_was_told_how(module: bool, tmp_path: Path) -> None:
+    """And is called what it was called."""
+    program = [sys.executable, "-m", "imumon"] if module else [str(Path(sys.executable).with_name("imumon"))]
+    words = [*program, "run", "--port", "sim", "--listen", free_endpoint()]
     home = {**PLAIN, "HOME": str(tmp_path)}
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=home) as daemon:
-        assert daemon.stderr is not None
-        assert "reading VN-100" in daemon.stderr.readline()
-        told = Path(f"/proc/{daemon.pid}/environ").read_text().replace("\0", ":")  # glibc cuts it there
-        daemon.terminate()
+        try:
+            assert daemon.stderr is not None
+            assert "reading VN-100" in daemon.stderr.readline()
+            told = Path(f"/proc/{daemon.pid}/environ").read_text().replace("\0", ":")  # glibc cuts it there
+            name = Path(f"/proc/{daemon.pid}/comm").read_text().strip()
+        finally:
+            daemon.terminate()
     assert f"{heap.TUNABLES}={heap.TUNED}" in told
-    assert f"IMUMON_STARTED={daemon.pid}" in told
-    assert daemon.returncode == 0
-
-
-@glibc
-def test_where_it_cannot_start_anew_it_goes_on() -> None:
-    code = "import sys; sys.executable = sys.argv[1] or None\n" + TUNED
-    for nowhere in ("", "/nowhere/python"):
-        done = subprocess.run(
-            [sys.executable, "-c", code, nowhere], capture_output=True, text=True, check=True, env=PLAIN
-        )
-        assert done.stdout.splitlines()[1:] == ["on"]
+    assert name == Path(program[0]).name[:15]
 
 
 LATE = """
@@ -237,6 +279,7 @@ def test_arrays_past_the_cache_are_sound(script: str) -> None:
 def test_another_c_library_is_no_obstacle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ctypes.pythonapi", object())
     monkeypatch.setattr("os.confstr", lambda name: None)
+    monkeypatch.setattr("os.execve", pytest.fail)
     heap.tune()
     heap.bypass_cache()
     heap.give_back()

@@ -35,6 +35,9 @@ ENVIRONMENT = {
     "NOTIFY_SOCKET": "given by a service manager: the daemon tells it when it is ready, what it does and, "
     "with WATCHDOG_USEC, that it is alive; a missing sensor is then waited for",
     "JOURNAL_STREAM": "given by a service manager: the daemon's lines get the priorities of the journal",
+    "GLIBC_TUNABLES": "goes to the C library; run adds words of its own, and starts itself once more for "
+    "that, under the same process number",
+    "IMUMON_STARTED": "set to anything, for a debugger say, run starts once; it then takes some MB more",
     "NO_COLOR": "the screen is drawn without colours",
 }
 FILES = {
