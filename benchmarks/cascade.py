@@ -18,7 +18,7 @@ import numpy as np
 from figures import Figure, at_most, seconds, show
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.signal.moments import Moments
+from imumon.noise.statistics.moments import Moments
 from imumon.noise.synthesis import NoiseStream
 
 GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)

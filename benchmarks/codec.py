@@ -21,8 +21,8 @@ from statistics import median
 import numpy as np
 from figures import Figure, at_most, seconds, show
 
+from imumon.devices.vn100 import Decoder, ascii, binary
 from imumon.samples import SampleBlock
-from imumon.sensors.vn100 import Decoder, ascii, binary
 
 ROUNDS = 7
 CHUNK = 65536

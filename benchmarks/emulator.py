@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import serial
 
-from imumon.emulator import EmulatorProcess, EmulatorSettings, spawn
-from imumon.sensors.vn100.binary import Layout
+from imumon.devices.vn100.binary import Layout
+from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
 
 CASES = (
     ("time, deltas, 44 bytes", 115200, 200, "1,4,06,0001,00C0", Layout.of({2: 0x0001, 3: 0x00C0})),

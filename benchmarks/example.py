@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 
 from imumon.datasheet import document
-from imumon.datasheet.text import coefficient
-from imumon.emulator.device import Device as Emulated
-from imumon.emulator.settings import EmulatorSettings, Noise
-from imumon.emulator.signal import Tape
-from imumon.monitor import Monitor
+from imumon.datasheet.text_table import coefficient
+from imumon.devices.vn100 import Decoder
+from imumon.devices.vn100.emulator.command_handler import Device as Emulated
+from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings, Noise
+from imumon.devices.vn100.emulator.sensor_model import Tape
+from imumon.devices.vn100.registers import LOOP_RATE
+from imumon.pipeline import Monitor
 from imumon.report import Channel, Coefficient, Device, Report, Session, from_json
 from imumon.samples import SampleBlock
-from imumon.sensors.vn100 import Decoder
-from imumon.sensors.vn100.registers import LOOP_RATE
 from imumon.units import READABLE, figures, pretty
 
 RATE = 100

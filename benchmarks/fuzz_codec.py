@@ -19,8 +19,8 @@ import warnings
 import atheris
 
 with atheris.instrument_imports(include=["imumon"]):
+    from imumon.devices.vn100 import Decoder, ascii, binary, checksum
     from imumon.samples import SampleBlock
-    from imumon.sensors.vn100 import Decoder, ascii, binary, checksum
 
 NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3})((?:,[^$\r\n\xfa]*)?)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4})\r?\n")

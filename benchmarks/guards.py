@@ -22,16 +22,16 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.monitor import Monitor, Wanted
 from imumon.noise.allan import OctaveCascade
+from imumon.noise.detection import Guard
 from imumon.noise.fit import ChannelFit, Estimator
-from imumon.noise.guards import Guard
-from imumon.noise.history.drift import Drift
-from imumon.noise.signal.histogram import Histogram
-from imumon.noise.signal.spectrum import Spectrum
-from imumon.noise.signal.strip import Strip
+from imumon.noise.nonstationarity.drift import Drift
+from imumon.noise.statistics.envelope import Strip
+from imumon.noise.statistics.histogram import Histogram
+from imumon.noise.statistics.psd import Spectrum
 from imumon.noise.synthesis import synthesise
-from imumon.replay import Replay, replay
+from imumon.pipeline import Monitor, Wanted
+from imumon.replay.replay import Replay, replay
 from imumon.report import Channel, Coefficient, Device, Report, Session
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 from imumon.units import READABLE, figures, pretty

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, at_most, show
 
+from imumon.devices.vn100 import ascii, binary
 from imumon.noise.synthesis import NoiseStream
-from imumon.sensors.vn100 import ascii, binary
 
 RATE = 800.0
 LAYOUT = binary.Layout.of({binary.TIME: 0x0001, binary.IMU: 0x003F})

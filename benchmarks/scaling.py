@@ -21,7 +21,7 @@ from cascade import realtime
 from figures import Figure, show
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.signal.moments import Moments
+from imumon.noise.statistics.moments import Moments
 
 BLOCK = 1000
 SEED = 20240229

@@ -37,7 +37,7 @@ from stall import still
 from usage import cpu_s, resident_kb
 
 from imumon import heap
-from imumon.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Report
 
 STILL_EVERY = 4  # looks at memory, in time-lapse
@@ -183,7 +183,7 @@ def measure(minutes: float) -> Iterator[Figure]:
 def straight(words: argparse.Namespace) -> dict[str, object]:
     """Blocks of an exact clock straight into the monitor, with a report every hour of the record, after which
     memory is tidied as the daemon does."""
-    from imumon.monitor import Monitor
+    from imumon.pipeline import Monitor
     from imumon.report import Device, Session
     from imumon.samples import SampleBlock, Stream
 

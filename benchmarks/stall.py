@@ -37,9 +37,9 @@ from bus_actors import Actor
 from daemons import Daemon
 from usage import cpu_s, resident_kb
 
-from imumon.emulator import EmulatorSettings, spawn
-from imumon.emulator.process import EmulatorProcess
-from imumon.replay import Replay, replay
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator.process import EmulatorProcess
+from imumon.replay.replay import Replay, replay
 from imumon.report import Report, from_json, stamp
 
 BAUD = 921600

@@ -15,8 +15,8 @@ import numpy as np
 
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.history import History
-from imumon.noise.history.warmup import lasting
+from imumon.noise.nonstationarity import History
+from imumon.noise.nonstationarity.warmup import lasting
 from imumon.noise.synthesis import synthesise
 
 RATE_HZ, LENGTH_S, CHANNELS, N = 4.0, 6020.0, 6, 6.1e-5

@@ -23,9 +23,9 @@ from textual.widgets import Input
 
 from imumon.report import Report
 from imumon.tui.app import Monitor
-from imumon.tui.paint import Painted
-from imumon.tui.scene import Scene
-from imumon.tui.words import Notation
+from imumon.tui.formatting import Notation
+from imumon.tui.view_state import Scene
+from imumon.tui.widgets import Painted
 
 FOLDER = Path(__file__).parent / "data" / "screen"
 SMALL, LARGE, HUGE = (80, 24), (150, 40), (220, 60)

@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 
+from imumon.devices.vn100.registers import CHANGE_THE_DATA, REGISTERS
 from imumon.report import (
     Allan,
     Channel,
@@ -37,7 +38,6 @@ from imumon.report import (
     Strip,
     TimeTo,
 )
-from imumon.sensors.vn100.registers import CHANGE_THE_DATA, REGISTERS
 from imumon.units import READABLE, SI
 
 ID = "vn100-0100056785"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.replay import Replay, open_samples, replay
+from imumon.replay.replay import Replay, open_samples, replay
 from imumon.report import Report
 from imumon.samples import SampleBlock
 

@@ -18,9 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.bus import BusError, Options, Publisher, Viewer, clean_id
-from imumon.bus.answers import Answers
-from imumon.bus.session import check_endpoint, explain, is_local
+from imumon.bus.queryable import Answers
 from imumon.bus.texts import BULKY, Texts
+from imumon.bus.zenoh_session import check_endpoint, explain, is_local
 from imumon.config import Zenoh
 from imumon.report import Event, Report, Signal, from_json, to_dict, to_json
 

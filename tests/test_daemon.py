@@ -19,12 +19,12 @@ from daemons import Daemon, free_endpoint
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
 from imumon.daemon import Task
-from imumon.daemon.stop import Stopped
-from imumon.emulator import EmulatorSettings, spawn
+from imumon.daemon.shutdown import Stopped
+from imumon.devices.vn100.ascii import encode
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.vn100_session import Facts, Session
+from imumon.recordings import SerialPort
 from imumon.report import Report, stamp
-from imumon.sensors.vn100.ascii import encode
-from imumon.sensors.vn100.session import Facts, Session
-from imumon.sources import SerialPort
 
 ROOT = Path(__file__).parents[1]
 

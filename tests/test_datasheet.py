@@ -20,16 +20,16 @@ from reports import nothing_yet, report
 
 from imumon.datasheet import FORMS, CannotDraw, document
 from imumon.datasheet.blocks import Table
-from imumon.datasheet.plot import HEIGHT, WIDTH, svg
-from imumon.datasheet.sheet import sheet
-from imumon.datasheet.signal import signal, unchanged
-from imumon.datasheet.snippets import ros, worst
-from imumon.datasheet.text import table
+from imumon.datasheet.config_snippets import ros, worst
+from imumon.datasheet.content import sheet
+from imumon.datasheet.signal_text import signal, unchanged
+from imumon.datasheet.svg_figure import HEIGHT, WIDTH, svg
+from imumon.datasheet.text_table import table
+from imumon.messages import CAVEATS, uncertainty
 from imumon.noise.synthesis import synthesise
 from imumon.report import Coefficient, Readable, Report, from_json, to_json
-from imumon.tui.words import Notation
+from imumon.tui.formatting import Notation
 from imumon.units import READABLE
-from imumon.words import CAVEATS, uncertainty
 
 AGES = {"nothing": 0.0, "seconds": 5.0, "minutes": 200.0, "hours": 10801.0, "days": 400000.0}
 

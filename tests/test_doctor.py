@@ -16,25 +16,25 @@ import reports
 from daemons import Daemon, free_endpoint
 
 from imumon.config import Device, Settings, Zenoh, load
-from imumon.doctor import Case, Check, _candidates, examine, judge
-from imumon.doctor.line import listen
-from imumon.doctor.looks import BusLook, Heard, PortLook, ServiceLook, StateLook
-from imumon.doctor.machine import look_at_port, look_at_state, with_latency
-from imumon.emulator import EmulatorSettings, spawn
-from imumon.sensors.vn100.facts import Facts
-from imumon.sources import SerialPort
+from imumon.devices.vn100.device_info import Facts
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.doctor import Case, Check, _candidates, checks, examine
+from imumon.doctor.observations import BusLook, Heard, PortLook, ServiceLook, StateLook
+from imumon.doctor.probe_device import listen
+from imumon.doctor.probe_host import look_at_port, look_at_state, with_latency
+from imumon.recordings import SerialPort
 
 
 @pytest.fixture
 def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
     """An examination that meets nobody else on this machine's bus."""
     place = free_endpoint()
-    monkeypatch.setattr("imumon.doctor.bus.HEAR_S", 0.05)
+    monkeypatch.setattr("imumon.doctor.probe_zenoh.HEAR_S", 0.05)
     settings = Settings(zenoh=Zenoh(listen=(place,)))
     return Case(settings=settings, state_directory=tmp_path / "state", connect=(place,), seconds=1.0)
 
 
-def checks(case: Case, port: str) -> dict[str, Check]:
+def by_name(case: Case, port: str) -> dict[str, Check]:
     return {check.name: check for check in examine(replace(case, port=port))}
 
 
@@ -47,7 +47,7 @@ def failed(found: dict[str, Check]) -> set[str]:
 
 def test_a_factory_sensor_is_well_and_its_traps_are_told(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = checks(case, sensor.path)
+        found = by_name(case, sensor.path)
     assert not failed(found)
     assert {name for name, check in found.items() if check.status == "warning"} == {
         "aliasing",
@@ -75,7 +75,7 @@ CLOCKED = EmulatorSettings(seed=1, rate=160.0)
 def test_damage_on_the_line_is_found(case: Case, fault: str) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask(f"fault {fault}")
-        found = checks(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are hit for certain
+        found = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are hit for certain
     assert found["checksums"].status == "failed", found
     assert found["checksums"].cure
 
@@ -84,7 +84,7 @@ def test_damage_on_the_line_is_found(case: Case, fault: str) -> None:
 def test_a_stream_without_a_clock_is_counted(case: Case, fault: str) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         sensor.ask(f"fault {fault}")
-        found = checks(replace(case, seconds=2.0), sensor.path)
+        found = by_name(replace(case, seconds=2.0), sensor.path)
     assert found["rate"].status != "ok", found
     assert found["rate"].cure
 
@@ -92,7 +92,7 @@ def test_a_stream_without_a_clock_is_counted(case: Case, fault: str) -> None:
 def test_a_stream_with_a_clock_counts_what_is_missing(case: Case) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask("fault drop=0.08")
-        found = checks(case, sensor.path)
+        found = by_name(case, sensor.path)
     assert found["rate"].status != "ok", found
     assert "missing" in found["rate"].text
 
@@ -129,7 +129,7 @@ def test_what_happens_while_it_listens_is_told(
 
 def test_another_device_is_told_apart(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, impostor="nmea")) as sensor:
-        found = checks(case, sensor.path)
+        found = by_name(case, sensor.path)
     assert failed(found) == {"sensor"}
     assert "NMEA" in found["sensor"].text
     assert "GNSS" in str(found["sensor"].cure)
@@ -137,14 +137,14 @@ def test_another_device_is_told_apart(case: Case) -> None:
 
 def test_another_model_is_told(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, model="VN-200T-CR")) as sensor:
-        found = checks(case, sensor.path)
+        found = by_name(case, sensor.path)
     assert found["identity"].status == "warning"
 
 
 def test_a_wrong_baud_in_the_settings_is_told(case: Case) -> None:
     settings = replace(case.settings, device=Device(baud=9600))
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = checks(replace(case, settings=settings), sensor.path)
+        found = by_name(replace(case, settings=settings), sensor.path)
     assert failed(found) == {"baud"}
     assert "115200" in found["baud"].text
 
@@ -152,7 +152,7 @@ def test_a_wrong_baud_in_the_settings_is_told(case: Case) -> None:
 def test_listen_only_asks_nothing(case: Case) -> None:
     settings = replace(case.settings, device=Device(listen_only=True))
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = checks(replace(case, settings=settings), sensor.path)
+        found = by_name(replace(case, settings=settings), sensor.path)
         assert sensor.ask("counters")["replies"] == 0
     assert found["identity"].status == "warning"
     assert found["aliasing"].status == "warning"
@@ -164,13 +164,13 @@ def test_listen_only_asks_nothing(case: Case) -> None:
 def test_a_port_that_is_none(case: Case, tmp_path: Path) -> None:
     file = tmp_path / "capture.bin"
     file.write_bytes(b"x")
-    assert "no port" in checks(case, str(tmp_path / "nothing"))["port"].text
-    assert "imumon replay" in str(checks(case, str(file))["port"].cure)
+    assert "no port" in by_name(case, str(tmp_path / "nothing"))["port"].text
+    assert "imumon replay" in str(by_name(case, str(file))["port"].cure)
 
 
 def test_a_port_in_use_by_another_program_is_left_alone(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, SerialPort(sensor.path):
-        found = checks(case, sensor.path)
+        found = by_name(case, sensor.path)
     assert failed(found) == {"sensor"}
     assert "in use" in found["sensor"].text
 
@@ -186,7 +186,7 @@ def test_silence_and_rubbish_are_told_apart(case: Case, rubbish: bytes, says: st
 
         sender = threading.Thread(target=send)
         sender.start()
-        found = checks(case, f"socket://127.0.0.1:{server.getsockname()[1]}")
+        found = by_name(case, f"socket://127.0.0.1:{server.getsockname()[1]}")
         sender.join()
     assert found["port"].status == "ok"
     assert failed(found) == {"sensor"}
@@ -196,7 +196,7 @@ def test_silence_and_rubbish_are_told_apart(case: Case, rubbish: bytes, says: st
 def test_no_port_at_all(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("imumon.doctor.find_ports", list)
     found = {check.name: check for check in examine(case)}
-    assert found["port"] == judge.NO_PORT
+    assert found["port"] == checks.NO_PORT
 
 
 PORT = PortLook(path="/dev/ttyUSB0", group="dialout", user="ada")
@@ -214,7 +214,7 @@ PORT = PortLook(path="/dev/ttyUSB0", group="dialout", user="ada")
     ],
 )
 def test_a_port_that_may_not_be_used(look: PortLook, cure: str) -> None:
-    bad = [check for check in judge.port(look) if check.status == "failed"]
+    bad = [check for check in checks.port(look) if check.status == "failed"]
     assert len(bad) == 1
     assert cure in str(bad[0].cure)
 
@@ -224,12 +224,12 @@ def test_the_latency_timer_is_read_where_there_is_one(tmp_path: Path) -> None:
     timer.parent.mkdir(parents=True)
     timer.write_text("16\n")
     look = with_latency(PORT, tmp_path)
-    (slow,) = judge.latency(look)
+    (slow,) = checks.latency(look)
     assert (slow.status, look.latency_ms) == ("warning", 16)
     assert "latency_timer" in str(slow.cure)
-    (good,) = judge.latency(replace(look, latency_ms=1))
+    (good,) = checks.latency(replace(look, latency_ms=1))
     assert good.status == "ok"
-    assert list(judge.latency(with_latency(PORT, tmp_path / "none"))) == []
+    assert list(checks.latency(with_latency(PORT, tmp_path / "none"))) == []
 
 
 def test_a_port_without_permission_is_seen(tmp_path: Path) -> None:
@@ -248,20 +248,20 @@ HEARD = Heard(facts=Facts(id="x", baud=115200, stream="deltas", sample_rate_hz=1
 )
 def test_a_full_line_is_told(bytes_a_second: int, status: str) -> None:
     heard = replace(HEARD, bytes=3 * bytes_a_second, messages=9)
-    found = {check.name: check for check in judge.sensor(heard, Settings())}
+    found = {check.name: check for check in checks.sensor(heard, Settings())}
     assert found["bandwidth"].status == status
 
 
 def test_a_slow_baud_is_told() -> None:
     heard = replace(HEARD, facts=replace(HEARD.facts, baud=9600))
-    found = {check.name: check for check in judge.sensor(heard, Settings())}
+    found = {check.name: check for check in checks.sensor(heard, Settings())}
     assert found["baud"].status == "warning"
     assert "--set-baud" in str(found["baud"].cure)
 
 
 def test_compensated_deltas_are_told() -> None:
     facts = replace(HEARD.facts, settings={"82 delta control": "0,1,0,0,0"}, alias_factor=1.0)
-    found = {check.name: check for check in judge.sensor(replace(HEARD, facts=facts), Settings())}
+    found = {check.name: check for check in checks.sensor(replace(HEARD, facts=facts), Settings())}
     assert found["compensation"].status == "warning"
     assert found["aliasing"].status == "ok"
 
@@ -269,7 +269,7 @@ def test_compensated_deltas_are_told() -> None:
 @pytest.mark.parametrize(("ratio", "status"), [(1.0, "ok"), (0.99, "ok"), (1.2, "warning"), (0.5, "warning")])
 def test_a_clock_that_runs_wrong_is_told(ratio: float, status: str) -> None:
     heard = replace(HEARD, samples=300, rate_hz=100.0, clock_ratio=ratio)
-    found = {check.name: check for check in judge.sensor(heard, Settings())}
+    found = {check.name: check for check in checks.sensor(heard, Settings())}
     assert found["clock"].status == status
 
 
@@ -285,7 +285,7 @@ def test_a_clock_that_runs_wrong_is_told(ratio: float, status: str) -> None:
     ],
 )
 def test_the_bus(look: BusLook, status: str) -> None:
-    check = judge.zenoh(look)
+    check = checks.zenoh(look)
     assert check.status == status
     assert (check.cure is None) == (status == "ok")
 
@@ -295,10 +295,10 @@ def test_a_sensor_that_its_daemon_has_lost_is_what_is_examined() -> None:
     look = BusLook(reports=(lost,))
     assert _candidates(look) == [lost.device.port]  # and not what else is plugged in
     told = f"{lost.device.id} answers, but waits for its sensor on {lost.device.port}"
-    assert judge.zenoh(look).text == told
+    assert checks.zenoh(look).text == told
     other = reports.report(id="other")
-    assert judge.zenoh(BusLook(reports=(other, lost))).text == f"{told}; other answers too"
-    (check,) = judge.port(replace(PORT, exists=False, daemon=lost.device.id))
+    assert checks.zenoh(BusLook(reports=(other, lost))).text == f"{told}; other answers too"
+    (check,) = checks.port(replace(PORT, exists=False, daemon=lost.device.id))
     assert check.status == "failed"
     assert f"{lost.device.id} waits for it" in check.text
     assert "plug" in str(check.cure)
@@ -315,15 +315,15 @@ def test_an_endpoint_that_is_taken_and_one_that_is_none(case: Case) -> None:
 
 
 def test_the_state_directory(tmp_path: Path) -> None:
-    assert judge.state(look_at_state(tmp_path / "new" / "one")).status == "ok"
+    assert checks.state(look_at_state(tmp_path / "new" / "one")).status == "ok"
     assert list(tmp_path.iterdir()) == []
     file = tmp_path / "file"
     file.write_text("")
-    assert judge.state(look_at_state(file / "below")).status == "failed"
-    assert judge.state(StateLook(path=tmp_path, writable=True, free_bytes=1000)).status == "warning"
+    assert checks.state(look_at_state(file / "below")).status == "failed"
+    assert checks.state(StateLook(path=tmp_path, writable=True, free_bytes=1000)).status == "warning"
     if os.getuid():
         tmp_path.chmod(0o500)
-        assert judge.state(look_at_state(tmp_path)).status == "failed"
+        assert checks.state(look_at_state(tmp_path)).status == "failed"
         tmp_path.chmod(0o700)
 
 
@@ -338,7 +338,7 @@ def test_the_state_directory(tmp_path: Path) -> None:
     ],
 )
 def test_the_service(look: ServiceLook, status: str) -> None:
-    assert judge.service(look).status == status
+    assert checks.service(look).status == status
 
 
 # ---------------------------------------------------------------------- the command

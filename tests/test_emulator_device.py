@@ -9,17 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imumon.emulator import EmulatorSettings, Noise
-from imumon.emulator.device import BOOTING_S, SAVING_S, Device
-from imumon.emulator.faults import Faults
-from imumon.emulator.serve import make_device
-from imumon.emulator.signal import Tape
-from imumon.samples import Floats, SampleBlock
-from imumon.sensors.vn100 import ascii
-from imumon.sensors.vn100.binary import GROUPS, Layout
-from imumon.sensors.vn100.checksum import crc16
-from imumon.sensors.vn100.decoder import Decoder
-from imumon.sensors.vn100.registers import (
+from imumon.devices.vn100 import ascii
+from imumon.devices.vn100.binary import GROUPS, Layout
+from imumon.devices.vn100.checksum import crc16
+from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.emulator import EmulatorSettings, Noise
+from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S, Device
+from imumon.devices.vn100.emulator.faults import Faults
+from imumon.devices.vn100.emulator.main_loop import make_device
+from imumon.devices.vn100.emulator.sensor_model import Tape
+from imumon.devices.vn100.registers import (
     ASCII_RATES,
     BINARY_OUTPUTS,
     LOOP_RATE,
@@ -27,6 +26,7 @@ from imumon.sensors.vn100.registers import (
     OUTPUT_TYPES,
     REGISTERS,
 )
+from imumon.samples import Floats, SampleBlock
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 
@@ -352,7 +352,7 @@ def test_a_rate_that_cannot_be() -> None:
 
 
 def test_settings_survive_the_command_line() -> None:
-    from imumon.emulator import from_words
+    from imumon.devices.vn100.emulator import from_words
 
     told = EmulatorSettings(
         rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,

@@ -20,15 +20,15 @@ import numpy as np
 import pytest
 import serial
 
-from imumon.emulator import EmulatorProcess, EmulatorSettings, Noise, spawn
-from imumon.emulator.faults import Faults
-from imumon.emulator.line import OUTPUT_BUFFER, Uart
-from imumon.emulator.serve import CATCH_UP
+from imumon.devices.vn100 import ascii
+from imumon.devices.vn100.binary import Layout
+from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, Noise, spawn
+from imumon.devices.vn100.emulator.faults import Faults
+from imumon.devices.vn100.emulator.main_loop import CATCH_UP
+from imumon.devices.vn100.emulator.uart import OUTPUT_BUFFER, Uart
+from imumon.devices.vn100.registers import BAUDS, REGISTERS
 from imumon.samples import SampleBlock
-from imumon.sensors.vn100 import ascii
-from imumon.sensors.vn100.binary import Layout
-from imumon.sensors.vn100.decoder import Decoder
-from imumon.sensors.vn100.registers import BAUDS, REGISTERS
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 TIME_AND_DELTAS = Layout.of({2: 0x0001, 3: 0x00C0})
@@ -304,7 +304,8 @@ def test_the_sensor_keeps_the_rooms_time() -> None:
 
 
 def test_it_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
-    code = "import time; from imumon.emulator import spawn; print(spawn().pid, flush=True); time.sleep(60)"
+    code = "import time; from imumon.devices.vn100.emulator import spawn; print(spawn().pid, flush=True); "
+    code += "time.sleep(60)"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
@@ -330,7 +331,7 @@ def test_signals_end_it_and_the_link_goes(number: int, code: int, tmp_path: Path
     command = [
         sys.executable,
         "-m",
-        "imumon.emulator",
+        "imumon.devices.vn100.emulator",
         "--link",
         str(link),
         "--control",
@@ -364,7 +365,7 @@ def test_a_link_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
     kept.write_text("mine")
     (tmp_path / "linked").symlink_to(kept)
     for words in (["--link", str(kept)], ["--link", str(tmp_path / "linked")], ["--control", str(kept)]):
-        command = [sys.executable, "-m", "imumon.emulator", *words]
+        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 2
         assert str(kept) in done.stderr
@@ -374,7 +375,7 @@ def test_a_link_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
 
 def test_a_link_to_a_living_terminal_is_left_and_one_to_a_dead_one_is_taken(tmp_path: Path) -> None:
     link = tmp_path / "vn100"
-    command = [sys.executable, "-m", "imumon.emulator", "--link", str(link)]
+    command = [sys.executable, "-m", "imumon.devices.vn100.emulator", "--link", str(link)]
     with spawn(EmulatorSettings(seed=1, link=str(link))) as sensor:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stdout) == (2, "")
@@ -393,7 +394,7 @@ def test_a_link_to_a_living_terminal_is_left_and_one_to_a_dead_one_is_taken(tmp_
 
 def test_wrong_words_are_told_in_one_line() -> None:
     for words in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
-        command = [sys.executable, "-m", "imumon.emulator", *words]
+        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode != 0
         assert done.stderr.startswith(f"imumon sim: --rate {words[1]}")

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.monitor.grid import LONG, Break, Hole, Run, stretches
-from imumon.timeline import BREAK, Placed
+from imumon.pipeline.gap_fill import LONG, Break, Hole, Run, stretches
+from imumon.timebase.sample_clock import BREAK, Placed
 
 
 @given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG, LONG + 1, 10**9, BREAK]), max_size=60))

@@ -102,7 +102,7 @@ print(resident_kb() - before)
 NAMES = """
 import tracemalloc
 import numpy as np
-from imumon.noise.signal.lines import BINS, beside
+from imumon.noise.statistics.spectral_lines import BINS, beside
 power = np.ones((1, BINS))
 beside(power)
 tracemalloc.start()

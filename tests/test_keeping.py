@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from imumon.checkpoint import Checkpoint, decode, encode
-from imumon.daemon import keeping
-from imumon.daemon.keeping import Keeping, differing, noted
-from imumon.monitor import Monitor
-from imumon.monitor import Wanted as Watched
+from imumon.daemon import persistence
+from imumon.daemon.persistence import Keeping, differing, noted
+from imumon.devices.vn100.vn100_session import Facts
+from imumon.devices.vn100.vn100_session import Session as Sensor
+from imumon.pipeline import Monitor
+from imumon.pipeline import Wanted as Watched
 from imumon.report import Session
 from imumon.samples import SampleBlock, Stream
-from imumon.sensors.vn100.session import Facts
-from imumon.sensors.vn100.session import Session as Sensor
 
 FILTER = "85 IMU filtering"
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "gyro/z"))
@@ -174,18 +174,18 @@ def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path, monkeypatch: p
         def now(cls, tz: Any = None) -> Any:
             return datetime.now(UTC) + timedelta(days=1)
 
-    meta = {"boot": keeping._boot(), "saved": "2026-01-01T00:00:00.000Z"}
+    meta = {"boot": persistence._boot(), "saved": "2026-01-01T00:00:00.000Z"}
     if meta["boot"] is None:
         pytest.skip("this machine does not tell one boot from another")
-    meta["uptime_s"] = keeping.uptime_s() - 5.0
-    monkeypatch.setattr(keeping, "datetime", Tomorrow)
-    assert keeping._since(meta) == pytest.approx(5.0, abs=2.0)
+    meta["uptime_s"] = persistence.uptime_s() - 5.0
+    monkeypatch.setattr(persistence, "datetime", Tomorrow)
+    assert persistence._since(meta) == pytest.approx(5.0, abs=2.0)
 
 
 def test_a_system_that_does_not_count_its_sleep_has_an_uptime_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(keeping.time, "CLOCK_BOOTTIME", raising=False)
-    before = keeping.uptime_s()
-    assert before <= keeping.uptime_s() < before + 60.0
+    monkeypatch.delattr(persistence.time, "CLOCK_BOOTTIME", raising=False)
+    before = persistence.uptime_s()
+    assert before <= persistence.uptime_s() < before + 60.0
 
 
 def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:

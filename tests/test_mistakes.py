@@ -16,9 +16,9 @@ from commands import imumon
 from daemons import Daemon, free_endpoint
 from reports import report
 
-from imumon.cli.run import _scratch
-from imumon.tui.pages import welcome
-from imumon.tui.scene import Scene
+from imumon.cli.run_command import _scratch
+from imumon.tui.panels import welcome
+from imumon.tui.view_state import Scene
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,8 @@ def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
 def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
     (tmp_path / "imumon").mkdir()
     (tmp_path / "imumon" / "__init__.py").write_text("raise SystemExit('the wrong package')")
-    code = "import sys; sys.path.remove(''); from imumon.emulator import spawn; print(spawn().path)"
+    code = "import sys; sys.path.remove(''); from imumon.devices.vn100.emulator import spawn; "
+    code += "print(spawn().path)"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
     )

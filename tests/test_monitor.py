@@ -13,9 +13,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from imumon.monitor import Monitor, RateNeeded, Wanted
-from imumon.monitor.events import Events
-from imumon.monitor.record import Record
+from imumon.pipeline import Monitor, RateNeeded, Wanted
+from imumon.pipeline.accumulators import Record
+from imumon.pipeline.events import Events
 from imumon.report import Device, Report, SensorGrade, Session, from_json, to_json
 from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
 

@@ -7,8 +7,8 @@ import pytest
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import fit_curve
-from imumon.noise.history.drift import Drift, Trend
-from imumon.noise.history.wander import Wander
+from imumon.noise.nonstationarity.drift import Drift, Trend
+from imumon.noise.nonstationarity.mean_covariance import Wander
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

@@ -4,14 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from imumon.noise.grade import (
-    GRADES,
-    Status,
-    grade_channel,
-    grade_coefficient,
-    grade_sensor,
-    limits,
-)
+from imumon.noise.grading import GRADES, Status, grade_channel, grade_coefficient, grade_sensor, limits
 
 # SI values of one VN-100, as printed in its static characterisation report
 GYRO = {

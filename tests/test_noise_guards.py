@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imumon.devices.vn100 import Decoder
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.guards import Guard, Passed
-from imumon.noise.guards.watch import Disturbance
+from imumon.noise.detection import Guard, Passed
+from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats, SampleBlock
-from imumon.sensors.vn100 import Decoder
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3 + ("mag",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3 + [1e-3] * 3)

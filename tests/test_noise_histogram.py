@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from imumon.noise.signal.histogram import BINS, Histogram, Shape, quantum
+from imumon.noise.statistics.histogram import BINS, Histogram, Shape, quantum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

@@ -10,8 +10,8 @@ import pytest
 
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.history import History
-from imumon.noise.signal.moments import Moments
+from imumon.noise.nonstationarity import History
+from imumon.noise.statistics.moments import Moments
 from imumon.noise.synthesis import synthesise
 
 RATE = 4.0

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.allan.marks import MarkedCascade
 from imumon.noise.allan.octave import BLOCK
+from imumon.noise.allan.windows import MarkedCascade
 
 RNG = np.random.default_rng(11)
 

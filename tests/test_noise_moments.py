@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from imumon.noise.signal.moments import ChannelMoments, Moments, MomentsResult
+from imumon.noise.statistics.moments import ChannelMoments, Moments, MomentsResult
 
 GROUPS = (0, 0, 1)
 

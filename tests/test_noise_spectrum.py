@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.signal.lines import mains
-from imumon.noise.signal.spectrum import Density, Spectrum
+from imumon.noise.statistics.psd import Density, Spectrum
+from imumon.noise.statistics.spectral_lines import mains
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

@@ -6,8 +6,8 @@ import pytest
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import Estimator
-from imumon.noise.history.stationarity import Behaviour, Change, Estimate, changes
-from imumon.noise.history.wander import Wander
+from imumon.noise.nonstationarity.change import Behaviour, Change, Estimate, changes
+from imumon.noise.nonstationarity.mean_covariance import Wander
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.signal.strip import EVERYTHING, RECENT, Columns, Strip
+from imumon.noise.statistics.envelope import EVERYTHING, RECENT, Columns, Strip
 from imumon.samples import Bools, Floats
 
 

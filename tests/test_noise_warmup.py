@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.history.decay import Decay, decay
-from imumon.noise.history.drift import Drift, Slope
-from imumon.noise.history.wander import Wander
-from imumon.noise.history.warmup import ENOUGH, OVER, TIMES_S, lasting, settles, warming
+from imumon.noise.nonstationarity.drift import Drift, Slope
+from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.noise.nonstationarity.settling import Decay, decay
+from imumon.noise.nonstationarity.warmup import ENOUGH, OVER, TIMES_S, lasting, settles, warming
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.monitor.record import Record
 from imumon.noise.fit import fit_curve
+from imumon.pipeline.accumulators import Record
 from imumon.samples import ACCEL, GYRO
-from imumon.timeline import Placed
+from imumon.timebase.sample_clock import Placed
 
 LEVEL = np.array([0.01, 0.0, -0.01, 0.0, 0.0, -9.8])
 SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)

@@ -17,12 +17,12 @@ from commands import imumon
 from daemons import Daemon
 
 from imumon.config import Record
-from imumon.daemon.tape import Tape
-from imumon.emulator import EmulatorSettings, spawn
-from imumon.replay import Replay, replay
+from imumon.daemon.recorder import Tape
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.recordings import Recording, SourceError, check_place
+from imumon.recordings.raw_capture import BACKLOG, MARK, Lost, _split
+from imumon.replay.replay import Replay, replay
 from imumon.report import Report, from_json
-from imumon.sources import Recording, SourceError, check_place
-from imumon.sources.recording import BACKLOG, MARK, Lost, _split
 
 CONFIG = """
 [record]

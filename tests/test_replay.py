@@ -17,10 +17,10 @@ from commands import imumon
 from daemons import free_endpoint
 
 from imumon.bus import Publisher, Viewer
-from imumon.datasheet.signal import signal
-from imumon.replay import Replay, replay
+from imumon.datasheet.signal_text import signal
+from imumon.devices.vn100 import ascii as sentences
+from imumon.replay.replay import Replay, replay
 from imumon.report import Report, from_json
-from imumon.sensors.vn100 import ascii as sentences
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
 KIRAN = SHARED / "kiran_stat5min.vnymr.txt.gz"

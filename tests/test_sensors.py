@@ -5,18 +5,18 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
+import imumon.sensors
 import numpy as np
 import pytest
 
-import imumon.sensors
+from imumon.devices.base import Decoder
 from imumon.samples import SampleBlock
-from imumon.sensors.contract import Decoder
 
 PACKAGES = [m.name for m in pkgutil.iter_modules(imumon.sensors.__path__) if m.ispkg]
 
 
 def _decoder(package: str) -> Decoder:
-    made: Decoder = importlib.import_module(f"imumon.sensors.{package}").Decoder()
+    made: Decoder = importlib.import_module(f"imumon.devices.{package}").Decoder()
     return made
 
 

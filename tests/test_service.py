@@ -18,12 +18,12 @@ from daemons import free_endpoint
 
 from imumon.config import Settings, Zenoh, search
 from imumon.daemon import Daemon, Task
-from imumon.daemon.link import Link, NoSensor
-from imumon.daemon.service import Log
-from imumon.daemon.stop import Stop
-from imumon.emulator import EmulatorSettings, spawn
-from imumon.sensors.vn100.session import Facts, Session, Wanted
-from imumon.sources import PortGone, PortInfo
+from imumon.daemon.connection import Link, NoSensor
+from imumon.daemon.log import Log
+from imumon.daemon.shutdown import Stop
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.vn100_session import Facts, Session, Wanted
+from imumon.recordings import PortGone, PortInfo
 
 ROOT = Path(__file__).parents[1]
 UNIT = ROOT / "systemd" / "imumon@.service"
@@ -132,7 +132,7 @@ def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
 def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ear = Ear(tmp_path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
-    monkeypatch.setattr("imumon.daemon.link.find_ports", list)
+    monkeypatch.setattr("imumon.daemon.connection.find_ports", list)
     outcome = Daemon(Settings(), Task(path=None, state_directory=tmp_path, duration_s=0.3)).run()
     assert outcome.report is None
     assert ear.until("READY=1") < ear.until("STATUS=waiting: no serial port on this machine")
@@ -144,7 +144,7 @@ def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
 ) -> None:
     """Else it would never be ready, and be killed and started again for ever."""
     daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
-    monkeypatch.setattr("imumon.daemon.silence.stale_s", lambda rate_hz: 0.0)
+    monkeypatch.setattr("imumon.daemon.data_timeout.stale_s", lambda rate_hz: 0.0)
     daemon._heard(b"")
     assert daemon._state == "starting"
     daemon._heard(b"")
@@ -174,7 +174,7 @@ def test_a_sensor_whose_bytes_never_become_samples_is_waited_for_too(
     daemon._heard(b"$")
     daemon._heard(b"$")
     assert daemon._state == "starting"
-    monkeypatch.setattr("imumon.daemon.silence.LEARNING_S", 0.0)
+    monkeypatch.setattr("imumon.daemon.data_timeout.LEARNING_S", 0.0)
     daemon._heard(b"$")
     assert daemon._state == "waiting"
 
@@ -207,7 +207,9 @@ def test_a_sensor_that_goes_while_it_is_set_up_is_met_anew(
 
 def test_of_several_sensors_none_is_taken_however_often_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     link = Link(None, Wanted(), lambda: None, lambda text: None)
-    monkeypatch.setattr("imumon.daemon.link.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")])
+    monkeypatch.setattr(
+        "imumon.daemon.connection.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")]
+    )
 
     def opened(path: str) -> Facts:
         link.path = path
@@ -223,7 +225,9 @@ def test_a_port_that_goes_while_it_is_looked_at_does_not_end_the_search(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     link = Link(None, Wanted(), lambda: None, lambda text: None)
-    monkeypatch.setattr("imumon.daemon.link.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")])
+    monkeypatch.setattr(
+        "imumon.daemon.connection.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")]
+    )
 
     def opened(path: str) -> Facts:
         if path == "/a":

@@ -19,14 +19,14 @@ from pathlib import Path
 
 import pytest
 
-from imumon.emulator import EmulatorProcess, EmulatorSettings, spawn
-from imumon.emulator.device import Device
-from imumon.emulator.impostor import Impostor
-from imumon.emulator.serve import make_device
-from imumon.samples import SampleBlock
-from imumon.sensors.vn100.dialogue import BAUDS
-from imumon.sensors.vn100.registers import REGISTERS
-from imumon.sensors.vn100.session import (
+from imumon.devices.vn100.commands import BAUDS
+from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
+from imumon.devices.vn100.emulator.command_handler import Device
+from imumon.devices.vn100.emulator.foreign_device import Impostor
+from imumon.devices.vn100.emulator.main_loop import make_device
+from imumon.devices.vn100.registers import REGISTERS
+from imumon.devices.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
+from imumon.devices.vn100.vn100_session import (
     Facts,
     NotAVn100,
     Notice,
@@ -35,8 +35,8 @@ from imumon.sensors.vn100.session import (
     SessionError,
     Wanted,
 )
-from imumon.sensors.vn100.settings import DIVISORS, alias_factors, divisors, is_ours, output
-from imumon.sources import PortGone, SerialPort
+from imumon.recordings import PortGone, SerialPort
+from imumon.samples import SampleBlock
 
 STEP_S = 0.02
 
@@ -369,7 +369,7 @@ def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
 
 
 def test_too_little_bandwidth_lowers_the_rate_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.sensors.vn100.settings.LOAD", 1.6)
+    monkeypatch.setattr("imumon.devices.vn100.stream_settings.LOAD", 1.6)
     bench = Bench()
     session = bench.streaming()
     facts = session.facts()
@@ -575,7 +575,7 @@ def test_errors_of_the_sensor_are_told() -> None:
 
 
 def test_an_error_of_the_sensor_that_goes_on_is_told_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.sensors.vn100.session.ERROR_S", 5.0)
+    monkeypatch.setattr("imumon.devices.vn100.vn100_session.ERROR_S", 5.0)
     bench = Bench()
     session, told = bench.streaming(), []
     for _ in range(70):
@@ -835,8 +835,8 @@ def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
 def test_a_killed_process_is_cleaned_up_after(emulator: EmulatorProcess) -> None:
     code = """
 import sys, time
-from imumon.sensors.vn100.session import Session, Wanted
-from imumon.sources import SerialPort
+from imumon.devices.vn100.vn100_session import Session, Wanted
+from imumon.recordings import SerialPort
 session = Session(SerialPort(sys.argv[1]), Wanted(), time.monotonic)
 session.connect(); session.remember(); session.configure()
 print("streaming", flush=True)

@@ -22,8 +22,9 @@ from pathlib import Path
 
 import pytest
 
-from imumon.daemon.link import _others
-from imumon.sources import (
+from imumon.daemon.connection import _others
+from imumon.devices import serial_port as port_module
+from imumon.recordings import (
     PortError,
     PortGone,
     PortInfo,
@@ -35,8 +36,7 @@ from imumon.sources import (
     holders,
     read_file,
 )
-from imumon.sources import port as port_module
-from imumon.sources.recording import part_path
+from imumon.recordings.raw_capture import part_path
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 5.0) -> None:
@@ -380,7 +380,7 @@ def test_what_is_recorded_is_read_back(tmp_path: Path, noise: bytes, name: str, 
 @pytest.fixture(autouse=True)
 def _brisk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write through at once: these tests wait for what is on disk."""
-    monkeypatch.setattr("imumon.sources.recording.FLUSH_S", 0.01)
+    monkeypatch.setattr("imumon.recordings.raw_capture.FLUSH_S", 0.01)
 
 
 def test_rotation_makes_numbered_parts_that_follow_by_themselves(tmp_path: Path) -> None:
@@ -429,7 +429,7 @@ def test_full_disk_ends_the_recording_and_nothing_else() -> None:
 def test_disk_that_fills_up_ends_the_recording_and_says_so(tmp_path: Path) -> None:
     code = """
 import resource, signal, sys, time
-from imumon.sources import Recorder
+from imumon.recordings import Recorder
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
 recorder = Recorder(sys.argv[1], {})
@@ -448,7 +448,7 @@ print(recorder.stopped)
 
 
 def test_slow_disk_never_holds_up_the_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.sources.recording.BACKLOG", 10_000)
+    monkeypatch.setattr("imumon.recordings.raw_capture.BACKLOG", 10_000)
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
@@ -556,7 +556,7 @@ def test_progress_is_that_of_the_bytes_on_disk(tmp_path: Path, noise: bytes) -> 
 
 
 def test_standard_input_is_a_recording(noise: bytes) -> None:
-    code = "from imumon.sources import Recording; r = Recording('-'); print(sum(map(len, r)), r.progress)"
+    code = "from imumon.recordings import Recording; r = Recording('-'); print(sum(map(len, r)), r.progress)"
     said = subprocess.run(
         [sys.executable, "-c", code], input=gzip.compress(noise), capture_output=True, check=True
     )

@@ -10,10 +10,10 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, told, truth
 
-from imumon.monitor import RateNeeded
-from imumon.sources import SourceError
-from imumon.sources.columns import layout, parse_map
-from imumon.sources.stamps import interval_of, typical_step
+from imumon.pipeline import RateNeeded
+from imumon.recordings import SourceError
+from imumon.recordings.columns import layout, parse_map
+from imumon.timebase.timestamps import interval_of, typical_step
 
 AXES = ["gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "ax", "ay", "az"]
 BARE = ["time", "gx", "gy", "gz", "ax", "ay", "az"]

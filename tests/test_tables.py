@@ -13,11 +13,11 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, read, truth
 
-from imumon.replay import Replay, open_samples, replay
-from imumon.sources import SourceError, Wanted, open_file
-from imumon.sources.csv import Csv
-from imumon.sources.names import understood
-from imumon.sources.stamps import Late, interval_of
+from imumon.recordings import SourceError, Wanted, open_file
+from imumon.recordings.column_names import understood
+from imumon.recordings.csv import Csv
+from imumon.replay.replay import Replay, open_samples, replay
+from imumon.timebase.timestamps import Late, interval_of
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
 needs_recordings = pytest.mark.skipif(

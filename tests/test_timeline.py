@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.samples import GYRO, SampleBlock, Stream
-from imumon.timeline import BREAK, Placed, Timeline
+from imumon.timebase.sample_clock import BREAK, Placed, Timeline
 
 TICK = 25_000_000  # ns at 40 Hz
 

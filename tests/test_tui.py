@@ -16,12 +16,12 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from imumon.report import Drift, Report, from_json
-from imumon.tui import lists, save
+from imumon.tui import export, text_panels
 from imumon.tui.app import THEMES, Monitor, foot
-from imumon.tui.paint import Paper, Sheet
-from imumon.tui.scene import VIEWS, Scene
+from imumon.tui.formatting import length
+from imumon.tui.view_state import VIEWS, Scene
 from imumon.tui.views import View, keys_of
-from imumon.tui.words import length
+from imumon.tui.widgets import Paper, Sheet
 
 Script = Callable[[Monitor, Pilot[int]], Awaitable[None]]
 OTHER = "vn100-0100056799"
@@ -288,7 +288,7 @@ def test_an_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     def said(of: Drift) -> str:
         channels = {**made.channels, "gyro/x": replace(channel, drift=of)}
         scene = Scene(reports={reports.ID: replace(made, channels=channels)}, id=reports.ID, channel="gyro/x")
-        return "\n".join("".join(text for text, _ in line) for line in lists.drift(scene, 80, 9))
+        return "\n".join("".join(text for text, _ in line) for line in text_panels.drift(scene, 80, 9))
 
     assert "a degree" not in said(channel.drift)
     assert "its effect: no more than noise" in said(channel.drift)
@@ -458,7 +458,7 @@ def test_a_new_theme_reaches_what_is_already_drawn() -> None:
 
 
 def test_colours_are_theme_variables_alone() -> None:
-    style = (Path(save.__file__).parent / "app.tcss").read_text()
+    style = (Path(export.__file__).parent / "app.tcss").read_text()
     assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
 
 
@@ -580,7 +580,7 @@ def test_a_folder_that_cannot_be_written_is_said_in_one_line(monkeypatch: pytest
 def test_without_a_converter_the_picture_is_kept_as_svg(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(save.shutil, "which", lambda name: None)
+    monkeypatch.setattr(export.shutil, "which", lambda name: None)
 
     async def script(app: Monitor, pilot: Pilot[int]) -> None:
         app.save(tmp_path, "png")
@@ -595,7 +595,7 @@ def test_without_a_converter_the_picture_is_kept_as_svg(
 
 def test_scenes_without_anything_save_nothing_wrong() -> None:
     for view in VIEWS:
-        assert list(save.rows(Scene(view=view))) == []
+        assert list(export.rows(Scene(view=view))) == []
 
 
 def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:

@@ -13,9 +13,17 @@ from hypothesis import strategies as st
 
 from imumon import units
 from imumon.report import Coefficient, Distribution, Readable
-from imumon.tui import charts, letters, lists, pages, plot, table, words
-from imumon.tui.scene import Scene
-from imumon.tui.words import CELL, Line, Notation
+from imumon.tui import (
+    block_letters,
+    braille_canvas,
+    channel_table,
+    charts,
+    formatting,
+    panels,
+    text_panels,
+)
+from imumon.tui.formatting import CELL, Line, Notation
+from imumon.tui.view_state import Scene
 
 SCENE = Scene(
     reports={reports.ID: reports.report()},
@@ -32,15 +40,15 @@ DRAWN = {
     "strip": charts.strip,
     "histogram": charts.histogram,
     "spectrum": charts.spectrum,
-    "table": table.table,
-    "detail": pages.detail,
-    "plates": pages.plates,
-    "status": pages.status,
-    "welcome": pages.welcome,
-    "device": lists.device,
-    "events": lists.events,
-    "sensors": lists.sensors,
-    "drift": lists.drift,
+    "table": channel_table.table,
+    "detail": panels.detail,
+    "plates": panels.plates,
+    "status": panels.status,
+    "welcome": panels.welcome,
+    "device": text_panels.device,
+    "events": text_panels.events,
+    "sensors": text_panels.sensors,
+    "drift": text_panels.drift,
 }
 sizes = st.tuples(st.integers(12, 230), st.integers(3, 64))
 finite = st.floats(1e-12, 1e12, allow_nan=False)
@@ -50,7 +58,9 @@ def text_of(lines: list[Line]) -> str:
     return "\n".join("".join(text for text, _ in line) for line in lines)
 
 
-@pytest.mark.parametrize("module", [words, letters, pages, plot, table], ids=lambda m: m.__name__)
+@pytest.mark.parametrize(
+    "module", [formatting, block_letters, panels, braille_canvas, channel_table], ids=lambda m: m.__name__
+)
 def test_examples_in_the_text_are_true(module: object) -> None:
     assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
 
@@ -71,9 +81,9 @@ def test_every_part_draws_at_every_size(
     )
     lines = DRAWN[name](scene, width, height)
     for line in lines:
-        assert words.length(line) == width
+        assert formatting.length(line) == width
     if ascii:
-        assert words.plain(text_of(lines)).isascii()
+        assert formatting.plain(text_of(lines)).isascii()
 
 
 @pytest.mark.parametrize("elapsed_s", [0.0, 0.05, 0.2, 3.0, 100.0, 1e6, 3e8])
@@ -107,8 +117,8 @@ def test_a_coefficient_never_outgrows_its_column(
 @settings(max_examples=300)
 @given(value=st.just(0.0) | st.floats(1e-90, 1e12) | st.floats(-1e12, -1e-90))
 def test_means_and_deviations_fit_their_columns(value: float) -> None:
-    assert len(words.signed(value)) < table.COLUMNS["mean"] + 1
-    assert len(units.short(abs(value))) < table.COLUMNS["std"]
+    assert len(formatting.signed(value)) < channel_table.COLUMNS["mean"] + 1
+    assert len(units.short(abs(value))) < channel_table.COLUMNS["std"]
 
 
 def test_a_bias_stands_beside_the_mean_only_where_it_can_be_known() -> None:
@@ -118,7 +128,7 @@ def test_a_bias_stands_beside_the_mean_only_where_it_can_be_known() -> None:
         made = reports.report()
         channels = {**made.channels, "accel/z": replace(made.channels["accel/z"], distribution=told)}
         scene = replace(SCENE, channel="accel/z", reports={reports.ID: replace(made, channels=channels)})
-        text = "".join(part for part, _ in pages.detail(scene, 150, 12)[0])
+        text = "".join(part for part, _ in panels.detail(scene, 150, 12)[0])
         assert expected in text
 
 
@@ -129,15 +139,15 @@ def test_headings_fit_their_columns(si: bool, ascii: bool) -> None:
     for sensor in ("gyro", "accel", "mag"):
         for name in ("N", "B", "K"):
             assert len(f"{name} {notation.coefficient_unit(sensor, name)}") <= CELL
-        assert len(f"mean {notation.scale(sensor)[1]}") <= table.COLUMNS["mean"]
+        assert len(f"mean {notation.scale(sensor)[1]}") <= channel_table.COLUMNS["mean"]
 
 
 @pytest.mark.parametrize("width", range(21, 81))
 def test_a_narrow_table_leaves_columns_out_and_cuts_none(width: int) -> None:
     """Every number that is seen is whole."""
-    whole = set(text_of(table.table(SCENE, 80, 40)).split())
-    assert set(text_of(table.table(SCENE, width, 40)).split()) <= whole | {"…"}
-    lines = text_of(table.table(SCENE, width, 40)).splitlines()
+    whole = set(text_of(channel_table.table(SCENE, 80, 40)).split())
+    assert set(text_of(channel_table.table(SCENE, width, 40)).split()) <= whole | {"…"}
+    lines = text_of(channel_table.table(SCENE, width, 40)).splitlines()
     gyro = next(line for line in lines if line.lstrip("▌ ").startswith("x"))
     assert "…" not in gyro
 
@@ -145,13 +155,15 @@ def test_a_narrow_table_leaves_columns_out_and_cuts_none(width: int) -> None:
 def test_the_chosen_channel_is_seen_however_low_the_table() -> None:
     for channel in SCENE.channels:
         for height in (3, 5, 12, 30):
-            assert any(c == channel for _, c in table.table_rows(SCENE.after(channel=channel), 80, height))
+            assert any(
+                c == channel for _, c in channel_table.table_rows(SCENE.after(channel=channel), 80, height)
+            )
 
 
 @settings(max_examples=200)
 @given(text=st.text(alphabet="ab [/]°", max_size=120), width=st.integers(1, 40))
 def test_wrapping_keeps_every_letter(text: str, width: int) -> None:
-    lines = words.wrap(text, width)
+    lines = formatting.wrap(text, width)
     assert "".join("".join(lines).split()) == "".join(text.split())
     assert all(len(line) <= width for line in lines)
 
@@ -159,12 +171,12 @@ def test_wrapping_keeps_every_letter(text: str, width: int) -> None:
 def test_a_unit_in_brackets_stays() -> None:
     """No markup anywhere: [s] and [bold] are text."""
     assert "τ [s]" in text_of(charts.allan(SCENE, 80, 20))
-    assert "[bold]not markup[/bold]" in text_of(lists.events(SCENE, 150))
+    assert "[bold]not markup[/bold]" in text_of(text_panels.events(SCENE, 150))
 
 
 def test_dots_of_crossing_lines_merge() -> None:
     """Two lines through one cell: both keep their dots, the later one gives the colour."""
-    canvas = plot.Canvas(1, 1)
+    canvas = braille_canvas.Canvas(1, 1)
     canvas.line(np.array([0.0, 1.0]), np.array([0.0, 3.0]), "one")
     canvas.line(np.array([0.0, 1.0]), np.array([3.0, 0.0]), "two")
     ((cell, role),) = canvas.rows()[0]
@@ -175,13 +187,13 @@ def test_dots_of_crossing_lines_merge() -> None:
 
 
 def test_a_line_breaks_where_a_value_is_unknown() -> None:
-    canvas = plot.Canvas(5, 1)
+    canvas = braille_canvas.Canvas(5, 1)
     canvas.line(np.array([0.0, 3.0, np.nan, 6.0, 9.0]), np.array([0.0, 0.0, np.nan, 0.0, 0.0]), "a")
     assert (canvas.bits[0] > 0).tolist() == [True, True, False, True, True]
 
 
 def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
-    canvas = plot.Canvas(2, 3)
+    canvas = braille_canvas.Canvas(2, 3)
     canvas.band(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
     text = ["".join(t for t, _ in line) for line in canvas.rows()]
     assert text[0][0] == "▄"  # upper edge: the lower half of the cell
@@ -191,9 +203,12 @@ def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
 
 
 def test_a_point_stands_where_its_axes_say() -> None:
-    canvas = plot.Canvas(40, 20)
-    frame = plot.Frame(
-        canvas, (0, 0, 40, 20), plot.Scale(1e-2, 1e2, log=True), plot.Scale(1.0, 1e4, log=True)
+    canvas = braille_canvas.Canvas(40, 20)
+    frame = braille_canvas.Frame(
+        canvas,
+        (0, 0, 40, 20),
+        braille_canvas.Scale(1e-2, 1e2, log=True),
+        braille_canvas.Scale(1.0, 1e4, log=True),
     )
     assert frame.cell(1.0, 100.0) == (20, 9) or frame.cell(1.0, 100.0) == (20, 10)
     assert frame.cell(1e-2, 1e4) == (0, 0)
@@ -204,7 +219,7 @@ def test_a_point_stands_where_its_axes_say() -> None:
 @given(values=st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=30))
 def test_scales_hold_their_values(values: list[float]) -> None:
     array = np.array(values)
-    for scale in (plot.logarithmic(array), plot.linear(array)):
+    for scale in (braille_canvas.logarithmic(array), braille_canvas.linear(array)):
         share = scale.share(array)
         assert ((share >= -1e-9) & (share <= 1 + 1e-9)).all()
 
@@ -212,7 +227,9 @@ def test_scales_hold_their_values(values: list[float]) -> None:
 def test_the_axes_keep_still_while_a_curve_grows() -> None:
     """Half decades: between two reports a second apart the frame does not move."""
     ends = {
-        (s.low, s.high) for t in np.linspace(1000, 1200, 50) for s in [plot.logarithmic(np.array([0.025, t]))]
+        (s.low, s.high)
+        for t in np.linspace(1000, 1200, 50)
+        for s in [braille_canvas.logarithmic(np.array([0.025, t]))]
     }
     assert len(ends) == 1
 
@@ -235,6 +252,6 @@ def test_left_out_octaves_are_dimmed() -> None:
 
 
 def test_bars_that_stand_below_the_canvas_are_cut() -> None:
-    canvas = plot.Canvas(4, 1)
+    canvas = braille_canvas.Canvas(4, 1)
     canvas.bars(0, 1, np.array([0.1, 1.0, 3.0]), "bar")
     assert canvas.height == 1

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from imumon.devices.base import Item, Response, SensorError
+from imumon.devices.vn100 import Decoder, ascii, binary, checksum
+from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
 from imumon.samples import SampleBlock, Stream, concatenated
-from imumon.sensors.contract import Item, Response, SensorError
-from imumon.sensors.vn100 import Decoder, ascii, binary, checksum
-from imumon.sensors.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
 
 HERE = Path(__file__).parent
 SHARED = Path(__file__).parents[1].parent / "shared"

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from imumon.devices.base import Item
+from imumon.devices.vn100 import Decoder, ascii, checksum
+from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
 from imumon.samples import SampleBlock
-from imumon.sensors.contract import Item
-from imumon.sensors.vn100 import Decoder, ascii, checksum
-from imumon.sensors.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
 
 LAYOUTS = (
     Layout.of({TIME: 0x0001, IMU: 0x00D2}),

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.sensors.vn100.meanings import meaning
-from imumon.sensors.vn100.registers import CHANGE_THE_DATA, REGISTERS
+from imumon.devices.vn100.register_text import meaning
+from imumon.devices.vn100.registers import CHANGE_THE_DATA, REGISTERS
 
 
 def named(number: int) -> str:

@@ -13,9 +13,9 @@ import pytest
 import reports
 from daemons import Daemon, free_endpoint
 
-from imumon.cli.goal import Goal
-from imumon.cli.words import seconds, share
-from imumon.emulator import EmulatorSettings, spawn
+from imumon.cli.options import seconds, share
+from imumon.cli.wait_condition import Goal
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Report, SensorGrade, Session
 from imumon.samples import sensor_of
 from imumon.units import READABLE

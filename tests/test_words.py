@@ -7,10 +7,10 @@ from typing import cast
 
 import reports
 
-from imumon import words
-from imumon.monitor import verdict
-from imumon.monitor.record import Record
-from imumon.words import CAVEATS
+from imumon import messages
+from imumon.messages import CAVEATS
+from imumon.pipeline import assessment
+from imumon.pipeline.accumulators import Record
 
 
 def test_a_caveat_has_a_line_and_a_paragraph() -> None:
@@ -22,8 +22,8 @@ def test_a_caveat_has_a_line_and_a_paragraph() -> None:
 
 def test_caveats_of_the_whole_record_name_no_channel() -> None:
     made = reports.report(caveats=("aliased",))
-    assert words.caveats(made) == {"aliased": [], "vibration": ["accel/y"]}
-    aliased, vibration = words.told(made)
+    assert messages.caveats(made) == {"aliased": [], "vibration": ["accel/y"]}
+    aliased, vibration = messages.told(made)
     assert aliased == CAVEATS["aliased"].line
     assert vibration == f"accel y: {CAVEATS['vibration'].line}"
 
@@ -38,7 +38,7 @@ def test_every_word_of_the_code_has_its_meaning() -> None:
     )
     for repeating in ("stuck", "loop"):
         everything.repeating = repeating
-        assert set(verdict.caveats(cast(Record, everything), guarded=True)) <= set(CAVEATS)
+        assert set(assessment.caveats(cast(Record, everything), guarded=True)) <= set(CAVEATS)
     of_a_fit = {
         "misfit",
         "quantised",

@@ -19,10 +19,10 @@ from typing import Any
 
 import zenoh
 
-from imumon.bus.answers import Answers
-from imumon.bus.link import Link, open_local, open_uplink
-from imumon.bus.session import RETRY_S, BusError, Options, Unreachable, check_endpoint, clean_id
+from imumon.bus.queryable import Answers
 from imumon.bus.texts import Texts
+from imumon.bus.uplink import Link, open_local, open_uplink
+from imumon.bus.zenoh_session import RETRY_S, BusError, Options, Unreachable, check_endpoint, clean_id
 from imumon.report import Event, Report, Signal, to_json
 
 _EVENTS_QUEUED = 1000

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from imumon import __version__
-from imumon.cli.words import DONE, FAILED, INTERRUPTED, NOT_IN_TIME, NOTHING_THERE, USAGE
+from imumon.cli.options import DONE, FAILED, INTERRUPTED, NOT_IN_TIME, NOTHING_THERE, USAGE
 
 EXITS = {
     DONE: "done",

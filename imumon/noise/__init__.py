@@ -45,7 +45,7 @@ length is `cascade.break_()`. What is not known is None with a reason, never 0 a
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.fit import ChannelFit, Coefficient, Estimator, TimeTo, fit_curve
-from imumon.noise.fit.readings import Readings, read_slopes
+from imumon.noise.fit.slope_reading import Readings, read_slopes
 from imumon.noise.synthesis import NoiseStream, synthesise
 
 __all__ = [

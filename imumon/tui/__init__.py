@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imumon.report import Event, Report, Signal
-from imumon.tui.feed import Feed, Still
+from imumon.tui.report_source import Feed, Still
 
 __all__ = ["Feed", "Still", "picture", "run", "themes"]
 

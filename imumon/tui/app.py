@@ -21,12 +21,12 @@ from textual.theme import Theme
 
 from imumon.report import Report
 from imumon.samples import sensor_of
-from imumon.tui import save, terminal
-from imumon.tui.feed import Feed
-from imumon.tui.pages import status, welcome
-from imumon.tui.paint import Inks, Paper
-from imumon.tui.scene import VIEWS, Scene
-from imumon.tui.svg import redrawn
+from imumon.tui import export, terminal
+from imumon.tui.formatting import Line, Notation, length, on, padded
+from imumon.tui.panels import status, welcome
+from imumon.tui.report_source import Feed
+from imumon.tui.svg_export import redrawn
+from imumon.tui.view_state import VIEWS, Scene
 from imumon.tui.views import (
     DeviceView,
     EventsView,
@@ -38,7 +38,7 @@ from imumon.tui.views import (
     Window,
     help_lines,
 )
-from imumon.tui.words import Line, Notation, length, on, padded
+from imumon.tui.widgets import Inks, Paper
 
 PERIOD = 0.5
 """Seconds between two looks at the feed: the screen is drawn at most so often."""
@@ -340,24 +340,24 @@ class Monitor(App[int]):
             [],
             [(f"into {where}"[:56], "muted")],
         ]
-        self.push_screen(Saving("save what is seen", lines, self.scene.notation), partial(self.save, where))
+        self.push_screen(Saving("save what is seen", lines, self.scene.notation), partial(self.save_view, where))
 
-    def save(self, where: Path, form: str | None) -> None:
+    def save_view(self, where: Path, form: str | None) -> None:
         """Write what is seen into a folder and say where; what fails is said in one line."""
         if form is None:
             return
         try:
-            target = where / save.name_of(self.scene, "svg" if form == "png" else form)
+            target = where / export.name_of(self.scene, "svg" if form == "png" else form)
             if form in ("svg", "png"):
                 target.write_text(self.export_screenshot(), encoding="utf-8")
-                made = save.png(target) if form == "png" else target
+                made = export.png(target) if form == "png" else target
                 said = (
                     f"saved {made}"
                     if made
                     else f"saved {target} (no converter to PNG: apt install librsvg2-bin)"
                 )
             else:
-                target.write_text(save.text(self.scene, form), encoding="utf-8")
+                target.write_text(export.text(self.scene, form), encoding="utf-8")
                 said = f"saved {target}"
             self.notify(said, markup=False)
         except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Charts: what is drawn of a report, on the canvas of `imumon.tui.plot`.
+"""Charts: what is drawn of a report, on the canvas of `imumon.tui.braille_canvas`.
 
 The report carries the curves as points; here they only find their place. The three asymptotes of an
 Allan deviation are straight lines on a log-log chart: N / sqrt(tau), sqrt(2 ln2 / pi) B and
@@ -15,9 +15,9 @@ import numpy as np
 from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
 from imumon.report import Line as SpectralLine
 from imumon.samples import sensor_of
-from imumon.tui.plot import Canvas, Floats, Frame, Scale, linear, logarithmic
-from imumon.tui.scene import Scene
-from imumon.tui.words import Line, Notation, about, length, padded
+from imumon.tui.braille_canvas import Canvas, Floats, Frame, Scale, linear, logarithmic
+from imumon.tui.formatting import Line, Notation, about, length, padded
+from imumon.tui.view_state import Scene
 from imumon.units import number
 
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)

@@ -12,8 +12,8 @@ import math
 
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
-from imumon.tui.scene import Scene
-from imumon.tui.words import CELL, Line, Notation, Piece
+from imumon.tui.formatting import CELL, Line, Notation, Piece
+from imumon.tui.view_state import Scene
 from imumon.units import short
 
 NAME = 26

@@ -15,11 +15,11 @@ from textual.events import Click
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from imumon.tui import charts, lists, pages, table
-from imumon.tui.paint import Paper, Sheet
-from imumon.tui.scene import WINDOWS, Scene
-from imumon.tui.words import Line, Notation, padded, wrap
-from imumon.words import uncertainty
+from imumon.messages import uncertainty
+from imumon.tui import channel_table, charts, panels, text_panels
+from imumon.tui.formatting import Line, Notation, padded, wrap
+from imumon.tui.view_state import WINDOWS, Scene
+from imumon.tui.widgets import Paper, Sheet
 
 if TYPE_CHECKING:
     from imumon.tui.app import Monitor
@@ -71,16 +71,16 @@ class Overview(ChannelView):
 
     def compose(self) -> ComposeResult:
         with Vertical(id="numbers"):
-            yield Paper(pages.plates, id="plates")
-            yield Paper(table.table, id="table")
-            yield Paper(pages.detail, id="detail")
+            yield Paper(panels.plates, id="plates")
+            yield Paper(channel_table.table, id="table")
+            yield Paper(panels.detail, id="detail")
         yield Paper(charts.allan, id="allan")
 
     def show(self, scene: Scene) -> None:
         """The table takes what it needs, where the chart beside or below it leaves room."""
         size = self.app.size
         airy = size.height >= 38
-        rows = len(table.rows_of(scene, airy=airy))
+        rows = len(channel_table.rows_of(scene, airy=airy))
         if size.width < 132 and size.height < 34:
             rows = min(rows, 12)
         self.query_one("#table", Paper).styles.height = max(rows, 1)
@@ -107,7 +107,7 @@ class Overview(ChannelView):
         paper = self.query_one("#table", Paper)
         if event.widget is paper:
             at = event.get_content_offset(paper)
-            rows = table.table_rows(self.monitor.scene, *paper.size)
+            rows = channel_table.table_rows(self.monitor.scene, *paper.size)
             if at is not None and at.y < len(rows) and rows[at.y][1] is not None:
                 self.monitor.choose(channel=rows[at.y][1])
 
@@ -126,7 +126,7 @@ class SignalView(ChannelView):
         with Horizontal(id="shapes"):
             yield Paper(charts.histogram, id="histogram")
             yield Paper(charts.spectrum, id="spectrum")
-        yield Paper(lists.drift, id="drift")
+        yield Paper(text_panels.drift, id="drift")
 
     def action_window(self, step: int) -> None:
         at = (WINDOWS.index(self.monitor.scene.window) + step) % len(WINDOWS)
@@ -161,7 +161,7 @@ class DeviceView(ScrolledView):
     BINDINGS: ClassVar[list[BindingType]] = _LINE_KEYS
 
     def compose(self) -> ComposeResult:
-        yield Sheet(lists.device, id="device-sheet")
+        yield Sheet(text_panels.device, id="device-sheet")
 
 
 class EventsView(ScrolledView):
@@ -175,7 +175,7 @@ class EventsView(ScrolledView):
     ]
 
     def compose(self) -> ComposeResult:
-        yield Sheet(lists.events, id="events-sheet")
+        yield Sheet(text_panels.events, id="events-sheet")
         yield Input(placeholder="words that must occur: gap gyro/x …", id="filter")
 
     def action_filter(self) -> None:
@@ -210,7 +210,7 @@ class SensorsView(ScrolledView):
     ]
 
     def compose(self) -> ComposeResult:
-        yield Sheet(lists.sensors, id="sensors-sheet")
+        yield Sheet(text_panels.sensors, id="sensors-sheet")
         yield Paper(charts.allan, id="sensors-allan")
 
     def action_device(self, step: int) -> None:

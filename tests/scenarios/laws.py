@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from imumon.checkpoint import decode
-from imumon.emulator import Noise
-from imumon.emulator.signal import CONSTANT
+from imumon.devices.vn100.emulator import Noise
+from imumon.devices.vn100.emulator.sensor_model import CONSTANT
 from imumon.report import Channel, Report
 
 N = {"gyro": 6.1e-5, "accel": 1.37e-3, "mag": 1.4e-4}

@@ -23,7 +23,7 @@ import laws
 from daemons import Daemon
 from usage import resident_kb
 
-from imumon.emulator import EmulatorProcess, EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
 from imumon.report import Event, Report, from_json
 
 ID = "vn100-0100056785"

@@ -8,7 +8,7 @@ import pytest
 from laws import ON_THE_WAY, PACKET, Fault
 from scene import scene
 
-from imumon.emulator.faults import Faults
+from imumon.devices.vn100.emulator.faults import Faults
 
 
 def test_01_unplug_and_replug(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from bus_actors import until
 from laws import adds_up, is_kept
 from scene import ID, STOP_S, Scene, scene
 
+from imumon.devices.serial_port import holders
 from imumon.report import Report, from_json
-from imumon.sources.port import holders
 
 SLOW_DISK = Path(__file__).parents[2] / "benchmarks" / "slow_disk.c"
 

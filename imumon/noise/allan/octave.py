@@ -30,7 +30,7 @@ import math
 
 import numpy as np
 
-from imumon.noise.groups import Groups
+from imumon.noise.validity_groups import Groups
 from imumon.samples import Floats, Ints
 
 BLOCK = 256  # samples; squares are added in groups that lie on the grid, one group a block

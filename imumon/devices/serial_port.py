@@ -1,0 +1,461 @@
+"""Port: bytes from and to a serial device or a pyserial URL.
+
+Reading must never stall: a Linux tty holds 4 kB, 44 ms at 921600 baud, so one thread drains the port into
+a bounded queue and does nothing else; what could not be held is counted. This is the only file that knows
+pyserial; it does not know what the bytes mean. Errors are one line: what is wrong, and how to mend it.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import errno
+import fcntl
+import getpass
+import io
+import os
+import re
+import select
+import stat
+import sys
+import termios
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import serial as _pyserial
+import serial.tools.list_ports
+
+from imumon.errors import SourceError
+
+pyserial: Any = _pyserial  # it has no types
+
+QUEUE_BYTES = 8 << 20  # 90 s at 921600 baud
+POLL_S = 0.1
+TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
+BATCH_S = 0.05  # afterwards it lets bytes gather so long,
+BATCH = 2048  # or until there are so many, half of what a tty holds
+ROOM = 1 << 14  # of each reading: four times what a tty holds, and less than a piece apart (`heap`)
+PIECE = 1 << 16  # about the most that `read` hands over: after a stall there may be megabytes
+
+_TIOCGICOUNT = 0x545D
+_TCGETS2 = 0x802C542A
+# what drivers say of a port that is of no more use (termios.error is no OSError)
+_GONE = (OSError, pyserial.SerialException, termios.error)
+
+
+class PortError(SourceError):
+    """The port cannot be opened, or cannot do what is asked."""
+
+
+class PortGone(SourceError):
+    """The port was open and is no more: unplugged, or the other end hung up."""
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """A serial port of this machine; `usb` is (vendor, product, serial number) of its adapter."""
+
+    path: str
+    description: str
+    usb: tuple[int, int, str | None] | None = None
+
+
+def find_ports() -> list[PortInfo]:
+    """Serial ports of this machine, USB adapters first."""
+    found = []
+    for port in pyserial.tools.list_ports.comports():
+        usb = None if port.vid is None else (port.vid, port.pid, port.serial_number)
+        described = port.description if port.description not in (None, "n/a") else "serial port"
+        found.append(PortInfo(port.device, described, usb))
+    return sorted(found, key=lambda port: (port.usb is None, port.path))
+
+
+def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[str]:
+    """Where a port that vanished may be back, best first.
+
+    Parameters
+    ----------
+    path : what it was opened as.
+    before, now : `find_ports` while it was there, and now.
+
+    Returns
+    -------
+    The same path when it exists; then ports of the same adapter (vendor, product, serial number) under
+    any other name. A port of another adapter is never named: it would be written to.
+    """
+    paths = [path] if "://" in path or os.path.exists(path) else []
+    old = next(
+        (p for p in before if os.path.realpath(p.path) == os.path.realpath(path) or p.path == path), None
+    )
+    if old is not None and old.usb is not None:
+        paths += [p.path for p in now if p.usb == old.usb and p.path not in paths]
+    return paths
+
+
+def holders(path: str) -> list[str]:
+    """Other processes that have this file open, as ``name (pid)``, as far as we may look."""
+    target, found = os.path.realpath(path), []
+    for process in Path("/proc").glob("[0-9]*"):
+        if int(process.name) == os.getpid():
+            continue
+        with contextlib.suppress(OSError):
+            if any(os.readlink(link) == target for link in (process / "fd").iterdir()):
+                found.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
+    return found
+
+
+class SerialPort:
+    """An open port, 8N1 and exclusive, drained by a thread of its own.
+
+    Parameters
+    ----------
+    path : device path, or any pyserial URL (``socket://host:port``, ``rfc2217://host:port``).
+    baud : bit/s.
+    queue_bytes : what is held for a reader that does not come; more is dropped and counted.
+    lossless : with a full queue stop draining instead, so that the far end waits: for an emulator in
+        time-lapse, never for a sensor.
+
+    Attributes
+    ----------
+    received_bytes, dropped_bytes : taken from the port, and of these dropped at a full queue.
+    most_queued : bytes, most that ever waited for a reader at once.
+
+    Raises
+    ------
+    PortError : it cannot be opened.
+    """
+
+    def __init__(
+        self, path: str, baud: int = 115200, *, queue_bytes: int = QUEUE_BYTES, lossless: bool = False
+    ) -> None:
+        self.name = path
+        self.received_bytes = 0
+        self.dropped_bytes = 0
+        self.most_queued = 0
+        self._baud = baud
+        self._limit = queue_bytes
+        self._lossless = lossless
+        self._queue: deque[bytes] = deque()
+        self._queued = 0
+        self._changed = threading.Condition()
+        self._episodes = 0
+        self._dropping = False
+        self._kernel_before: int | None = None
+        self._gone: str | None = None
+        self._closing = False
+        self._talking_until = 0.0
+        self._empty = 0
+        self._fd: int | None = None
+        self._open()
+
+    @property
+    def baud(self) -> int:
+        """Baud the port is set to, bit/s."""
+        return self._baud
+
+    @property
+    def fixed_baud(self) -> bool:
+        """Whether the baud is of no effect, as on a bare TCP socket."""
+        return self.name.startswith("socket://")
+
+    @property
+    def gone(self) -> bool:
+        """Whether the port has vanished; bytes read before can still be had."""
+        return self._gone is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether to read at once: a whole piece is queued, or no more will come."""
+        return self._queued >= PIECE or self._gone is not None
+
+    @property
+    def overruns(self) -> int:
+        """Times bytes were lost on this side: at a full queue, or in the kernel where it counts them."""
+        return self._episodes + (self.kernel_overruns or 0)
+
+    @property
+    def kernel_overruns(self) -> int | None:
+        """Overruns that the driver counted; None where it counts none, as of a pty."""
+        now = self._kernel_count()
+        return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
+
+    def read(self, timeout: float) -> bytes:
+        """What is queued, in pieces of some 64 kB; waits up to `timeout` seconds for the first byte.
+
+        Raises
+        ------
+        PortGone : nothing is queued and nothing will come.
+        """
+        with self._changed:
+            if not self._queue and self._gone is None:
+                self._changed.wait(timeout)
+            if not self._queue and self._gone is not None:
+                raise PortGone(self._gone)
+            piece, size = [], 0
+            while self._queue and size < PIECE:
+                piece.append(self._queue.popleft())
+                size += len(piece[-1])
+            self._queued -= size
+            self._changed.notify_all()
+            return b"".join(piece)
+
+    def write(self, data: bytes) -> None:
+        """Send `data`.
+
+        Raises
+        ------
+        PortGone : the port has vanished or takes no bytes.
+        """
+        if self._gone is not None:
+            raise PortGone(self._gone)
+        self._talking_until = time.monotonic() + TALK_S
+        try:
+            self._serial.write(data)
+        except _GONE as error:
+            self._fail(error)
+            raise PortGone(f"{self.name} is gone: {_cause(error)}") from None
+
+    def set_baud(self, baud: int) -> bool:
+        """Change the baud; bytes received so far are thrown away. False when the adapter cannot do it.
+
+        Raises
+        ------
+        PortGone : the port has vanished.
+        """
+        try:
+            done = self._apply(baud)
+            if done:
+                self._baud = baud
+                self._serial.reset_input_buffer()
+            else:
+                self._apply(self._baud)
+        except _GONE as error:
+            self._fail(error)
+            raise PortGone(f"{self.name} is gone: {_cause(error)}") from None
+        with self._changed:
+            self._queue.clear()
+            self._queued = 0
+        return done
+
+    def _apply(self, baud: int) -> bool:
+        try:
+            self._serial.baudrate = baud
+        except (ValueError, OverflowError):
+            return False
+        actual = _actual_baud(self._fd)
+        return actual is None or abs(actual - baud) <= 0.03 * baud
+
+    def reopen(self) -> None:
+        """Close and open again at the same baud, which cures some bad reads.
+
+        Raises
+        ------
+        PortGone : it does not open again.
+        """
+        self.close()
+        try:
+            self._open()
+        except PortError as error:
+            raise PortGone(str(error)) from None
+
+    def close(self) -> None:
+        """Stop the thread and close the port."""
+        self._kernel_before = self.kernel_overruns
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join()
+        self._fd = None
+        with contextlib.suppress(*_GONE):
+            self._serial.close()
+
+    def __enter__(self) -> SerialPort:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _open(self) -> None:
+        self._serial = (
+            _open_url(self.name, self._baud) if "://" in self.name else _open_tty(self.name, self._baud)
+        )
+        self._fd = None
+        with contextlib.suppress(io.UnsupportedOperation, AttributeError):
+            self._fd = self._serial.fileno()
+        self._closing, self._gone, self._dropping, self._empty = False, None, False, 0
+        try:
+            self._kernel_start = self._kernel_count() or 0
+            if not self.set_baud(self._baud):
+                raise PortError(
+                    f"the adapter of {self.name} cannot do {self._baud} baud: choose another --baud"
+                )
+        except PortGone as error:
+            self._serial.close()
+            raise PortError(f"{error} (while it was being opened): plug it in again") from None
+        except PortError:
+            self._serial.close()
+            raise
+        self._talking_until = time.monotonic() + TALK_S
+        self._thread = threading.Thread(target=self._drain, name=f"read {self.name}", daemon=True)
+        self._thread.start()
+
+    def _drain(self) -> None:
+        """The reader thread: port to queue, nothing else."""
+        try:
+            while not self._closing:
+                data = self._receive()
+                if data:
+                    self._keep(data)
+                    if len(data) < BATCH and time.monotonic() > self._talking_until:
+                        time.sleep(min(BATCH_S, 10 * BATCH / self._baud))
+        except Exception as error:  # closed under our hands, out of memory: whatever it is, it must be seen
+            self._fail(error)
+
+    def _receive(self) -> bytes:
+        """What the port holds, b"" when nothing came for a while."""
+        if self._fd is None:  # no file behind it (rfc2217)
+            return bytes(self._serial.read(max(1, self._serial.in_waiting)))
+        if not select.select([self._fd], [], [], POLL_S)[0]:
+            self._empty = 0
+            return b""
+        try:
+            data = os.read(self._fd, ROOM)
+        except (BlockingIOError, InterruptedError):
+            return b""
+        if data:
+            self._empty = 0
+            return data
+        # Ready, and nothing there: how Linux shows an unplugged adapter, or a flush in between.
+        self._empty += 1
+        if self.fixed_baud or self._empty > 100 or _hung_up(self._fd):
+            raise OSError(errno.EIO, "hung up")
+        return b""
+
+    def _keep(self, data: bytes) -> None:
+        with self._changed:
+            while (
+                self._lossless
+                and self._queue
+                and self._queued + len(data) > self._limit
+                and not self._closing
+            ):
+                self._changed.wait(POLL_S)
+            self.received_bytes += len(data)
+            if not self._lossless and self._queued + len(data) > self._limit:
+                self.dropped_bytes += len(data)
+                self._episodes += not self._dropping
+                self._dropping = True
+                return
+            self._dropping = False
+            self._queue.append(data)
+            self._queued += len(data)
+            self.most_queued = max(self.most_queued, self._queued)
+            self._changed.notify_all()
+
+    def _fail(self, error: Exception) -> None:
+        with self._changed:
+            if self._gone is None and not self._closing:
+                self._gone = f"{self.name} is gone: {_cause(error)}"
+            self._changed.notify_all()
+
+    def _kernel_count(self) -> int | None:
+        """What the driver has counted since it was loaded, None where it does not count."""
+        if self._fd is None:
+            return None
+        counts = array.array("i", [0] * 20)  # struct serial_icounter_struct
+        try:
+            fcntl.ioctl(self._fd, _TIOCGICOUNT, counts)
+        except OSError:
+            return None
+        return counts[7] + counts[10]
+
+
+def _hung_up(fd: int) -> bool:
+    """Whether the other side of a descriptor is no more."""
+    poll = select.poll()
+    poll.register(fd, 0)
+    return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
+
+
+def _cause(error: Exception) -> str:
+    """Reason of an error of the driver in a few words."""
+    number = next((arg for arg in error.args if isinstance(arg, int)), None)
+    text = os.strerror(number) if number else str(error)
+    if "readiness" in text or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
+        return "unplugged or hung up"
+    return text.lower()
+
+
+def _actual_baud(fd: int | None) -> int | None:
+    """Speed the driver has really set, None where it cannot be asked."""
+    if fd is None or not sys.platform.startswith("linux"):
+        return None
+    settings = array.array("i", [0] * 64)  # struct termios2: the output speed is its eleventh word
+    try:
+        fcntl.ioctl(fd, _TCGETS2, settings)
+    except OSError:
+        return None
+    return settings[10]
+
+
+def _open_url(url: str, baud: int) -> Any:
+    over_the_net = re.match(r"(socket|rfc2217)://", url)
+    if over_the_net and not re.match(r"[^/]+:\d+", url[over_the_net.end() :]):
+        raise PortError(f"cannot open {url}: write {over_the_net[0]}HOST:PORT")
+    try:
+        return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
+    except (OSError, ValueError) as error:
+        raise PortError(f"cannot open {url}: {error}; is the server running, and the URL right?") from None
+
+
+def _open_tty(path: str, baud: int) -> Any:
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        there = ", ".join(port.path for port in find_ports())
+        raise PortError(
+            f"no port {path}: "
+            + (f"there is {there}" if there else "no serial port found; is it plugged in?")
+        ) from None
+    if not stat.S_ISCHR(mode):
+        kind = "directory" if stat.S_ISDIR(mode) else "file"
+        raise PortError(f"{path} is a {kind}, not a serial port; to read a recording: imumon replay {path}")
+    try:
+        port = pyserial.Serial(path, baud, timeout=POLL_S, write_timeout=1.0, exclusive=True)
+    except ValueError as error:
+        raise PortError(f"{path} cannot do {baud} baud ({error}): choose another --baud") from None
+    except _GONE as error:
+        raise PortError(_refusal(path, error)) from None
+    with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pty has no such mode
+        port.set_low_latency_mode(True)
+    if not os.path.realpath(path).startswith("/dev/pts/"):  # a pty would stay locked after we are killed
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+    return port
+
+
+def _user() -> str:
+    """Who we are, as far as anybody knows: a container runs under numbers without a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return "$USER"
+
+
+def _refusal(path: str, error: Exception) -> str:
+    """Why a port that is there does not open, and the cure."""
+    number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
+    if number in (errno.EACCES, errno.EPERM):
+        return f"no permission for {path}: sudo usermod -aG dialout {_user()}, then log in again"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        who = ", ".join(holders(path))
+        return f"{path} is in use{' by ' + who if who else ''}: end that program first"
+    if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
+        return f"{path} vanished while it was being opened: plug it in again, and check the cable"
+    if "Could not configure port" in str(error):
+        return f"{path} is not a serial port"
+    return f"cannot open {path}: {error}"

@@ -1,0 +1,165 @@
+"""Meanings: what the settings of a VN-100 do to its data, for people.
+
+A report carries register values as they stand on the wire, ``"85 IMU filtering": "0,4,4,4,0,0,3,3,3,0"``:
+that is what one compares and writes back. Here each is put into words. What is not known by its number
+or its form has no words, and is shown as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from imumon.devices.vn100.registers import (
+    ACCEL_CALIBRATION,
+    BAUD,
+    BINARY_OUTPUTS,
+    DELTA_CONTROL,
+    GYRO_CALIBRATION,
+    IMU_FILTER,
+    IRON_CONTROL,
+    LOOP_RATE,
+    MAG_CALIBRATION,
+    OUTPUT_RATE,
+    OUTPUT_TYPE,
+    OUTPUT_TYPES,
+    PROTOCOL,
+    REGISTERS,
+    ROTATION,
+    STARTUP_BIAS,
+    SYNC_CONTROL,
+    RegisterError,
+    Value,
+)
+
+Values = dict[str, Value]
+
+
+def meaning(name: str, text: str) -> str | None:
+    """What a setting does, in a few words; None where that is not known.
+
+    Parameters
+    ----------
+    name, text : register by number and name, and its value, as in a report.
+
+    >>> meaning("85 IMU filtering", "0,4,4,4,0,0,3,3,3,0")
+    'accel, gyro and temperature averaged over 4 samples (5 ms)'
+    >>> meaning("82 delta theta and delta velocity", "0,0,0,0,0")
+    'in the body frame, bias left in'
+    """
+    number = name.split()[0] if name else ""
+    if not number.isdigit() or int(number) not in _MEANINGS:
+        return None
+    try:
+        values = REGISTERS[int(number)].parse(text.split(","))
+        return _MEANINGS[int(number)](values)
+    except (RegisterError, KeyError, IndexError):
+        return None
+
+
+def _listed(words: Sequence[str]) -> str:
+    """Words with commas and an and.
+
+    >>> _listed(["mag"]), _listed(["mag", "accel", "gyro"])
+    ('mag', 'mag, accel and gyro')
+    """
+    return " and ".join([*([", ".join(words[:-1])] if words[:-1] else []), *words[-1:]])
+
+
+def _calibration(values: Values) -> str:
+    """Registers 23, 84 and 25: out = C (in - b)."""
+    numbers = list(values.values())
+    matrix, bias = numbers[:9], numbers[9:]
+    changed = [
+        *(["scale or axes"] if matrix != [1, 0, 0, 0, 1, 0, 0, 0, 1] else []),
+        *(["bias"] if any(bias) else []),
+    ]
+    return f"{_listed(changed)} changed by its user" if changed else "none but the manufacturer's"
+
+
+def _rotation(values: Values) -> str:
+    turned = list(values.values()) != [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    return "axes are turned" if turned else "none: the axes of the housing"
+
+
+def _filter(values: Values) -> str:
+    """Boxcar averages: who, over how many samples of the loop, and on which outputs."""
+    by_window: dict[tuple[int, int], list[str]] = {}
+    for sensor in ("mag", "accel", "gyro", "temperature", "pressure"):
+        window, mode = int(values[f"{sensor}_window"]), int(values[f"{sensor}_mode"])
+        if window > 1 and mode:
+            by_window.setdefault((window, mode), []).append(sensor)
+    where = {1: ", uncompensated outputs alone", 2: ", compensated outputs alone", 3: ""}
+    parts = [
+        f"{_listed(sensors)} averaged over {window} samples ({1e3 * window / LOOP_RATE:g} ms){where[mode]}"
+        for (window, mode), sensors in by_window.items()
+    ]
+    return "; ".join(parts) or "nothing is averaged"
+
+
+def _delta(values: Values) -> str:
+    frame = "north, east and down" if values["frame"] else "the body frame"
+    taken = [s for s in ("gyro", "accel") if values[f"{s}_compensation"]]
+    return f"in {frame}, bias {f'of {_listed(taken)} taken out' if taken else 'left in'}"
+
+
+def _vpe(values: Values) -> str:
+    if not values["enable"]:
+        return "off: no attitude filter"
+    heading = {0: "absolute", 1: "relative", 2: "indoor"}[int(values["heading"])]
+    return f"on, {heading} heading"
+
+
+def _bias(values: Values) -> str:
+    numbers = list(values.values())
+    return f"{', '.join(f'{float(n):g}' for n in numbers)} rad/s" if any(numbers) else "none"
+
+
+def _iron(values: Values) -> str:
+    mode = {0: "off", 1: "on", 2: "reset"}[int(values["mode"])]
+    return f"hard and soft iron: {mode}, {'not used' if values['output'] == 1 else 'used'}"
+
+
+def _protocol(values: Values) -> str:
+    check = "8-bit checksums" if values["serial_checksum"] == 1 else "CRC-16"
+    count = {1: "SyncIn count", 2: "SyncIn time", 3: "SyncOut count", 4: "time of the PPS"}
+    added = [count[int(values["serial_count"])]] if values["serial_count"] else []
+    added += ["status"] if values["serial_status"] else []
+    return f"{check}, {_listed(added) or 'nothing'} appended"
+
+
+def _sync(values: Values) -> str:
+    pulse = {3: "are counted", 4: "start a sample", 5: "start a message", 6: "start every message"}
+    out = {0: "none", 1: "at each sample", 2: "at each result", 3: "at each attitude", 6: "once a second"}
+    return f"pulses in {pulse[int(values['in_mode'])]}, pulses out: {out[int(values['out_mode'])]}"
+
+
+def _output(values: Values) -> str:
+    mode, divisor = int(values["async_mode"]), int(values["divisor"])
+    if not mode or not divisor:
+        return "off"
+    port = {1: "port 1", 2: "port 2", 3: "both ports"}[mode]
+    return f"{LOOP_RATE / divisor:g} Hz on {port}"
+
+
+def _type(values: Values) -> str:
+    kind = int(values["type"])
+    return f"${OUTPUT_TYPES[kind]}" if kind else "none"
+
+
+_MEANINGS: dict[int, Callable[[Values], str]] = {
+    BAUD: lambda values: f"{values['baud']:,}",
+    OUTPUT_TYPE: _type,
+    OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
+    MAG_CALIBRATION: _calibration,
+    ACCEL_CALIBRATION: _calibration,
+    GYRO_CALIBRATION: _calibration,
+    ROTATION: _rotation,
+    PROTOCOL: _protocol,
+    SYNC_CONTROL: _sync,
+    35: _vpe,
+    STARTUP_BIAS: _bias,
+    IRON_CONTROL: _iron,
+    DELTA_CONTROL: _delta,
+    IMU_FILTER: _filter,
+    **dict.fromkeys(BINARY_OUTPUTS, _output),
+}

@@ -1,0 +1,204 @@
+"""Settings of a VN-100: what to ask it for, what that does to the noise, and what to put back.
+
+Register values are text, as on the wire. Rates are counted by the sensor's 800 Hz loop: an output at
+divisor d comes every d/800 s. Two rules shape this file. Samples pass the sensor's boxcar average
+(register 85), whose length does not follow the output rate: they are aliased unless it is as long as the
+output interval. And what we change is volatile and belongs to somebody else: it is put back as it was found,
+also when an earlier process of ours was killed and could not. This file sends nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TypeAlias
+
+from imumon.devices.vn100.registers import (
+    BAUD,
+    BINARY_OUTPUTS,
+    DELTA_CONTROL,
+    IMU_FILTER,
+    LOOP_RATE,
+    OUTPUT_TYPE,
+    REGISTERS,
+)
+from imumon.samples import Kind
+
+Texts: TypeAlias = Mapping[int, str]
+"""Register values by register number, fields joined by commas."""
+
+LOAD = 0.6  # share of the line that our stream may take: answers and a second stream need room
+OFF = "0,0,00"
+UNCOMPENSATED_DELTAS = "0,0,0,0,0"
+
+_OUTPUTS: dict[Kind, tuple[int, int]] = {
+    "deltas": (0x00F2, 64),
+    "uncompensated": (0x003E, 60),
+    "compensated": (0x0730, 60),
+}
+"""IMU group word beside TimeStartup, and bytes of the packet.
+Magnetometer, temperature and pressure are in each; the deltas are increments of angle and velocity."""
+
+DIVISORS = tuple(d for d in range(1, LOOP_RATE + 1) if LOOP_RATE % d == 0)
+"""Divisors whose rate is a whole number of hertz."""
+
+
+def output(kind: Kind, divisor: int, mode: int) -> str:
+    """Value of a binary output register that streams `kind`; `mode` is 1 or 2, the sensor's port.
+
+    >>> output("deltas", 8, 1)
+    '1,8,05,0001,00F2'
+    """
+    return f"{mode},{divisor},05,0001,{_OUTPUTS[kind][0]:04X}"
+
+
+def divisors(kind: Kind, baud: int) -> list[int]:
+    """Divisors whose stream fits the line with margin, the fastest first.
+
+    >>> [LOOP_RATE // divisors("deltas", baud)[0] for baud in (9600, 115200, 921600)]
+    [8, 100, 800]
+    """
+    return [d for d in DIVISORS if _OUTPUTS[kind][1] * LOOP_RATE / d <= LOAD * baud / 10]
+
+
+def parse_output(text: str) -> tuple[int, int, int, tuple[int, ...]] | None:
+    """Mode, divisor, groups and field words of a binary output register; None when it is none.
+
+    >>> parse_output("1,8,5,0001,F2") == parse_output("1,8,05,0001,00F2")
+    True
+    """
+    fields = text.split(",")
+    try:
+        mode, divisor = int(fields[0]), int(fields[1])
+        groups, *words = (int(field, 16) for field in fields[2:])
+    except (ValueError, IndexError):
+        return None
+    return mode, divisor, groups, tuple(words)
+
+
+def is_ours(text: str) -> bool:
+    """Whether a binary output register holds one of the streams that this program asks for.
+
+    >>> is_ours("2,1,5,1,00F2"), is_ours("1,8,01,0001"), is_ours("0,0,00")
+    (True, False, False)
+    """
+    parsed = parse_output(text)
+    if parsed is None or parsed[0] not in (1, 2) or parsed[2] != 5:
+        return False
+    return parsed[3] in [(0x0001, word) for word, _ in _OUTPUTS.values()]
+
+
+def source(text: str) -> str | None:
+    """Name that the decoder gives the stream of a binary output register.
+
+    >>> source("1,8,5,0001,F2")
+    'binary 05:0001,00F2'
+    """
+    parsed = parse_output(text)
+    return parsed and f"binary {parsed[2]:02X}:{','.join(f'{word:04X}' for word in parsed[3])}"
+
+
+def same(one: str, other: str) -> bool:
+    """Whether two texts of a binary output register mean the same."""
+    return parse_output(one) == parse_output(other)
+
+
+def off_port(text: str, mode: int) -> str:
+    """Binary output register without the sensor's port `mode`; the other port keeps its stream.
+
+    >>> off_port("3,8,01,0001", 1), off_port("1,8,01,0001", 1), off_port("2,8,01,0001", 1)
+    ('2,8,01,0001', '0,8,01,0001', '2,8,01,0001')
+    """
+    first, _, rest = text.partition(",")
+    return f"{int(first) & ~mode},{rest}"
+
+
+def windowed(text: str, window: int, kind: Kind) -> str | None:
+    """Register 85 with the averages of both sensors as long as the output interval.
+
+    None when `text` is not the register's.
+
+    >>> windowed("0,4,4,4,0,0,1,0,3,0", 20, "uncompensated")
+    '0,20,20,4,0,0,1,1,3,0'
+    """
+    fields = text.split(",")
+    if len(fields) != 10 or not all(field.isdigit() for field in fields):
+        return None
+    bit = 1 if kind == "uncompensated" else 2
+    fields[1] = fields[2] = str(window)
+    for mode in (6, 7):
+        fields[mode] = str(int(fields[mode]) | bit)
+    return ",".join(fields)
+
+
+def alias_factors(kind: Kind, rate_hz: float | None, filtering: str | None) -> dict[str, float | None]:
+    """By how much aliasing inflates N of each sensor, nominal; 1: not at all, None: unknown.
+
+    The sensor averages `window` samples of its 800 Hz loop and then takes every (800/rate)-th: white
+    noise beyond half the output rate folds in, its variance 800/(window rate) times that of a true
+    cluster average (IEEE Std 952-2020, C.1).
+
+    Parameters
+    ----------
+    kind : what the samples are; ``deltas`` are true cluster averages.
+    rate_hz : output rate, Hz; None: unknown.
+    filtering : register 85; None: unknown.
+
+    Examples
+    --------
+    >>> alias_factors("compensated", 40.0, "0,4,4,4,0,0,3,3,3,0")["gyro"].__round__(3)
+    2.236
+    """
+    if kind == "deltas":
+        return {"gyro": 1.0, "accel": 1.0}
+    unknown: dict[str, float | None] = {"gyro": None, "accel": None}
+    if rate_hz is None or rate_hz <= 0.0 or filtering is None:
+        return unknown
+    bit = 1 if kind == "uncompensated" else 2
+    try:
+        numbers = [int(field) for field in filtering.split(",")]
+        windows = {"accel": (numbers[1], numbers[6]), "gyro": (numbers[2], numbers[7])}
+    except (ValueError, IndexError):
+        return unknown
+    averaged = {sensor: max(1, window) if mode & bit else 1 for sensor, (window, mode) in windows.items()}
+    return {s: max(1.0, math.sqrt(LOOP_RATE / (averaged[s] * rate_hz))) for s in ("gyro", "accel")}
+
+
+def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) -> dict[int, str]:
+    """What to put back at the end: the registers we may change, as they were before we ever came.
+
+    A process of ours that was killed leaves our stream on and the ASCII output off. Its settings are told
+    from the owner's by their form; for these, what was saved then holds, and without that the factory's
+    value. Everything else is as it is found now.
+
+    Parameters
+    ----------
+    current : registers as read now.
+    saved : originals of an earlier process that did not end properly; None when there was none.
+    new_baud : what that process may have changed the baud to.
+    """
+    found = {
+        r: current[r] for r in (BAUD, OUTPUT_TYPE, *BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER) if r in current
+    }
+    streaming = [r for r in BINARY_OUTPUTS if is_ours(found.get(r, OFF))]
+    if saved is None:
+        if not streaming:
+            return found
+        saved = {r: REGISTERS[r].factory[2] for r in (OUTPUT_TYPE, *BINARY_OUTPUTS, IMU_FILTER)}
+    left = {
+        OUTPUT_TYPE: found.get(OUTPUT_TYPE) == "0",
+        DELTA_CONTROL: found.get(DELTA_CONTROL) == UNCOMPENSATED_DELTAS,
+        IMU_FILTER: _is_windowed(found.get(IMU_FILTER, "")),
+        BAUD: found.get(BAUD) == new_baud,
+    } | {r: r in streaming or _is_taken_off(found.get(r, OFF), saved.get(r, OFF)) for r in BINARY_OUTPUTS}
+    return {r: saved[r] if left[r] and r in saved else text for r, text in found.items()}
+
+
+def _is_taken_off(text: str, before: str) -> bool:
+    """Whether a binary output is what `off_port` makes of `before`."""
+    return parse_output(before) is not None and any(same(text, off_port(before, mode)) for mode in (1, 2))
+
+
+def _is_windowed(text: str) -> bool:
+    fields = text.split(",")
+    return len(fields) == 10 and fields[1] == fields[2] and fields[1] in {str(d) for d in DIVISORS}

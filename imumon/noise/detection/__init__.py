@@ -1,0 +1,17 @@
+"""Detection of samples that are not the noise of a sensor at rest."""
+
+from imumon.noise.detection.guard import (
+    AFTER,
+    BEFORE,
+    START,
+    Guard,
+    Passed,
+)
+
+__all__ = [
+    "AFTER",
+    "BEFORE",
+    "START",
+    "Guard",
+    "Passed",
+]

@@ -1,0 +1,126 @@
+"""Decay: whether means over stretches of time settle along an exponential, as a sensor that warms up does.
+
+An exponential that is over is mostly slow, and so is a random walk; the Allan variance cannot tell them
+apart, the order of the means in time can. Three accounts of the means are compared by their likelihood:
+noise, noise beside a steady slope, and noise beside A exp(-t/T). The noise is any mixture of white, flicker
+and random walk (`Wander`), each account with the mixture and the size that suit it best; so what a random
+walk does by itself speaks for none of them, and no fit of the curve, which a warm-up bends, is asked.
+
+Twice the logarithm of the ratio of the likelihoods (Wilks 1938), of the exponential and the better one of
+the other two, is the evidence. Its law where nothing decays is not that of Wilks, since the time constant is
+searched and a walk has few degrees of freedom: `EVIDENCE` is set on simulated records (docs/THEORY.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.samples import Floats
+
+MEANS = 48
+"""Means that are compared at most: neighbours are joined."""
+LEAST = 16
+FLICKER = (0.0, *(2.0**i for i in range(-1, 10)))
+"""B sqrt(T) / N of the mixtures, T the length of the record."""
+WALK = (0.0, *(2.0**i for i in range(13)))
+"""K T / N of the mixtures."""
+EVIDENCE = 16.0
+"""Twice the logarithm of the ratio of the likelihoods beyond which a decay is plain. Of simulated series
+without one, one in a hundred reaches 10 and one in ten thousand or so 16."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """The exponential that describes some means best.
+
+    Attributes
+    ----------
+    time_s : s, its time constant.
+    start : channel unit, its value at the beginning.
+    evidence : twice the logarithm of the ratio of the likelihoods with it and without.
+    """
+
+    time_s: float
+    start: float
+    evidence: float
+
+    @property
+    def plain(self) -> bool:
+        """Whether noise alone does not make it."""
+        return self.evidence > EVIDENCE
+
+
+def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: Floats) -> Decay | None:
+    """The exponential of the likeliest time constant; None where there are too few means.
+
+    Parameters
+    ----------
+    at : (k,) number of each stretch; the exponential begins with the first.
+    mean, share : (k,) channel unit; part of the stretch that is valid, above 0.
+    width_s : s, length of a stretch.
+    times_s : (t,) s, time constants in question.
+    """
+    if len(at) < LEAST:
+        return None
+    at, mean, share, width_s = _joined(at - at[0], mean, share, width_s)
+    if len(at) < LEAST:
+        return None
+    x = (at + 0.5) * width_s
+    trial = np.column_stack((x / x[-1], np.exp(-x[:, None] / times_s)))
+    steps = np.diff(np.column_stack((mean, trial)), axis=0)
+    # the size of the noise is that which fits: -2 log L = n log(sum of squares) + log det, but for a constant
+    n, without, best = len(steps), np.inf, (np.inf, 0.0, 0.0)
+    for noise, logs in _mixtures(at, share):
+        white = noise @ steps  # (mixtures, k-1, 2+t)
+        y, shapes = white[..., 0], white[..., 1:]
+        whole = np.maximum(np.einsum("mk,mk->m", y, y), 1e-300)[:, None]
+        power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), 1e-300)
+        pull = np.einsum("mkt,mk->mt", shapes, y)
+        left = np.maximum(whole - pull**2 / power, 1e-12 * whole)
+        found = n * np.log(left) + logs[:, None]
+        without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(found[:, 0].min()))
+        m, t = (int(i) for i in np.unravel_index(int(np.argmin(found[:, 1:])), found[:, 1:].shape))
+        size = float(pull[m, t + 1] / power[m, t + 1])
+        best = min(best, (float(found[m, t + 1]), float(times_s[t]), size))
+    return Decay(best[1], best[2], without - best[0])
+
+
+def _joined(
+    at: np.ndarray, mean: Floats, share: Floats, width_s: float
+) -> tuple[np.ndarray, Floats, Floats, float]:
+    """Stretches joined in pairs until they are few enough."""
+    while int(at[-1]) >= MEANS:
+        pair = at // 2
+        weight = np.bincount(pair, share)
+        total = np.bincount(pair, share * mean)
+        at = np.unique(pair)
+        mean, share, width_s = total[at] / weight[at], 0.5 * weight[at], 2.0 * width_s
+    return at, mean, share, width_s
+
+
+def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Mixtures for stretches of unit length, those of one flicker at a time: all at once take 3 MB.
+
+    Yields
+    ------
+    noise : (mixtures, k-1, k-1), whitens the differences of neighbouring means.
+    logs : (mixtures,) logarithm of the determinant of their covariance.
+    """
+    span = float(at[-1] + 1)
+    lags = np.abs(at[:, None] - at[None, :]).astype(np.float64)
+    parts = []
+    for one in (Wander(1.0, 0.0, 0.0), Wander(0.0, span**-0.5, 0.0), Wander(0.0, 0.0, 1.0 / span)):
+        c = one.covariance(lags, 1.0, 1.0)
+        if one.N:
+            c = np.diag(1.0 / share)
+        c = c[1:] - c[:-1]
+        parts.append(c[:, 1:] - c[:, :-1])
+    white, flicker, walk = parts
+    for b in FLICKER:
+        roots: Floats = np.linalg.cholesky(np.stack([white + b**2 * flicker + k**2 * walk for k in WALK]))
+        logs = 2.0 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        yield np.asarray(np.linalg.inv(roots), dtype=np.float64), logs

@@ -1,0 +1,242 @@
+"""Moments: running mean, spread, shape and correlation of channels, at constant memory.
+
+Each block is reduced to its own central moments, and two sets of them are joined by the update formulas of
+Chan, Golub & LeVeque (1979) and Pébay (SAND2008-6212, eqs. 2.1, 3.1): nothing is ever the small difference of
+large sums. Means are kept relative to the first sample, so 9.8 m/s^2 costs no digits and a channel that never
+changes has a deviation of exactly zero.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.noise.validity_groups import Groups
+from imumon.samples import Bools, Floats, Ints
+
+BATCH = 16384  # samples reduced at once: what the processor's cache holds
+
+_ARRAYS = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelMoments:
+    """Statistics of one channel; None where there are too few samples, or no spread, to say.
+
+    Attributes
+    ----------
+    count : valid samples.
+    mean, min, max, last : channel unit; None without a sample.
+    std : channel unit, with n - 1; None below two samples.
+    skewness, excess_kurtosis : of the samples, m3 / m2^(3/2) and m4 / m2^2 - 3; None without spread.
+    """
+
+    count: int
+    mean: float | None
+    std: float | None
+    min: float | None
+    max: float | None
+    skewness: float | None
+    excess_kurtosis: float | None
+    last: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MomentsResult:
+    """Statistics of all channels.
+
+    Attributes
+    ----------
+    channels : one entry a channel.
+    covariance : for each group of a channels (a, a) (channel unit)^2, with n - 1; None below two samples.
+    """
+
+    channels: tuple[ChannelMoments, ...]
+    covariance: tuple[Floats | None, ...]
+
+
+class Moments:
+    """Running moments of a stream: accumulate with `update`, ask with `result`.
+
+    Parameters
+    ----------
+    channels : number of columns, c.
+    groups : (c,) number of the group whose validity a channel shares; default: all in one.
+
+    Examples
+    --------
+    >>> moments = Moments(1)
+    >>> moments.update(np.array([[1.0], [2.0], [6.0]]))
+    >>> moments.update(np.array([[7.0]]))
+    >>> x = moments.result().channels[0]
+    >>> x.count, x.mean, round(x.std, 6), x.min, x.last
+    (4, 4.0, 2.94392, 1.0, 7.0)
+    """
+
+    def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
+        self._groups = Groups(channels, groups)
+        self._count = np.zeros(channels, dtype=np.int64)
+        self._origin = np.zeros(channels)  # first valid sample; mean is relative to it
+        self._mean = np.zeros(channels)
+        self._comoment = np.zeros((channels, channels))  # sum of products of deviations, within groups
+        self._third = np.zeros(channels)  # sum of third powers of deviations
+        self._fourth = np.zeros(channels)
+        self._min = np.full(channels, np.inf)
+        self._max = np.full(channels, -np.inf)
+        self._last = np.zeros(channels)
+        self._within = (self._groups.of[:, None] == self._groups.of).astype(np.float64)
+        self._scratch = np.empty((2, 0))
+
+    def update(self, values: Floats, valid: Bools | None = None) -> None:
+        """Take samples.
+
+        Parameters
+        ----------
+        values : (n, c) channel unit.
+        valid : (n, g) which of them count, by group; None: all. What is not finite never counts.
+        """
+        values, present = self._groups.check(values, valid)
+        for start in range(0, len(values), BATCH):
+            part = values[start : start + BATCH]
+            if present is None:
+                self._take(part, self._groups.members)
+                continue
+            for group, members in enumerate(self._groups.members):
+                self._take(part[present[start : start + BATCH, group]][:, members], [members])
+
+    def following(self) -> Moments:
+        """Moments of what comes next: nothing yet, in the working room of these, which are at an end."""
+        new = Moments(self._groups.channels, self._groups.of.tolist())
+        new._scratch, self._scratch = self._scratch, new._scratch
+        return new
+
+    def copy(self) -> Moments:
+        """Independent moments in the same state."""
+        other = copy.copy(self)
+        other._scratch = np.empty((2, 0))
+        for name in _ARRAYS:
+            setattr(other, name, getattr(self, name).copy())
+        return other
+
+    def merge(self, other: Moments) -> None:
+        """Join the statistics of another record, taken after this one.
+
+        Raises
+        ------
+        ValueError : its channels or groups are others.
+        """
+        if self._groups != other._groups:
+            raise ValueError("only moments of the same channels and groups merge")
+        there = other._count > 0
+        c = slice(0, self._groups.channels)
+        mean = other._mean + self._move_origin(c, other._origin)
+        self._join(c, other._count, mean, other._comoment, other._third, other._fourth)
+        np.minimum(self._min, other._min, out=self._min)
+        np.maximum(self._max, other._max, out=self._max)
+        np.copyto(self._last, other._last, where=there)
+
+    def result(self) -> MomentsResult:
+        """Statistics so far."""
+        covariance: list[Floats | None] = []
+        for c in self._groups.members:
+            n = int(self._count[c][0])
+            covariance.append(self._comoment[c, c] / (n - 1) if n > 1 else None)
+        channels = tuple(self._channel(c) for c in range(self._groups.channels))
+        return MomentsResult(channels=channels, covariance=tuple(covariance))
+
+    def save(self) -> dict[str, npt.NDArray[Any]]:
+        """Everything that is known, as small arrays."""
+        state: dict[str, npt.NDArray[Any]] = {name[1:]: getattr(self, name).copy() for name in _ARRAYS}
+        return state | {"group": self._groups.of.astype(np.int64)}
+
+    @classmethod
+    def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> Moments:
+        """The moments that were saved; they continue as if nothing had happened."""
+        groups = [int(g) for g in state["group"]]
+        self = cls(len(groups), groups)
+        for name in _ARRAYS:
+            getattr(self, name)[...] = state[name[1:]]
+        return self
+
+    def _channel(self, c: int) -> ChannelMoments:
+        n = int(self._count[c])
+        if n == 0:
+            return ChannelMoments(0, None, None, None, None, None, None, None)
+        square = float(self._comoment[c, c])
+        skewness = kurtosis = None
+        variance = square / n
+        if variance**2 > 0.0:
+            skewness = float(self._third[c] / n) / variance**1.5
+            kurtosis = float(self._fourth[c] / n) / variance**2 - 3.0
+        return ChannelMoments(
+            count=n,
+            mean=float(self._origin[c] + self._mean[c]),
+            std=(square / (n - 1)) ** 0.5 if n > 1 else None,
+            min=float(self._min[c]),
+            max=float(self._max[c]),
+            skewness=skewness,
+            excess_kurtosis=kurtosis,
+            last=float(self._last[c]),
+        )
+
+    def _take(self, values: Floats, groups: list[slice]) -> None:
+        """Reduce samples (n, a) of the channels of neighbouring groups, all valid, and join them."""
+        n, a = values.shape
+        c = slice(groups[0].start, groups[-1].stop)
+        if n == 0:
+            return
+        if self._scratch.shape[1] < values.size:
+            self._scratch = np.empty((2, values.size))
+        x, square = (flat[: values.size].reshape(a, n) for flat in self._scratch)
+        np.copyto(x, values.T)
+        np.minimum(self._min[c], x.min(axis=1), out=self._min[c])
+        np.maximum(self._max[c], x.max(axis=1), out=self._max[c])
+        self._last[c] = values[-1]
+        shift = self._move_origin(c, values[0])
+        x -= values[0][:, None]
+        mean = x.mean(axis=1)
+        x -= mean[:, None]
+        np.multiply(x, x, out=square)
+        third = (square[:, None, :] @ x[:, :, None])[:, 0, 0]
+        fourth = (square[:, None, :] @ square[:, :, None])[:, 0, 0]
+        comoment = np.zeros((a, a))
+        for group in groups:
+            own = slice(group.start - c.start, group.stop - c.start)
+            comoment[own, own] = x[own] @ x[own].T
+        self._join(c, n, mean + shift, comoment, third, fourth)
+
+    def _move_origin(self, c: slice, first: Floats) -> Floats:
+        """(a,) channel unit, what to add to a mean relative to `first` to make it relative to the origin."""
+        np.copyto(self._origin[c], first, where=self._count[c] == 0)
+        return np.asarray(first - self._origin[c])
+
+    def _join(
+        self, c: slice, n: int | Ints, mean: Floats, comoment: Floats, third: Floats, fourth: Floats
+    ) -> None:
+        """Join central moments of `n` samples of the channels `c`, or (a,) of each: mean (a,), comoment
+        (a, a) and so on."""
+        total = self._count[c] + n
+        some = np.maximum(total, 1)
+        p = self._count[c] / some  # share of what was there
+        q = n / some
+        pqn = p * n  # a b / (a + b)
+        d = mean - self._mean[c]
+        d2 = d * d
+        old = np.diagonal(self._comoment[c, c])  # sums of squares
+        new = np.diagonal(comoment)
+        self._fourth[c] += (
+            fourth
+            + d2 * d2 * pqn * (1.0 - 3.0 * p * q)
+            + 6.0 * d2 * (p * p * new + q * q * old)
+            + 4.0 * d * (p * third - q * self._third[c])
+        )
+        self._third[c] += third + d * d2 * pqn * (p - q) + 3.0 * d * (p * new - q * old)
+        weight = np.sqrt(pqn) * d
+        self._comoment[c, c] += (comoment + np.outer(weight, weight)) * self._within[c, c]
+        self._mean[c] += d * q
+        self._count[c] = total

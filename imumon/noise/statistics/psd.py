@@ -1,0 +1,411 @@
+"""Spectrum: power spectral density from half the sampling rate down to one cycle a record, in bounded memory.
+
+A cascade: each stage averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), passes
+its signal through a half-band filter and hands every second sample to the next. Stage s resolves rate / 2^s /
+256, so resolution follows frequency, and memory grows with the logarithm of the record only.
+
+- A stage takes its first 1024 segments, then one in 2, from 2048 on one in 4 ...: 512 more each time the
+  record doubles. Beyond a thousand averages a bin is known to 3 %, and time is better spent elsewhere.
+- Missing samples are filled with the mean of their neighbourhood (128 samples); a segment of which more than
+  a tenth was filled is not counted. So a gap costs a segment at short periods and nothing at long ones.
+- A line is a bin that stands out of the bins on both sides of it by more than chance makes in a thousand
+  reports.
+- Density is one-sided: white noise of coefficient N (Allan variance N^2/tau) has density 2 N^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.noise.statistics.spectral_lines import (
+    BINS,
+    HOP,
+    SEGMENT,
+    SpectralLine,
+    beside,
+    distinct,
+    find_lines,
+)
+from imumon.samples import Bools, Floats, Ints
+
+STAGES = 30
+SETTLED = 1024
+"""Segments of which a stage takes every one."""
+FULL = 0.9
+"""Share of valid samples in each half of a segment that counts."""
+
+WHOLE = 1 << 16
+"""A hole longer than this many samples starts the cascade anew (what is averaged stays)."""
+
+TAPS = np.array([-0.0026544081, 0.0082231405, -0.0198700275, 0.042431558, -0.0920067759, 0.3133644193])
+"""Outer half of the half-band filter's taps other than the middle one, 0.5: equiripple, 23 taps,
+flat to 0.1 % up to 0.18 and down by 59 dB from 0.32 of its input rate."""
+_REACH = 22  # samples of history the filter needs
+
+PASS = 0.36
+"""Share of its rate up to which a stage behind the filter is shown; the stage above begins at half of it."""
+
+ENOUGH = 4
+"""Averages a stage needs before it takes over the low frequencies from the one above."""
+
+CACHED = 4096
+"""Values that are filtered together: as many as stay in the processor's cache from one tap to the next."""
+
+LUMP = 8
+"""Hops that wait for one another, so that the work is done on arrays worth the name."""
+
+_WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Density:
+    """Power spectral densities of some channels.
+
+    Attributes
+    ----------
+    frequency_hz : (k,) Hz, rising.
+    density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
+    averages : (k, c) segments behind each value.
+    lines : lines of each channel, strongest first.
+    white : (c,) channel unit/sqrt(Hz), N read from the upper half of the band; NaN where unknown.
+    """
+
+    frequency_hz: Floats
+    density: Floats
+    averages: Ints
+    lines: tuple[tuple[SpectralLine, ...], ...]
+    white: Floats
+
+
+class _Stage:
+    """One rate of the cascade."""
+
+    def __init__(self, channels: int, groups: int) -> None:
+        self.power = np.zeros((channels, BINS))
+        self.averages = np.zeros(groups, dtype=np.int64)
+        self.segments = 0  # offered, taken or not
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what spans a gap."""
+        self.last: Floats | None = None  # (c, HOP) the hop before
+        self.last_share: Floats | None = None  # (g,) valid share of it
+        self.history: Floats | None = None  # (c, _REACH) inputs before the next hop
+        self.half: Floats | None = None  # (c, HOP/2) first half of a hop, where it has a share
+        self.half_share: Floats | None = None
+        self.waiting: list[tuple[Floats, Floats]] = []  # hops and their shares
+
+
+class Spectrum:
+    """Cascade of power spectra.
+
+    Parameters
+    ----------
+    groups : group of each channel, 0 ... g-1: validity is told by group.
+    rate_hz : Hz, sampling rate.
+    """
+
+    def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
+        self._groups = np.array(groups, dtype=np.int64)
+        self._g = int(self._groups.max()) + 1 if len(groups) else 0
+        self._rate = rate_hz
+        self._stages: list[_Stage] = []
+        self._rows: list[tuple[Floats, Bools | None]] = []  # less than a hop
+        self._n = 0
+        self._level = np.zeros(len(groups))
+
+    def update(self, values: Floats, valid: Bools | None = None) -> None:
+        """Take samples.
+
+        Parameters
+        ----------
+        values : (n, c) channel unit, finite where valid.
+        valid : (n, g); None: all.
+        """
+        ok = None if valid is None or valid.all() else valid
+        self._rows.append((values, ok))
+        self._n += len(values)
+        if self._n < HOP:
+            if ok is not None or len(self._rows) == 1:
+                self._rows[-1] = (values.copy(), None if ok is None else ok.copy())
+            return
+        x = np.concatenate([v.T for v, _ in self._rows], axis=1)
+        if any(o is not None for _, o in self._rows):
+            ok = np.concatenate(
+                [np.ones((len(v), self._g), dtype=bool) if o is None else o for v, o in self._rows]
+            )
+        hops = self._n // HOP
+        used = hops * HOP
+        self._rows = [(x[:, used:].copy().T, None if ok is None else ok[used:].copy())]
+        self._n -= used
+        y = x[:, :used].reshape(-1, hops, HOP)
+        share = np.ones((hops, self._g))
+        if ok is not None and not ok[:used].all():
+            y, share = self._filled(y, ok[:used].reshape(hops, HOP, self._g))
+        self._level = y[:, -1].mean(axis=1)
+        self._feed(0, y, share)
+
+    def skip(self, n: int) -> None:
+        """`n` samples are missing."""
+        if n > WHOLE:
+            self.break_()
+        elif n > 0:
+            blank = np.broadcast_to(self._level, (n, len(self._level)))
+            self.update(blank, np.zeros((n, self._g), dtype=bool))
+
+    def break_(self) -> None:
+        """A gap of unknown length: no segment spans it."""
+        self._rows, self._n = [], 0
+        self._settle()
+        for stage in self._stages:
+            stage.clear()
+
+    def _filled(self, y: Floats, ok: Bools) -> tuple[Floats, Floats]:
+        """Hops with what is missing replaced by their own mean, or the last one known; and the valid share.
+
+        Parameters
+        ----------
+        y : (c, hops, HOP) channel unit.
+        ok : (hops, HOP, g).
+        """
+        share = ok.mean(axis=1)
+        mask = ok[:, :, self._groups].transpose(2, 0, 1)
+        count = mask.sum(axis=2)
+        mean = np.where(mask, y, 0.0).sum(axis=2) / np.maximum(count, 1)
+        for h in range(mean.shape[1]):
+            before = self._level if h == 0 else mean[:, h - 1]
+            mean[:, h] = np.where(count[:, h] > 0, mean[:, h], before)
+        return np.where(mask, y, mean[:, :, None]), share
+
+    def _feed(self, s: int, y: Floats, share: Floats) -> None:
+        """Take hops into stage s and what is left of them into the next.
+
+        Parameters
+        ----------
+        y : (c, hops, HOP) channel unit.
+        share : (hops, g) valid share.
+        """
+        if s == len(self._stages):
+            self._stages.append(_Stage(len(y), self._g))
+        waiting = self._stages[s].waiting
+        waiting.append((y, share))
+        if sum(len(w) for _, w in waiting) >= LUMP:
+            self._work(s)
+
+    def _work(self, s: int) -> None:
+        """Use the hops that wait at stage s."""
+        stage = self._stages[s]
+        if not stage.waiting:
+            return
+        y, share = stage.waiting[0]
+        if len(stage.waiting) > 1:
+            y = np.concatenate([w for w, _ in stage.waiting], axis=1)
+            share = np.concatenate([w for _, w in stage.waiting])
+        stage.waiting = []
+        self._average(stage, y, share)
+        stage.last, stage.last_share = _into(stage.last, y[:, -1]), share[-1].copy()
+        if s + 1 >= STAGES:
+            return
+        half = _decimated(stage, y.reshape(len(y), -1)).reshape(len(y), -1, HOP // 2)
+        if stage.half is not None and stage.half_share is not None:
+            half = np.concatenate((stage.half[:, None], half), axis=1)
+            share = np.concatenate((stage.half_share[None], share))
+        pairs = half.shape[1] // 2
+        stage.half_share = None
+        if half.shape[1] % 2:
+            stage.half, stage.half_share = _into(stage.half, half[:, -1]), share[-1].copy()
+        if pairs:
+            whole = half[:, : 2 * pairs].reshape(len(y), pairs, HOP)
+            self._feed(s + 1, whole, share[: 2 * pairs].reshape(pairs, 2, -1).mean(axis=1))
+
+    def _settle(self) -> None:
+        """Use all that waits; what is averaged does not depend on when."""
+        s = 0
+        while s < len(self._stages):
+            self._work(s)
+            s += 1
+
+    def _average(self, stage: _Stage, y: Floats, share: Floats) -> None:
+        """Add the segments that these hops complete."""
+        first = int(stage.last is None)  # hop that is the second half of a segment
+        later = np.arange(first, len(share))
+        numbers = stage.segments + later - first
+        stage.segments += len(later)
+        if stage.segments > SETTLED:
+            strides = np.left_shift(1, np.maximum(0, np.frexp(numbers.astype(np.float64))[1] - 10))
+            later = later[numbers % strides == 0]
+        if not len(later):
+            return
+        before = share[later - 1]
+        if later[0] == 0 and stage.last_share is not None:
+            before[0] = stage.last_share
+        whole = np.minimum(before, share[later]) >= FULL  # (k, g)
+        segments = np.empty((len(y), len(later), SEGMENT))
+        segments[:, :, :HOP], segments[:, :, HOP:] = y[:, later - 1], y[:, later]
+        if later[0] == 0 and stage.last is not None:
+            segments[:, 0, :HOP] = stage.last
+        segments -= segments.mean(axis=2, keepdims=True)
+        segments *= _WINDOW
+        power = np.fft.rfft(segments, axis=2).view(np.float64)
+        power *= power
+        if whole.all():
+            total = power.sum(axis=1)
+        else:
+            total = np.einsum("ckf,ck->cf", power, whole[:, self._groups].T.astype(np.float64))
+        stage.power += total[:, ::2] + total[:, 1::2]
+        stage.averages += whole.sum(axis=0)
+
+    def result(self) -> Density:
+        """Density, lines and white level as they stand."""
+        self._settle()
+        stages = self._densities()
+        if not stages:
+            nothing = np.full((0, len(self._groups)), np.nan)
+            empty: tuple[tuple[SpectralLine, ...], ...] = ((),) * len(self._groups)
+            white = np.full(len(self._groups), np.nan)
+            return Density(np.zeros(0), nothing, np.zeros(nothing.shape, dtype=np.int64), empty, white)
+        frequency, density, averages = [], [], []
+        lines: list[list[SpectralLine]] = [[] for _ in self._groups]
+        rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)
+        size = np.abs(self._level) + rms
+        for s, (rate, power, count) in reversed(list(enumerate(stages))):
+            low, high = _band(s, len(stages))
+            frequency.append(np.arange(low, high) * rate / SEGMENT)
+            density.append(power[:, low:high].T)
+            averages.append(np.broadcast_to(count, (high - low, len(count))))
+            sides = beside(power)
+            for c in range(len(self._groups)):
+                if count[c] >= ENOUGH:
+                    lines[c] += find_lines(
+                        power[c],
+                        sides[:, c],
+                        int(count[c]),
+                        rate,
+                        range(low, high),
+                        self._rate,
+                        float(size[c]),
+                    )
+        white = np.array([_white(stages[0][1][c], int(stages[0][2][c])) for c in range(len(self._groups))])
+        found = tuple(distinct(each) for each in lines)
+        return Density(
+            np.concatenate(frequency), np.concatenate(density), np.concatenate(averages), found, white
+        )
+
+    def _densities(self) -> list[tuple[float, Floats, Ints]]:
+        """(rate Hz, (c, BINS) density, (c,) averages) of the stages that have something to show."""
+        out = []
+        for s, stage in enumerate(self._stages):
+            if stage.averages.max() < (ENOUGH if s else 1):
+                break
+            rate = self._rate / 2.0**s
+            count = stage.averages[self._groups]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                power = stage.power * (2.0 / (rate * float(_WINDOW @ _WINDOW))) / count[:, None]
+            power[:, 0] *= 0.5
+            power[:, -1] *= 0.5
+            power[count == 0] = np.nan
+            out.append((rate, power, count))
+        return out
+
+    def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
+        """State as arrays.
+
+        Parameters
+        ----------
+        least_s : s; of hops that take less, and wait for the next one, only the mean is kept: they count as
+            missing, which costs a segment or two.
+        """
+        self._settle()
+        rows = np.zeros((0, len(self._groups)))
+        valid = np.zeros((0, self._g), dtype=bool)
+        for v, ok in self._rows:
+            rows = np.concatenate((rows, v))
+            valid = np.concatenate((valid, np.ones((len(v), self._g), dtype=bool) if ok is None else ok))
+        out = {
+            "rows": rows,
+            "valid": valid,
+            "level": self._level.copy(),
+            "stages": np.array(len(self._stages)),
+            "groups": self._groups.copy(),
+            "rate": np.array(self._rate),
+        }
+        for s, stage in enumerate(self._stages):
+            for name, value in vars(stage).items():
+                if value is not None and name != "waiting":
+                    out[f"{s}.{name}"] = np.array(value)
+            if stage.half_share is None:
+                out.pop(f"{s}.half", None)
+            if HOP * 2**s / self._rate < least_s:
+                for name in ("last", "half", "history"):
+                    if (hop := out.get(f"{s}.{name}")) is not None:
+                        hop[:] = hop.mean(axis=1, keepdims=True)
+                    if (share := out.get(f"{s}.{name}_share")) is not None:
+                        share[:] = 0.0
+        return out
+
+    @classmethod
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> Spectrum:
+        """Continue where `save` left off."""
+        self = cls(saved["groups"].tolist(), float(saved["rate"]))
+        self._rows, self._n = [(saved["rows"], saved["valid"])], len(saved["rows"])
+        self._level = saved["level"].copy()
+        self._stages = [_Stage(len(self._groups), self._g) for _ in range(int(saved["stages"]))]
+        for s, stage in enumerate(self._stages):
+            for name in vars(stage):
+                if f"{s}.{name}" in saved:
+                    value = saved[f"{s}.{name}"]
+                    setattr(stage, name, int(value) if name == "segments" else value.copy())
+        return self
+
+
+def _decimated(stage: _Stage, x: Floats) -> Floats:
+    """(c, n/2) Half-band filtered, every second sample.
+
+    Parameters
+    ----------
+    x : (c, n) channel unit, n even.
+    """
+    if stage.history is None:
+        stage.history = np.repeat(x[:, :HOP].mean(axis=1, keepdims=True), _REACH, axis=1)
+    n, last = x.shape[1] // 2, 2 * len(TAPS) - 1
+    out = np.empty((len(x), n))
+    together = max(1, CACHED // n)
+    for start in range(0, len(x), together):
+        part = slice(start, start + together)
+        z = np.concatenate((stage.history[part], x[part]), axis=1)
+        even = np.ascontiguousarray(z[:, ::2])
+        mine = np.multiply(z[:, last : last + 2 * n : 2], 0.5, out=out[part])
+        pair = np.empty_like(mine)
+        for u, tap in enumerate(TAPS.tolist()):
+            np.add(even[:, u : u + n], even[:, last - u : last - u + n], out=pair)
+            pair *= tap
+            mine += pair
+    stage.history = _into(stage.history, x[:, -_REACH:])
+    return out
+
+
+def _into(room: Floats | None, x: Floats) -> Floats:
+    """A copy, where the one before was: what is renewed for ever had better not wander about the heap."""
+    if room is None:
+        return x.copy()
+    room[:] = x
+    return room
+
+
+def _band(s: int, stages: int) -> tuple[int, int]:
+    """Bins of stage s that are shown, from ... up to but not including."""
+    high = math.floor(PASS * SEGMENT) + 1 if s else BINS
+    low = 2 if s + 1 == stages else math.floor(0.5 * PASS * SEGMENT) + 1
+    return low, high
+
+
+def _white(power: Floats, averages: int) -> float:
+    """N from the median density in the upper half of the band, unit/sqrt(Hz)."""
+    if averages < ENOUGH:
+        return math.nan
+    nu = 1.89 * averages
+    return math.sqrt(0.5 * float(np.median(power[BINS // 2 : BINS - 3])) / (1.0 - 2.0 / (9.0 * nu)) ** 3)

@@ -1,0 +1,52 @@
+"""Sources: where bytes and samples come from.
+
+port        a serial port or a pyserial URL
+recording   raw bytes kept on disk, and read back
+header      what such a recording says of itself
+columns     which column of a table is which channel
+plausible   of which units its numbers can be
+table       rows of numbers as samples
+dates       times that are written as people read them
+csv         CSV, in pieces
+archive     NumPy archives
+bag         ROS bags
+kinds       which of them a file is
+"""
+
+from imumon.devices.serial_port import (
+    QUEUE_BYTES,
+    PortError,
+    PortGone,
+    PortInfo,
+    SerialPort,
+    find_again,
+    find_ports,
+    holders,
+)
+from imumon.errors import Misused, RateUnknown, SourceError
+from imumon.recordings.detect_format import open_file
+from imumon.recordings.raw_capture import Lost, Recorder, Recording, check_place, read_file
+from imumon.recordings.rosbag import Bag
+from imumon.recordings.table import Wanted
+
+__all__ = [
+    "QUEUE_BYTES",
+    "Bag",
+    "Lost",
+    "Misused",
+    "PortError",
+    "PortGone",
+    "PortInfo",
+    "RateUnknown",
+    "Recorder",
+    "Recording",
+    "SerialPort",
+    "SourceError",
+    "Wanted",
+    "check_place",
+    "find_again",
+    "find_ports",
+    "holders",
+    "open_file",
+    "read_file",
+]

@@ -1,0 +1,1 @@
+"""Time base: which tick of the sample clock each sample belongs to."""

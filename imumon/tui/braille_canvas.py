@@ -1,0 +1,402 @@
+"""Plot: numbers in, character cells out.
+
+A `Canvas` is a field of cells; each cell holds eight braille dots (2 x 4), or a character, upon a
+ground. Where lines cross, their dots merge and the cell takes the colour of the one drawn last, so no
+line is broken by another. A `Frame` is the part of a canvas inside two axes. Nothing here knows
+colours or widgets: what is drawn has a *role*, and the widget knows the colour of the role.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.tui.formatting import Line
+
+Floats = npt.NDArray[np.float64]
+
+_DOT = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
+_EIGHTHS = " ▁▂▃▄▅▆▇█"
+
+
+class Canvas:
+    """Field of `height` x `width` cells, two dots wide and four dots high each.
+
+    Dots are counted from the upper left corner, x to the right and y down.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.width, self.height = max(width, 1), max(height, 1)
+        shape = (self.height, self.width)
+        self.bits = np.zeros(shape, dtype=np.uint8)
+        self.bits_ink = np.zeros(shape, dtype=np.uint8)
+        self.glyph = np.full(shape, ord(" "), dtype=np.uint32)
+        self.glyph_ink = np.zeros(shape, dtype=np.uint8)
+        self.lettered = np.zeros(shape, dtype=np.bool_)
+        self.ground = np.zeros(shape, dtype=np.uint8)
+        self.under = np.zeros(shape, dtype=np.uint8)
+        self._roles = ["text"]
+
+    def _role(self, role: str) -> int:
+        if role not in self._roles:
+            self._roles.append(role)
+        return self._roles.index(role)
+
+    def dots(self, x: Floats, y: Floats, role: str) -> None:
+        """Set single dots.
+
+        Parameters
+        ----------
+        x, y : (n,) dots; what falls outside the canvas is left out.
+        """
+        inside = np.isfinite(x) & np.isfinite(y)
+        column, row = np.rint(x[inside]).astype(np.int64), np.rint(y[inside]).astype(np.int64)
+        inside = (column >= 0) & (column < 2 * self.width) & (row >= 0) & (row < 4 * self.height)
+        column, row = column[inside], row[inside]
+        cell = (row // 4, column // 2)
+        np.bitwise_or.at(self.bits, cell, _DOT[row % 4, column % 2])
+        self.bits_ink[cell] = self._role(role)
+
+    def line(self, x: Floats, y: Floats, role: str, dash: tuple[int, int] | None = None) -> None:
+        """Connect points by lines; a point that is not finite breaks the line.
+
+        Parameters
+        ----------
+        x, y : (n,) dots.
+        dash : dots that are drawn and dots that are not, in turn.
+        """
+        good = np.isfinite(x) & np.isfinite(y)
+        for part in np.split(np.arange(len(x)), np.flatnonzero(~good)):
+            part = part[good[part]]
+            if len(part) < 2:
+                continue
+            px, py = x[part], y[part]
+            path = np.concatenate(([0.0], np.cumsum(np.maximum(np.abs(np.diff(px)), np.abs(np.diff(py))))))
+            steps = np.arange(0.0, min(path[-1], 20000.0) + 0.5)
+            if dash is not None:
+                steps = steps[steps % sum(dash) < dash[0]]
+            self.dots(np.interp(steps, path, px), np.interp(steps, path, py), role)
+
+    def band(self, left: int, top: Floats, bottom: Floats, role: str) -> None:
+        """Colour the ground of whole columns of cells, with edges an eighth of a cell fine.
+
+        Parameters
+        ----------
+        left : first column, cell.
+        top, bottom : (n,) cells from above, a column each; NaN leaves a column out, and so does a
+            band thinner than half a cell, which the points cover anyhow.
+        """
+        ink, paper = self._role(role), self._role("paper")
+        for k, (a, b) in enumerate(zip(top, bottom, strict=True)):
+            column = left + k
+            if not b - a >= 0.5 or not 0 <= column < self.width:
+                continue
+            first, last = math.floor(a), math.floor(b)
+            for row in range(max(first, 0), min(last, self.height - 1) + 1):
+                above, below = a - row, row + 1 - b
+                if above > 0.0 and below <= 0.0:
+                    self._edge(row, column, round(8 * (1.0 - above)), ink)
+                elif below > 0.0 and above <= 0.0:
+                    eighths = round(8 * below)
+                    if eighths <= 7:
+                        self.ground[row, column] = ink
+                    if 0 < eighths <= 7:
+                        self.glyph[row, column], self.glyph_ink[row, column] = ord(_EIGHTHS[eighths]), paper
+                else:
+                    self.ground[row, column] = ink
+
+    def _edge(self, row: int, column: int, eighths: int, ink: int) -> None:
+        """Fill a cell from below; dots upon it stand on the fill where that is more than half."""
+        if eighths >= 8:
+            self.ground[row, column] = ink
+        elif eighths > 0 and not self.lettered[row, column]:
+            self.glyph[row, column], self.glyph_ink[row, column] = ord(_EIGHTHS[eighths]), ink
+            self.under[row, column] = ink if eighths >= 4 else 0
+
+    def bars(self, left: int, bottom: int, heights: Floats, role: str) -> None:
+        """Columns that stand on a row of cells.
+
+        Parameters
+        ----------
+        left, bottom : column of the first and row they stand on, cell.
+        heights : (n,) cells.
+        """
+        ink = self._role(role)
+        for k, height in enumerate(heights):
+            column = left + k
+            if not height > 0 or not 0 <= column < self.width:
+                continue
+            eighths = max(round(8 * float(height)), 1)
+            for row in range(bottom, max(bottom - math.ceil(eighths / 8), -1), -1):
+                if row >= self.height:
+                    continue  # no room for it
+                self._edge(row, column, eighths - 8 * (bottom - row), ink)
+
+    def put(self, column: int, row: int, character: str, role: str) -> None:
+        """A character that dots may cover, such as a line of the grid."""
+        if 0 <= row < self.height and 0 <= column < self.width:
+            self.glyph[row, column], self.glyph_ink[row, column] = ord(character), self._role(role)
+
+    def text(self, column: int, row: int, text: str, role: str) -> None:
+        """Text that covers everything."""
+        if not 0 <= row < self.height:
+            return
+        for k, character in enumerate(text):
+            if 0 <= column + k < self.width:
+                self.put(column + k, row, character, role)
+                self.lettered[row, column + k] = True
+
+    def free(self, column: int, row: int, length: int) -> int:
+        """How much stands in the way of a text: 0 nothing; very many where there is no room."""
+        if not 0 <= row < self.height or column < 0 or column + length > self.width:
+            return 1_000_000
+        part = (row, slice(column, column + length))
+        return 10_000 * int(self.lettered[part].any()) + int(np.count_nonzero(self.bits[part]))
+
+    def rows(self) -> list[Line]:
+        """The canvas as lines of pieces, neighbours of one role joined."""
+        dotted = (self.bits > 0) & ~self.lettered
+        glyph = np.where(dotted, 0x2800 + self.bits.astype(np.uint32), self.glyph)
+        ink = np.where(dotted, self.bits_ink, self.glyph_ink)
+        solid = np.where(dotted & (self.ground == 0), self.under, self.ground)
+        key = ink.astype(np.int64) * 256 + solid
+        lines: list[Line] = []
+        for row in range(self.height):
+            text = "".join(map(chr, glyph[row].tolist()))
+            cuts = [0, *(np.flatnonzero(np.diff(key[row])) + 1).tolist(), self.width]
+            line: Line = []
+            for a, b in pairwise(cuts):
+                name, ground = self._roles[ink[row, a]], solid[row, a]
+                line.append((text[a:b], f"{name}/{self._roles[ground]}" if ground else name))
+            lines.append(line)
+        return lines
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """One axis: from data to a share of its length, linear or logarithmic."""
+
+    low: float
+    high: float
+    log: bool = False
+
+    def share(self, values: Floats) -> Floats:
+        """(n,) share of the axis, 0 at `low` and 1 at `high`; NaN where it cannot be drawn."""
+        if self.log:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                values = np.where(values > 0, np.log10(np.where(values > 0, values, 1.0)), np.nan)
+            low, high = math.log10(self.low), math.log10(self.high)
+        else:
+            low, high = self.low, self.high
+        return np.asarray((values - low) / (high - low), dtype=np.float64)
+
+    def decades(self) -> list[int]:
+        """Exponents of the powers of ten on a logarithmic axis."""
+        low, high = math.log10(self.low), math.log10(self.high)
+        return list(range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1))
+
+    def ticks(self, count: int) -> list[float]:
+        """About so many round values on a linear axis."""
+        step = (self.high - self.low) / max(count, 1)
+        power = 10.0 ** math.floor(math.log10(step))
+        step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= step * 0.999)
+        first = math.ceil(self.low / step - 1e-9)
+        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
+
+
+def logarithmic(values: Floats, step: float = 0.5) -> Scale:
+    """Logarithmic scale around some values, ending at steps of so many decades: it keeps still
+    while a curve grows.
+
+    Parameters
+    ----------
+    values : (n,) any unit; what is not positive counts for nothing.
+    """
+    values = values[np.isfinite(values) & (values > 0)]
+    if not len(values):
+        return Scale(0.1, 10.0, log=True)
+    low = math.floor((math.log10(float(values.min())) - 0.08) / step) * step
+    high = math.ceil((math.log10(float(values.max())) + 0.08) / step) * step
+    return Scale(10.0**low, 10.0**high, log=True)
+
+
+def linear(values: Floats, margin: float = 0.06) -> Scale:
+    """Linear scale around some values.
+
+    Parameters
+    ----------
+    values : (n,) any unit.
+    """
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return Scale(0.0, 1.0)
+    low, high = float(values.min()), float(values.max())
+    room = (high - low) * margin or max(abs(high), 1e-12) * 1e-3
+    return Scale(low - room, high + room)
+
+
+class Frame:
+    """Two axes on a part of a canvas.
+
+    Parameters
+    ----------
+    left, top, width, height : cells of the part inside the axes.
+    """
+
+    def __init__(self, canvas: Canvas, area: tuple[int, int, int, int], x: Scale, y: Scale) -> None:
+        self.canvas, self.x, self.y = canvas, x, y
+        self.left, self.top, self.width, self.height = area
+
+    def across(self, values: Floats) -> Floats:
+        """(n,) dots from the left of the canvas; NaN beside the frame."""
+        share = self.x.share(np.asarray(values, dtype=np.float64))
+        share = np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
+        return np.asarray(2 * self.left + share * (2 * self.width - 1))
+
+    def down(self, values: Floats) -> Floats:
+        """(n,) dots from the top of the canvas; NaN above and below the frame."""
+        share = self.y.share(np.asarray(values, dtype=np.float64))
+        share = np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
+        return np.asarray(4 * self.top + (1.0 - share) * (4 * self.height - 1))
+
+    def cell(self, x: float, y: float) -> tuple[int, int] | None:
+        """Column and row of a point, None outside."""
+        a, b = self.across(np.array([x]))[0], self.down(np.array([y]))[0]
+        return None if math.isnan(a) or math.isnan(b) else (round(float(a)) // 2, round(float(b)) // 4)
+
+    def curve(self, x: Floats, y: Floats, role: str, dash: tuple[int, int] | None = None) -> None:
+        """Line through points of data; on logarithmic axes it is drawn straight between them."""
+        finer_x, finer_y = self._clipped(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        self.canvas.line(finer_x, finer_y, role, dash)
+
+    def _clipped(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Points of the line in dots, close enough that it ends at the edge of the frame."""
+        sx, sy = self.x.share(x), self.y.share(y)
+        if len(sx) < 2:
+            return self.across(x), self.down(y)
+        n = 4 * (self.width + self.height)
+        steps = np.linspace(0.0, len(sx) - 1.0, max(n, 4 * len(sx)))
+        steps = np.unique(np.concatenate((steps, np.arange(len(sx), dtype=np.float64))))
+        fx, fy = np.interp(steps, np.arange(len(sx)), sx), np.interp(steps, np.arange(len(sy)), sy)
+        bad = ~np.isfinite(sx) | ~np.isfinite(sy)
+        if bad.any():
+            fx = np.where(np.interp(steps, np.arange(len(sx)), bad.astype(float)) > 0, np.nan, fx)
+        outside = (fx < 0) | (fx > 1) | (fy < 0) | (fy > 1)
+        fx = np.where(outside, np.nan, fx)
+        return 2 * self.left + fx * (2 * self.width - 1), 4 * self.top + (1 - fy) * (4 * self.height - 1)
+
+    def points(self, x: Floats, y: Floats, role: str, letter: str | None = None) -> None:
+        """Marks of 3 x 3 dots, which nobody takes for a part of a line; of 2 x 2 where they stand close.
+
+        Parameters
+        ----------
+        letter : mark where dots cannot be told from a line.
+        """
+        a, b = np.rint(self.across(x)), np.rint(self.down(y))
+        if letter is not None:
+            for column, row in zip(a[np.isfinite(a * b)] // 2, b[np.isfinite(a * b)] // 4, strict=True):
+                self.canvas.text(int(column), int(row), letter, role)
+            return
+        apart = np.nanmin(np.diff(a), initial=np.inf)
+        beside = (-1, 0, 1) if apart >= 5 else (-1, 0)
+        for dx in beside:
+            for dy in beside:
+                self.canvas.dots(a + dx, b + dy, role)
+
+    def band(self, x: Floats, low: Floats, high: Floats, role: str) -> None:
+        """Band between two curves, a column of cells at a time.
+
+        Parameters
+        ----------
+        x, low, high : (n,) data, x growing.
+        """
+        good = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
+        if np.count_nonzero(good) < 1:
+            return
+        share = self.x.share(x[good])
+        lower, upper = self.y.share(low[good]), self.y.share(high[good])
+        good = np.isfinite(lower) & np.isfinite(upper)
+        if not good.any():
+            return
+        columns = (np.arange(self.width) + 0.5) / self.width
+        half = 0.5 / self.width
+        outside = (columns < share[0] - half) | (columns > share[-1] + half)
+        a = np.interp(columns, share[good], lower[good])
+        b = np.interp(columns, share[good], upper[good])
+        top = self.top + (1 - np.clip(b, 0, 1)) * self.height
+        bottom = self.top + (1 - np.clip(a, 0, 1)) * self.height
+        self.canvas.band(self.left, np.where(outside | (a > 1) | (b < 0), np.nan, top), bottom, role)
+
+    def columns(self, low: Floats, high: Floats, role: str) -> None:
+        """A vertical line from `low` to `high` in each column of dots.
+
+        Parameters
+        ----------
+        low, high : (2 width,) data; NaN leaves a column out.
+        """
+        top, bottom = np.rint(self.down(high)), np.rint(self.down(low))
+        rows = np.arange(4 * self.canvas.height)[:, None]
+        y, x = np.nonzero((rows >= top) & (rows <= bottom))
+        across: Floats = np.asarray(2.0 * self.left + x, dtype=np.float64)
+        self.canvas.dots(across, y.astype(np.float64), role)
+
+    def label(self, x: float, y: float, text: str, role: str, mark: str = "◆") -> None:
+        """Mark at a point, with its text where least stands in the way."""
+        at = self.cell(x, y)
+        if at is None:
+            return
+        column, row = at
+        self.canvas.text(column, row, mark, role)
+        sides = (column + 2, column - len(text) - 1, column - len(text) // 2)
+        places = [(c, row + d) for d in (-1, 1, 0, -2, 2, -3, 3) for c in sides[: 2 if d == 0 else 3]]
+        inside = [
+            (c, r)
+            for c, r in places
+            if self.left <= c
+            and c + len(text) <= self.left + self.width
+            and self.top <= r < self.top + self.height
+        ]
+        if inside:
+            c, r = min(inside, key=lambda p: self.canvas.free(p[0], p[1], len(text)))
+            self.canvas.text(c, r, text, role)
+
+    def grid(self, across: Sequence[float], down: Sequence[float]) -> None:
+        """Faint lines at values of the two axes."""
+        columns = [int(c) // 2 for c in self.across(np.array(across, dtype=np.float64)) if not math.isnan(c)]
+        rows = [int(r) // 4 for r in self.down(np.array(down, dtype=np.float64)) if not math.isnan(r)]
+        for row in rows:
+            for column in range(self.left, self.left + self.width):
+                self.canvas.put(column, row, "─", "grid")
+        for column in columns:
+            for row in range(self.top, self.top + self.height):
+                self.canvas.put(column, row, "┼" if row in rows else "│", "grid")
+
+    def below(self, ticks: Sequence[tuple[float, str]], row: int) -> None:
+        """Labels of the x axis, in a row of cells, each centred on its value."""
+        end = -1
+        for value, text in ticks:
+            at = self.across(np.array([value]))[0]
+            if math.isnan(at):
+                continue
+            column = max(int(at) // 2 - len(text) // 2, 0)
+            column = min(column, self.canvas.width - len(text))
+            if column > end:
+                self.canvas.text(column, row, text, "muted")
+                end = column + len(text)
+
+    def beside(self, ticks: Sequence[tuple[float, str]]) -> None:
+        """Labels of the y axis, ending left of the frame."""
+        last = -2
+        for value, text in sorted(ticks, reverse=True):
+            at = self.down(np.array([value]))[0]
+            if math.isnan(at):
+                continue
+            row = int(at) // 4
+            if row != last:
+                self.canvas.text(self.left - 1 - len(text), row, text, "muted")
+                last = row

@@ -1,0 +1,245 @@
+"""Words: the numbers of a report as text of known width.
+
+A measuring instrument must never cut a number, so every text made here has a greatest width, and the
+table's columns are as wide as that. Readable units or SI, Unicode or ASCII is a `Notation`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from imumon.messages import lacking
+from imumon.report import Coefficient, TimeTo
+from imumon.samples import UNITS, sensor_of
+from imumon.units import DEG, READABLE, SI, duration, measured, number, pretty
+
+Piece = tuple[str, str]
+"""Some text and the role it plays; the widget knows the colour of the role."""
+Line = list[Piece]
+
+CELL = 14
+"""Cells that the text of a coefficient takes at most."""
+
+_ASCII = str.maketrans(
+    {
+        "●": "*", "○": "o", "◌": "o", "◐": "o", "■": "#", "▌": ">", "✕": "x", "◆": "#", "◇": "o", "│": "|",
+        "─": "-", "┼": "+", "└": "+", "┴": "+", "├": "+", "┤": "+", "┌": "+", "┐": "+", "·": "-", "…": "~",
+        "×": "x", "▪": "#", "▒": "#", "━": "-", "┄": "-", "╌": "-", "•": "*", "−": "-", "–": "-", "▁": " ",
+        "▂": " ", "▃": " ", "▄": " ", "▅": " ", "▆": " ", "▇": " ", "█": "#", "▀": "#",
+    }
+)  # fmt: skip
+
+
+def _braille(character: str) -> str:
+    """ASCII character that stands where the dots stood.
+
+    >>> _braille("⠁"), _braille("⣀"), _braille("⠤"), _braille("⡇")
+    ("'", '.', '-', ':')
+    """
+    bits = ord(character) - 0x2800
+    high, low = bits & 0b00011011, bits & 0b11100100
+    middle = bits & 0b00110110
+    if middle == bits or (high and low):
+        return "-" if middle == bits and not (bits & 0b00001001) else ":"
+    if bits & 0b11000000 and not bits & 0b00100100:
+        return "."
+    return "'" if high else "-"
+
+
+def plain(text: str) -> str:
+    """Text in ASCII, of the same width.
+
+    >>> plain("● live · 3 h")
+    '* live - 3 h'
+    """
+    if text.isascii():
+        return text
+    text = text.translate(_ASCII)
+    return "".join(c if c.isascii() else _braille(c) if "\u2800" <= c <= "\u28ff" else "?" for c in text)
+
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """How numbers are written: SI or readable units, ASCII or Unicode."""
+
+    si: bool = False
+    ascii: bool = False
+
+    def unit(self, unit: str) -> str:
+        """Unit as it is written here, from its spelling in a report."""
+        return unit.replace("sqrt", "rt").replace("^2", "2") if self.ascii else pretty(unit)
+
+    @property
+    def tau(self) -> str:
+        return "tau" if self.ascii else "τ"
+
+    @property
+    def sigma(self) -> str:
+        return "sigma(tau)" if self.ascii else "σ(τ)"
+
+    @property
+    def chi2(self) -> str:
+        return "chi2/dof" if self.ascii else "χ²/dof"
+
+    @property
+    def about(self) -> str:
+        return "+-" if self.ascii else "±"
+
+    @property
+    def times(self) -> str:
+        return "x/" if self.ascii else "×÷"
+
+    def decade(self, exponent: int) -> str:
+        """Power of ten.
+
+        >>> Notation().decade(-2), Notation(ascii=True).decade(-2)
+        ('10⁻²', '1e-2')
+        """
+        return f"1e{exponent}" if self.ascii else "10" + str(exponent).translate(_SUPERSCRIPT)
+
+    def scale(self, channel: str) -> tuple[float, str]:
+        """Factor from SI and unit in which the values of a channel are shown."""
+        sensor = sensor_of(channel)
+        if not self.si and sensor == "gyro":
+            return DEG, self.unit("deg/s")
+        if not self.si and sensor == "mag":
+            return 1000.0, "mG"
+        return 1.0, self.unit(UNITS.get(sensor, ""))
+
+    def deviation(self, channel: str) -> tuple[float, str]:
+        """Factor from SI and unit in which an Allan deviation is shown: that of B."""
+        key = (sensor_of(channel), "B")
+        if self.si or key not in READABLE:
+            return 1.0, self.unit(UNITS.get(key[0], ""))
+        return READABLE[key].factor, self.unit(READABLE[key].unit)
+
+    def coefficient_unit(self, sensor: str, name: str) -> str:
+        key = (sensor, name)
+        return self.unit(SI.get(key, "") if self.si else READABLE[key].unit if key in READABLE else "")
+
+    def limits(self, part: Coefficient) -> tuple[float | None, float | None, float | None]:
+        """Value and 95 % limits in the unit shown."""
+        shown = part if self.si else part.readable
+        return shown.value, shown.low, shown.high
+
+    def limit(self, sensor: str, name: str, value: float) -> str:
+        """Limit of a grade as its table prints it, from SI.
+
+        >>> Notation().limit("gyro", "N", 5.8178e-5), Notation(si=True).limit("gyro", "N", 5.8178e-5)
+        ('0.2', '5.82e-05')
+        """
+        scale = READABLE.get((sensor, name))
+        return f"{value * (1.0 if self.si or scale is None else scale.factor):.3g}"
+
+    def coefficient(self, part: Coefficient | None, seconds: float | None) -> Piece:
+        """A coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or how long still.
+
+        Parameters
+        ----------
+        seconds : s until it is known well enough, where that can be told.
+        """
+        if part is None:
+            return "–", "faint"
+        value, low, high = self.limits(part)
+        if part.status == "measured" and value is not None:
+            return measured(value, low, high, self.about, self.times)[:CELL], "text"
+        if part.status == "upper_bound" and high is not None:
+            return f"< {number(high, 2)}", "bound"
+        if (why := lacking(part)) is not None:
+            return why, "warn"
+        return (f"in {about(seconds)}", "muted") if seconds else ("pending", "faint")
+
+
+def about(seconds: float) -> str:
+    """Length of time still to come, no finer than one can rely on: at most 9 cells.
+
+    >>> about(42.0), about(734.0), about(9000.0), about(2e5), about(1e9)
+    ('42 s', '12 min', '2.5 h', '2.3 d', '> 1 year')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    if seconds < 172800:
+        return f"{seconds / 3600:.1f} h"
+    return f"{seconds / 86400:.1f} d" if seconds < 3.15e7 else "> 1 year"
+
+
+def remaining(times: TimeTo | None, name: str) -> float | None:
+    """Seconds until a coefficient reaches the asked precision."""
+    return None if times is None else getattr(times, name)
+
+
+def clock(seconds: float) -> str:
+    """Elapsed time.
+
+    >>> clock(10801.0)
+    '3 h'
+    """
+    return duration(seconds)
+
+
+def signed(value: float, digits: int = 4) -> str:
+    """Number with at most `digits` figures and 9 cells, zero where it is one.
+
+    >>> signed(-9.80665), signed(0.000012345)
+    ('-9.807', '1.23e-05')
+    """
+    return number(value, digits)
+
+
+def wrap(text: str, width: int) -> list[str]:
+    """Lines of at most `width` cells, broken at blanks; longer words are cut into pieces."""
+    lines: list[str] = []
+    current = ""
+    for word in re.split(r"\s+", text.strip()):
+        while len(word) > width > 0:
+            if current:
+                lines.append(current)
+                current = ""
+            lines.append(word[:width])
+            word = word[width:]
+        if current and len(current) + 1 + len(word) > width:
+            lines.append(current)
+            current = word
+        else:
+            current = f"{current} {word}" if current else word
+    return [*lines, current] if current else lines or [""]
+
+
+def length(line: Line) -> int:
+    return sum(len(text) for text, _ in line)
+
+
+def padded(line: Line, width: int, role: str = "text") -> Line:
+    """Line of exactly `width` cells: filled with blanks, or cut with a mark that says so."""
+    missing = width - length(line)
+    if missing >= 0:
+        return [*line, (" " * missing, role)] if missing else line
+    out: Line = []
+    room = max(width - 1, 0)
+    for text, name in line:
+        out.append((text[:room], name))
+        room -= len(text)
+        if room <= 0:
+            break
+    return [*out, ("…", "faint")] if width > 0 else []
+
+
+def fitted(parts: Sequence[Line], width: int) -> Line:
+    """As many parts as have room, the first always; a number is left out rather than cut."""
+    line: Line = []
+    for part in parts:
+        if not line or length(line) + length(part) <= width:
+            line = [*line, *part]
+    return line
+
+
+def on(line: Line, ground: str) -> Line:
+    """The line upon another ground."""
+    return [(text, f"{role.partition('/')[0]}/{ground}") for text, role in line]
