@@ -21,7 +21,7 @@ from statistics import median
 import numpy as np
 from figures import Figure, at_most, seconds, show
 
-from imumon.devices.vn100 import Decoder, ascii, binary
+from imumon.devices.vn100 import Vn100Decoder, ascii, binary
 from imumon.samples import SampleBlock
 
 ROUNDS = 7
@@ -31,7 +31,7 @@ CHUNK = 65536
 def packets(count: int) -> bytes:
     """TimeStartup, UncompMag, Temp, DeltaTheta, DeltaVel: 60 bytes each."""
     rng = np.random.default_rng(1)
-    layout = binary.Layout.of({binary.TIME: 0x0001, binary.IMU: 0x00D2})
+    layout = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x00D2})
     theta = rng.normal(0.0, 1e-2, (count, 4))
     theta[:, 0] = 0.01
     return layout.encode(
@@ -53,7 +53,7 @@ def sentences(count: int) -> bytes:
 
 def decode(data: bytes, chunk: int) -> int:
     """Samples found."""
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     found = 0
     for at in range(0, len(data), chunk):
         for item in decoder.feed(data[at : at + chunk]):
@@ -78,7 +78,7 @@ def one_by_one(data: bytes, size: int) -> int:
 
 def live(data: bytes, size: int) -> float:
     """Median time of a feed of `size` bytes, s."""
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     times = []
     for at in range(0, size * 2000, size):
         block = data[at : at + size]

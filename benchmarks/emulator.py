@@ -19,15 +19,15 @@ from pathlib import Path
 import numpy as np
 import serial
 
-from imumon.devices.vn100.binary import Layout
+from imumon.devices.vn100.binary import BinaryLayout
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
 
 CASES = (
-    ("time, deltas, 44 bytes", 115200, 200, "1,4,06,0001,00C0", Layout.of({2: 0x0001, 3: 0x00C0})),
-    ("time, mag, deltas, 62 bytes", 115200, 100, "1,8,01,0C01", Layout.of({1: 0x0C01})),
-    ("time, deltas, 44 bytes", 921600, 800, "1,1,06,0001,00C0", Layout.of({2: 0x0001, 3: 0x00C0})),
+    ("time, deltas, 44 bytes", 115200, 200, "1,4,06,0001,00C0", BinaryLayout.of({2: 0x0001, 3: 0x00C0})),
+    ("time, mag, deltas, 62 bytes", 115200, 100, "1,8,01,0C01", BinaryLayout.of({1: 0x0C01})),
+    ("time, deltas, 44 bytes", 921600, 800, "1,1,06,0001,00C0", BinaryLayout.of({2: 0x0001, 3: 0x00C0})),
 )
-LAPSE = ("1,8,05,0001,00F2", Layout.of({1: 0x0001, 3: 0x00F2}))
+LAPSE = ("1,8,05,0001,00F2", BinaryLayout.of({1: 0x0001, 3: 0x00F2}))
 
 
 def processor_time(pid: int) -> float:
@@ -51,7 +51,7 @@ def stream(sensor: EmulatorProcess, baud: int, output: str, seconds: float) -> t
     return b"".join(heard), np.array(times)
 
 
-def stamps(data: bytes, layout: Layout) -> tuple[np.ndarray, int]:
+def stamps(data: bytes, layout: BinaryLayout) -> tuple[np.ndarray, int]:
     """Time stamps in ns, and how many packets are invalid."""
     start = data.index(layout.header)
     count = (len(data) - start) // layout.length

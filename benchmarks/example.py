@@ -21,13 +21,13 @@ import numpy as np
 
 from imumon.datasheet import document
 from imumon.datasheet.text_table import coefficient
-from imumon.devices.vn100 import Decoder
-from imumon.devices.vn100.emulator.command_handler import Device as Emulated
+from imumon.devices.vn100 import Vn100Decoder
+from imumon.devices.vn100.emulator.command_handler import CommandHandler as Emulated
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings, Noise
-from imumon.devices.vn100.emulator.sensor_model import Tape
+from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import LOOP_RATE
 from imumon.pipeline import Monitor
-from imumon.report import Channel, Coefficient, Device, Report, Session, from_json
+from imumon.report import Channel, Coefficient, DeviceDescription, Report, SessionCounters, from_json
 from imumon.samples import SampleBlock
 from imumon.units import READABLE, figures, pretty
 
@@ -68,10 +68,10 @@ What was put into the emulator, and what was found:
 def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
     """Report of a run of so many hours."""
     settings = EmulatorSettings(rate=RATE, baud=921600, seed=seed, gyro=GYRO, accel=ACCEL)
-    sensor = Emulated(settings, Tape(settings))
+    sensor = Emulated(settings, SensorModel(settings))
     sensor.set(6, "0")
     sensor.set(75, *OUTPUT)
-    decoder, monitor = Decoder(), Monitor(rate_hz=RATE)
+    decoder, monitor = Vn100Decoder(), Monitor(rate_hz=RATE)
     rng = np.random.default_rng(seed)
     pieces = round(hours * 3600 / PIECE_S)
     damage = set(rng.choice(pieces, min(pieces, round(hours)), replace=False).tolist())
@@ -87,7 +87,7 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
         if sys.stderr.isatty():
             print(f"\r{(piece + 1) / pieces:4.0%}", end="", file=sys.stderr)
     monitor.flush()
-    device = Device(
+    device = DeviceDescription(
         id=f"vn100-{settings.serial}",
         model=settings.model,
         serial=settings.serial,
@@ -100,7 +100,7 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
             "85 IMU filtering": ",".join(sensor.memory.read(85)),
         },
     )
-    session = Session(
+    session = SessionCounters(
         started="2026-01-01T00:00:00.000Z",
         discarded_bytes=decoder.discarded,
         bad_checksums=decoder.bad_checksums,

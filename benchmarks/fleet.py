@@ -23,8 +23,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from imumon.bus import Publisher, Viewer
-from imumon.report import Report, Session, from_json, to_json
+from imumon.bus import Publisher, Subscriber
+from imumon.report import Report, SessionCounters, from_json, to_json
 
 EXAMPLE = Path(__file__).parents[1] / "docs" / "example" / "report.json"
 
@@ -63,7 +63,7 @@ def play_daemon(id: str, place: str, socket_path: str, period: float, seconds: f
             start = time.monotonic()
             while (now := time.monotonic()) - start < seconds:
                 sent += 1
-                session = Session(samples=sent, received_bytes=time.monotonic_ns())
+                session = SessionCounters(samples=sent, received_bytes=time.monotonic_ns())
                 publisher.publish(replace(template, session=session))
                 time.sleep(max(0.0, start + sent * period - now))
 
@@ -101,7 +101,7 @@ def run(daemons: int, period: float, seconds: float) -> None:
     assert router.stdin
     assert router.stdout
     router.stdout.readline()
-    with tempfile.TemporaryDirectory() as folder, Viewer([place]) as viewer:
+    with tempfile.TemporaryDirectory() as folder, Subscriber([place]) as viewer:
         fleet = [
             start("daemon", f"d{n:02}", place, Path(folder) / f"{n}.sock", period, seconds)
             for n in range(daemons)
@@ -138,12 +138,12 @@ def run(daemons: int, period: float, seconds: float) -> None:
     print(f"router {middle['cpu_percent']:.2f}, viewer {own['cpu_percent']:.2f}")
     print(f"  memory, MB: daemon {memory:.0f}, router {middle['rss_mb']:.0f}, viewer {own['rss_mb']:.0f}")
     idle = [f"tcp/127.0.0.1:{port + n if port < 60000 else port - n}" for n in range(16)]
-    with Viewer(idle):
+    with Subscriber(idle):
         waiting = measured(lambda: time.sleep(10.0))
     print(f"  CPU of a viewer that tries 16 addresses where nobody is: {waiting['cpu_percent']:.2f}")
 
 
-def collect(viewer: Viewer, seen: dict[str, set[int]], latencies: list[float]) -> None:
+def collect(viewer: Subscriber, seen: dict[str, set[int]], latencies: list[float]) -> None:
     time.sleep(0.02)
     for id, (got, arrived) in viewer.reports().items():
         numbers = seen.setdefault(id, set())

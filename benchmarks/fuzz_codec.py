@@ -19,7 +19,7 @@ import warnings
 import atheris
 
 with atheris.instrument_imports(include=["imumon"]):
-    from imumon.devices.vn100 import Decoder, ascii, binary, checksum
+    from imumon.devices.vn100 import Vn100Decoder, ascii, binary, checksum
     from imumon.samples import SampleBlock
 
 NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
@@ -155,9 +155,9 @@ def program(provider: atheris.FuzzedDataProvider) -> bytes:
     return line
 
 
-def decode(line: bytes, cuts: list[int]) -> tuple[Decoder, list[object]]:
+def decode(line: bytes, cuts: list[int]) -> tuple[Vn100Decoder, list[object]]:
     """The decoder at its end, and its items with the blocks taken apart."""
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     out: list[object] = []
     items = []
     for start, end in zip([0, *cuts], [*cuts, len(line)], strict=True):

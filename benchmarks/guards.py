@@ -26,13 +26,13 @@ from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.nonstationarity.drift import Drift
-from imumon.noise.statistics.envelope import Strip
-from imumon.noise.statistics.histogram import Histogram
-from imumon.noise.statistics.psd import Spectrum
+from imumon.noise.statistics.envelope import Envelope
+from imumon.noise.statistics.histogram import HistogramAccumulator
+from imumon.noise.statistics.psd import SpectrumAccumulator
 from imumon.noise.synthesis import synthesise
-from imumon.pipeline import Monitor, Wanted
-from imumon.replay.replay import Replay, replay
-from imumon.report import Channel, Coefficient, Device, Report, Session
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.replay.replay import ReplayOptions, replay
+from imumon.report import Channel, Coefficient, DeviceDescription, Report, SessionCounters
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 from imumon.units import READABLE, figures, pretty
 
@@ -155,7 +155,7 @@ def false_lines(reports: int) -> None:
         noise = synthesise(lengths[-1], rate, N=[6e-5] * 3, B=2.4e-5, K=1e-6, seed=seed)
         plain = np.random.default_rng(seed).standard_normal((lengths[-1], 6))
         values = np.concatenate((noise, plain), axis=1)
-        spectrum, done = Spectrum(GROUPS, rate), 0
+        spectrum, done = SpectrumAccumulator(GROUPS, rate), 0
         for length in lengths:
             spectrum.update(values[done:length])
             done, asked = length, asked + 1
@@ -173,9 +173,9 @@ def cost() -> None:
     values = np.random.default_rng(1).standard_normal((200_000, 9))
     made = {
         "guard": lambda: Guard(SENSORS, 200.0),
-        "histogram": lambda: Histogram(GROUPS),
-        "spectrum": lambda: Spectrum(GROUPS, 200.0),
-        "strip": lambda: Strip(GROUPS, 200.0),
+        "histogram": lambda: HistogramAccumulator(GROUPS),
+        "spectrum": lambda: SpectrumAccumulator(GROUPS, 200.0),
+        "strip": lambda: Envelope(GROUPS, 200.0),
         "drift": lambda: Drift(GROUPS, 200.0),
         "cascade, to compare": lambda: OctaveCascade(9, 1 / 200.0, groups=GROUPS),
     }
@@ -231,11 +231,11 @@ def block(stream: Stream, values: Floats, t: Floats) -> SampleBlock:
 
 
 def report_of(blocks: Iterable[SampleBlock], name: str, guarded: bool) -> Report:
-    monitor = Monitor(Wanted(guarded=guarded))
+    monitor = Monitor(MonitorOptions(guarded=guarded))
     for each in blocks:
         monitor.feed(each)
     monitor.flush()
-    return monitor.report(datetime.now(UTC), Device(id=name), "stopped", Session())
+    return monitor.report(datetime.now(UTC), DeviceDescription(id=name), "stopped", SessionCounters())
 
 
 def shown(channel: Channel, name: str) -> str:
@@ -319,7 +319,7 @@ def _reports(folder: Path) -> dict[str, dict[bool, Report]]:
             path = folder / f"{name}.vnymr.txt.gz"
             if path.exists():
                 _CACHE[name] = {
-                    g: replay(Replay(path=str(path), rate_hz=rate, guarded=g)) for g in (True, False)
+                    g: replay(ReplayOptions(path=str(path), rate_hz=rate, guarded=g)) for g in (True, False)
                 }
         once = folder / "jpsnir_emulator.vnymr.txt.gz"
         if once.exists():
@@ -328,7 +328,7 @@ def _reports(folder: Path) -> dict[str, dict[bool, Report]]:
                 file.flush()
                 name = "jpsnir_emulator, 40 times over"
                 _CACHE[name] = {
-                    g: replay(Replay(path=file.name, rate_hz=40.0, guarded=g)) for g in (True, False)
+                    g: replay(ReplayOptions(path=file.name, rate_hz=40.0, guarded=g)) for g in (True, False)
                 }
         for name in ("pelka_zup", "rob_static2", "instinct_vn310_static", "instinct_vn310_lckf"):
             path = folder / f"{name}.npz"

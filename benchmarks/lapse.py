@@ -27,10 +27,10 @@ def main() -> None:
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
     heap.tune()
     answer = load_apart(None, {"zenoh.listen": [words.listen]})
-    from imumon.daemon import Daemon, Task
+    from imumon.daemon import Daemon, RunOptions
 
     settings = answer()
-    Daemon(settings, Task(path=words.port, state_directory=Path(words.state), speed=speed)).run()
+    Daemon(settings, RunOptions(path=words.port, state_directory=Path(words.state), speed=speed)).run()
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from imumon.devices.vn100 import ascii, binary
 from imumon.noise.synthesis import NoiseStream
 
 RATE = 800.0
-LAYOUT = binary.Layout.of({binary.TIME: 0x0001, binary.IMU: 0x003F})
+LAYOUT = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x003F})
 PIECE = 80_000
 N = np.array([6.1e-5] * 3 + [1.37e-3] * 3 + [1.4e-4] * 3)
 

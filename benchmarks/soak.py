@@ -184,7 +184,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
     """Blocks of an exact clock straight into the monitor, with a report every hour of the record, after which
     memory is tidied as the daemon does."""
     from imumon.pipeline import Monitor
-    from imumon.report import Device, Session
+    from imumon.report import DeviceDescription, SessionCounters
     from imumon.samples import SampleBlock, Stream
 
     heap.bypass_cache()
@@ -208,7 +208,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
         sent += n
         if sent / rate >= next_s:
             next_s += 3600.0
-            monitor.report(datetime.now(UTC), Device(id="soak"), "running", Session())
+            monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "running", SessionCounters())
             monitor.events()
             sizes.append(sum(array.nbytes for array in monitor.save()[1].values()))
             if not taken:
@@ -216,7 +216,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
             heap.tidy()
             taken.append(resident_kb(os.getpid()))
     monitor.flush()
-    latest = monitor.report(datetime.now(UTC), Device(id="soak"), "stopped", Session())
+    latest = monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "stopped", SessionCounters())
     return {
         "rate_hz": rate,
         **laws(latest, sent, latest.session.samples),

@@ -39,7 +39,7 @@ from usage import cpu_s, resident_kb
 
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.devices.vn100.emulator.process import EmulatorProcess
-from imumon.replay.replay import Replay, replay
+from imumon.replay.replay import ReplayOptions, replay
 from imumon.report import Report, from_json, stamp
 
 BAUD = 921600
@@ -166,7 +166,7 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
             out, err = daemon.ended(60)
             stuck.end()
         final = from_json(Report, out)
-        again = replay(Replay(path=recording))
+        again = replay(ReplayOptions(path=recording))
     sent = (last["sent"] - last["replies"]) - (first["sent"] - first["replies"])
     session = at_last.session
     received = session.samples - at_first.session.samples

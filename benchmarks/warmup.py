@@ -15,7 +15,7 @@ import numpy as np
 
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.nonstationarity import History
+from imumon.noise.nonstationarity import HourlyStatistics
 from imumon.noise.nonstationarity.warmup import lasting
 from imumon.noise.synthesis import synthesise
 
@@ -30,7 +30,7 @@ def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
 
 def watched(values: np.ndarray) -> tuple[float, bool]:
     """Seconds that were cut out as a warm-up, and whether one is still told at the end."""
-    history = History([0] * CHANNELS, CHANNELS, 1.0 / RATE_HZ, fit, warming=range(CHANNELS))
+    history = HourlyStatistics([0] * CHANNELS, CHANNELS, 1.0 / RATE_HZ, fit, warming=range(CHANNELS))
     for begin in range(0, len(values), 4000):
         history.update(values[begin : begin + 4000])
     drift, begin_s, fits = history.drift, history.begin_s, fit(history.curve())

@@ -48,14 +48,14 @@ class OtherFormat(StateError):
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class SavedState:
     """What is kept: `meta` is JSON (identity, counters, small values), `arrays` the accumulators."""
 
     meta: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
 
 
-def encode(state: State) -> bytes:
+def encode(state: SavedState) -> bytes:
     """File contents of a state."""
     arrays = {name: np.asarray(array) for name, array in state.arrays.items()}
     index = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
@@ -71,7 +71,7 @@ def _by_bytes(array: npt.NDArray[Any]) -> bytes:
     return flat.view(np.uint8).reshape(flat.size, flat.itemsize).T.tobytes()
 
 
-def decode(data: bytes) -> State:
+def decode(data: bytes) -> SavedState:
     """State in the contents of a file.
 
     Raises
@@ -95,7 +95,7 @@ def decode(data: bytes) -> State:
         raise StateError(f"damaged ({error})") from None
 
 
-def _unpacked(whole: bytes) -> State:
+def _unpacked(whole: bytes) -> SavedState:
     head, _, rest = whole.partition(b"\n")
     told = json.loads(head)
     arrays, begin = {}, 0
@@ -105,7 +105,7 @@ def _unpacked(whole: bytes) -> State:
         numbers = np.frombuffer(rest[begin:end], np.uint8).reshape(dtype.itemsize, count).T
         arrays[name] = np.ascontiguousarray(numbers).reshape(-1).view(dtype).reshape(shape)
         begin = end
-    return State(told["meta"], arrays)
+    return SavedState(told["meta"], arrays)
 
 
 class Checkpoint:
@@ -133,7 +133,7 @@ class Checkpoint:
         except OSError as error:
             self.failed = self._why(error)
         self._change = threading.Condition()
-        self._next: State | None = None
+        self._next: SavedState | None = None
         self._writing = False
 
     def _take_hold(self) -> None:
@@ -174,7 +174,7 @@ class Checkpoint:
         """Whether there is a state, of either generation."""
         return self.path.exists() or self.previous.exists()
 
-    def load(self) -> tuple[State | None, list[str]]:
+    def load(self) -> tuple[SavedState | None, list[str]]:
         """Newest state that can be read, and what had to be set aside on the way, in words."""
         said: list[str] = []
         for path in (self.path, self.previous):
@@ -215,7 +215,7 @@ class Checkpoint:
             self.previous.unlink(missing_ok=True)
         return aside
 
-    def save(self, state: State) -> None:
+    def save(self, state: SavedState) -> None:
         """Hand over a state to be written soon; a newer one replaces one that still waits."""
         with self._change:
             self._next = state
@@ -233,7 +233,7 @@ class Checkpoint:
         with self._change:
             return self._change.wait_for(lambda: not self._writing, timeout_s)
 
-    def close(self, state: State | None = None, timeout_s: float = 5.0) -> None:
+    def close(self, state: SavedState | None = None, timeout_s: float = 5.0) -> None:
         """Write the last state, wait for the disk, let go of the lock."""
         if state is not None:
             self.save(state)

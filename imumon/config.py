@@ -36,7 +36,7 @@ class ConfigError(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class ResourceLimits:
     """Bounds of a number, or the longest text, under pydantic's names."""
 
     ge: float | None = None
@@ -51,25 +51,27 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Device:
+class DeviceSettings:
     """The sensor, its port and what to ask of it"""
 
     port: Annotated[str, 'device path, pyserial URL or "sim"; empty: the one sensor that is found'] = ""
     baud: Annotated[Baud, '"auto" finds it'] = "auto"
     set_baud: Annotated[NewBaud, "change the sensor's baud to this until its next power-up; 0: never"] = 0
     rate_hz: Annotated[
-        float, Limits(ge=0.0, le=FASTEST_HZ), "sample rate of a stream without a clock; 0: not given"
+        float, ResourceLimits(ge=0.0, le=FASTEST_HZ), "sample rate of a stream without a clock; 0: not given"
     ] = 0.0
     listen_only: Annotated[bool, "write nothing to the sensor; characterise what it already sends"] = False
     stream: Annotated[
         Literal["deltas", "uncompensated", "compensated"],
         "what to ask the sensor for: deltas, uncompensated or compensated",
     ] = "deltas"
-    id: Annotated[str, Limits(max_length=64), "name in the Zenoh keys; empty: vn100-<serial number>"] = ""
+    id: Annotated[
+        str, ResourceLimits(max_length=64), "name in the Zenoh keys; empty: vn100-<serial number>"
+    ] = ""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Zenoh:
+class ZenohSettings:
     """The bus: where the daemon listens, whom it lets in"""
 
     listen: Annotated[tuple[str, ...], "endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463"] = ()
@@ -99,34 +101,38 @@ class Zenoh:
 
 
 @dataclass(frozen=True, kw_only=True)
-class State:
+class StateSettings:
     """The accumulated statistics on disk"""
 
     directory: Annotated[
         str, "empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"
     ] = ""
-    save_period_s: Annotated[float, Limits(ge=1.0, le=3600.0), "what a power cut may cost, in seconds"] = 30.0
+    save_period_s: Annotated[
+        float, ResourceLimits(ge=1.0, le=3600.0), "what a power cut may cost, in seconds"
+    ] = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class RecordSettings:
     """The raw bytes, kept for replay"""
 
     file: Annotated[str, "empty: none are kept"] = ""
-    rotate_mb: Annotated[float, Limits(ge=0.0, le=1e6), "begin a new file at this size; 0: never"] = 0.0
+    rotate_mb: Annotated[float, ResourceLimits(ge=0.0, le=1e6), "begin a new file at this size; 0: never"] = (
+        0.0
+    )
     gzip: Annotated[bool, "compress"] = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reporting:
+class ReportSettings:
     """What is published and how precise is precise enough"""
 
-    period_s: Annotated[float, Limits(ge=0.1, le=60.0), "between two reports, in seconds"] = 1.0
+    period_s: Annotated[float, ResourceLimits(ge=0.1, le=60.0), "between two reports, in seconds"] = 1.0
     precision_n: Annotated[
-        float, Limits(gt=0.0, lt=1.0), "asked half-width of N's 95 % interval, as a share of N"
+        float, ResourceLimits(gt=0.0, lt=1.0), "asked half-width of N's 95 % interval, as a share of N"
     ] = 0.01
-    precision_b: Annotated[float, Limits(gt=0.0, lt=1.0), "the same of B"] = 0.2
-    precision_k: Annotated[float, Limits(gt=0.0, lt=1.0), "the same of K"] = 0.5
+    precision_b: Annotated[float, ResourceLimits(gt=0.0, lt=1.0), "the same of B"] = 0.2
+    precision_k: Annotated[float, ResourceLimits(gt=0.0, lt=1.0), "the same of K"] = 0.5
     grade: Annotated[
         Literal["", "navigation", "tactical", "industrial", "consumer"],
         "grade you need, which imumon wait waits for: navigation, tactical, industrial or consumer; "
@@ -135,14 +141,14 @@ class Reporting:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guards:
+class GuardSettings:
     """What is cut out of the statistics: knocks, motion, warm-up"""
 
     enabled: Annotated[bool, "false: every valid sample counts"] = True
 
 
 @dataclass(frozen=True, kw_only=True)
-class Log:
+class LogSettings:
     """What the daemon says on standard error"""
 
     level: Annotated[
@@ -166,13 +172,13 @@ class Settings:
         ``config.toml:12`` or ``command line``.
     """
 
-    device: Device = field(default_factory=Device)
-    zenoh: Zenoh = field(default_factory=Zenoh)
-    state: State = field(default_factory=State)
-    record: Record = field(default_factory=Record)
-    report: Reporting = field(default_factory=Reporting)
-    guards: Guards = field(default_factory=Guards)
-    log: Log = field(default_factory=Log)
+    device: DeviceSettings = field(default_factory=DeviceSettings)
+    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    state: StateSettings = field(default_factory=StateSettings)
+    record: RecordSettings = field(default_factory=RecordSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
+    guards: GuardSettings = field(default_factory=GuardSettings)
+    log: LogSettings = field(default_factory=LogSettings)
     path: Path | None = None
     origins: Mapping[str, str] = field(default_factory=dict)
 
@@ -446,7 +452,7 @@ def _allowed(fault: Any, hint: Any) -> str:
     kind, plain = fault["type"], hint.__origin__
     if get_origin(plain) is Literal:
         return "must be one of " + ", ".join(map(_toml, get_args(plain)))
-    limits = next((note for note in hint.__metadata__ if isinstance(note, Limits)), Limits())
+    limits = next((note for note in hint.__metadata__ if isinstance(note, ResourceLimits)), ResourceLimits())
     if limits.ge is not None:
         return f"must be a number from {limits.ge:.9g} to {limits.le:.9g}"
     if limits.gt is not None:
@@ -470,7 +476,7 @@ def _sayable(value: Any) -> bool:
 
 def _contradictions(sections: Mapping[str, Any], at: Mapping[str, str], file: str) -> Iterator[str]:
     """Settings that are right each but not together."""
-    bus = sections.get("zenoh", Zenoh())
+    bus = sections.get("zenoh", ZenohSettings())
     for one, other in (
         ("user", "password"),
         ("password", "user"),
@@ -479,7 +485,7 @@ def _contradictions(sections: Mapping[str, Any], at: Mapping[str, str], file: st
     ):
         if getattr(bus, one) and not getattr(bus, other):
             yield f"{_where(f'zenoh.{one}', at, file)}: zenoh.{one}: needs zenoh.{other} beside it"
-    device = sections.get("device", Device())
+    device = sections.get("device", DeviceSettings())
     if device.listen_only and device.set_baud:
         yield f"{_where('device.set_baud', at, file)}: device.set_baud: cannot be had with device.listen_only"
     if 0.0 < device.rate_hz < SLOWEST_HZ:

@@ -11,5 +11,5 @@ class RateUnknown(SourceError):
     """Samples have no time, and nobody told their rate."""
 
 
-class Misused(SourceError):
+class OptionNotApplicable(SourceError):
     """A file is asked for what one of its kind has not."""

@@ -27,7 +27,7 @@ COEFFICIENTS = ("N", "B", "K")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Device:
+class DeviceDescription:
     """Whose numbers these are, and what they describe."""
 
     id: str  # name of the device, as in the keys
@@ -46,7 +46,7 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Session:
+class SessionCounters:
     """What was received, lost and left out since the first sample; the counts add up."""
 
     started: str | None = None  # ISO 8601 in UTC; null: no sample yet, or a recording that does not say
@@ -320,9 +320,9 @@ class Report:
 
     schema: str = SCHEMA  # imumon.report/1
     time: str  # ISO 8601 in UTC, when it was made
-    device: Device  # whose numbers these are
+    device: DeviceDescription  # whose numbers these are
     state: State  # "starting": no sample yet; "waiting": sensor gone or silent; "stopped": last report
-    session: Session  # what was received, lost and left out
+    session: SessionCounters  # what was received, lost and left out
     grade: Mapping[str, SensorGrade] = field(default_factory=dict)  # headlines: gyro, accel
     channels: Mapping[str, Channel] = field(default_factory=dict)  # gyro/x ... mag/z, temperature, pressure
     caveats: tuple[str, ...] = ()  # those that hold for the whole record

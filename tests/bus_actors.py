@@ -23,13 +23,13 @@ from imumon.report import (
     Allan,
     Channel,
     Coefficient,
-    Device,
+    DeviceDescription,
     Event,
     Histogram,
     Readable,
     Report,
     SensorGrade,
-    Session,
+    SessionCounters,
     Signal,
 )
 
@@ -60,9 +60,9 @@ def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial"
     channels["temperature"] = Channel(unit="degC", count=number, mean=25.0)
     return Report(
         time=TIME,
-        device=Device(id=id),
+        device=DeviceDescription(id=id),
         state="running",
-        session=Session(samples=number, started=TIME),
+        session=SessionCounters(samples=number, started=TIME),
         grade={"gyro": SensorGrade(nearest=grade), "accel": SensorGrade(nearest="consumer")},
         channels=channels,
     )
@@ -85,10 +85,10 @@ def daemon(
     id: str, listen: list[str], connect: list[str], period: float, octaves: int, **settings: Any
 ) -> None:
     """Publishes a report every `period` seconds, or one alone (0), until it is told to stop."""
-    from imumon.bus import BusError, Options, Publisher
+    from imumon.bus import BusError, Publisher, SessionOptions
 
     try:
-        publisher = Publisher(id, listen=listen, connect=connect, settings=Options(**settings))
+        publisher = Publisher(id, listen=listen, connect=connect, settings=SessionOptions(**settings))
     except BusError as error:
         say(error=str(error))
         return
@@ -138,9 +138,9 @@ def daemon(
 
 def viewer(connect: list[str], **settings: Any) -> None:
     """Prints each report it gets."""
-    from imumon.bus import Options, Viewer
+    from imumon.bus import SessionOptions, Subscriber
 
-    with Viewer(connect, settings=Options(**settings)) as reader:
+    with Subscriber(connect, settings=SessionOptions(**settings)) as reader:
         say(ready=True, pid=os.getpid())
         over = threading.Event()
         threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()

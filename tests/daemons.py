@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
-from imumon.bus import Viewer
+from imumon.bus import Subscriber
 from imumon.report import Report
 
 
@@ -60,7 +60,7 @@ class Daemon:
         ]
         for reader in self._readers:
             reader.start()
-        self.viewer = Viewer([self.endpoint])
+        self.viewer = Subscriber([self.endpoint])
 
     def _read(self, name: str, pipe: IO[str]) -> None:
         with pipe:

@@ -22,9 +22,9 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from imumon.report import Report
-from imumon.tui.app import Monitor
+from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import Notation
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import Painted
 
 FOLDER = Path(__file__).parent / "data" / "screen"
@@ -125,7 +125,7 @@ class Handed:
         return getattr(self.feed, name)
 
 
-async def _draw(app: Monitor, pilot: Pilot[int], feed: Handed, wanted: Picture) -> str:
+async def _draw(app: ImumonApp, pilot: Pilot[int], feed: Handed, wanted: Picture) -> str:
     """One picture, as of a screen that has just been started."""
     while len(app.screen_stack) > 1:
         app.pop_screen()
@@ -135,7 +135,9 @@ async def _draw(app: Monitor, pilot: Pilot[int], feed: Handed, wanted: Picture) 
     app.theme = wanted.theme
     if app.size != wanted.size:
         await pilot.resize_terminal(*wanted.size)
-    app.scene = Scene(notation=Notation(ascii=wanted.ascii), baseline=wanted.baseline, baseline_name="saved")
+    app.scene = ViewState(
+        notation=Notation(ascii=wanted.ascii), baseline=wanted.baseline, baseline_name="saved"
+    )
     app._asked = None
     feed.take(wanted.feed)
     app.look()
@@ -152,7 +154,7 @@ def drawn(wanted: Iterable[Picture]) -> dict[str, str]:
 
     async def go() -> dict[str, str]:
         feed = Handed()
-        app = Monitor(feed, clock=lambda: feed.clock())
+        app = ImumonApp(feed, clock=lambda: feed.clock())
         async with app.run_test(size=SMALL) as pilot:
             order = sorted(wanted, key=lambda p: (p.size, p.theme))
             return {p.name: await _draw(app, pilot, feed, p) for p in order}

@@ -19,7 +19,7 @@ from imumon.report import (
     ChannelGrade,
     Coefficient,
     DecidedBy,
-    Device,
+    DeviceDescription,
     Distribution,
     Drift,
     Event,
@@ -32,7 +32,7 @@ from imumon.report import (
     Readings,
     Report,
     SensorGrade,
-    Session,
+    SessionCounters,
     Signal,
     Spectrum,
     Strip,
@@ -248,7 +248,7 @@ def report(
     hours, rest = divmod(int(elapsed_s), 3600)
     return Report(
         time=f"2026-03-01T{8 + hours % 12:02d}:{rest // 60:02d}:{rest % 60:02d}.000Z",
-        device=Device(
+        device=DeviceDescription(
             id=id,
             model="VN-100T-CR",
             serial=id.rpartition("-")[2],
@@ -263,7 +263,7 @@ def report(
             settings=SETTINGS,
         ),
         state=state,  # type: ignore[arg-type]
-        session=Session(
+        session=SessionCounters(
             started="2026-03-01T08:00:00.000Z",
             elapsed_s=elapsed_s,
             samples=int(elapsed_s * RATE) - 61,
@@ -413,7 +413,7 @@ def nothing_yet() -> Report:
     """What a daemon says before its sensor is found."""
     return Report(
         time="2026-03-01T08:00:00.000Z",
-        device=Device(id="vn100", port="/dev/ttyUSB0"),
+        device=DeviceDescription(id="vn100", port="/dev/ttyUSB0"),
         state="starting",
-        session=Session(),
+        session=SessionCounters(),
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.replay.replay import Replay, open_samples, replay
+from imumon.replay.replay import ReplayOptions, open_samples, replay
 from imumon.report import Report
 from imumon.samples import SampleBlock
 
@@ -32,7 +32,7 @@ def csv(path: Path, names: Iterable[str], *columns: np.ndarray, sep: str = ",") 
 
 def read(path: Path, **more: object) -> SampleBlock:
     """All samples of a file as one block."""
-    blocks = [block for some in open_samples(Replay(path=str(path), **more)) for block in some]  # type: ignore[arg-type]
+    blocks = [block for some in open_samples(ReplayOptions(path=str(path), **more)) for block in some]  # type: ignore[arg-type]
     return SampleBlock(
         blocks[0].stream,
         np.concatenate([block.values for block in blocks]),
@@ -46,6 +46,6 @@ def read(path: Path, **more: object) -> SampleBlock:
 def told(path: Path, **more: object) -> tuple[Report, str]:
     """The report of a file, and what is remarked on it."""
     remarks: list[str] = []
-    made = replay(Replay(path=str(path), guarded=False, **more), tell=remarks.append)  # type: ignore[arg-type]
+    made = replay(ReplayOptions(path=str(path), guarded=False, **more), tell=remarks.append)  # type: ignore[arg-type]
     assert [text.removeprefix(f"{path}: ") for text in remarks] == list(made.device.remarks)
     return made, "\n".join(remarks)

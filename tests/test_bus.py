@@ -17,11 +17,11 @@ from bus_actors import CHANNELS, Actor, event, free, free_port, report, stage, u
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.bus import BusError, Options, Publisher, Viewer, clean_id
-from imumon.bus.queryable import Answers
+from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id
+from imumon.bus.queryable import LastValues
 from imumon.bus.texts import BULKY, Texts
 from imumon.bus.zenoh_session import check_endpoint, explain, is_local
-from imumon.config import Zenoh
+from imumon.config import ZenohSettings
 from imumon.report import Event, Report, Signal, from_json, to_dict, to_json
 
 
@@ -105,7 +105,7 @@ def test_late_viewer_gets_the_last_of_all_at_once(endpoint: str) -> None:
     with stage() as start:
         place = free()
         start("daemon", id="once", listen=[place], period=0).ready()
-        with Viewer([place]) as quiet, Viewer([endpoint]) as busy:
+        with Subscriber([place]) as quiet, Subscriber([endpoint]) as busy:
             begun = time.monotonic()
             got = quiet.wait_report("once")  # published once, before this viewer was there
             assert got == report("once", 1)
@@ -119,7 +119,7 @@ def test_late_viewer_gets_the_last_of_all_at_once(endpoint: str) -> None:
 
 
 def test_the_signal_of_one_channel_follows_the_reports(endpoint: str) -> None:
-    with Viewer([endpoint]) as viewer:
+    with Subscriber([endpoint]) as viewer:
         viewer.wait_report()
         assert viewer.signal() is None
         viewer.watch("a", "gyro/x")
@@ -136,7 +136,7 @@ def test_two_daemons_and_one_viewer() -> None:
         places = [free(), free()]
         for id, place in zip(("left", "right"), places, strict=True):
             start("daemon", id=id, listen=[place])
-        with Viewer(places) as viewer:  # both daemons come after it
+        with Subscriber(places) as viewer:  # both daemons come after it
             until(lambda: viewer.alive() == {"left", "right"})
             until(lambda: set(viewer.reports()) == {"left", "right"})
             version = viewer.version
@@ -152,7 +152,7 @@ def test_default_addresses_are_local_and_found_without_words() -> None:
         for place in places:
             assert place.startswith("tcp/127.0.0.1:")
             assert 7448 <= int(place.rpartition(":")[2]) <= 7463
-        with Viewer() as viewer:
+        with Subscriber() as viewer:
             for id in names:
                 assert viewer.wait_report(id, timeout=5.0)
         twin = start("daemon", id=names[0]).ready()
@@ -163,7 +163,7 @@ def test_what_was_handed_over_before_the_end_still_arrives() -> None:
     with stage() as start:
         places = [free() for _ in range(4)]
         actors = [start("daemon", id=f"d{n}", listen=[place]) for n, place in enumerate(places)]
-        with Viewer(places) as viewer:
+        with Subscriber(places) as viewer:
             until(lambda: len(viewer.reports()) == 4)
             for actor in actors:
                 actor.tell("stop")
@@ -233,7 +233,7 @@ def test_a_daemon_whose_clock_is_wrong_or_stepped_is_heard(
         monkeypatch.setattr(publisher, "_stamp", lambda: zenoh.Timestamp(datetime.now(UTC) + offset, source))
         publisher.publish(report("x", 1))
         until(lambda: publisher.counts.reports == 1)
-        with Viewer([place]) as viewer:
+        with Subscriber([place]) as viewer:
             assert viewer.wait_report("x", timeout=5.0) == report("x", 1)
             for number in range(2, 6):
                 offset = ahead if number < 4 else -ahead
@@ -285,39 +285,41 @@ def test_address_in_use_foreign_address_and_files() -> None:
         with pytest.raises(BusError, match='"x" is running already'):
             Publisher("x", listen=[free()], connect=[place])
     with pytest.raises(BusError, match="is not an address of this machine"):
-        Publisher("x", listen=["tcp/192.0.2.1:7448"], settings=Options(insecure=True))
+        Publisher("x", listen=["tcp/192.0.2.1:7448"], settings=SessionOptions(insecure=True))
     with pytest.raises(BusError, match=r"^/none/users: cannot be read$"):
-        Publisher("x", listen=[free()], settings=Options(users_file="/none/users"))
+        Publisher("x", listen=[free()], settings=SessionOptions(users_file="/none/users"))
     with pytest.raises(BusError, match=r'zenoh.raw: "transport/lnk" = 1: unknown key$'):
-        Publisher("x", listen=[free()], settings=Options(raw={"transport/lnk": 1}))
+        Publisher("x", listen=[free()], settings=SessionOptions(raw={"transport/lnk": 1}))
     with pytest.raises(BusError, match=r'zenoh.raw: "listen/endpoints" cannot be set there'):
-        Publisher("x", listen=[free()], settings=Options(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
+        Publisher("x", listen=[free()], settings=SessionOptions(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
     with pytest.raises(BusError, match="use letters and digits"):
         Publisher("//", listen=[free()])
 
 
 def test_open_listening_must_be_asked_for() -> None:
-    settings = Options(insecure=True)
+    settings = SessionOptions(insecure=True)
     with Publisher("x", listen=[f"tcp/0.0.0.0:{free_port()}"], settings=settings) as publisher:
         assert publisher.endpoints[0].startswith("tcp/0.0.0.0:")
 
 
 def test_unix_socket(tmp_path_factory: pytest.TempPathFactory) -> None:
     place = f"unixsock-stream/{tmp_path_factory.mktemp('bus')}/z"
-    with Publisher("x", listen=[place]) as publisher, Viewer([place]) as viewer:
+    with Publisher("x", listen=[place]) as publisher, Subscriber([place]) as viewer:
         publisher.publish(report("x", 1))
         assert viewer.wait_report("x", timeout=5.0)
 
 
 def test_settings_of_the_file_are_the_options_of_the_bus() -> None:
-    assert Options.of(Zenoh()) == Options()
-    assert Options.of(Zenoh(user="ann", raw={"a": 1})) == Options(user="ann", raw={"a": 1})
+    assert SessionOptions.of(ZenohSettings()) == SessionOptions()
+    assert SessionOptions.of(ZenohSettings(user="ann", raw={"a": 1})) == SessionOptions(
+        user="ann", raw={"a": 1}
+    )
 
 
 def test_viewer_finds_the_daemon_of_the_same_settings() -> None:
     place = free()
-    settings = Zenoh(listen=(place,), user="ann", password="secret")
-    with Publisher("x", settings=settings) as publisher, Viewer(settings=settings) as viewer:
+    settings = ZenohSettings(listen=(place,), user="ann", password="secret")
+    with Publisher("x", settings=settings) as publisher, Subscriber(settings=settings) as viewer:
         publisher.publish(report("x", 1))
         assert viewer.wait_report("x", timeout=5.0)
 
@@ -363,7 +365,7 @@ def test_texts_are_those_of_the_report_whatever_of_it_is_new() -> None:
 
 
 def test_what_strangers_once_asked_for_is_forgotten() -> None:
-    answers = Answers("imumon/a")
+    answers = LastValues("imumon/a")
     answers._asked = {f"made-up-{k}": 0.0 for k in range(1000)} | {"gyro/x": time.monotonic()}
     assert answers.wanted(5.0) == {"gyro/x"}
     assert len(answers._asked) == 1

@@ -16,7 +16,7 @@ import pytest
 from bus_actors import Actor, event, free, free_port, report, stage, until
 from test_bus import plain_session
 
-from imumon.bus import Publisher, Viewer
+from imumon.bus import Publisher, Subscriber
 from imumon.report import Report, from_json, to_json
 
 LISTENING = "0A"
@@ -97,7 +97,7 @@ def test_a_stuck_subscriber_holds_up_neither_daemon_nor_the_healthy_one() -> Non
 def test_a_viewer_started_first_finds_the_daemon_and_again_after_its_death() -> None:
     with stage() as start:
         place = free()
-        with Viewer([place]) as viewer:
+        with Subscriber([place]) as viewer:
             assert not viewer.connected()
             assert viewer.wait_report(timeout=0.1) is None
             daemon = start("daemon", listen=[place]).ready()
@@ -118,7 +118,7 @@ def test_a_frozen_daemon_is_missed_after_the_lease_and_welcome_back() -> None:
     with stage() as start:
         place = free()
         daemon = start("daemon", listen=[place]).ready()
-        with Viewer([place]) as viewer:
+        with Subscriber([place]) as viewer:
             until(lambda: viewer.alive() == {"a"})
             daemon.kill(signal.SIGSTOP)
             until(lambda: not viewer.alive(), 4.0)
@@ -175,7 +175,7 @@ def test_a_router_between_them_may_come_late_and_restart() -> None:
         place, local = f"tcp/127.0.0.1:{port}", free()
         daemon = start("daemon", listen=[local], connect=[place], period=0).ready()  # one report alone
         daemon.tell("events 3")
-        with Viewer([place]) as viewer, Viewer([local]) as neighbour:
+        with Subscriber([place]) as viewer, Subscriber([local]) as neighbour:
             assert neighbour.wait_report("a", timeout=5.0)
             assert "nobody answers" in daemon.ask("counts")["uplinks"][place]
             router = start("router", port=port).ready()
@@ -201,7 +201,7 @@ def test_nobody_gets_forged_data_past_a_daemon() -> None:
         place = free()
         start("daemon", listen=[place]).ready()
         with (
-            Viewer([place]) as viewer,
+            Subscriber([place]) as viewer,
             plain_session(place, "peer") as peer,
             plain_session(place, "client") as client,
         ):
@@ -239,7 +239,7 @@ def test_a_viewer_survives_whatever_strangers_say_on_an_open_bus() -> None:
         port = free_port()
         place = f"tcp/127.0.0.1:{port}"
         start("router", port=port).ready()
-        with Viewer([place]) as viewer, plain_session(place) as stranger:
+        with Subscriber([place]) as viewer, plain_session(place) as stranger:
             until(viewer.connected)
             until(lambda: stranger.put("imumon/b/report", good) or viewer.reports())
             for text in garbage:

@@ -10,12 +10,12 @@ import pytest
 from bus_actors import free_port, stage, until
 from test_bus_docs import blocks
 
-from imumon.bus import BusError, Options, Publisher, Viewer
+from imumon.bus import BusError, Publisher, SessionOptions, Subscriber
 
 
 def gets(place: str, *, timeout: float, **settings: object) -> bool:
     """Whether a viewer with these settings gets a report."""
-    with Viewer([place], settings=Options(**settings)) as viewer:  # type: ignore[arg-type]
+    with Subscriber([place], settings=SessionOptions(**settings)) as viewer:  # type: ignore[arg-type]
         found = viewer.wait_report("a", timeout=timeout) is not None
         assert found == viewer.connected()
         return found
@@ -44,7 +44,7 @@ def test_the_own_name_and_those_of_the_file_get_in(tmp_path: Path) -> None:
         assert gets(place, timeout=5.0, user="bob", password="other")
         assert gets(place, timeout=5.0, user="ann", password="säcret")
     with pytest.raises(BusError, match="without a colon"):
-        Publisher("a", listen=[place], settings=Options(user="a:b", password="c"))
+        Publisher("a", listen=[place], settings=SessionOptions(user="a:b", password="c"))
 
 
 def test_one_name_in_a_shared_file_of_settings_serves_both_ends() -> None:
@@ -62,7 +62,7 @@ def test_users_that_are_not_allowed_get_nothing(tmp_path: Path) -> None:
         place = f"tcp/127.0.0.1:{free_port()}"
         start("daemon", listen=[place], users_file=str(users), allow=["ann"]).ready()
         assert gets(place, timeout=5.0, user="ann", password="secret")
-        with Viewer([place], settings=Options(user="bob", password="other")) as viewer:
+        with Subscriber([place], settings=SessionOptions(user="bob", password="other")) as viewer:
             until(viewer.connected)
             assert viewer.wait_report(timeout=0.4) is None
 
@@ -71,7 +71,9 @@ def test_a_bad_file_of_users_is_one_line(tmp_path: Path) -> None:
     users = tmp_path / "users"
     users.write_text("no colon here\n")
     with pytest.raises(BusError, match="users_file: must be lines of user:password"):
-        Publisher("a", listen=[f"tcp/127.0.0.1:{free_port()}"], settings=Options(users_file=str(users)))
+        Publisher(
+            "a", listen=[f"tcp/127.0.0.1:{free_port()}"], settings=SessionOptions(users_file=str(users))
+        )
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +117,7 @@ def test_names_on_certificates_may_be_listed_and_tls_may_listen_to_the_world(key
         place = f"tls/127.0.0.1:{port}"
         start("daemon", listen=[f"tls/0.0.0.0:{port}"], allow=["viewer"], **identity(keys, "daemon")).ready()
         assert gets(place, timeout=5.0, **identity(keys, "viewer"))
-        with Viewer([place], settings=Options(**identity(keys, "guest"))) as viewer:
+        with Subscriber([place], settings=SessionOptions(**identity(keys, "guest"))) as viewer:
             until(viewer.connected)
             assert viewer.wait_report(timeout=0.4) is None
 
@@ -123,7 +125,7 @@ def test_names_on_certificates_may_be_listed_and_tls_may_listen_to_the_world(key
 def test_bad_files_of_keys_are_one_line(keys: Path) -> None:
     def fault(**settings: str) -> str:
         with pytest.raises(BusError, match=r"^[^\n]*$") as caught:
-            Publisher("a", listen=[f"tls/127.0.0.1:{free_port()}"], settings=Options(**settings))  # type: ignore[arg-type]
+            Publisher("a", listen=[f"tls/127.0.0.1:{free_port()}"], settings=SessionOptions(**settings))  # type: ignore[arg-type]
         return str(caught.value)
 
     right = identity(keys, "daemon")

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imumon.checkpoint import Checkpoint, State, StateError, decode, encode
+from imumon.checkpoint import Checkpoint, SavedState, StateError, decode, encode
 
-STATE = State({"serial": "0100000001", "samples": 7}, {"sum": np.arange(5.0), "count": np.array([3])})
+STATE = SavedState({"serial": "0100000001", "samples": 7}, {"sum": np.arange(5.0), "count": np.array([3])})
 
 
-def same(a: State | None, b: State) -> bool:
+def same(a: SavedState | None, b: SavedState) -> bool:
     return (
         a is not None and a.meta == b.meta and all(np.array_equal(a.arrays[k], b.arrays[k]) for k in b.arrays)
     )
@@ -40,7 +40,7 @@ def test_no_state_is_no_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
 def test_damaged_file_is_set_aside_and_the_generation_before_serves(tmp_path: Path, damage: str) -> None:
     Checkpoint(tmp_path, "d").close(STATE)
-    newer = State({**STATE.meta, "samples": 9}, STATE.arrays)
+    newer = SavedState({**STATE.meta, "samples": 9}, STATE.arrays)
     Checkpoint(tmp_path, "d").close(newer)
     path = tmp_path / "d.state"
     data = path.read_bytes()
@@ -142,7 +142,7 @@ def test_a_directory_that_is_removed_is_made_anew_and_locked_anew(tmp_path: Path
         Checkpoint(place, "d")
     shutil.rmtree(place)
     other = Checkpoint(place, "d")  # it was quicker
-    keeper.save(State({}, {}))
+    keeper.save(SavedState({}, {}))
     assert keeper.settle()
     assert "another imumon" in str(keeper.failed)
     other.close(STATE)
@@ -163,11 +163,11 @@ def test_what_cannot_be_set_aside_now_is_not_overwritten_and_no_end(
 
         disk.setattr(Path, "rename", refused)
         assert keeper.set_aside("other-settings").name == "d.state"
-        keeper.save(State({}, {}))
+        keeper.save(SavedState({}, {}))
         assert keeper.settle()
         assert "read-only" in str(keeper.failed).lower()
         assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
-    keeper.close(State({}, {}))
+    keeper.close(SavedState({}, {}))
     assert keeper.failed is None
     assert same(decode((tmp_path / "d.other-settings-1.state").read_bytes()), STATE)
 
@@ -194,7 +194,7 @@ def test_failing_disk_is_said_and_the_old_state_stays(tmp_path: Path) -> None:
     else:
         keeper = Checkpoint(tmp_path, "d")
         tmp_path.chmod(0o500)
-    keeper.close(State({}, {}))
+    keeper.close(SavedState({}, {}))
     tmp_path.chmod(0o700)
     assert keeper.failed
     assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
@@ -203,7 +203,7 @@ def test_failing_disk_is_said_and_the_old_state_stays(tmp_path: Path) -> None:
 def test_what_is_written_is_let_go_of(tmp_path: Path) -> None:
     checkpoint, array = Checkpoint(tmp_path, "x"), np.zeros(3)
     there = weakref.ref(array)
-    checkpoint.save(State({}, {"a": array}))
+    checkpoint.save(SavedState({}, {"a": array}))
     del array
     assert checkpoint.settle()
     until = time.monotonic() + 5.0
@@ -221,7 +221,7 @@ def test_between_two_saves_no_thread_waits(tmp_path: Path) -> None:
     """For the C library keeps memory for each as long as it lives."""
     checkpoint = Checkpoint(tmp_path, "x")
     for count in (1, 2, 3):
-        checkpoint.save(State({"samples": count}, {}))
+        checkpoint.save(SavedState({"samples": count}, {}))
         assert checkpoint.settle()
         for thread in writers():
             thread.join(5.0)
@@ -233,7 +233,7 @@ def test_between_two_saves_no_thread_waits(tmp_path: Path) -> None:
 def test_of_states_that_come_while_one_is_written_the_newest_is_kept(tmp_path: Path) -> None:
     checkpoint = Checkpoint(tmp_path, "x")
     for count in range(100):
-        checkpoint.save(State({"samples": count}, STATE.arrays))
+        checkpoint.save(SavedState({"samples": count}, STATE.arrays))
     assert checkpoint.settle()
     assert 1 <= checkpoint.saved <= 100
     assert decode(checkpoint.path.read_bytes()).meta["samples"] == 99
@@ -248,7 +248,7 @@ def test_where_no_thread_can_begin_that_is_said_and_the_last_state_is_written_al
 
     checkpoint = Checkpoint(tmp_path, "x")
     monkeypatch.setattr(threading.Thread, "start", begin)
-    checkpoint.save(State({"samples": 1}, {}))
+    checkpoint.save(SavedState({"samples": 1}, {}))
     assert checkpoint.settle(1.0)
     assert checkpoint.failed == "no thread can begin: grant more memory, or more threads"
     checkpoint.close(STATE)
@@ -291,7 +291,7 @@ def test_arrays_of_any_kind_and_shape_come_back() -> None:
         "across": np.arange(12.0).reshape(3, 4).T,
         "unknown": np.array([np.nan, 1.0], dtype=np.float32),
     }
-    back = decode(encode(State({}, arrays))).arrays
+    back = decode(encode(SavedState({}, arrays))).arrays
     assert list(back) == list(arrays)
     for name, array in arrays.items():
         assert back[name].dtype == array.dtype

@@ -206,9 +206,9 @@ def test_search_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @given(st.text(), st.floats(0.1, 60.0), st.lists(st.text(), max_size=3))
 def test_what_is_rendered_is_read_back(text: str, period: float, names: list[str]) -> None:
     settings = Settings(
-        device=config.Device(port=text),
-        report=config.Reporting(period_s=period),
-        zenoh=config.Zenoh(allow=tuple(names), raw={"a/b": text, "c": [1, True]}),
+        device=config.DeviceSettings(port=text),
+        report=config.ReportSettings(period_s=period),
+        zenoh=config.ZenohSettings(allow=tuple(names), raw={"a/b": text, "c": [1, True]}),
     )
     read = tomllib.loads(render(settings))
     assert read["device"]["port"] == text

@@ -18,11 +18,11 @@ from daemons import Daemon, free_endpoint
 
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
-from imumon.daemon import Task
-from imumon.daemon.shutdown import Stopped
+from imumon.daemon import RunOptions
+from imumon.daemon.shutdown import ShutdownRequested
 from imumon.devices.vn100.ascii import encode
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_session import Facts, Session
+from imumon.devices.vn100.vn100_session import Vn100Info, Vn100Session
 from imumon.recordings import SerialPort
 from imumon.report import Report, stamp
 
@@ -106,18 +106,18 @@ def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> No
 def here(port: str, state: Path, **words: Any) -> Reader:
     """A daemon in this process."""
     settings = load(None, {"zenoh.listen": [free_endpoint()], "log.level": "error"})
-    return Reader(settings, Task(path=port, state_directory=state, **words))
+    return Reader(settings, RunOptions(path=port, state_directory=state, **words))
 
 
 def test_a_stop_while_it_is_being_set_up_leaves_the_kept_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    configure = Session.configure
+    configure = Vn100Session.configure
 
-    def stopped(session: Session) -> Facts:
+    def stopped(session: Vn100Session) -> Vn100Info:
         configure(session)
         time.sleep(0.3)  # samples have come by now
-        raise Stopped
+        raise ShutdownRequested
 
     with spawn(EmulatorSettings(seed=2)) as sensor:
         with Daemon(sensor.path, tmp_path) as first:
@@ -125,7 +125,7 @@ def test_a_stop_while_it_is_being_set_up_leaves_the_kept_record(
             first.stop()
         kept = {path.name: path.read_bytes() for path in tmp_path.glob("*.state*")}
         assert kept
-        monkeypatch.setattr(Session, "configure", stopped)
+        monkeypatch.setattr(Vn100Session, "configure", stopped)
         here(sensor.path, tmp_path).run()
         assert {path.name: path.read_bytes() for path in tmp_path.glob("*.state*")} == kept
 

@@ -15,8 +15,8 @@ import pytest
 import reports
 from daemons import Daemon, free_endpoint
 
-from imumon.config import Device, Settings, Zenoh, load
-from imumon.devices.vn100.device_info import Facts
+from imumon.config import DeviceSettings, Settings, ZenohSettings, load
+from imumon.devices.vn100.device_info import Vn100Info
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.doctor import Case, Check, _candidates, checks, examine
 from imumon.doctor.observations import BusLook, Heard, PortLook, ServiceLook, StateLook
@@ -30,7 +30,7 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
     """An examination that meets nobody else on this machine's bus."""
     place = free_endpoint()
     monkeypatch.setattr("imumon.doctor.probe_zenoh.HEAR_S", 0.05)
-    settings = Settings(zenoh=Zenoh(listen=(place,)))
+    settings = Settings(zenoh=ZenohSettings(listen=(place,)))
     return Case(settings=settings, state_directory=tmp_path / "state", connect=(place,), seconds=1.0)
 
 
@@ -142,7 +142,7 @@ def test_another_model_is_told(case: Case) -> None:
 
 
 def test_a_wrong_baud_in_the_settings_is_told(case: Case) -> None:
-    settings = replace(case.settings, device=Device(baud=9600))
+    settings = replace(case.settings, device=DeviceSettings(baud=9600))
     with spawn(EmulatorSettings(seed=1)) as sensor:
         found = by_name(replace(case, settings=settings), sensor.path)
     assert failed(found) == {"baud"}
@@ -150,7 +150,7 @@ def test_a_wrong_baud_in_the_settings_is_told(case: Case) -> None:
 
 
 def test_listen_only_asks_nothing(case: Case) -> None:
-    settings = replace(case.settings, device=Device(listen_only=True))
+    settings = replace(case.settings, device=DeviceSettings(listen_only=True))
     with spawn(EmulatorSettings(seed=1)) as sensor:
         found = by_name(replace(case, settings=settings), sensor.path)
         assert sensor.ask("counters")["replies"] == 0
@@ -240,7 +240,7 @@ def test_a_port_without_permission_is_seen(tmp_path: Path) -> None:
 # ---------------------------------------------------------------------- the other checks
 
 
-HEARD = Heard(facts=Facts(id="x", baud=115200, stream="deltas", sample_rate_hz=100.0), seconds=3.0)
+HEARD = Heard(facts=Vn100Info(id="x", baud=115200, stream="deltas", sample_rate_hz=100.0), seconds=3.0)
 
 
 @pytest.mark.parametrize(
@@ -308,7 +308,7 @@ def test_an_endpoint_that_is_taken_and_one_that_is_none(case: Case) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         taken = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         for listen_at in (taken, "nonsense"):
-            settings = replace(case.settings, zenoh=Zenoh(listen=(listen_at,)))
+            settings = replace(case.settings, zenoh=ZenohSettings(listen=(listen_at,)))
             found = {c.name: c for c in examine(replace(case, settings=settings, port="/dev/null0"))}
             assert found["zenoh"].status == "failed"
             assert found["zenoh"].cure

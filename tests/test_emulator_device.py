@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.devices.vn100 import ascii
-from imumon.devices.vn100.binary import GROUPS, Layout
+from imumon.devices.vn100.binary import GROUPS, BinaryLayout
 from imumon.devices.vn100.checksum import crc16
-from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.emulator import EmulatorSettings, Noise
-from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S, Device
+from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S, CommandHandler
 from imumon.devices.vn100.emulator.faults import Faults
 from imumon.devices.vn100.emulator.main_loop import make_device
-from imumon.devices.vn100.emulator.sensor_model import Tape
+from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import (
     ASCII_RATES,
     BINARY_OUTPUTS,
@@ -31,13 +31,13 @@ from imumon.samples import Floats, SampleBlock
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 
 
-def make(**words: object) -> Device:
+def make(**words: object) -> CommandHandler:
     """Device with white noise only, which is made quickly, unless told otherwise."""
     quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
     return make_device(EmulatorSettings(**{**quick, **words}))  # type: ignore[arg-type]
 
 
-def ask(device: Device, body: str, check: str = "crc", now: float = 0.0) -> str:
+def ask(device: CommandHandler, body: str, check: str = "crc", now: float = 0.0) -> str:
     """Answer to one command without its frame."""
     device.receive(ascii.encode(body, check), now)  # type: ignore[arg-type]
     replies = device.replies(now)
@@ -45,14 +45,14 @@ def ask(device: Device, body: str, check: str = "crc", now: float = 0.0) -> str:
     return replies[0][1:].partition(b"*")[0].decode()
 
 
-def save(device: Device, now: float) -> None:
+def save(device: CommandHandler, now: float) -> None:
     device.receive(b"$VNWNV*57\r\n", now)
     assert device.replies(now) == []
     assert device.replies(now + SAVING_S) == [b"$VNWNV*57\r\n"]
 
 
 def blocks(messages: list[tuple[int, bytes]]) -> list[SampleBlock]:
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     items = [*decoder.feed(b"".join(message for _, message in messages)), *decoder.finish()]
     assert decoder.discarded == 0
     return [item for item in items if isinstance(item, SampleBlock)]
@@ -386,7 +386,7 @@ def test_every_binary_field_is_sent(group: int) -> None:
     device = make(baud=921600, rate=0)
     for bit, entry in GROUPS[group].items():
         assert ask(device, f"VNWRG,76,1,80,{1 << (group - 1):02X},{1 << bit:04X}").startswith("VNWRG,76")
-        layout = Layout.of({group: 1 << bit})
+        layout = BinaryLayout.of({group: 1 << bit})
         messages = device.advance(device.sensor.tick + 800)
         assert len(messages) == 10
         packets = layout.decode(b"".join(message for _, message in messages), count=10)
@@ -441,7 +441,7 @@ def test_a_binary_output_can_be_polled() -> None:
     ask(device, "VNWRG,77,1,0,01,0001")
     device.receive(b"$VNBOM,03*XX\r\n", 1.0)
     (packet,) = device.replies(1.0)
-    assert Layout.of({1: 1}).count(packet, 0, 1) == 1
+    assert BinaryLayout.of({1: 1}).count(packet, 0, 1) == 1
     assert device.advance(1600) == []
 
 
@@ -506,7 +506,7 @@ def test_increments_add_up_whatever_resets_them() -> None:
         device = make(rate=0, baud=921600)
         for command in outputs:
             ask(device, command)
-        layout = Layout.of({3: 0x00C0})
+        layout = BinaryLayout.of({3: 0x00C0})
         data = b"".join(message for _, message in device.advance(8000))
         packets = layout.decode(data, count=len(data) // layout.length)
         return (
@@ -534,7 +534,7 @@ def test_polling_the_increments_resets_them() -> None:
 def test_the_compensated_rate_has_lost_its_bias() -> None:
     device = make(rate=0, baud=921600)
     ask(device, "VNWRG,75,1,4,05,0020,0008")
-    layout = Layout.of({1: 0x20, 3: 0x08})
+    layout = BinaryLayout.of({1: 0x20, 3: 0x08})
     data = b"".join(message for _, message in device.advance(120 * LOOP_RATE))
     packets = layout.decode(data, count=len(data) // layout.length)[-20_000:]
     bias = packets["3.uncompGyro"].astype(float).mean(axis=0)
@@ -548,7 +548,7 @@ def test_the_compensated_rate_has_lost_its_bias() -> None:
 def test_the_magnetometer_holds_its_readings_and_hums() -> None:
     device = make(rate=0, baud=921600, hum=0.02, hum_hz=50.0)
     ask(device, "VNWRG,75,1,1,04,0002")
-    layout = Layout.of({3: 0x02})
+    layout = BinaryLayout.of({3: 0x02})
     data = b"".join(message for _, message in device.advance(8000))
     field = layout.decode(data, count=8000)["3.uncompMag"].astype(float)
     assert (np.diff(field[:, 0]) == 0).mean() == pytest.approx(1 - 250 / 800, abs=0.01)
@@ -559,7 +559,7 @@ def test_the_magnetometer_holds_its_readings_and_hums() -> None:
 def test_calibrations_act_on_uncompensated_outputs_too() -> None:
     device = make(rate=0, baud=921600, warm_up=0.0)
     ask(device, "VNWRG,75,1,8,04,00CE")
-    layout = Layout.of({3: 0xCE})
+    layout = BinaryLayout.of({3: 0xCE})
 
     def means(seconds: int) -> dict[str, Floats]:
         data = b"".join(message for _, message in device.advance(device.sensor.tick + seconds * LOOP_RATE))
@@ -594,7 +594,7 @@ def test_the_reference_frame_turns_after_saving_and_a_reset() -> None:
 def test_warming_up_moves_the_bias() -> None:
     device = make(rate=0, warm_up=10.0, warm_up_s=60.0, gyro_thermal=1e-4)
     ask(device, "VNWRG,75,1,8,04,0018")
-    layout = Layout.of({3: 0x18})
+    layout = BinaryLayout.of({3: 0x18})
     data = b"".join(message for _, message in device.advance(300 * LOOP_RATE))
     packets = layout.decode(data, count=len(data) // layout.length)
     warmth = packets["3.temp"].astype(float).ravel()
@@ -620,7 +620,9 @@ def test_time_stamps_are_microseconds_and_jitter() -> None:
 
 
 def test_the_same_seed_is_the_same_sensor() -> None:
-    one, two, other = (Device(EmulatorSettings(seed=s), Tape(EmulatorSettings(seed=s))) for s in (1, 1, 2))
+    one, two, other = (
+        CommandHandler(EmulatorSettings(seed=s), SensorModel(EmulatorSettings(seed=s))) for s in (1, 1, 2)
+    )
     first = one.advance(4000)
     assert first == two.advance(4000)
     assert first != other.advance(4000)

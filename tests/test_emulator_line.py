@@ -21,8 +21,8 @@ import pytest
 import serial
 
 from imumon.devices.vn100 import ascii
-from imumon.devices.vn100.binary import Layout
-from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.binary import BinaryLayout
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, Noise, spawn
 from imumon.devices.vn100.emulator.faults import Faults
 from imumon.devices.vn100.emulator.main_loop import CATCH_UP
@@ -31,8 +31,8 @@ from imumon.devices.vn100.registers import BAUDS, REGISTERS
 from imumon.samples import SampleBlock
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
-TIME_AND_DELTAS = Layout.of({2: 0x0001, 3: 0x00C0})
-TIME_MAGPRES_DELTAS = Layout.of({1: 0x0C01})
+TIME_AND_DELTAS = BinaryLayout.of({2: 0x0001, 3: 0x00C0})
+TIME_MAGPRES_DELTAS = BinaryLayout.of({1: 0x0C01})
 
 
 @contextlib.contextmanager
@@ -112,7 +112,7 @@ class Client:
         self.ask("VNASY,1")
 
 
-def packets(data: bytes, layout: Layout) -> np.ndarray:
+def packets(data: bytes, layout: BinaryLayout) -> np.ndarray:
     """Whole packets of a capture that begins and ends anywhere, and holds nothing else."""
     start = data.index(layout.header)
     count = (len(data) - start) // layout.length
@@ -171,7 +171,7 @@ def test_another_baud_hears_garbage(sensor: EmulatorProcess) -> None:
         data = client.collect(0.3)
         assert data
         assert b"$VN" not in data
-        decoder = Decoder()
+        decoder = Vn100Decoder()
         decoder.feed(data)
         assert decoder.messages == 0
         client.port.baudrate = 115200
@@ -195,7 +195,7 @@ def test_changing_the_baud_answers_at_the_old_one() -> None:
     ],
 )
 def test_not_one_packet_is_lost_at_115200(
-    sensor: EmulatorProcess, output: str, layout: Layout, rate: int
+    sensor: EmulatorProcess, output: str, layout: BinaryLayout, rate: int
 ) -> None:
     with Client(sensor.path, check="XX") as client:
         client.stream(output)
@@ -217,7 +217,7 @@ def test_replies_stand_between_messages_and_come_soon(sensor: EmulatorProcess) -
         for _ in range(20):
             client.send("VNRRG,85")
             captured += client.collect(0.05)
-        decoder = Decoder()
+        decoder = Vn100Decoder()
         decoder.feed(captured[captured.index(TIME_AND_DELTAS.header) :])
         assert decoder.discarded == 0
         assert captured.count(b"$VNRRG,85,0,4,4,4,0,0,3,3,3,0*") == 20
@@ -449,7 +449,7 @@ def test_a_damaged_line_gives_no_wrong_sample_and_conserves_messages() -> None:
         assert conserved(counters)
         assert counters["lost"]
         assert counters["duplicated"]
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     items = [*decoder.feed(data), *decoder.finish()]
     assert decoder.messages * 1.0 == pytest.approx(data.count(b"$VNYMR") * 0.95, rel=0.05)
     for block in items:
@@ -463,7 +463,7 @@ def test_every_check_wrong_for_a_while(sensor: EmulatorProcess) -> None:
         sensor.ask("fault crc=1")
         client.port.reset_input_buffer()
         client.collect(0.05)
-        decoder = Decoder()
+        decoder = Vn100Decoder()
         decoder.feed(client.collect(0.3))
         assert decoder.messages == 0
         assert decoder.bad_checksums > 5
@@ -500,7 +500,7 @@ def test_a_message_cut_in_its_middle(sensor: EmulatorProcess) -> None:
     with Client(sensor.path) as client:
         client.collect(0.1)
         sensor.ask("cut")
-        decoder = Decoder()
+        decoder = Vn100Decoder()
         decoder.feed(client.collect(0.3))
         assert decoder.discarded >= 61
 

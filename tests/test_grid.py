@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.pipeline.gap_fill import LONG, Break, Hole, Run, stretches
-from imumon.timebase.sample_clock import BREAK, Placed
+from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 
 @given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG, LONG + 1, 10**9, BREAK]), max_size=60))
 def test_ticks_and_samples_are_conserved(steps: list[int]) -> None:
     n = len(steps)
-    placed = Placed(np.arange(n, dtype=float)[:, None], np.array(steps, dtype=np.int64), None)
+    placed = PlacedSamples(np.arange(n, dtype=float)[:, None], np.array(steps, dtype=np.int64), None)
     at, tick, ticks = [], 0, 0
     for part in stretches(placed):
         if isinstance(part, Run):

@@ -13,12 +13,12 @@ import pytest
 
 from imumon.checkpoint import Checkpoint, decode, encode
 from imumon.daemon import persistence
-from imumon.daemon.persistence import Keeping, differing, noted
-from imumon.devices.vn100.vn100_session import Facts
-from imumon.devices.vn100.vn100_session import Session as Sensor
+from imumon.daemon.persistence import Persistence, differing, noted
+from imumon.devices.vn100.vn100_session import Vn100Info
+from imumon.devices.vn100.vn100_session import Vn100Session as Sensor
 from imumon.pipeline import Monitor
-from imumon.pipeline import Wanted as Watched
-from imumon.report import Session
+from imumon.pipeline import MonitorOptions as Watched
+from imumon.report import SessionCounters
 from imumon.samples import SampleBlock, Stream
 
 FILTER = "85 IMU filtering"
@@ -41,8 +41,8 @@ class Remembering:
         return self.originals
 
 
-def facts(serial: str = "0100000001", filtering: str = "0,4,4,4,0") -> Facts:
-    return Facts(id=f"vn100-{serial}", serial=serial, settings={FILTER: filtering})
+def facts(serial: str = "0100000001", filtering: str = "0,4,4,4,0") -> Vn100Info:
+    return Vn100Info(id=f"vn100-{serial}", serial=serial, settings={FILTER: filtering})
 
 
 def block(first: int, n: int = 200) -> SampleBlock:
@@ -50,9 +50,9 @@ def block(first: int, n: int = 200) -> SampleBlock:
     return SampleBlock(STREAM, values, (first + np.arange(n)) * 10_000_000, np.zeros(n, dtype=np.int64), None)
 
 
-def begun(directory: Path, of: Facts, *, fresh: bool = False) -> tuple[Keeping, Monitor, list[str]]:
+def begun(directory: Path, of: Vn100Info, *, fresh: bool = False) -> tuple[Persistence, Monitor, list[str]]:
     monitor = Monitor(rate_hz=100.0)
-    kept = Keeping(directory, "lab", of.id, monitor, Run(fresh))
+    kept = Persistence(directory, "lab", of.id, monitor, Run(fresh))
     return kept, monitor, [text for text, _ in kept.take_up(of)]
 
 
@@ -60,7 +60,7 @@ def leave(directory: Path) -> None:
     """A record of 200 samples of the sensor as it is set at first."""
     kept, monitor, _ = begun(directory, facts())
     monitor.feed(block(0))
-    kept.close(Session(), "2026-01-01T00:00:00.000Z")
+    kept.close(SessionCounters(), "2026-01-01T00:00:00.000Z")
 
 
 def test_a_record_goes_on(tmp_path: Path) -> None:
@@ -69,26 +69,26 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     monitor.feed(block(300))
     assert monitor.samples == 400
     assert "goes on" in said[0]
-    assert kept.added_up(Session()).restarts == 1
-    kept.close(Session(), kept.started)
+    assert kept.added_up(SessionCounters()).restarts == 1
+    kept.close(SessionCounters(), kept.started)
 
 
 def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
     leave(tmp_path)
     for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):
-        kept = Keeping(tmp_path, "lab", of.id, Monitor(rate_hz=100.0), Run(False))
+        kept = Persistence(tmp_path, "lab", of.id, Monitor(rate_hz=100.0), Run(False))
         assert [weight for _, weight in kept.take_up(of)] == [level]
-        kept.close(Session(), None)
+        kept.close(SessionCounters(), None)
 
 
 def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
     leave(tmp_path)
     bare = Monitor(Watched(guarded=False), rate_hz=100.0)
-    kept = Keeping(tmp_path, "lab", facts().id, bare, Run(False))
+    kept = Persistence(tmp_path, "lab", facts().id, bare, Run(False))
     (text, level), *_ = kept.take_up(facts())
     assert level == "warning"
     assert "guards on" in text
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
     assert (tmp_path / "lab.other-settings-1.state").exists()
 
 
@@ -103,11 +103,11 @@ def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> Non
     """It is written by another thread, while samples go on."""
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.feed(block(0, 5000))
-    waiting = kept._state(Session(), None)
+    waiting = kept._state(SessionCounters(), None)
     before = encode(waiting)
     monitor.feed(block(5000, 5000))
     assert encode(waiting) == before
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
 
 
 @pytest.mark.parametrize(
@@ -117,14 +117,14 @@ def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> Non
         (facts(filtering="0,8,4,4,0"), "other-settings", FILTER),
     ],
 )
-def test_another_is_set_aside_whole(tmp_path: Path, other: Facts, name: str, word: str) -> None:
+def test_another_is_set_aside_whole(tmp_path: Path, other: Vn100Info, name: str, word: str) -> None:
     leave(tmp_path)
     before = (tmp_path / "lab.state").read_bytes()
     kept, monitor, said = begun(tmp_path, other)
     monitor.feed(block(0))
     assert monitor.samples == 200
     assert word in said[0]
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
     assert (tmp_path / f"lab.{name}-1.state").read_bytes() == before
     assert (tmp_path / "lab.state").exists()
 
@@ -134,7 +134,7 @@ def test_fresh_keeps_the_old_one_even_if_only_a_generation_is_left(tmp_path: Pat
     (tmp_path / "lab.state").rename(tmp_path / "lab.state.1")
     kept, monitor, said = begun(tmp_path, facts(), fresh=True)
     monitor.feed(block(0))
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
     assert "lab.old-1.state" in said[0]
     assert decode((tmp_path / "lab.old-1.state").read_bytes()).meta["serial"] == "0100000001"
 
@@ -145,9 +145,9 @@ def test_settings_that_change_while_it_is_away_begin_anew(tmp_path: Path) -> Non
     changed = facts(filtering="0,8,4,4,0")
     assert kept.differing(changed)
     other = Monitor(rate_hz=100.0)
-    said = kept.begin_anew(changed, other, Session())
+    said = kept.begin_anew(changed, other, SessionCounters())
     other.feed(block(0, 50))
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
     assert "lab.other-settings-1.state" in said
     assert decode((tmp_path / "lab.other-settings-1.state").read_bytes()).meta["monitor"]["stream"]
     assert decode((tmp_path / "lab.state").read_bytes()).meta["settings"] == changed.settings
@@ -160,11 +160,11 @@ def test_what_only_one_side_knows_makes_no_difference() -> None:
 def test_listening_only_leaves_the_note_of_a_killed_run(tmp_path: Path) -> None:
     kept, _, _ = begun(tmp_path, facts())
     kept.remember(cast(Sensor, Remembering({"75": "0,0,0"})))
-    kept.close(Session(), None)  # killed: the sensor was never put back
+    kept.close(SessionCounters(), None)  # killed: the sensor was never put back
     kept, _, _ = begun(tmp_path, facts())
     kept.remember(cast(Sensor, Remembering({})))
     kept.forget()
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
     assert json.loads((tmp_path / "vn100-0100000001.found.json").read_text()) == {"75": "0,0,0"}
 
 
@@ -193,10 +193,10 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     monitor.feed(block(0))
     place = tmp_path / "lab.state.new"
     place.mkdir()  # nothing can be written under this name
-    kept.save(Session(), None)
+    kept.save(SessionCounters(), None)
     kept._checkpoint.settle()
     assert "cannot be saved" in (kept.complaint() or "")
     assert kept.complaint() is None  # once per change
     place.rmdir()
-    kept.close(Session(), None)
+    kept.close(SessionCounters(), None)
     assert Checkpoint(tmp_path, "lab").load()[0] is not None

@@ -18,7 +18,7 @@ from reports import report
 
 from imumon.cli.run_command import _scratch
 from imumon.tui.panels import welcome
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 
 
 @pytest.mark.parametrize(
@@ -124,17 +124,17 @@ def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
     assert done.stdout.startswith("/dev/")
 
 
-def _text(scene: Scene) -> str:
+def _text(scene: ViewState) -> str:
     return "\n".join("".join(text for text, _ in line) for line in welcome(scene, 100, 30))
 
 
 def test_the_screen_says_that_the_emulator_starts_and_why_its_daemon_died() -> None:
-    starting = Scene(starting="The emulated sensor is starting.", endpoint="unixsock-stream/x")
+    starting = ViewState(starting="The emulated sensor is starting.", endpoint="unixsock-stream/x")
     assert "emulated sensor is starting" in _text(starting)
     assert "imumon run" not in _text(starting)
     assert "no space left" in _text(starting.after(ended="imumon: no space left"))
     made = report(200.0)
-    lost = Scene(
+    lost = ViewState(
         reports={made.device.id: made}, ages={made.device.id: 60.0}, id=made.device.id, ended="it fell"
     )
     assert "it fell" in lost.situation().text

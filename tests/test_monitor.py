@@ -13,10 +13,10 @@ from typing import cast
 import numpy as np
 import pytest
 
-from imumon.pipeline import Monitor, RateNeeded, Wanted
-from imumon.pipeline.accumulators import Record
-from imumon.pipeline.events import Events
-from imumon.report import Device, Report, SensorGrade, Session, from_json, to_json
+from imumon.pipeline import Monitor, MonitorOptions, RateRequired
+from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.events import EventLog
+from imumon.report import DeviceDescription, Report, SensorGrade, SessionCounters, from_json, to_json
 from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
@@ -34,7 +34,7 @@ def block(n: int, start: int = 0, seed: int = 1, stream: Stream = DELTAS) -> Sam
 
 
 def report(monitor: Monitor) -> Report:
-    return monitor.report(NOW, Device(id="x"), "running", Session())
+    return monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters())
 
 
 def test_report_survives_json() -> None:
@@ -59,7 +59,7 @@ def test_a_young_record_has_n_at_once_and_no_fit_is_older_than_five_seconds_and_
         assert second - at <= min(0.1 * second, 5.0 + 0.02 * second) + 1.0
         oldest = max(oldest, second - at)
     assert oldest >= 5.0  # nor is it worked out with every report
-    stopped = monitor.report(NOW, Device(id="x"), "stopped", Session())
+    stopped = monitor.report(NOW, DeviceDescription(id="x"), "stopped", SessionCounters())
     assert stopped.channels["gyro/x"].N is not known  # the last one is of everything
 
 
@@ -97,11 +97,11 @@ def test_best_stream_is_characterised_and_counted_alone() -> None:
 
 def test_stream_without_clock_and_rate_is_refused() -> None:
     silent = replace(DELTAS, clock="none")
-    with pytest.raises(RateNeeded, match="--rate"):
+    with pytest.raises(RateRequired, match="--rate"):
         Monitor().feed(block(500, stream=silent))
     few = Monitor()
     few.feed(block(10, stream=silent))
-    with pytest.raises(RateNeeded, match="--rate"):
+    with pytest.raises(RateRequired, match="--rate"):
         few.flush()
 
 
@@ -109,7 +109,7 @@ def test_a_slow_stream_without_clock_and_rate_is_refused_in_seconds_too() -> Non
     silent, slow = replace(DELTAS, clock="none"), Monitor()
     for second in range(6):
         slow.feed(block(1, second, stream=silent), room_s=1.0 if second else 0.0)
-    with pytest.raises(RateNeeded, match="--rate"):
+    with pytest.raises(RateRequired, match="--rate"):
         slow.feed(block(1, 6, stream=silent), room_s=1.0)
 
 
@@ -143,7 +143,7 @@ def test_any_chunking_gives_the_same_report(guarded: bool) -> None:
     whole.values[4000:4200] += 0.5
     made = []
     for cuts in ([], [1, 40, 41, 3999, 4100, 8000]):
-        monitor = Monitor(Wanted(guarded=guarded))
+        monitor = Monitor(MonitorOptions(guarded=guarded))
         edges = [0, *cuts, 9000]
         for a, b in pairwise(edges):
             assert whole.time_ns is not None
@@ -198,25 +198,25 @@ def test_saved_monitor_goes_on_as_if_nothing_had_happened() -> None:
 
 
 def test_a_grade_on_the_line_between_two_is_told_when_it_stays() -> None:
-    def told(events: Events, lengths: range, flips: int) -> list[str]:
+    def told(events: EventLog, lengths: range, flips: int) -> list[str]:
         for k, length in enumerate(lengths):
             nearest = "industrial" if k // flips % 2 == 0 else "consumer"
-            at = cast(Record, SimpleNamespace(elapsed_s=float(length)))
+            at = cast(Accumulators, SimpleNamespace(elapsed_s=float(length)))
             events.from_grades({"gyro": SensorGrade(nearest=nearest)}, at)
         return [event.text for event in events.take()]
 
-    assert told(Events(), range(1000, 2000), 20) == ["gyro is industrial"]
-    assert told(Events(), range(1000, 1600), 300) == [
+    assert told(EventLog(), range(1000, 2000), 20) == ["gyro is industrial"]
+    assert told(EventLog(), range(1000, 1600), 300) == [
         "gyro is industrial",
         "gyro is consumer (was industrial)",
     ]
-    lost = Events()
+    lost = EventLog()
     for k in range(100):
-        at = cast(Record, SimpleNamespace(elapsed_s=1000.0 + k))
+        at = cast(Accumulators, SimpleNamespace(elapsed_s=1000.0 + k))
         lost.from_grades({"gyro": SensorGrade(nearest=None if k % 2 else "industrial")}, at)
     assert len(lost.take()) == 1
-    again = Events()
-    again.resumed(cast(Record, SimpleNamespace(gaps=0, missing=0)))
+    again = EventLog()
+    again.resumed(cast(Accumulators, SimpleNamespace(gaps=0, missing=0)))
     assert told(again, range(1000, 1100), 200) == [], "told before the restart"
     assert told(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
 
@@ -375,7 +375,7 @@ def test_baseline_tells_what_has_grown() -> None:
     old = Monitor()
     old.feed(block(60_000))
     saved = report(old)
-    new = Monitor(Wanted(baseline=saved))
+    new = Monitor(MonitorOptions(baseline=saved))
     part = block(60_000, seed=9)
     part.values[:, 1] = LEVEL[1] + 1.4 * (part.values[:, 1] - LEVEL[1])
     new.feed(part)
@@ -461,7 +461,7 @@ def test_saved_record_with_guards_is_not_mixed_with_one_without() -> None:
     one = Monitor()
     one.feed(block(3000))
     with pytest.raises(ValueError, match="guards"):
-        Monitor(Wanted(guarded=False)).resume(*one.save(), 1.0)
+        Monitor(MonitorOptions(guarded=False)).resume(*one.save(), 1.0)
 
 
 def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
@@ -469,7 +469,7 @@ def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
     walk = np.cumsum(np.random.default_rng(3).normal(size=n)) * 1e-4
     stream = replace(DELTAS, channels=(*GYRO, *MAG))
     values = np.repeat(walk[:, None], 6, axis=1)
-    monitor = Monitor(Wanted(guarded=False), rate_hz=1e9 / TICK)
+    monitor = Monitor(MonitorOptions(guarded=False), rate_hz=1e9 / TICK)
     monitor.feed(SampleBlock(stream, values, np.arange(n) * TICK, np.zeros(n, dtype=np.int64)))
     channels = report(monitor).channels
     gyro, mag = channels["gyro/x"], channels["mag/x"]

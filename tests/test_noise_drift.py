@@ -8,7 +8,7 @@ import pytest
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import fit_curve
 from imumon.noise.nonstationarity.drift import Drift, Trend
-from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
@@ -21,7 +21,7 @@ NOISES = {
 }
 
 
-def trends(values: Floats, wander: Wander, temperature: int | None = None) -> list[Trend]:
+def trends(values: Floats, wander: MeanCovariance, temperature: int | None = None) -> list[Trend]:
     c = values.shape[1]
     drift = Drift((0,) * c, RATE, temperature)
     for i in range(0, len(values), 5000):
@@ -36,7 +36,7 @@ def test_slopes_scatter_as_their_errors_say_and_none_is_invented(noise: str) -> 
     z = []
     for seed in range(2):
         values = synthesise(20_000, RATE, N=[n] * 12, B=b, K=k, seed=seed)
-        found = trends(values + 9.8, Wander(n, b, k))
+        found = trends(values + 9.8, MeanCovariance(n, b, k))
         assert not any(t.time.significant for t in found)
         z += [t.time.value / t.time.error for t in found]
     assert np.std(z) == pytest.approx(1.0, abs=0.45)  # three standard errors of 24 values
@@ -47,7 +47,7 @@ def test_a_drift_is_told_with_its_limits() -> None:
     slope = 2e-7  # 7.2e-4 in an hour
     values = synthesise(36_000, RATE, N=[1e-4] * 12, B=2e-5, K=1e-7, seed=5)
     values += slope * np.arange(len(values))[:, None] / RATE
-    found = [t.time for t in trends(values, Wander(1e-4, 2e-5, 1e-7))]
+    found = [t.time for t in trends(values, MeanCovariance(1e-4, 2e-5, 1e-7))]
     assert all(s.significant for s in found)
     assert sum(s.low < slope < s.high for s in found) >= 9
 
@@ -59,7 +59,9 @@ def test_temperature_explains_what_follows_it() -> None:
     degrees = 25.0 + 3.0 * np.sin(2 * np.pi * 2.3 * hours) + 0.01 * rng.standard_normal(n)
     values = synthesise(n, RATE, N=[1e-4] * 2, B=2e-5, K=1e-7, seed=3)
     values[:, 0] += 4e-4 * degrees
-    first, second = trends(np.column_stack((values, degrees)), Wander(1e-4, 2e-5, 1e-7), temperature=2)
+    first, second = trends(
+        np.column_stack((values, degrees)), MeanCovariance(1e-4, 2e-5, 1e-7), temperature=2
+    )
     assert first.temperature is not None
     assert first.temperature.significant
     assert first.temperature.value == pytest.approx(4e-4, abs=3 * first.temperature.error)
@@ -82,7 +84,7 @@ def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None
         curves.append(cascade.result())
     drift = Drift((0, 0, 0, 1), RATE, temperature=3)
     drift.update(np.column_stack((values, degrees)))
-    wander = Wander(1e-4, 2e-5, 1e-7)
+    wander = MeanCovariance(1e-4, 2e-5, 1e-7)
     found = drift.without_temperature(curves[1], drift.result([wander] * 3 + [None]))
     assert found is not None
     before, truth, after = curves[1].sigma, curves[0].sigma, found.sigma
@@ -99,23 +101,23 @@ def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None
 def test_a_constant_temperature_says_nothing() -> None:
     values = synthesise(20_000, RATE, N=[1e-4], seed=3)
     degrees = 25.0 + 0.1 * (np.arange(len(values)) % 2)
-    (found,) = trends(np.column_stack((values, degrees)), Wander(1e-4, 1e-6, 1e-8), temperature=1)
+    (found,) = trends(np.column_stack((values, degrees)), MeanCovariance(1e-4, 1e-6, 1e-8), temperature=1)
     assert found.temperature is None
     assert found.explained is None
 
 
 def test_too_short_or_unknown_noise_is_none() -> None:
     drift = Drift((0, 0), RATE)
-    assert drift.result([Wander(1.0, 0.0, 0.0), None]) == [None, None]
+    assert drift.result([MeanCovariance(1.0, 0.0, 0.0), None]) == [None, None]
     drift.update(np.zeros((50, 2)))
-    assert drift.result([Wander(1.0, 0.0, 0.0), None]) == [None, None]
+    assert drift.result([MeanCovariance(1.0, 0.0, 0.0), None]) == [None, None]
 
 
 def test_any_chunking_and_a_restored_state_give_the_same() -> None:
     rng = np.random.default_rng(1)
     values = rng.standard_normal((30_000, 2)) + 5.0
     valid = rng.random((30_000, 1)) > 0.1
-    wander = Wander(0.3, 0.01, 1e-4)
+    wander = MeanCovariance(0.3, 0.01, 1e-4)
     slopes = []
     for chunk in (30_000, 777, 64):
         drift = Drift((0, 0), RATE)
@@ -136,7 +138,7 @@ def test_holes_take_their_time() -> None:
     drift.update(values[:4000])
     drift.skip(9000)
     drift.update(values[13_000:])
-    (found,) = drift.result([Wander(1e-3 / np.sqrt(RATE), 0.0, 0.0)])
+    (found,) = drift.result([MeanCovariance(1e-3 / np.sqrt(RATE), 0.0, 0.0)])
     assert found is not None
     assert found.time.value == pytest.approx(slope, rel=1e-3)
     drift.skip(10**9)
@@ -147,7 +149,7 @@ def test_holes_take_their_time() -> None:
 @pytest.mark.parametrize("noise", NOISES)
 def test_means_step_as_the_noise_says(noise: str) -> None:
     n, b, k = NOISES[noise]
-    wander = Wander(n, b, k)
+    wander = MeanCovariance(n, b, k)
     values = synthesise(12_000, RATE, N=[n] * 400, B=b, K=k, seed=7)
     steps = values[8000:].mean(axis=0) - values[:6000].mean(axis=0)
     assert np.std(steps) == pytest.approx(wander.step(600.0, 400.0, 200.0), rel=0.12)
@@ -158,7 +160,7 @@ def test_a_step_of_the_bias_is_found_where_it_is(at: float) -> None:
     n = 72_000
     values = synthesise(n, RATE, N=[6e-5] * 3, B=5e-6, seed=5)
     values[round(at * n) :, 1] += 1e-4
-    drift, wander = Drift((0,) * 3, RATE), Wander(6e-5, 5e-6, 5e-7)
+    drift, wander = Drift((0,) * 3, RATE), MeanCovariance(6e-5, 5e-6, 5e-7)
     drift.update(values)
     step = drift.step(1, wander)
     assert step is not None
@@ -179,6 +181,8 @@ def test_no_step_is_seen_in_what_wanders_drifts_or_follows_the_weather() -> None
             drift.update(values)
             cascade = OctaveCascade(6, 1.0 / RATE)
             cascade.update(values)
-            wanders = [Wander.of(fit) for fit in fit_curve(cascade.result(), averaged=True, outlook=False)]
+            wanders = [
+                MeanCovariance.of(fit) for fit in fit_curve(cascade.result(), averaged=True, outlook=False)
+            ]
             found += sum(w is not None and drift.step(c, w) is not None for c, w in enumerate(wanders))
     assert found == 0

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imumon.devices.vn100 import Decoder
+from imumon.devices.vn100 import Vn100Decoder
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.detection import Guard, Passed
+from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats, SampleBlock
@@ -28,7 +28,7 @@ def quiet(seconds: float, rate: float = 40.0, seed: int = 1) -> Floats:
 
 def through(
     guard: Guard, values: Floats, chunk: int = 1000, **kwargs: Bools
-) -> tuple[list[Passed], list[Disturbance]]:
+) -> tuple[list[GuardedSamples], list[Disturbance]]:
     pieces = []
     for i in range(0, len(values), chunk):
         pieces += guard.update(values[i : i + chunk], **{k: v[i : i + chunk] for k, v in kwargs.items()})
@@ -330,7 +330,7 @@ def recording(name: str, times: int = 1) -> Floats:
     path = RECORDINGS / f"{name}.vnymr.txt.gz"
     if not path.exists():
         pytest.skip("the recordings are not beside the checkout")
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     items = decoder.feed(gzip.decompress(path.read_bytes()) * times) + decoder.finish()
     return np.concatenate([item.values for item in items if isinstance(item, SampleBlock)])
 
@@ -450,7 +450,11 @@ def test_the_curve_is_that_of_the_undisturbed_record() -> None:
     for values, guarded in ((clean, False), (spoilt, True), (spoilt, False)):
         cascade = OctaveCascade(3, 1 / rate, groups=(0, 0, 0))
         guard = Guard(("gyro",) * 3, rate)
-        pieces = through(guard, values, 8000)[0] if guarded else [Passed(values, np.ones((n, 1), dtype=bool))]
+        pieces = (
+            through(guard, values, 8000)[0]
+            if guarded
+            else [GuardedSamples(values, np.ones((n, 1), dtype=bool))]
+        )
         for piece in pieces:
             cascade.update(piece.values, piece.valid)
         sigma.append(cascade.result().sigma)

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.histogram import BINS, Histogram, Shape, quantum
+from imumon.noise.statistics.histogram import BINS, DistributionShape, HistogramAccumulator, quantum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
 
-def shape(values: Floats, chunk: int = 5000) -> Shape:
-    histogram = Histogram((0,))
+def shape(values: Floats, chunk: int = 5000) -> DistributionShape:
+    histogram = HistogramAccumulator((0,))
     for i in range(0, len(values), chunk):
         histogram.update(values[i : i + chunk, None])
     (result,) = histogram.result()
@@ -91,7 +91,7 @@ def test_the_unit_is_of_no_effect(unit: float) -> None:
 
 
 def test_little_or_nothing() -> None:
-    histogram = Histogram((0, 1))
+    histogram = HistogramAccumulator((0, 1))
     assert histogram.result() == [None, None]
     histogram.update(np.zeros((10, 2)), np.array([[True, False]] * 10))
     first, second = histogram.result()
@@ -113,7 +113,7 @@ def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
     valid = rng(2).random((20_000, 2)) > 0.1
     results = []
     for chunk in (20_000, 977, 61):
-        histogram = Histogram((0, 0, 1))
+        histogram = HistogramAccumulator((0, 0, 1))
         for i in range(0, len(values), chunk):
             histogram.update(values[i : i + chunk], valid[i : i + chunk])
         results.append(histogram.result())
@@ -136,12 +136,12 @@ def test_one_absurd_value_costs_resolution_only() -> None:
 
 def test_save_and_restore_continue_identically() -> None:
     values = rng().standard_normal((5000, 2))
-    whole = Histogram((0, 1))
+    whole = HistogramAccumulator((0, 1))
     whole.update(values)
     for cut in (0, 100, 256, 3000):
-        first = Histogram((0, 1))
+        first = HistogramAccumulator((0, 1))
         first.update(values[:cut])
-        second = Histogram.restore(first.save())
+        second = HistogramAccumulator.restore(first.save())
         second.update(values[cut:])
         assert second.result() == whole.result()
 
@@ -158,7 +158,7 @@ def test_steps_are_read_from_the_values() -> None:
 def test_the_step_of_a_channel_that_stood_still_at_first_is_read_later() -> None:
     x = np.full((2000, 1), 9.8)
     x[[700, 1500], 0] = 9.9
-    histogram = Histogram([0])
+    histogram = HistogramAccumulator([0])
     histogram.update(x)
     shape = histogram.result()[0]
     assert shape is not None

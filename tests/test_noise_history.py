@@ -10,7 +10,7 @@ import pytest
 
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.nonstationarity import History
+from imumon.noise.nonstationarity import HourlyStatistics
 from imumon.noise.statistics.moments import Moments
 from imumon.noise.synthesis import synthesise
 
@@ -22,15 +22,15 @@ def fit(curve: AllanCurve) -> Sequence[ChannelFit]:
     return fit_curve(curve, averaged=True)
 
 
-def history() -> History:
-    return History([0, 0, 0], 3, 1.0 / RATE, fit, warming=(0, 1, 2))
+def history() -> HourlyStatistics:
+    return HourlyStatistics([0, 0, 0], 3, 1.0 / RATE, fit, warming=(0, 1, 2))
 
 
 def noise(hours: float, seed: int) -> np.ndarray:
     return synthesise(round(hours * 3600 * RATE), RATE, N=[N] * 3, B=B, K=0.0, seed=seed)
 
 
-def feed(values: np.ndarray, cuts: Sequence[int] = ()) -> History:
+def feed(values: np.ndarray, cuts: Sequence[int] = ()) -> HourlyStatistics:
     made = history()
     edges = [0, *cuts, len(values)]
     for start, end in pairwise(edges):

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.allan.octave import BLOCK
-from imumon.noise.allan.windows import MarkedCascade
+from imumon.noise.allan.windows import WindowedCascade
 
 RNG = np.random.default_rng(11)
 
 
-def marked() -> MarkedCascade:
-    return MarkedCascade(OctaveCascade(2, 0.01))
+def marked() -> WindowedCascade:
+    return WindowedCascade(OctaveCascade(2, 0.01))
 
 
 def test_since_a_mark_is_a_cascade_begun_there() -> None:
@@ -117,7 +117,7 @@ def test_saved_marks_continue() -> None:
     one.update(x[:5000])
     one.mark()
     one.update(x[5000:20_000])
-    again = MarkedCascade.restore(one.save())
+    again = WindowedCascade.restore(one.save())
     for each in (one, again):
         each.update(x[20_000:])
     a, b = one.since(one.marks[0]), again.since(again.marks[0])

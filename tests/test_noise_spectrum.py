@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.psd import Density, Spectrum
+from imumon.noise.statistics.psd import Density, SpectrumAccumulator
 from imumon.noise.statistics.spectral_lines import mains
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
@@ -14,7 +14,7 @@ RATE = 40.0
 
 
 def density(values: Floats, chunk: int = 4000, rate: float = RATE) -> Density:
-    spectrum = Spectrum((0,) * values.shape[1], rate)
+    spectrum = SpectrumAccumulator((0,) * values.shape[1], rate)
     for i in range(0, len(values), chunk):
         spectrum.update(values[i : i + chunk])
     return spectrum.result()
@@ -105,7 +105,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
             axis=1,
         )
         values[4:, 0] = sum(values[i : len(values) - 4 + i, 0] for i in range(4)) / 4
-        spectrum = Spectrum((0,) * 5, RATE)
+        spectrum = SpectrumAccumulator((0,) * 5, RATE)
         for i in range(0, len(values), 2000):
             spectrum.update(values[i : i + 2000])
             reports += 1
@@ -120,7 +120,7 @@ def test_any_chunking_gives_the_same() -> None:
     valid[5000:5100, 1] = False
     results = []
     for chunk in (30_000, 1000, 37):
-        spectrum = Spectrum((0, 1), RATE)
+        spectrum = SpectrumAccumulator((0, 1), RATE)
         for i in range(0, len(values), chunk):
             spectrum.update(values[i : i + chunk], valid[i : i + chunk])
             if i % 5000 < chunk:
@@ -134,7 +134,7 @@ def test_any_chunking_gives_the_same() -> None:
 
 def test_gaps_cost_a_segment_and_leave_the_level() -> None:
     values = white(200_000) + 9.8
-    whole, holed = Spectrum((0,), RATE), Spectrum((0,), RATE)
+    whole, holed = SpectrumAccumulator((0,), RATE), SpectrumAccumulator((0,), RATE)
     whole.update(values)
     for i in range(0, len(values), 10_000):
         holed.update(values[i : i + 9_980])
@@ -152,7 +152,7 @@ def test_gaps_cost_a_segment_and_leave_the_level() -> None:
 
 
 def test_memory_grows_with_the_logarithm() -> None:
-    spectrum = Spectrum((0, 0, 0), RATE)
+    spectrum = SpectrumAccumulator((0, 0, 0), RATE)
     values = white(100_000, 3)
     sizes = []
     for _ in range(8):
@@ -165,17 +165,17 @@ def test_memory_grows_with_the_logarithm() -> None:
 
 def test_save_and_restore_continue_identically() -> None:
     values = white(20_000, 2)
-    whole = Spectrum((0, 0), RATE)
+    whole = SpectrumAccumulator((0, 0), RATE)
     whole.update(values)
-    first = Spectrum((0, 0), RATE)
+    first = SpectrumAccumulator((0, 0), RATE)
     first.update(values[:7777])
-    second = Spectrum.restore(first.save())
+    second = SpectrumAccumulator.restore(first.save())
     second.update(values[7777:])
     np.testing.assert_allclose(second.result().density, whole.result().density, rtol=1e-9)
 
 
 def test_nothing_yet() -> None:
-    found = Spectrum((0, 1), RATE).result()
+    found = SpectrumAccumulator((0, 1), RATE).result()
     assert found.density.shape == (0, 2)
     assert found.lines == ((), ())
     assert np.isnan(found.white).all()
@@ -183,9 +183,9 @@ def test_nothing_yet() -> None:
 
 def test_short_hops_that_a_state_leaves_out_cost_a_segment_or_two() -> None:
     values = white(40_000, 1)
-    first = Spectrum((0,), RATE)
+    first = SpectrumAccumulator((0,), RATE)
     first.update(values[:17_777])
-    whole, brief = (Spectrum.restore(first.save(least_s=s)) for s in (0.0, 1e9))
+    whole, brief = (SpectrumAccumulator.restore(first.save(least_s=s)) for s in (0.0, 1e9))
     for spectrum in (whole, brief):
         spectrum.update(values[17_777:])
     a, b = whole.result(), brief.result()

@@ -7,7 +7,7 @@ import pytest
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import Estimator
 from imumon.noise.nonstationarity.change import Behaviour, Change, Estimate, changes
-from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
@@ -53,7 +53,7 @@ def test_what_changed_is_told() -> None:
 
 def test_against_a_saved_baseline() -> None:
     def known(n: float, mean: float) -> Behaviour:
-        wander = Wander(n, 1e-5, 1e-7)
+        wander = MeanCovariance(n, 1e-5, 1e-7)
         return Behaviour(Estimate(n, n * 0.99, n * 1.01), Estimate(None, None, 2e-5), mean, wander, 3600.0)
 
     assert changes(known(1e-4, 0.0), known(1.01e-4, 0.1), None) == []

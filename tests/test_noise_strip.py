@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.envelope import EVERYTHING, RECENT, Columns, Strip
+from imumon.noise.statistics.envelope import EVERYTHING, RECENT, Columns, Envelope
 from imumon.samples import Bools, Floats
 
 
@@ -32,7 +32,7 @@ def test_columns_hold_the_extremes(n: int, chunk: int) -> None:
     if n > 10_000 and chunk < 40:
         pytest.skip("long enough with larger chunks")
     values, valid = record(n)
-    strip = Strip((0, 0), 40.0)
+    strip = Envelope((0, 0), 40.0)
     for i in range(0, n, chunk):
         strip.update(values[i : i + chunk], valid[i : i + chunk])
     minute, hour, everything = strip.minute(), strip.hour(), strip.everything()
@@ -49,7 +49,7 @@ def test_columns_hold_the_extremes(n: int, chunk: int) -> None:
 def test_the_last_minute() -> None:
     values, valid = record(30_000)
     values += 1e4
-    strip = Strip((0, 0), 40.0)
+    strip = Envelope((0, 0), 40.0)
     for i in range(0, len(values), 300):
         strip.update(values[i : i + 300], valid[i : i + 300])
     recent = strip.recent()
@@ -68,7 +68,7 @@ def columns_equal(a: Columns, b: Columns) -> None:
 @pytest.mark.parametrize("hole", [1, 15, 500, 5000, 400_000])
 def test_a_hole_is_as_long_as_as_many_invalid_samples(hole: int) -> None:
     values, valid = record(3000)
-    skipped, filled = Strip((0, 0), 40.0), Strip((0, 0), 40.0)
+    skipped, filled = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
     for strip in (skipped, filled):
         strip.update(values[:1005], valid[:1005])
         if strip is skipped:
@@ -78,23 +78,23 @@ def test_a_hole_is_as_long_as_as_many_invalid_samples(hole: int) -> None:
                 n = min(999, hole - i)
                 strip.update(np.zeros((n, 2)), np.zeros((n, 1), dtype=bool))
         strip.update(values[1005:], valid[1005:])
-    for view in (Strip.minute, Strip.hour, Strip.everything):
+    for view in (Envelope.minute, Envelope.hour, Envelope.everything):
         columns_equal(view(skipped), view(filled))
 
 
 def test_save_and_restore_continue_identically() -> None:
     values, valid = record(9000)
-    whole, first = Strip((0, 0), 40.0), Strip((0, 0), 40.0)
+    whole, first = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
     whole.update(values, valid)
     first.update(values[:4321], valid[:4321])
-    second = Strip.restore(first.save())
+    second = Envelope.restore(first.save())
     second.update(values[4321:], valid[4321:])
-    for view in (Strip.minute, Strip.hour, Strip.everything):
+    for view in (Envelope.minute, Envelope.hour, Envelope.everything):
         columns_equal(view(whole), view(second))
     np.testing.assert_allclose(whole.recent().mean, second.recent().mean)
 
 
 def test_nothing_yet() -> None:
-    strip = Strip((0,), 40.0)
+    strip = Envelope((0,), 40.0)
     assert strip.minute().low.shape == (0, 1)
     assert np.isnan(strip.recent().mean).all()

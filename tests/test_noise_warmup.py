@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from imumon.noise.nonstationarity.drift import Drift, Slope
-from imumon.noise.nonstationarity.mean_covariance import Wander
-from imumon.noise.nonstationarity.settling import Decay, decay
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.noise.nonstationarity.settling import SettlingFit, decay
 from imumon.noise.nonstationarity.warmup import ENOUGH, OVER, TIMES_S, lasting, settles, warming
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
 RATE = 10.0
-NOISE = Wander(1e-4, 2e-5, 1e-7)
+NOISE = MeanCovariance(1e-4, 2e-5, 1e-7)
 
 
 def record(amplitude: float, time_s: float, seed: int, minutes: float = 115.0) -> Floats:
@@ -69,7 +69,7 @@ def test_what_is_unknown_settles_nothing() -> None:
     assert not settles(Slope(1.0, 1.0, 10, 1.0), Slope(0.1, 1.0, 10, 1.0))
 
 
-def decays(values: Floats, times_s: tuple[float, ...]) -> list[Decay]:
+def decays(values: Floats, times_s: tuple[float, ...]) -> list[SettlingFit]:
     """Of every channel of values that come once a second."""
     drift = Drift((0,) * values.shape[1], 1.0)
     for i in range(0, len(values), 500):

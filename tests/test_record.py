@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from imumon.noise.fit import fit_curve
-from imumon.pipeline.accumulators import Record
+from imumon.pipeline.accumulators import Accumulators
 from imumon.samples import ACCEL, GYRO
-from imumon.timebase.sample_clock import Placed
+from imumon.timebase.sample_clock import PlacedSamples
 
 LEVEL = np.array([0.01, 0.0, -0.01, 0.0, 0.0, -9.8])
 SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
@@ -17,11 +17,11 @@ SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
 @pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     """Nothing waits for the guard's first judgement, and nothing that was shown is taken back by it."""
-    record = Record(GYRO + ACCEL, 1.0 / rate, averaged=True, guarded=True)
+    record = Accumulators(GYRO + ACCEL, 1.0 / rate, averaged=True, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(4000, 6))
     counts = []
     for row in range(4000):
-        record.feed(Placed(values[row : row + 1], np.ones(1, dtype=np.int64), None))
+        record.feed(PlacedSamples(values[row : row + 1], np.ones(1, dtype=np.int64), None))
         if row in range(1, 60) or row % 100 == 0:
             counts.append(record.history.running().channels[0].count)
         if row == 1:
@@ -37,7 +37,7 @@ def test_statistics_begin_with_the_first_samples(rate: float) -> None:
 
 
 def test_a_lossy_record_knows_its_share() -> None:
-    record = Record(GYRO + ACCEL, 0.01, averaged=True, guarded=True)
+    record = Accumulators(GYRO + ACCEL, 0.01, averaged=True, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(1000, 6))
-    record.feed(Placed(values, np.array([1, 2] * 500), None))
+    record.feed(PlacedSamples(values, np.array([1, 2] * 500), None))
     assert record.missing_share == pytest.approx(1 / 3, abs=1e-3)

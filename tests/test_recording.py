@@ -16,12 +16,12 @@ import pytest
 from commands import imumon
 from daemons import Daemon
 
-from imumon.config import Record
-from imumon.daemon.recorder import Tape
+from imumon.config import RecordSettings
+from imumon.daemon.recorder import Recorder
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.recordings import Recording, SourceError, check_place
-from imumon.recordings.raw_capture import BACKLOG, MARK, Lost, _split
-from imumon.replay.replay import Replay, replay
+from imumon.recordings import RawCapture, SourceError, check_place
+from imumon.recordings.raw_capture import BACKLOG, MARK, LinkLoss, _split
+from imumon.replay.replay import ReplayOptions, replay
 from imumon.report import Report, from_json
 
 CONFIG = """
@@ -33,7 +33,7 @@ gzip = true
 
 def same(live: Report, path: Path) -> Report:
     """The daemon's report, held against that of its recording."""
-    again = replay(Replay(path=str(path)))
+    again = replay(ReplayOptions(path=str(path)))
     again = replace(again, session=replace(again.session, restarts=live.session.restarts))
     for part, names in {
         "session": "samples missing gaps restarts elapsed_s received_bytes discarded_bytes bad_checksums "
@@ -101,7 +101,7 @@ def test_a_lost_link_is_in_the_recording(tmp_path: Path, words: list[str]) -> No
             daemon.wait(lambda r: r.state == "running" and r.session.samples > before.session.samples + 60)
             live, _ = ended(daemon)
     assert same(live, path).session.gaps == 1
-    [lost] = [piece for piece in Recording(str(path)).pieces() if isinstance(piece, Lost)]
+    [lost] = [piece for piece in RawCapture(str(path)).pieces() if isinstance(piece, LinkLoss)]
     assert lost.away_s is not None
     assert 0.0 < lost.away_s < 10.0
 
@@ -117,7 +117,7 @@ def test_a_recording_goes_on_with_the_record_after_a_restart(tmp_path: Path) -> 
         assert same(live, path).session.gaps == 1
         with Daemon(sensor.path, state, "--fresh", "--record", str(path), "--duration", "1") as daemon:
             daemon.ended()
-    assert replay(Replay(path=str(path))).session.samples == live.session.samples, "another record"
+    assert replay(ReplayOptions(path=str(path))).session.samples == live.session.samples, "another record"
     joined = tmp_path / "joined.bin"
     joined.write_bytes(path.read_bytes() + (tmp_path / "raw.0001.bin").read_bytes())
     same(live, joined)
@@ -178,17 +178,17 @@ def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) 
     assert live.session.missing == 0
     assert done.stderr.count("has ended: file too large") == 1
     assert done.stderr.count("the state cannot be saved") == 1
-    kept = replay(Replay(path=str(path)))
+    kept = replay(ReplayOptions(path=str(path)))
     assert 50 < kept.session.samples < live.session.samples
     assert path.stat().st_size <= 8_000
 
 
-def slow_disk(tmp_path: Path) -> tuple[Tape, int]:
+def slow_disk(tmp_path: Path) -> tuple[Recorder, int]:
     """A recording to a pipe that is never read, with more than it holds; and the pipe."""
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    tape = Tape(Record(file=str(fifo)))
+    tape = Recorder(RecordSettings(file=str(fifo)))
     tape.begin({})
     tape.take(bytes(200_000))
     return tape, reader

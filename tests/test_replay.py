@@ -16,10 +16,10 @@ import pytest
 from commands import imumon
 from daemons import free_endpoint
 
-from imumon.bus import Publisher, Viewer
+from imumon.bus import Publisher, Subscriber
 from imumon.datasheet.signal_text import signal
 from imumon.devices.vn100 import ascii as sentences
-from imumon.replay.replay import Replay, replay
+from imumon.replay.replay import ReplayOptions, replay
 from imumon.report import Report, from_json
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
@@ -248,8 +248,8 @@ def test_what_happened_is_published_beside_the_reports(tmp_path: Path) -> None:
     noise[4000:, 1] = noise[4000, 1]
     path = tmp_path / "a.npz"
     np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp=noise[:, :3], accel_uncomp=noise[:, 3:])
-    with Publisher("replay", listen=[place]) as bus, Viewer([place]) as viewer:
-        replay(Replay(path=str(path)), bus=bus)
+    with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
+        replay(ReplayOptions(path=str(path)), bus=bus)
         assert viewer.wait_report("replay", timeout=20.0) is not None
         events = until(lambda: [e.kind for e in viewer.events("replay")], {"disturbance"})
     assert "disturbance" in events
@@ -258,8 +258,8 @@ def test_what_happened_is_published_beside_the_reports(tmp_path: Path) -> None:
 def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: Path) -> None:
     place, path = free_endpoint(), capture(tmp_path / "run.bin")
     path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
-    with Publisher("replay", listen=[place]) as bus, Viewer([place]) as viewer:
-        final = replay(Replay(path=str(path)), bus=bus)
+    with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
+        final = replay(ReplayOptions(path=str(path)), bus=bus)
         made = viewer.wait_report("replay", timeout=20.0)
     assert made is not None
     assert (made.device.id, final.device.id) == ("replay", "vn100-7")

@@ -16,13 +16,13 @@ from pathlib import Path
 import pytest
 from daemons import free_endpoint
 
-from imumon.config import Settings, Zenoh, search
-from imumon.daemon import Daemon, Task
-from imumon.daemon.connection import Link, NoSensor
-from imumon.daemon.log import Log
-from imumon.daemon.shutdown import Stop
+from imumon.config import Settings, ZenohSettings, search
+from imumon.daemon import Daemon, RunOptions
+from imumon.daemon.connection import DeviceConnection, NoDevice
+from imumon.daemon.log import DaemonLog
+from imumon.daemon.shutdown import Shutdown
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_session import Facts, Session, Wanted
+from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Info, Vn100Session
 from imumon.recordings import PortGone, PortInfo
 
 ROOT = Path(__file__).parents[1]
@@ -133,7 +133,7 @@ def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.Monkey
     ear = Ear(tmp_path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
     monkeypatch.setattr("imumon.daemon.connection.find_ports", list)
-    outcome = Daemon(Settings(), Task(path=None, state_directory=tmp_path, duration_s=0.3)).run()
+    outcome = Daemon(Settings(), RunOptions(path=None, state_directory=tmp_path, duration_s=0.3)).run()
     assert outcome.report is None
     assert ear.until("READY=1") < ear.until("STATUS=waiting: no serial port on this machine")
     ear.close()
@@ -143,7 +143,7 @@ def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Else it would never be ready, and be killed and started again for ever."""
-    daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
+    daemon = Daemon(Settings(), RunOptions(path=None, state_directory=tmp_path))
     monkeypatch.setattr("imumon.daemon.data_timeout.stale_s", lambda rate_hz: 0.0)
     daemon._heard(b"")
     assert daemon._state == "starting"
@@ -155,7 +155,7 @@ def test_a_late_report_is_not_followed_by_another_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = Settings()
-    daemon = Daemon(settings, Task(path=None, state_directory=tmp_path))
+    daemon = Daemon(settings, RunOptions(path=None, state_directory=tmp_path))
     published: list[float] = []
     monkeypatch.setattr(daemon, "_bus", object())
     monkeypatch.setattr(daemon, "_publish", lambda: published.append(now))
@@ -170,7 +170,7 @@ def test_a_late_report_is_not_followed_by_another_at_once(
 def test_a_sensor_whose_bytes_never_become_samples_is_waited_for_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    daemon = Daemon(Settings(), Task(path=None, state_directory=tmp_path))
+    daemon = Daemon(Settings(), RunOptions(path=None, state_directory=tmp_path))
     daemon._heard(b"$")
     daemon._heard(b"$")
     assert daemon._state == "starting"
@@ -183,20 +183,20 @@ def test_a_sensor_that_goes_while_it_is_set_up_is_met_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its port, its address on the bus and its state are held by nobody meanwhile, least of all by us."""
-    ear, whole, tries = Ear(tmp_path), Session.configure, [0]
+    ear, whole, tries = Ear(tmp_path), Vn100Session.configure, [0]
 
-    def configure(session: Session) -> Facts:
+    def configure(session: Vn100Session) -> Vn100Info:
         tries[0] += 1
         if tries[0] == 1:
             raise PortGone("unplugged")
         return whole(session)
 
-    monkeypatch.setattr(Session, "configure", configure)
+    monkeypatch.setattr(Vn100Session, "configure", configure)
     monkeypatch.setattr(Daemon, "_pause", lambda daemon, seconds: None)
     monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
-    settings = Settings(zenoh=Zenoh(listen=(free_endpoint(),)))
+    settings = Settings(zenoh=ZenohSettings(listen=(free_endpoint(),)))
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        task = Task(path=sensor.path, state_directory=tmp_path, duration_s=3.0)
+        task = RunOptions(path=sensor.path, state_directory=tmp_path, duration_s=3.0)
         outcome = Daemon(settings, task).run()
     assert tries == [2]
     assert outcome.report is not None
@@ -206,33 +206,33 @@ def test_a_sensor_that_goes_while_it_is_set_up_is_met_anew(
 
 
 def test_of_several_sensors_none_is_taken_however_often_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    link = Link(None, Wanted(), lambda: None, lambda text: None)
+    link = DeviceConnection(None, StreamRequest(), lambda: None, lambda text: None)
     monkeypatch.setattr(
         "imumon.daemon.connection.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")]
     )
 
-    def opened(path: str) -> Facts:
+    def opened(path: str) -> Vn100Info:
         link.path = path
-        return Facts(id="x")
+        return Vn100Info(id="x")
 
     monkeypatch.setattr(link, "_open", opened)
     for _ in range(2):
-        with pytest.raises(NoSensor, match="several sensors"):
+        with pytest.raises(NoDevice, match="several sensors"):
             link.open()
 
 
 def test_a_port_that_goes_while_it_is_looked_at_does_not_end_the_search(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    link = Link(None, Wanted(), lambda: None, lambda text: None)
+    link = DeviceConnection(None, StreamRequest(), lambda: None, lambda text: None)
     monkeypatch.setattr(
         "imumon.daemon.connection.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")]
     )
 
-    def opened(path: str) -> Facts:
+    def opened(path: str) -> Vn100Info:
         if path == "/a":
             raise PortGone("/a is gone")
-        return Facts(id="x")
+        return Vn100Info(id="x")
 
     monkeypatch.setattr(link, "_open", opened)
     link.open()
@@ -243,7 +243,7 @@ def test_a_reader_of_the_log_that_does_not_read_holds_nothing_up(monkeypatch: py
     ours, theirs = os.pipe()
     with open(theirs, "w") as pipe, open(ours):
         monkeypatch.setattr(sys, "stderr", pipe)
-        log = Log(format="text")
+        log = DaemonLog(format="text")
         for k in range(3000):  # a pipe holds 64 kB
             log.say(f"line {k:050}")
         os.set_blocking(ours, False)
@@ -258,7 +258,7 @@ def test_a_reader_of_the_log_that_does_not_read_holds_nothing_up(monkeypatch: py
 def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(ignored: bool) -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
     try:
-        stop = Stop(None)
+        stop = Shutdown(None)
         with stop.listening():
             os.kill(os.getpid(), signal.SIGHUP)
         assert stop.signal == (None if ignored else signal.SIGHUP)
@@ -273,10 +273,10 @@ def test_the_journal_gets_priorities_and_nobody_else(
     with (tmp_path / "err").open("w") as file:
         monkeypatch.setattr(sys, "stderr", file)
         monkeypatch.setenv("JOURNAL_STREAM", "9:1")  # inherited from another, as in a terminal of a desktop
-        Log(format=form).say("elsewhere", "warning")
+        DaemonLog(format=form).say("elsewhere", "warning")
         place = os.fstat(file.fileno())
         monkeypatch.setenv("JOURNAL_STREAM", f"{place.st_dev}:{place.st_ino}")
-        Log(format=form).say("here", "error")
+        DaemonLog(format=form).say("here", "error")
     elsewhere, here = (tmp_path / "err").read_text().splitlines()
     assert elsewhere.startswith("<4>") == (form == "journal")
     assert here.startswith("<3>")

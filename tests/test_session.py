@@ -21,19 +21,19 @@ import pytest
 
 from imumon.devices.vn100.commands import BAUDS
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
-from imumon.devices.vn100.emulator.command_handler import Device
-from imumon.devices.vn100.emulator.foreign_device import Impostor
+from imumon.devices.vn100.emulator.command_handler import CommandHandler
+from imumon.devices.vn100.emulator.foreign_device import ForeignDevice
 from imumon.devices.vn100.emulator.main_loop import make_device
 from imumon.devices.vn100.registers import REGISTERS
 from imumon.devices.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
 from imumon.devices.vn100.vn100_session import (
-    Facts,
     NotAVn100,
     Notice,
     SensorChanged,
-    Session,
     SessionError,
-    Wanted,
+    StreamRequest,
+    Vn100Info,
+    Vn100Session,
 )
 from imumon.recordings import PortGone, SerialPort
 from imumon.samples import SampleBlock
@@ -55,7 +55,9 @@ class Bench:
     name = "/dev/ttyBench"
     fixed_baud = False
 
-    def __init__(self, device: Device | None = None, *, baud: int = 115200, **settings: object) -> None:
+    def __init__(
+        self, device: CommandHandler | None = None, *, baud: int = 115200, **settings: object
+    ) -> None:
         self.device = device or make_device(EmulatorSettings(seed=1, **settings))  # type: ignore[arg-type]
         self.now = self.device.sensor.tick / 800
         self.baud = baud
@@ -64,7 +66,7 @@ class Bench:
         self.dead = self.deaf = self.garbling = self.vanished = False
         self.cured_by_reopening = False
         self.steps_left: int | None = None  # reads and writes until the process is killed
-        self.impostor: Impostor | None = None
+        self.impostor: ForeignDevice | None = None
         self.refuses = b""
         self._line_baud = self.device.baud
         self._noise = random.Random(1)
@@ -139,17 +141,17 @@ class Bench:
         memory = self.device.memory
         return {(r, p): memory.read(r, p) for r in REGISTERS if r in memory for p in (1, 2)}
 
-    def session(self, wanted: Wanted = Wanted(), **more: object) -> Session:  # noqa: B008
-        return Session(self, wanted, self.clock, **more)  # type: ignore[arg-type]
+    def session(self, wanted: StreamRequest = StreamRequest(), **more: object) -> Vn100Session:  # noqa: B008
+        return Vn100Session(self, wanted, self.clock, **more)  # type: ignore[arg-type]
 
-    def streaming(self, wanted: Wanted = Wanted()) -> Session:  # noqa: B008
+    def streaming(self, wanted: StreamRequest = StreamRequest()) -> Vn100Session:  # noqa: B008
         session = self.session(wanted)
         session.connect()
         session.remember()
         session.configure()
         return session
 
-    def run(self, session: Session, seconds: float) -> tuple[int, list[Notice]]:
+    def run(self, session: Vn100Session, seconds: float) -> tuple[int, list[Notice]]:
         """Samples of the wanted kind in so many seconds, and what was told."""
         samples, notices, until = 0, [], self.now + seconds
         while self.now < until:
@@ -234,8 +236,8 @@ def test_garbage_in_the_input_buffer_does_not_spoil_the_first_question() -> None
 def test_a_given_baud_is_the_only_one_tried() -> None:
     bench = Bench()
     with pytest.raises(NotAVn100, match=r"nothing valid at 9600 baud.*--baud"):
-        bench.session(Wanted(baud=9600)).connect()
-    assert bench.session(Wanted(baud=115200)).connect().baud == 115200
+        bench.session(StreamRequest(baud=9600)).connect()
+    assert bench.session(StreamRequest(baud=115200)).connect().baud == 115200
 
 
 def test_a_baud_that_the_adapter_cannot_do_is_skipped_or_said() -> None:
@@ -243,8 +245,8 @@ def test_a_baud_that_the_adapter_cannot_do_is_skipped_or_said() -> None:
     bench.adapter_can = {9600, 115200}
     assert bench.session().connect().baud == 115200
     with pytest.raises(SessionError, match="adapter of /dev/ttyBench cannot do 921600 baud"):
-        bench.session(Wanted(baud=921600)).connect()
-    session = bench.session(Wanted(set_baud=921600))
+        bench.session(StreamRequest(baud=921600)).connect()
+    session = bench.session(StreamRequest(set_baud=921600))
     session.connect()
     with pytest.raises(SessionError, match="cannot do 921600 baud"):
         session.configure()
@@ -289,17 +291,17 @@ def test_another_model_is_taken_and_said() -> None:
 @pytest.mark.parametrize("listen_only", [False, True])
 def test_what_is_no_vn100_is_told_in_one_line(kind: str, said: str, listen_only: bool) -> None:
     bench = Bench()
-    bench.impostor = Impostor(kind, 0.0)
+    bench.impostor = ForeignDevice(kind, 0.0)
     tried: list[str] = []
     with pytest.raises(NotAVn100, match=said) as refused:
-        bench.session(Wanted(listen_only=listen_only), progress=tried.append).connect()
+        bench.session(StreamRequest(listen_only=listen_only), progress=tried.append).connect()
     assert "\n" not in str(refused.value)
     assert bench.now < (13.0 if listen_only else 10.0)
     assert tried
     assert listen_only == (not bench.written)
 
 
-class Thermometer(Impostor):
+class Thermometer(ForeignDevice):
     """Ten readings a second, in words."""
 
     def messages(self, now: float) -> list[bytes]:
@@ -336,7 +338,7 @@ def test_a_port_that_vanishes_goes_through() -> None:
 @pytest.mark.parametrize("baud", [9600, 115200, 921600])
 def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=baud, rate=RATE.get(baud, 40.0))))
-    session = bench.streaming(Wanted(stream=stream))  # type: ignore[arg-type]
+    session = bench.streaming(StreamRequest(stream=stream))  # type: ignore[arg-type]
     facts = session.facts()
     assert facts.stream == stream
     assert facts.alias_factor == 1.0
@@ -359,7 +361,7 @@ def test_compensated_deltas_are_switched_to_uncompensated() -> None:
 
 def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
     bench = Bench()
-    session = bench.streaming(Wanted(set_baud=921600))
+    session = bench.streaming(StreamRequest(set_baud=921600))
     assert bench.baud == bench.device.baud == 921600
     assert session.facts().sample_rate_hz == 800.0
     samples, _ = bench.run(session, 1.0)
@@ -403,7 +405,7 @@ def test_listening_writes_nothing_and_knows_what_it_does_not_know(
     if binary is not None:
         bench.device.set(75, *binary)
     before = bench.registers()
-    session = bench.session(Wanted(listen_only=True, rate_hz=40.0 if binary is None else None))
+    session = bench.session(StreamRequest(listen_only=True, rate_hz=40.0 if binary is None else None))
     assert session.connect().model is None
     assert session.remember() == {}
     session.configure()
@@ -420,13 +422,13 @@ def test_listening_writes_nothing_and_knows_what_it_does_not_know(
     assert bench.registers() == before
 
 
-def listening(*binary: str, register: tuple[str, ...] = (), **wanted: object) -> Facts:
+def listening(*binary: str, register: tuple[str, ...] = (), **wanted: object) -> Vn100Info:
     """What is known after a second of listening to a stream, or with settings read as they were left."""
     bench = Bench()
     bench.device.set(75, *binary)
     if register:
         bench.device.set(82, *register)
-    session = bench.session(Wanted(listen_only=not register, **wanted))  # type: ignore[arg-type]
+    session = bench.session(StreamRequest(listen_only=not register, **wanted))  # type: ignore[arg-type]
     session.connect()
     bench.run(session, 1.0)
     return session.facts()
@@ -455,7 +457,7 @@ def test_deltas_pass_as_uncompensated_only_where_that_is_known() -> None:
 @pytest.mark.parametrize(("told", "right"), [(40.0, True), (39.8, True), (38.0, False), (80.0, False)])
 def test_a_told_rate_is_held_against_the_clock(told: float, right: bool) -> None:
     bench = Bench()
-    session = bench.session(Wanted(listen_only=True, rate_hz=told))
+    session = bench.session(StreamRequest(listen_only=True, rate_hz=told))
     session.connect()
     bench.run(session, 4.0)
     assert not any("samples come at" in remark for remark in session.facts().remarks)
@@ -470,7 +472,7 @@ def test_a_told_rate_is_held_against_the_clock(told: float, right: bool) -> None
 
 def test_in_time_lapse_the_clock_says_nothing_of_the_rate() -> None:
     bench = Bench()
-    session = bench.session(Wanted(listen_only=True, rate_hz=80.0), paced=False)
+    session = bench.session(StreamRequest(listen_only=True, rate_hz=80.0), paced=False)
     session.connect()
     bench.run(session, 10.0)
     assert not any("samples come at" in remark for remark in session.facts().remarks)
@@ -511,7 +513,7 @@ def test_a_restarted_sensor_whose_flash_sends_our_stream_is_set_up_again_all_the
 @pytest.mark.parametrize("flash", [9600, 460800])
 def test_another_baud_after_a_power_cut_is_found(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
-    session = bench.streaming(Wanted(set_baud=115200))
+    session = bench.streaming(StreamRequest(set_baud=115200))
     assert bench.baud == 115200
     bench.run(session, 0.5)
     bench.power_cut()
@@ -614,7 +616,7 @@ def test_a_lossy_line_is_still_understood() -> None:
 
 def test_nothing_is_written_to_flash_and_nothing_reset() -> None:
     bench = Bench()
-    session = bench.streaming(Wanted(set_baud=230400))
+    session = bench.streaming(StreamRequest(set_baud=230400))
     bench.run(session, 1.0)
     bench.power_cut()
     bench.run(session, 4.0)
@@ -626,7 +628,7 @@ def test_nothing_is_written_to_flash_and_nothing_reset() -> None:
 # ---------------------------------------------------------------------- as it was found
 
 
-def _owners_settings(dice: random.Random) -> Device:
+def _owners_settings(dice: random.Random) -> CommandHandler:
     """A device that its owner has set up in some way."""
     baud = dice.choice((115200, 230400, 921600))
     device = make_device(EmulatorSettings(seed=1, baud=baud, serial_port=dice.choice((1, 2))))
@@ -651,7 +653,7 @@ def test_restore_leaves_every_register_as_it_was(seed: int) -> None:
     bench = Bench(_owners_settings(dice))
     before = bench.registers()
     stream = dice.choice(("deltas", "uncompensated", "compensated"))
-    session = bench.streaming(Wanted(stream=stream, set_baud=dice.choice((None, 460800))))  # type: ignore[arg-type]
+    session = bench.streaming(StreamRequest(stream=stream, set_baud=dice.choice((None, 460800))))  # type: ignore[arg-type]
     assert bench.registers() != before
     bench.run(session, 0.5)
     assert session.restore()
@@ -664,7 +666,9 @@ def test_an_end_at_any_moment_is_made_good(seed: int) -> None:
     """By the same session when it was interrupted, by the next one when the process was killed."""
     dice = random.Random(100 + seed)
     original = _owners_settings(dice)
-    wanted = Wanted(stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((None, 460800)))  # type: ignore[arg-type]
+    wanted = StreamRequest(
+        stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((None, 460800))
+    )  # type: ignore[arg-type]
     before = Bench(original).registers()
     for steps in range(seed % 3, 1000, 3):
         for killed in (True, False):
@@ -696,7 +700,7 @@ def test_what_a_kill_left_is_known_without_a_note_of_it() -> None:
     for stream in ("deltas", "uncompensated"):
         bench = Bench()
         before = bench.registers()
-        bench.streaming(Wanted(stream=stream))  # type: ignore[arg-type]
+        bench.streaming(StreamRequest(stream=stream))  # type: ignore[arg-type]
         assert bench.registers() != before
         second = bench.streaming()
         assert second.restore()
@@ -766,7 +770,7 @@ def emulator() -> Iterator[EmulatorProcess]:
         yield running
 
 
-def live(session: Session, seconds: float, enough: int) -> int:
+def live(session: Vn100Session, seconds: float, enough: int) -> int:
     """Samples until there are enough, or so long."""
     count, until = 0, time.monotonic() + seconds
     while count < enough and time.monotonic() < until:
@@ -779,7 +783,7 @@ def live(session: Session, seconds: float, enough: int) -> int:
 @pytest.mark.parametrize("baud", [115200, 921600, 230400])
 def test_first_plug_on_a_terminal(baud: int) -> None:
     with spawn(EmulatorSettings(seed=1, baud=baud)) as running, SerialPort(running.path) as port:
-        session = Session(port, Wanted(), time.monotonic)
+        session = Vn100Session(port, StreamRequest(), time.monotonic)
         session.connect()
         session.configure()
         assert live(session, 3.0, 50) >= 50
@@ -794,7 +798,7 @@ def test_unplugged_and_back_under_another_name(tmp_path: Path) -> None:
     link = tmp_path / "sensor"
     with spawn(EmulatorSettings(seed=1, link=str(link))) as running:
         with SerialPort(str(link)) as port:
-            session = Session(port, Wanted(), time.monotonic)
+            session = Vn100Session(port, StreamRequest(), time.monotonic)
             serial = session.connect().serial
             saved = session.remember()
             session.configure()
@@ -807,7 +811,9 @@ def test_unplugged_and_back_under_another_name(tmp_path: Path) -> None:
         running.ask("replug")
         assert os.path.realpath(link) != first
         with SerialPort(str(link)) as port:
-            again = Session(port, Wanted(), time.monotonic, decoder=session.decoder, serial=serial)
+            again = Vn100Session(
+                port, StreamRequest(), time.monotonic, decoder=session.decoder, serial=serial
+            )
             again.connect()
             again.remember(saved)
             again.configure()
@@ -818,7 +824,7 @@ def test_unplugged_and_back_under_another_name(tmp_path: Path) -> None:
 
 def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
     with SerialPort(emulator.path) as port:
-        session = Session(port, Wanted(), time.monotonic)
+        session = Vn100Session(port, StreamRequest(), time.monotonic)
         session.connect()
         session.configure()
         assert live(session, 3.0, 20) >= 20
@@ -849,12 +855,12 @@ while True:
         assert victim.stdout.readline() == b"streaming\n"
         victim.send_signal(signal.SIGKILL)
     with SerialPort(emulator.path) as port:
-        session = Session(port, Wanted(), time.monotonic)
+        session = Vn100Session(port, StreamRequest(), time.monotonic)
         assert session.connect().settings["6 async data output type"] == "0"
         assert session.remember()["6"] == "14"
         session.configure()
         assert live(session, 3.0, 20) >= 20
         assert session.restore()
-        after = Session(port, Wanted(), time.monotonic).connect()
+        after = Vn100Session(port, StreamRequest(), time.monotonic).connect()
         assert after.settings["6 async data output type"] == "14"
         assert after.settings["75 binary output 1"] == "0,0,00"

@@ -25,11 +25,11 @@ import pytest
 from imumon.daemon.connection import _others
 from imumon.devices import serial_port as port_module
 from imumon.recordings import (
+    CaptureWriter,
     PortError,
     PortGone,
     PortInfo,
-    Recorder,
-    Recording,
+    RawCapture,
     SerialPort,
     SourceError,
     find_again,
@@ -361,7 +361,9 @@ def noise() -> bytes:
 @pytest.mark.parametrize("rotate", [0, 100_000])
 def test_what_is_recorded_is_read_back(tmp_path: Path, noise: bytes, name: str, rotate: int) -> None:
     path = str(tmp_path / name)
-    recorder = Recorder(path, {"time": "2026-01-01T00:00:00Z", "serial": "0100056785"}, rotate_bytes=rotate)
+    recorder = CaptureWriter(
+        path, {"time": "2026-01-01T00:00:00Z", "serial": "0100056785"}, rotate_bytes=rotate
+    )
     for at in range(0, len(noise), 70_000):
         recorder.write(noise[at : at + 70_000])
         if rotate:
@@ -369,7 +371,7 @@ def test_what_is_recorded_is_read_back(tmp_path: Path, noise: bytes, name: str, 
     recorder.close()
     assert recorder.stopped is None
     assert recorder.written_bytes == len(noise)
-    recording = Recording(path)
+    recording = RawCapture(path)
     assert recording.header is not None
     assert recording.header["serial"] == "0100056785"
     assert b"".join(recording) == noise
@@ -385,7 +387,7 @@ def _brisk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_rotation_makes_numbered_parts_that_follow_by_themselves(tmp_path: Path) -> None:
     path = str(tmp_path / "run.bin")
-    recorder = Recorder(path, {}, rotate_bytes=10)
+    recorder = CaptureWriter(path, {}, rotate_bytes=10)
     for number in range(5):
         recorder.write(b"%d-------" % number)
         wait_for(lambda number=number: recorder.written_bytes == 8 * (number + 1))
@@ -398,7 +400,7 @@ def test_rotation_makes_numbered_parts_that_follow_by_themselves(tmp_path: Path)
 def test_an_old_recording_is_never_overwritten_nor_mixed_in(tmp_path: Path) -> None:
     path = str(tmp_path / "run.bin")
     for words in (b"first", b"second"):
-        recorder = Recorder(path, {})
+        recorder = CaptureWriter(path, {})
         recorder.write(words)
         recorder.close()
     assert contents(path) == b"first"
@@ -407,7 +409,7 @@ def test_an_old_recording_is_never_overwritten_nor_mixed_in(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
 def test_a_recording_that_is_removed_goes_on_in_its_next_part(tmp_path: Path, name: str) -> None:
-    recorder = Recorder(str(tmp_path / name), {})
+    recorder = CaptureWriter(str(tmp_path / name), {})
     (tmp_path / name).unlink()
     recorder.write(b"what comes next")
     recorder.close()
@@ -418,12 +420,12 @@ def test_a_recording_that_is_removed_goes_on_in_its_next_part(tmp_path: Path, na
 def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(SourceError, match="nobody reads that pipe"):
-        Recorder(str(tmp_path / "pipe"), {})
+        CaptureWriter(str(tmp_path / "pipe"), {})
 
 
 def test_full_disk_ends_the_recording_and_nothing_else() -> None:
     with pytest.raises(SourceError, match=r"cannot record to /dev/full: no space left on device"):
-        Recorder("/dev/full", {})
+        CaptureWriter("/dev/full", {})
 
 
 def test_disk_that_fills_up_ends_the_recording_and_says_so(tmp_path: Path) -> None:
@@ -452,7 +454,7 @@ def test_slow_disk_never_holds_up_the_reading(tmp_path: Path, monkeypatch: pytes
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    recorder = Recorder(str(fifo), {})
+    recorder = CaptureWriter(str(fifo), {})
     longest = 0.0
     for _ in range(200):
         begun = time.monotonic()
@@ -470,12 +472,12 @@ def test_slow_disk_never_holds_up_the_reading(tmp_path: Path, monkeypatch: pytes
 
 def test_recording_that_was_killed_is_readable_to_the_last_second(tmp_path: Path, noise: bytes) -> None:
     path = tmp_path / "run.bin.gz"
-    recorder = Recorder(str(path), {})
+    recorder = CaptureWriter(str(path), {})
     recorder.write(noise[:1000])
     wait_for(lambda: recorder.written_bytes == 1000)
     os.link(path, tmp_path / "as killed")
     (tmp_path / "copy.gz").write_bytes(path.read_bytes())
-    recording = Recording(str(tmp_path / "copy.gz"))
+    recording = RawCapture(str(tmp_path / "copy.gz"))
     assert b"".join(recording) == noise[:1000]
     assert recording.problem is not None
     assert "cut off" in recording.problem
@@ -488,7 +490,7 @@ def test_raw_and_compressed_captures_need_no_header(tmp_path: Path, noise: bytes
         gzip.compress(noise[:300_000]) + gzip.compress(noise[300_000:]) + bytes(512)
     )
     for name in ("raw", "zipped"):
-        recording = Recording(str(tmp_path / name))
+        recording = RawCapture(str(tmp_path / name))
         assert recording.header is None
         assert b"".join(recording) == noise
         assert recording.problem is None
@@ -502,7 +504,7 @@ def test_damaged_gzip_gives_what_is_readable_and_says_so(tmp_path: Path, noise: 
     else:
         data[500_000:500_100] = bytes(100)
     path.write_bytes(data)
-    recording = Recording(str(path))
+    recording = RawCapture(str(path))
     got = b"".join(recording)
     assert len(got) > 300_000
     assert got[:400_000] == noise[: len(got)][:400_000]
@@ -518,14 +520,14 @@ def test_nothing_that_comes_before_a_damage_is_lost(tmp_path: Path, noise: bytes
     with contextlib.suppress(zlib.error):
         for byte in data:
             readable += member.decompress(bytes([byte]))
-    assert b"".join(Recording(str(path))) == readable
+    assert b"".join(RawCapture(str(path))) == readable
 
 
 def test_a_bomb_is_unpacked_in_bounded_chunks(tmp_path: Path) -> None:
     path = tmp_path / "zeros.gz"
     path.write_bytes(gzip.compress(bytes(50 << 20)))
     largest = total = 0
-    for chunk in Recording(str(path)):
+    for chunk in RawCapture(str(path)):
         largest, total = max(largest, len(chunk)), total + len(chunk)
     assert total == 50 << 20
     assert largest <= 256 << 10
@@ -541,13 +543,13 @@ def test_what_is_no_recording_is_one_clear_line(tmp_path: Path) -> None:
         "zip": "is not a recording but a ZIP archive: unpack it first",
     }.items():
         with pytest.raises(SourceError, match=said):
-            Recording(str(tmp_path / name))
+            RawCapture(str(tmp_path / name))
 
 
 def test_progress_is_that_of_the_bytes_on_disk(tmp_path: Path, noise: bytes) -> None:
     path = tmp_path / "raw"
     path.write_bytes(noise)
-    recording = Recording(str(path))
+    recording = RawCapture(str(path))
     shares = [recording.progress for _ in recording]
     assert shares == sorted(shares)
     assert shares[0] is not None

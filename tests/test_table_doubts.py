@@ -10,7 +10,7 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, told, truth
 
-from imumon.pipeline import RateNeeded
+from imumon.pipeline import RateRequired
 from imumon.recordings import SourceError
 from imumon.recordings.columns import layout, parse_map
 from imumon.timebase.timestamps import interval_of, typical_step
@@ -292,7 +292,7 @@ def test_sensors_that_take_turns_are_one_clear_line(tmp_path: Path) -> None:
 def test_a_table_is_called_by_its_sensors_and_without_a_clock_by_its_columns(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     path = csv(tmp_path / "a.csv", ["Zeit (s)", *BARE[1:]], t, gyro, accel)
-    with pytest.raises(RateNeeded, match=r"left over: Zeit \(s\)\); say which with --map t=COLUMN:UNIT"):
+    with pytest.raises(RateRequired, match=r"left over: Zeit \(s\)\); say which with --map t=COLUMN:UNIT"):
         told(path)
     made, _ = told(path, columns={"t": "Zeit (s)"})
     assert made.device.source == "csv (gyro, accel)"

@@ -13,10 +13,10 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, read, truth
 
-from imumon.recordings import SourceError, Wanted, open_file
+from imumon.recordings import ReadOptions, SourceError, open_file
 from imumon.recordings.column_names import understood
-from imumon.recordings.csv import Csv
-from imumon.replay.replay import Replay, open_samples, replay
+from imumon.recordings.csv import CsvFile
+from imumon.replay.replay import ReplayOptions, open_samples, replay
 from imumon.timebase.timestamps import Late, interval_of
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
@@ -124,7 +124,7 @@ def test_missing_rows_are_gaps_of_their_length(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     lines[201] = lines[201].rpartition(",")[0] + ","  # a cell that was not filled
     path.write_text("\n".join(lines))
-    session = replay(Replay(path=str(path), guarded=False)).session
+    session = replay(ReplayOptions(path=str(path), guarded=False)).session
     assert (session.samples, session.missing, session.gaps) == (len(t) - 8, 8, 2)
 
 
@@ -137,7 +137,7 @@ def test_times_of_arrival_are_no_clock(tmp_path: Path) -> None:
     assert found.stream.interval_s == pytest.approx(1 / RATE, rel=0.01)
     assert len(found) == len(t)
     told: list[str] = []
-    replay(Replay(path=str(path)), tell=told.append)
+    replay(ReplayOptions(path=str(path)), tell=told.append)
     assert "a host's" in "".join(told)
 
 
@@ -243,8 +243,8 @@ def test_a_sensor_without_numbers_is_left_out_with_a_remark(tmp_path: Path) -> N
     path.write_text(HEAD + "\n".join(row.replace(",0.1,", ",nan,") for row in ROWS))
     done = imumon("replay", path, "--json")
     assert set(json.loads(done)["channels"]) == {"gyro/x", "gyro/y", "gyro/z"}
-    file = open_file(str(path), Wanted())
-    assert isinstance(file, Csv)
+    file = open_file(str(path), ReadOptions())
+    assert isinstance(file, CsvFile)
     assert sum(len(block) for some in file for block in some) == len(ROWS)
     assert [text for text in file.remarks if "ax holds no numbers: accel is left out" in text]
 
@@ -266,7 +266,7 @@ def test_a_spoilt_row_is_a_lost_sample_and_is_named(tmp_path: Path, spoilt: str,
         HEAD + "\n".join([*ROWS[:99], spoilt, *ROWS[100:150], HEAD.strip(), "# note", *ROWS[150:]])
     )
     told: list[str] = []
-    session = replay(Replay(path=str(path), guarded=False), tell=told.append).session
+    session = replay(ReplayOptions(path=str(path), guarded=False), tell=told.append).session
     assert (session.samples, session.missing, session.gaps, session.bad_checksums) == (199, 1, 1, 1)
     assert not [text for text in told if "lacks a number" in text]
     (text,) = (text for text in told if "1 row is no row of numbers" in text)
@@ -321,7 +321,7 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
             for k in range(rows):
                 file.write(f"{k / 100},0.001,0.002,{k % 7}e-4,0.1,0.2,-9.8\n")
         tracemalloc.start()
-        count = sum(len(block) for some in open_samples(Replay(path=str(path))) for block in some)
+        count = sum(len(block) for some in open_samples(ReplayOptions(path=str(path))) for block in some)
         assert count == rows
         top = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -403,7 +403,7 @@ def test_bags_give_the_stamps_and_values_of_their_messages(tmp_path: Path, kind:
     path = BAGS[kind](tmp_path / "bag", messages)
     found = read(path)
     np.testing.assert_allclose(found.values, np.hstack([gyro, accel])[keep], rtol=1e-12)
-    made = replay(Replay(path=str(path), guarded=False))
+    made = replay(ReplayOptions(path=str(path), guarded=False))
     assert (made.session.samples, made.session.missing, made.session.gaps) == (198, 2, 1)
     with pytest.raises(SourceError, match="/imu/data"):
         read(path, topic="/gps")
@@ -457,14 +457,14 @@ def test_real_table_shows_the_aliasing_of_the_sensors_filter() -> None:
     ],
 )
 def test_real_tables(name: str, samples: int, missing: int, rate: float) -> None:
-    made = replay(Replay(path=str(SHARED / name), guarded=False))
+    made = replay(ReplayOptions(path=str(SHARED / name), guarded=False))
     assert (made.session.samples, made.session.missing) == (samples, missing)
     assert made.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
 
 
 @needs_recordings
 def test_real_irregular_times_are_put_on_a_grid() -> None:
-    made = replay(Replay(path=str(SHARED / "rob_static2.npz"), guarded=False))
+    made = replay(ReplayOptions(path=str(SHARED / "rob_static2.npz"), guarded=False))
     assert made.session.samples == 1264
     assert made.session.elapsed_s == pytest.approx(82.6, rel=0.02)
     assert 15.0 < (made.device.sample_rate_hz or 0.0) < 16.0

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.samples import GYRO, SampleBlock, Stream
-from imumon.timebase.sample_clock import BREAK, Placed, Timeline
+from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
 TICK = 25_000_000  # ns at 40 Hz
 
@@ -25,9 +25,11 @@ def block(
     return SampleBlock(stream, values, None if clock == "none" else time, gone)
 
 
-def place(line: Timeline, whole: SampleBlock, cuts: list[int] | None = None) -> tuple[list[int], list[float]]:
+def place(
+    line: SampleClock, whole: SampleBlock, cuts: list[int] | None = None
+) -> tuple[list[int], list[float]]:
     edges = [0, *sorted(cuts or []), len(whole)]
-    out: list[Placed] = []
+    out: list[PlacedSamples] = []
     for a, b in pairwise(edges):
         time = None if whole.time_ns is None else whole.time_ns[a:b]
         out += line.place(SampleBlock(whole.stream, whole.values[a:b], time, whole.lost[a:b]))
@@ -37,7 +39,7 @@ def place(line: Timeline, whole: SampleBlock, cuts: list[int] | None = None) -> 
 
 
 def test_regular_stream_learns_its_interval_and_loses_nothing() -> None:
-    line = Timeline("startup")
+    line = SampleClock("startup")
     steps, values = place(line, block(np.arange(100) * TICK + 7))
     assert line.interval_s == 0.025
     assert steps == [1] * 100
@@ -45,7 +47,7 @@ def test_regular_stream_learns_its_interval_and_loses_nothing() -> None:
 
 
 def test_stamps_of_coarse_resolution_give_the_true_rate() -> None:
-    line = Timeline("startup")
+    line = SampleClock("startup")
     times = (np.arange(200) * 6.25 // 1).astype(np.int64) * 1_000_000
     steps, _ = place(line, block(times))
     assert line.interval_s == pytest.approx(0.00625)
@@ -54,13 +56,13 @@ def test_stamps_of_coarse_resolution_give_the_true_rate() -> None:
 
 def test_gap_is_counted_exactly() -> None:
     ticks = np.array([0, 1, 2, 5, 6, 1000, 1001])
-    steps, _ = place(Timeline("startup", 0.025), block(ticks * TICK))
+    steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
     assert steps == [1, 1, 1, 3, 1, 994, 1]
 
 
 def test_hole_longer_than_plausible_is_taken_once_confirmed() -> None:
     ticks = np.array([0, 1, 2, 400_000, 400_001])
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     steps, _ = place(line, block(ticks * TICK))
     assert steps == [1, 1, 1, 399_998, 1]
     assert line.implausible == 0
@@ -70,7 +72,7 @@ def test_hole_longer_than_plausible_is_taken_once_confirmed() -> None:
 def test_damaged_stamp_leaves_the_grid_alone(bad: int) -> None:
     times = (np.arange(50) + 100) * TICK
     times[20] = bad
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     steps, values = place(line, block(times))
     assert 20.0 not in values
     assert steps == [1] * 20 + [2] + [1] * 28
@@ -79,12 +81,12 @@ def test_damaged_stamp_leaves_the_grid_alone(bad: int) -> None:
 
 def test_restart_is_a_gap_of_unknown_length() -> None:
     times = np.concatenate([np.arange(10) + 5000, np.arange(10) + 3]) * TICK
-    steps, _ = place(Timeline("startup", 0.025), block(times))
+    steps, _ = place(SampleClock("startup", 0.025), block(times))
     assert steps == [1] * 10 + [BREAK] + [1] * 9
 
 
 def test_twice_the_same_sample_counts_once() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     steps, values = place(line, block(np.array([0, 1, 1, 2, 3]) * TICK))
     assert steps == [1, 1, 1, 1]
     assert values == [0, 1, 3, 4]
@@ -92,7 +94,7 @@ def test_twice_the_same_sample_counts_once() -> None:
 
 
 def test_count_of_loop_ticks_is_a_clock() -> None:
-    line = Timeline("counter")
+    line = SampleClock("counter")
     counts = np.delete(np.arange(100) * 20 + 543, [50, 51])
     steps, _ = place(line, block(counts, "counter"))
     assert line.interval_s == 0.025
@@ -100,13 +102,13 @@ def test_count_of_loop_ticks_is_a_clock() -> None:
 
 
 def test_count_of_microseconds_is_a_clock() -> None:
-    line = Timeline("counter")
+    line = SampleClock("counter")
     place(line, block(np.arange(100) * 5000, "counter"))
     assert line.interval_s == 0.005
 
 
 def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
-    line = Timeline("none", 0.025)
+    line = SampleClock("none", 0.025)
     steps, _ = place(line, block([0] * 4, "none", [0, 0, 2, 0]))
     assert steps == [1, 1, 3, 1]
     line.gap()
@@ -115,7 +117,7 @@ def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
 
 
 def test_interval_of_the_deltas_is_a_clock() -> None:
-    line = Timeline("dt")
+    line = SampleClock("dt")
     times = np.full(60, 10_000_000)
     times[40] *= 3
     steps, _ = place(line, block(times, "dt"))
@@ -125,7 +127,7 @@ def test_interval_of_the_deltas_is_a_clock() -> None:
 
 def test_no_clock_and_no_rate_is_refused() -> None:
     with pytest.raises(ValueError, match="rate"):
-        Timeline("none")
+        SampleClock("none")
 
 
 @given(
@@ -137,15 +139,15 @@ def test_any_chunking_gives_the_same_grid(jumps: list[int], cuts: list[int], kno
     whole = block((np.cumsum(jumps) + 10**6) * TICK)
     cuts = [c for c in cuts if c <= len(whole)]
     interval = 0.025 if known else None
-    one, many = Timeline("startup", interval), Timeline("startup", interval)
+    one, many = SampleClock("startup", interval), SampleClock("startup", interval)
     assert place(one, whole) == place(many, whole, cuts)
     assert (one.duplicates, one.implausible) == (many.duplicates, many.implausible)
 
 
 def test_restored_timeline_continues_on_the_sensors_clock() -> None:
-    line = Timeline("startup")
+    line = SampleClock("startup")
     place(line, block(np.arange(100) * TICK))
-    again = Timeline.restore("startup", line.save())
+    again = SampleClock.restore("startup", line.save())
     steps, _ = place(again, block((np.arange(10) + 500) * TICK))
     assert steps == [401] + [1] * 9
     assert again.interval_s == line.interval_s
@@ -153,7 +155,7 @@ def test_restored_timeline_continues_on_the_sensors_clock() -> None:
 
 @pytest.mark.parametrize(("said", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
 def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | None, step: int) -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     place(line, block(np.arange(100) * TICK))
     line.gap(said)
     steps, _ = place(line, block((np.arange(10) + 500) * TICK))
@@ -165,7 +167,7 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | N
 def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts: list[int]) -> None:
     steps = np.concatenate([np.ones(200), np.full(400, factor)])
     whole = block((np.cumsum(steps) * TICK).astype(np.int64))
-    line = Timeline("startup")
+    line = SampleClock("startup")
     placed, kept = [], 0
     edges = [0, *cuts, 600]
     for a, b in pairwise(edges):
@@ -183,13 +185,13 @@ def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts:
 def test_jitter_and_losses_are_no_other_rate() -> None:
     rng = np.random.default_rng(11)
     kept = np.flatnonzero(rng.random(100_000) > 0.3)
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     place(line, block((kept + rng.uniform(-0.2, 0.2, len(kept))) * TICK))
     assert not line.changed
 
 
 def test_a_clock_that_stands_still_takes_no_memory_and_is_learned_when_it_goes() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     for _ in range(50):
         assert not line.place(block(np.full(40, 7 * TICK)))
         assert line.unplaced <= 40
@@ -201,14 +203,14 @@ def test_a_clock_that_stands_still_takes_no_memory_and_is_learned_when_it_goes()
 
 @pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])
 def test_lossy_start_does_not_mislead(pattern: list[int]) -> None:
-    line = Timeline("startup")
+    line = SampleClock("startup")
     steps, _ = place(line, block(np.cumsum(pattern * 20) * TICK))
     assert line.interval_s == 0.025
     assert steps[1:] == (pattern * 20)[1:]
 
 
 def test_told_rate_serves_a_start_that_loses_every_other_sample() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     steps, _ = place(line, block(np.cumsum([2] * 40 + [1] * 40) * TICK))
     assert line.interval_s == 0.025
     assert steps[1:] == [2] * 39 + [1] * 40
@@ -216,16 +218,16 @@ def test_told_rate_serves_a_start_that_loses_every_other_sample() -> None:
 
 def test_samples_out_of_order_do_not_mislead() -> None:
     order = np.arange(60).reshape(-1, 2)[:, ::-1].ravel()
-    line = Timeline("startup")
+    line = SampleClock("startup")
     place(line, block(order * TICK))
     assert line.interval_s == 0.025
 
 
 @pytest.mark.parametrize("away_s", [5.0, 70.0, 6000.0])
 def test_hole_of_a_restart_is_known_though_nothing_was_fed_meanwhile(away_s: float) -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     place(line, block(np.arange(100) * TICK))
-    again = Timeline.restore("startup", line.save())
+    again = SampleClock.restore("startup", line.save())
     again.gap(away_s)
     hole = round(away_s / 0.025)
     out = again.place(block((np.arange(10) + 99 + hole) * TICK), room_s=0.0)
@@ -233,7 +235,7 @@ def test_hole_of_a_restart_is_known_though_nothing_was_fed_meanwhile(away_s: flo
 
 
 def test_hole_is_known_though_the_link_is_lost_twice_in_it() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     line.place(block(np.arange(100) * TICK), room_s=2.5)
     line.gap(60.0)
     line.gap(60.0)
@@ -242,7 +244,7 @@ def test_hole_is_known_though_the_link_is_lost_twice_in_it() -> None:
 
 
 def test_a_room_whose_clock_is_fast_leaves_nothing_open() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     for k in range(2000):
         line.place(block((np.arange(400) + 400 * k) * TICK), room_s=10.0 * 1.0001)
     out = line.place(block((np.arange(10) + 800_000 + 4000) * TICK), room_s=0.25)
@@ -250,14 +252,14 @@ def test_a_room_whose_clock_is_fast_leaves_nothing_open() -> None:
 
 
 def test_time_before_the_first_sample_is_not_open() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     line.place(block(np.arange(100) * TICK), room_s=7200.0)
     out = line.place(block((np.arange(10) + 100 + 280_000) * TICK), room_s=0.25)
     assert out[0].steps[0] == BREAK
 
 
 def test_leap_of_the_last_sample_of_all_is_no_hole() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     line.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), room_s=2.5)
     [last] = line.finish()
     assert last.steps.tolist() == [BREAK]
@@ -265,12 +267,12 @@ def test_leap_of_the_last_sample_of_all_is_no_hole() -> None:
 
 def test_leap_of_a_century_is_no_hole() -> None:
     ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
-    steps, _ = place(Timeline("startup", 0.025), block(ticks * TICK))
+    steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
     assert steps == [1, 1, 1, BREAK, 1]
 
 
 def test_leap_that_the_room_does_not_confirm_is_no_hole() -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     out = line.place(block(np.arange(100) * TICK), room_s=2.5)
     out += line.place(block((np.arange(100) + 100 + 144_000) * TICK), room_s=2.5)
     assert [int(s) for p in out for s in p.steps] == [1] * 100 + [BREAK] + [1] * 99
@@ -278,7 +280,7 @@ def test_leap_that_the_room_does_not_confirm_is_no_hole() -> None:
 
 @pytest.mark.parametrize("pieces", [1, 3])
 def test_hole_of_a_standstill_is_known_though_older_samples_come_first(pieces: int) -> None:
-    line = Timeline("startup", 0.025)
+    line = SampleClock("startup", 0.025)
     out = line.place(block(np.arange(100) * TICK), room_s=2.5)
     for k in range(pieces):
         old = np.arange(100) + 100 * (k + 1)
@@ -293,10 +295,10 @@ def test_hole_of_a_standstill_is_known_though_older_samples_come_first(pieces: i
 def test_count_of_32_bits_goes_on_over_its_wrap() -> None:
     counts = (np.arange(200, dtype=np.int64) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32)
     for cuts in ([], [88, 91, 120]):
-        steps, _ = place(Timeline("counter"), block(counts, "counter"), cuts)
+        steps, _ = place(SampleClock("counter"), block(counts, "counter"), cuts)
         assert steps == [1] * 200
 
 
 def test_one_sample_with_a_told_rate_has_its_place() -> None:
-    steps, values = place(Timeline("startup", 0.01), block([7 * TICK]))
+    steps, values = place(SampleClock("startup", 0.01), block([7 * TICK]))
     assert (steps, values) == ([1], [0.0])

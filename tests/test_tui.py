@@ -17,23 +17,23 @@ from textual.widgets import Input
 
 from imumon.report import Drift, Report, from_json
 from imumon.tui import export, text_panels
-from imumon.tui.app import THEMES, Monitor, foot
+from imumon.tui.app import THEMES, ImumonApp, foot
 from imumon.tui.formatting import length
-from imumon.tui.view_state import VIEWS, Scene
+from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
-from imumon.tui.widgets import Paper, Sheet
+from imumon.tui.widgets import Paper, StyledLines
 
-Script = Callable[[Monitor, Pilot[int]], Awaitable[None]]
+Script = Callable[[ImumonApp, Pilot[int]], Awaitable[None]]
 OTHER = "vn100-0100056799"
 
 
 def drive(
     feed: reports.Recorded, script: Script, size: tuple[int, int] = (150, 40), **options: object
-) -> Monitor:
+) -> ImumonApp:
     """Run the screen without a terminal and let the script use it."""
 
-    async def go() -> Monitor:
-        app = Monitor(feed, clock=feed.clock, **options)  # type: ignore[arg-type]
+    async def go() -> ImumonApp:
+        app = ImumonApp(feed, clock=feed.clock, **options)  # type: ignore[arg-type]
         async with app.run_test(size=size) as pilot:
             await pilot.pause()
             await script(app, pilot)
@@ -44,12 +44,12 @@ def drive(
 
 def seen(app: App[int]) -> str:
     """All text on the papers that are seen."""
-    parts = [*app.screen_stack[0].query(Paper), *app.screen.query(Sheet)]
+    parts = [*app.screen_stack[0].query(Paper), *app.screen.query(StyledLines)]
     shown = [p for p in parts if p.display and p.size.area and p.is_on_screen]
     return "\n".join("".join(text for text, _ in line) for p in shown for line in p.lines())
 
 
-def status(app: Monitor) -> str:
+def status(app: ImumonApp) -> str:
     return "".join(text for line in app.query_one("#status", Paper).lines() for text, _ in line)
 
 
@@ -57,7 +57,7 @@ def status(app: Monitor) -> str:
 
 
 def test_digits_and_tab_change_the_view() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key, name in zip("12345", VIEWS, strict=True):
             await pilot.press(key)
             assert app.scene.view == name
@@ -74,7 +74,7 @@ def test_digits_and_tab_change_the_view() -> None:
 def test_arrows_choose_the_channel_and_its_signal_is_asked_for() -> None:
     feed = reports.Recorded(reports.report())
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert app.scene.channel == "gyro/x"
         await pilot.press("down", "down")
         assert app.scene.channel == "gyro/z"
@@ -95,7 +95,7 @@ def test_arrows_choose_the_channel_and_its_signal_is_asked_for() -> None:
 def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
     feed = reports.Recorded(reports.report())
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert "°/√h" in seen(app)
         await pilot.press("u")
         assert "rad/s/√Hz" in seen(app)
@@ -118,7 +118,7 @@ def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
 
 
 def test_a_baseline_is_kept_and_dropped() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("b")
         assert app.scene.baseline is app.scene.report
         assert "at 11:00" in seen(app)
@@ -133,7 +133,7 @@ def test_a_baseline_is_kept_and_dropped() -> None:
 def test_the_keys_to_quit_quit(key: str, before: tuple[str, ...]) -> None:
     """From a view at once; from a window above it, q closes that first."""
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press(*before, key)
         if before == ("question_mark",) and key == "q":
             await pilot.press(key)
@@ -144,7 +144,7 @@ def test_the_keys_to_quit_quit(key: str, before: tuple[str, ...]) -> None:
 
 
 def test_help_is_of_the_view_that_is_seen_and_names_every_key() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
             view = app.query_one(f"#{app.scene.view}", View)
@@ -153,7 +153,9 @@ def test_help_is_of_the_view_that_is_seen_and_names_every_key() -> None:
             text = seen(app)
             for _, what in keys_of(list(type(view).BINDINGS), False):
                 assert what in text, what
-            assert "…" not in "".join(t for line in app.screen.query_one(Sheet).lines() for t, _ in line)
+            assert "…" not in "".join(
+                t for line in app.screen.query_one(StyledLines).lines() for t, _ in line
+            )
             await pilot.press("escape")
             await pilot.pause()
 
@@ -161,7 +163,7 @@ def test_help_is_of_the_view_that_is_seen_and_names_every_key() -> None:
 
 
 def test_events_are_filtered_by_words() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("4", "slash", *"gap")
         assert app.scene.needle == "gap"
         assert "13.1 s lost" in seen(app)
@@ -179,7 +181,7 @@ def test_events_are_filtered_by_words() -> None:
 def test_several_sensors_are_listed_switched_and_compared() -> None:
     feed = reports.Recorded(reports.report(), reports.report(900.0, id=OTHER, scale=2.0))
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert "1 of 2" in status(app)
         await pilot.press("n")
         assert app.scene.id == OTHER
@@ -203,7 +205,7 @@ def test_the_wanted_device_is_waited_for() -> None:
     """With --id, another device does not take its place."""
     feed = reports.Recorded(reports.report())
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert app.scene.report is None
         assert f"first report of {OTHER}" in seen(app)
         feed.arrive(reports.report(id=OTHER))
@@ -215,7 +217,7 @@ def test_the_wanted_device_is_waited_for() -> None:
 
 
 def test_the_mouse_chooses_a_row_and_a_view() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.click("#table", offset=(8, 2))
         assert app.scene.channel == "gyro/y"
         await pilot.click("#foot", offset=(16, 0))
@@ -225,7 +227,7 @@ def test_the_mouse_chooses_a_row_and_a_view() -> None:
 
 
 def test_the_palette_offers_what_the_keys_do() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         names = {command.title for command in app.get_system_commands(app.screen)}
         assert {"Units", "Freeze", "Save", "Help", "Theme", "Quit"} <= names
         assert {f"View: {name}" for name in VIEWS} <= names
@@ -243,7 +245,7 @@ def situation(feed: reports.Recorded) -> tuple[str, str, bool]:
     """Status line, what is seen, and whether it is dimmed."""
     found: list[tuple[str, str, bool]] = []
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         found.append((status(app), seen(app), app.query_one("#body").has_class("stale")))
 
     drive(feed, script, (80, 24))
@@ -287,7 +289,9 @@ def test_an_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
 
     def said(of: Drift) -> str:
         channels = {**made.channels, "gyro/x": replace(channel, drift=of)}
-        scene = Scene(reports={reports.ID: replace(made, channels=channels)}, id=reports.ID, channel="gyro/x")
+        scene = ViewState(
+            reports={reports.ID: replace(made, channels=channels)}, id=reports.ID, channel="gyro/x"
+        )
         return "\n".join("".join(text for text, _ in line) for line in text_panels.drift(scene, 80, 9))
 
     assert "a degree" not in said(channel.drift)
@@ -307,7 +311,7 @@ def test_loss_and_return_of_the_daemon_as_they_happen() -> None:
     """The last data stay, dimmed, with their age; when the daemon is back the screen lives on."""
     feed = reports.Recorded(connected=False)
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert "no daemon" in status(app)
         feed.arrive(reports.report())
         app.look()
@@ -332,7 +336,7 @@ def test_loss_and_return_of_the_daemon_as_they_happen() -> None:
 def test_nothing_is_drawn_when_nothing_is_new() -> None:
     feed = reports.Recorded(reports.report())
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         scene = app.scene
         feed.now += 1.0
         app.look()
@@ -348,7 +352,7 @@ def test_no_view_hides_how_things_stand() -> None:
     """In every state and view: the state's word, numbers dimmed unless of this moment, never a blank."""
     feed = Handed()
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for name in FEEDS:
             feed.take(name)
             app.look()
@@ -366,7 +370,7 @@ def test_no_view_hides_how_things_stand() -> None:
 
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 100, 150])
 def test_the_foot_names_the_views_and_the_keys_that_fit(width: int) -> None:
-    text = "".join(text for text, _ in foot(Scene(view="device"), width)[0])
+    text = "".join(text for text, _ in foot(ViewState(view="device"), width)[0])
     assert len(text) == width
     assert "3 device" in text
     assert "? help" in text
@@ -378,7 +382,7 @@ def test_the_foot_names_the_views_and_the_keys_that_fit(width: int) -> None:
 
 
 def test_every_mode_says_how_it_is_left() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("f")
         assert "f goes on" in status(app)
         await pilot.press("f", "z")
@@ -398,7 +402,7 @@ def test_every_mode_says_how_it_is_left() -> None:
     "size", [(20, 6), (40, 12), (60, 20), (80, 24), (100, 50), (131, 33), (132, 34), (220, 60)]
 )
 def test_every_view_stands_at_every_size(size: tuple[int, int]) -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
             await pilot.pause()
@@ -414,7 +418,7 @@ def test_no_number_is_cut(size: tuple[int, int]) -> None:
     """Each coefficient stands on the screen in full, after empty rows too."""
     feed = reports.Recorded(reports.report(0.0))
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         feed.arrive(reports.report())
         app.look()
         await pilot.pause()
@@ -437,7 +441,7 @@ def test_no_number_is_cut(size: tuple[int, int]) -> None:
 def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert app.no_color
         await pilot.press(*"12345", "1", "question_mark")
         await pilot.pause()
@@ -446,7 +450,7 @@ def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_new_theme_reaches_what_is_already_drawn() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         dark = app.export_screenshot()
         await pilot.press("t")
         await pilot.pause()
@@ -463,7 +467,7 @@ def test_colours_are_theme_variables_alone() -> None:
 
 
 def test_ascii_draws_ascii_alone() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
             await pilot.pause()
@@ -473,7 +477,7 @@ def test_ascii_draws_ascii_alone() -> None:
     drive(reports.Recorded(reports.report()), script, (80, 24), ascii=True)
 
 
-def _row(app: Monitor, y: int) -> str:
+def _row(app: ImumonApp, y: int) -> str:
     return "".join(
         app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
         for _ in range(1)
@@ -481,7 +485,7 @@ def _row(app: Monitor, y: int) -> str:
 
 
 def test_a_window_does_not_hide_what_is_below() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("question_mark")
         await pilot.pause()
         assert "vn100-0100056785" in app.export_screenshot()
@@ -494,7 +498,7 @@ def test_hostile_names_and_texts_are_shown_as_they_are() -> None:
     report = reports.report()
     feed = reports.Recorded(replace(report, device=replace(report.device, id=name, port="[b]")))
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
             await pilot.pause()
@@ -515,7 +519,7 @@ def test_a_grade_that_a_later_daemon_knows_is_shown_by_its_name() -> None:
     }
     feed = reports.Recorded(replace(made, grade=grade, channels=channels))
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in ("1", "2", "3", "4", "5"):
             await pilot.press(key)
             await pilot.pause()
@@ -528,7 +532,7 @@ def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.chdir(tmp_path)
     feed = reports.Recorded(reports.report())
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for form in "vcj":
             await pilot.press("s")
             await pilot.pause()
@@ -556,7 +560,7 @@ def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_what_was_saved_is_named_with_its_folder(tmp_path: Path) -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for form in ("json", "csv", "svg"):
             app.clear_notifications()
             app.save(tmp_path, form)
@@ -568,7 +572,7 @@ def test_what_was_saved_is_named_with_its_folder(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_cannot_be_written_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         app.save(Path("/proc/[nowhere]"), "csv")
         await pilot.pause()
         (note,) = app._notifications
@@ -582,7 +586,7 @@ def test_without_a_converter_the_picture_is_kept_as_svg(
 ) -> None:
     monkeypatch.setattr(export.shutil, "which", lambda name: None)
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         app.save(tmp_path, "png")
         await pilot.pause()
         (note,) = app._notifications
@@ -595,11 +599,11 @@ def test_without_a_converter_the_picture_is_kept_as_svg(
 
 def test_scenes_without_anything_save_nothing_wrong() -> None:
     for view in VIEWS:
-        assert list(export.rows(Scene(view=view))) == []
+        assert list(export.rows(ViewState(view=view))) == []
 
 
 def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert "limit 0.2" in seen(app)
         await pilot.press("u")
         await pilot.pause()
@@ -613,7 +617,7 @@ def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
 def test_a_picture_has_no_word_of_the_save_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
-    async def script(app: Monitor, pilot: Pilot[int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for _ in range(2):
             await pilot.press("s")
             await pilot.pause()

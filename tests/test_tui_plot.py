@@ -23,9 +23,9 @@ from imumon.tui import (
     text_panels,
 )
 from imumon.tui.formatting import CELL, Line, Notation
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 
-SCENE = Scene(
+SCENE = ViewState(
     reports={reports.ID: reports.report()},
     ages={reports.ID: 0.0},
     alive=frozenset({reports.ID}),
@@ -204,11 +204,11 @@ def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
 
 def test_a_point_stands_where_its_axes_say() -> None:
     canvas = braille_canvas.Canvas(40, 20)
-    frame = braille_canvas.Frame(
+    frame = braille_canvas.PlotFrame(
         canvas,
         (0, 0, 40, 20),
-        braille_canvas.Scale(1e-2, 1e2, log=True),
-        braille_canvas.Scale(1.0, 1e4, log=True),
+        braille_canvas.AxisScale(1e-2, 1e2, log=True),
+        braille_canvas.AxisScale(1.0, 1e4, log=True),
     )
     assert frame.cell(1.0, 100.0) == (20, 9) or frame.cell(1.0, 100.0) == (20, 10)
     assert frame.cell(1e-2, 1e4) == (0, 0)

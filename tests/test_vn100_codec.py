@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from imumon.devices.base import Item, Response, SensorError
-from imumon.devices.vn100 import Decoder, ascii, binary, checksum
-from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
+from imumon.devices.vn100 import Vn100Decoder, ascii, binary, checksum
+from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
 from imumon.samples import SampleBlock, Stream, concatenated
 
 HERE = Path(__file__).parent
@@ -35,9 +35,9 @@ def _vectors() -> list[Any]:
 VECTORS = _vectors()
 
 
-def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Decoder, list[Item]]:
+def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[Item]]:
     """Decoder and items, conservation checked after every feed."""
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     items: list[Item] = []
     for at in range(0, len(data), chunk):
         items += decoder.feed(data[at : at + chunk])
@@ -82,7 +82,7 @@ def test_vector_in_any_cuts(vector: dict[str, Any]) -> None:
         _vector_is(vector, data, decoder, items)
 
 
-def _vector_is(vector: dict[str, Any], data: bytes, decoder: Decoder, items: list[Item]) -> None:
+def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items: list[Item]) -> None:
     expect = vector.get("expect")
     if vector["kind"] == "stream":
         assert total(items, "$") == expect["ascii_async"]
@@ -144,7 +144,7 @@ def _packet_is(data: bytes, items: list[Item], want: list[float]) -> None:
     assert (not blocks(items)) == (layout.recipe is None or not _usable(layout, packet))
 
 
-def _usable(layout: Layout, packet: Any) -> bool:
+def _usable(layout: BinaryLayout, packet: Any) -> bool:
     if "dt" not in layout.sources or layout.recipe is None or layout.recipe.stream.kind != "deltas":
         return True
     name, where = layout.sources["dt"]
@@ -260,7 +260,7 @@ def test_another_message_type() -> None:
 def test_the_best_of_a_layout_is_taken(
     words: dict[int, int], kind: str | None, clock: str, sensors: str
 ) -> None:
-    recipe = Layout.of(words).recipe
+    recipe = BinaryLayout.of(words).recipe
     if kind is None:
         assert recipe is None
         return
@@ -271,8 +271,8 @@ def test_the_best_of_a_layout_is_taken(
 
 
 def test_a_mixed_message_is_called_by_the_worse_and_told_apart_by_channel() -> None:
-    both = Layout.of({IMU: 0x00C0 | 0x0100}).recipe
-    mixed = Layout.of({IMU: 0x0044 | 0x0100}).recipe
+    both = BinaryLayout.of({IMU: 0x00C0 | 0x0100}).recipe
+    mixed = BinaryLayout.of({IMU: 0x0044 | 0x0100}).recipe
     assert both is not None
     assert mixed is not None
     assert both.stream.averaged == (True,) * 6 + (False,) * 3, "the magnetometer has no increments"
@@ -291,7 +291,7 @@ def test_joined_blocks_keep_their_flags_where_they_belong() -> None:
 
 
 def test_increments_become_rates() -> None:
-    layout = Layout.of({IMU: 0x00C0})
+    layout = BinaryLayout.of({IMU: 0x00C0})
     block = only(layout.encode({"deltaTheta": [[0.01, 1.0, -2.0, 3.0]], "deltaVel": [[0.5, 0.25, -0.0981]]}))
     dt = float(np.float32(0.01))
     want = [math.pi / 180 / dt, -2 * math.pi / 180 / dt, 3 * math.pi / 180 / dt, 0.5 / dt, 0.25 / dt]
@@ -301,7 +301,7 @@ def test_increments_become_rates() -> None:
 
 
 def test_sensor_s_own_word_on_saturation() -> None:
-    layout = Layout.of({IMU: 0x080C, ATTITUDE: 0x0001})
+    layout = BinaryLayout.of({IMU: 0x080C, ATTITUDE: 0x0001})
     status = np.array([0, 0x0004, 0x0200, 0x0FFF & ~0x0204, 0])
     block = only(layout.encode({"vpeStatus": status, "sensSat": [0, 0, 0, 0, 1]}))
     assert block.saturated is not None
@@ -309,7 +309,7 @@ def test_sensor_s_own_word_on_saturation() -> None:
 
 
 def test_what_is_not_finite_is_a_message_but_no_sample() -> None:
-    layout = Layout.of({IMU: 0x00C0})
+    layout = BinaryLayout.of({IMU: 0x00C0})
     theta = np.full((6, 4), 0.01)
     theta[0, 1], theta[2, 2], theta[3, 0], theta[5, 0] = np.nan, np.inf, 0.0, -0.01
     decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((6, 3))}))
@@ -318,7 +318,7 @@ def test_what_is_not_finite_is_a_message_but_no_sample() -> None:
 
 
 def test_what_no_sensor_can_measure_is_no_sample() -> None:
-    layout = Layout.of({IMU: 0x00C0})
+    layout = BinaryLayout.of({IMU: 0x00C0})
     theta = np.full((5, 4), 0.01)
     theta[1, 2], theta[2, 1], theta[3, 0] = 3e38, -3e38, 1e-40  # the last one is an interval
     decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((5, 3))}))
@@ -335,7 +335,7 @@ def _row(n: int) -> bytes:
 
 
 def test_damaged_messages_count_before_the_next_sample_of_their_stream() -> None:
-    layout = Layout.of({IMU: 0x000E})
+    layout = BinaryLayout.of({IMU: 0x000E})
     packets = [layout.encode({"uncompGyro": [[n, 0, 0]]}) for n in range(8)]
     bad = bytes(packets[0][:20]) + b"\x55" + packets[0][21:]
     flipped = _row(0).replace(b"0", b"1", 1)
@@ -355,7 +355,7 @@ def test_messages_cut_short_count_too() -> None:
 
 @pytest.mark.parametrize("kind", ["packets", "sentences", "both"])
 def test_samples_and_lost_add_up_to_what_was_sent(kind: str) -> None:
-    layout = Layout.of({TIME: 0x0001, IMU: 0x00C0})
+    layout = BinaryLayout.of({TIME: 0x0001, IMU: 0x00C0})
     theta = np.full((1500, 4), 0.1)
     packets = layout.encode({"timeStartup": np.arange(1500), "deltaTheta": theta})
     sent = [packets[at : at + layout.length] for at in range(0, len(packets), layout.length)]
@@ -388,7 +388,7 @@ def test_nothing_is_lost_before_the_first_sample() -> None:
 
 
 def test_what_was_lost_between_two_connections_is_not_guessed() -> None:
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     decoder.feed(_row(0) + b"\x85" * 1000 + _row(1)[:60])
     decoder.finish()
     (block,) = decoder.feed(_row(2) + _row(3))
@@ -438,7 +438,7 @@ def test_right_check_but_wrong_grammar_is_refused(body: str) -> None:
 
 
 def test_an_overlong_line_does_not_hold_the_stream_up() -> None:
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     decoder.feed(b"$VNRRG," + b"9" * 10_000)
     assert decoder.pending == 0
     assert decoder.feed(_row(0)) != []
@@ -466,7 +466,7 @@ def test_extension_bits_without_a_field_behind_them_are_stepped_over(header: byt
     ],
 )
 def test_fields_of_unknown_size_are_refused(header: bytes) -> None:
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     decoder.feed(header)
     assert decoder.pending == 0
 
@@ -474,14 +474,16 @@ def test_fields_of_unknown_size_are_refused(header: bytes) -> None:
 def test_every_field_is_stepped_over_by_its_size() -> None:
     for group, fields in binary.GROUPS.items():
         for bit, field in fields.items():
-            layout = Layout.of({group: 1 << bit})
+            layout = BinaryLayout.of({group: 1 << bit})
             assert layout.length == 6 + np.dtype(field.code).itemsize * field.width
             decoder, _ = decode(layout.encode({field.name: np.zeros((2, field.width))}))
             assert (decoder.messages, decoder.discarded) == (2, 0)
 
 
 def test_all_groups_at_once() -> None:
-    layout = Layout.of({group: sum(1 << bit for bit in fields) for group, fields in binary.GROUPS.items()})
+    layout = BinaryLayout.of(
+        {group: sum(1 << bit for bit in fields) for group, fields in binary.GROUPS.items()}
+    )
     theta = np.full((3, 4), 0.5)
     _, items = decode(
         layout.encode({"deltas": np.full((3, 7), 0.5), "deltaTheta": theta, "timeStartup": [1, 2, 3]}), 50

@@ -14,15 +14,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from imumon.devices.base import Item
-from imumon.devices.vn100 import Decoder, ascii, checksum
-from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, Layout
+from imumon.devices.vn100 import Vn100Decoder, ascii, checksum
+from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
 from imumon.samples import SampleBlock
 
 LAYOUTS = (
-    Layout.of({TIME: 0x0001, IMU: 0x00D2}),
-    Layout.of({COMMON: 0x0739}),
-    Layout.of({IMU: 0x0008}),
-    Layout.of({COMMON: 0x0020, ATTITUDE: 0x0002}),
+    BinaryLayout.of({TIME: 0x0001, IMU: 0x00D2}),
+    BinaryLayout.of({COMMON: 0x0739}),
+    BinaryLayout.of({IMU: 0x0008}),
+    BinaryLayout.of({COMMON: 0x0020, ATTITUDE: 0x0002}),
 )
 MESSAGES = ("VNYMR", "VNIMU", "VNGYR", "VNDTV", "VNQMR")
 laws = settings(derandomize=True, deadline=None, max_examples=150)
@@ -105,9 +105,9 @@ def lines(draw: st.DrawFn) -> list[Piece]:
     return pieces
 
 
-def run(data: bytes, cuts: list[int]) -> tuple[list[Item], list[int], Decoder]:
+def run(data: bytes, cuts: list[int]) -> tuple[list[Item], list[int], Vn100Decoder]:
     """Items, the counters before the end is told, and the decoder."""
-    decoder = Decoder()
+    decoder = Vn100Decoder()
     items: list[Item] = []
     for start, end in zip([0, *cuts], [*cuts, len(data)], strict=True):
         items += decoder.feed(data[start:end])
@@ -199,7 +199,7 @@ NUMBERS = st.from_regex(r"[+-]?[0-9]{1,9}(\.[0-9]{1,6})?", fullmatch=True)
 @example(["-0.000", "+00.0", "-999999999.999999"], 3)
 def test_numbers_are_read_to_the_last_bit(fields: list[str], count: int) -> None:
     data = ascii.encode(",".join(["VNGYR", *fields])) * count
-    (block,) = Decoder().feed(data)
+    (block,) = Vn100Decoder().feed(data)
     assert isinstance(block, SampleBlock)
     want = np.array([[float(field) for field in fields]] * count)
     assert block.values.tobytes() == want.tobytes()
@@ -218,7 +218,7 @@ def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, ch
     damaged = int(rng.integers(count))
     lines[damaged] = lines[damaged].replace(b"0", b"3", 1)
     together, _, _ = run(b"".join(lines), [])
-    apart = Decoder()
+    apart = Vn100Decoder()
     separately = [item for line in lines for item in apart.feed(line)]
     assert rows(together) == rows(separately)
     assert len(found(together)) == count - 1
@@ -226,7 +226,7 @@ def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, ch
 
 @laws
 @given(st.lists(st.sampled_from(LAYOUTS[:3]), min_size=1, max_size=3), st.integers(0, 2**32))
-def test_packets_come_back_as_they_were_sent(layouts: list[Layout], seed: int) -> None:
+def test_packets_come_back_as_they_were_sent(layouts: list[BinaryLayout], seed: int) -> None:
     rng = np.random.default_rng(seed)
     for layout in layouts:
         words = rng.integers(0, 256, (5, layout.length), np.uint8).tobytes()
@@ -260,7 +260,7 @@ def test_checksums_of_rows_are_those_of_each(data: bytes, half: int, begun: int)
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("where", [0, 127, 128, 129, 640, 641, 2500, 2999])
-def test_long_runs_end_at_the_first_damage(layout: Layout, where: int) -> None:
+def test_long_runs_end_at_the_first_damage(layout: BinaryLayout, where: int) -> None:
     """One flipped bit in a run that is checked as an array, in the header, the payload or the check."""
     rows = np.random.default_rng(3).normal(size=(3000, 3))
     data = layout.encode(

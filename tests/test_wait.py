@@ -14,9 +14,9 @@ import reports
 from daemons import Daemon, free_endpoint
 
 from imumon.cli.options import seconds, share
-from imumon.cli.wait_condition import Goal
+from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.report import Report, SensorGrade, Session
+from imumon.report import Report, SensorGrade, SessionCounters
 from imumon.samples import sensor_of
 from imumon.units import READABLE
 
@@ -45,43 +45,45 @@ LONG = graded(reports.report(100_000.0), False)
 
 
 def test_a_final_grade_counts_for_itself_and_all_worse_ones() -> None:
-    assert Goal(grade="industrial").lacks(LONG) is None
-    assert Goal(grade="consumer").lacks(LONG) is None
-    assert "industrial" in str(Goal(grade="tactical").lacks(LONG))
+    assert WaitCondition(grade="industrial").lacks(LONG) is None
+    assert WaitCondition(grade="consumer").lacks(LONG) is None
+    assert "industrial" in str(WaitCondition(grade="tactical").lacks(LONG))
 
 
 def test_a_provisional_grade_counts_when_no_limit_can_take_it_away() -> None:
     maybe = graded(LONG, True)
     good = changed(maybe, "gyro/x", B=4.0e-5)  # 8 deg/h at most: industrial
-    assert Goal(grade="industrial").lacks(good) is None
+    assert WaitCondition(grade="industrial").lacks(good) is None
     bad = changed(maybe, "gyro/x", B=4.0e-4)  # 82 deg/h: it may be consumer
-    assert Goal(grade="industrial").lacks(bad) == "B of gyro/x may be up to 82.5 °/h, that is consumer"
-    assert Goal(grade="consumer").lacks(bad) is None
-    assert Goal(grade="industrial", channels=("accel",)).lacks(bad) is None
-    assert "pending" in str(Goal(grade="industrial").lacks(changed(maybe, "accel/y", B=None)))
+    assert (
+        WaitCondition(grade="industrial").lacks(bad) == "B of gyro/x may be up to 82.5 °/h, that is consumer"
+    )
+    assert WaitCondition(grade="consumer").lacks(bad) is None
+    assert WaitCondition(grade="industrial", channels=("accel",)).lacks(bad) is None
+    assert "pending" in str(WaitCondition(grade="industrial").lacks(changed(maybe, "accel/y", B=None)))
 
 
 def test_a_grade_of_a_record_mostly_cut_out_does_not_count() -> None:
     maybe = graded(LONG, True)
     session = replace(maybe.session, excluded_s=0.6 * maybe.session.elapsed_s)
-    assert "not certain" in str(Goal(grade="industrial").lacks(replace(maybe, session=session)))
+    assert "not certain" in str(WaitCondition(grade="industrial").lacks(replace(maybe, session=session)))
 
 
 def test_no_grade_tells_its_reason() -> None:
     none = replace(LONG, grade={"gyro": SensorGrade(reason="the sensor is not at rest")})
-    assert Goal(grade="consumer").lacks(none) == "gyro has no grade yet: the sensor is not at rest"
+    assert WaitCondition(grade="consumer").lacks(none) == "gyro has no grade yet: the sensor is not at rest"
 
 
 def test_a_precision_needs_every_axis_measured() -> None:
-    assert Goal(coefficient="N", precision=0.5).lacks(LONG) is None
-    assert "wanted 1e-06" in str(Goal(coefficient="N", precision=1e-6).lacks(LONG))
+    assert WaitCondition(coefficient="N", precision=0.5).lacks(LONG) is None
+    assert "wanted 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).lacks(LONG))
     bounded = changed(LONG, "accel/z", K=1.0)
-    assert "K of accel/z is only bounded" in str(Goal(coefficient="K", precision=0.9).lacks(bounded))
-    assert Goal(coefficient="N", precision=0.5, channels=("mag/x",)).lacks(LONG) is None
-    asked = Goal(coefficient="N", precision=0.5, channels=("mag/q",))
+    assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).lacks(bounded))
+    assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).lacks(LONG) is None
+    asked = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
     assert asked.unknown(LONG) == "mag/q"
     assert asked.unknown(replace(LONG, channels={})) is None  # it has not shown what it has
-    assert "no mag/q" in str(Goal(coefficient="N", precision=0.1, channels=("mag/q",)).lacks(LONG))
+    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).lacks(LONG))
 
 
 def test_what_was_reached_is_what_was_asked() -> None:
@@ -92,18 +94,20 @@ def test_what_was_reached_is_what_was_asked() -> None:
     }
     worst = max(halves, key=lambda name: halves[name])
     said = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, asked 5 %"
-    assert Goal(coefficient="N", precision=0.05).reached(LONG) == said
+    assert WaitCondition(coefficient="N", precision=0.05).reached(LONG) == said
     grades = "gyro industrial, accel industrial"
-    assert Goal(grade="consumer").reached(LONG) == grades
-    assert Goal(grade="consumer", channels=("gyro/x",)).reached(LONG) == "gyro industrial"
-    assert Goal(grade="consumer", coefficient="N", precision=0.05).reached(LONG) == f"{said}, {grades}"
-    assert Goal().reached(LONG) == grades
-    assert Goal().reached(replace(LONG, grade={})) == "running"
+    assert WaitCondition(grade="consumer").reached(LONG) == grades
+    assert WaitCondition(grade="consumer", channels=("gyro/x",)).reached(LONG) == "gyro industrial"
+    assert (
+        WaitCondition(grade="consumer", coefficient="N", precision=0.05).reached(LONG) == f"{said}, {grades}"
+    )
+    assert WaitCondition().reached(LONG) == grades
+    assert WaitCondition().reached(replace(LONG, grade={})) == "running"
 
 
 def test_nothing_asked_is_the_first_sample() -> None:
-    assert Goal().lacks(LONG) is None
-    assert "no sample yet" in str(Goal().lacks(replace(LONG, session=Session())))
+    assert WaitCondition().lacks(LONG) is None
+    assert "no sample yet" in str(WaitCondition().lacks(replace(LONG, session=SessionCounters())))
 
 
 @pytest.mark.parametrize("text", ["", "x", "5 parsecs", "-1", "0", "h", "1h x", "1e999"])

@@ -10,7 +10,7 @@ import reports
 from imumon import messages
 from imumon.messages import CAVEATS
 from imumon.pipeline import assessment
-from imumon.pipeline.accumulators import Record
+from imumon.pipeline.accumulators import Accumulators
 
 
 def test_a_caveat_has_a_line_and_a_paragraph() -> None:
@@ -38,7 +38,7 @@ def test_every_word_of_the_code_has_its_meaning() -> None:
     )
     for repeating in ("stuck", "loop"):
         everything.repeating = repeating
-        assert set(assessment.caveats(cast(Record, everything), guarded=True)) <= set(CAVEATS)
+        assert set(assessment.caveats(cast(Accumulators, everything), guarded=True)) <= set(CAVEATS)
     of_a_fit = {
         "misfit",
         "quantised",

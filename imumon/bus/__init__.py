@@ -9,7 +9,7 @@ viewer      the other end: newest report of every device there is
 """
 
 from imumon.bus.publisher import Publisher
-from imumon.bus.subscriber import Viewer
-from imumon.bus.zenoh_session import PORTS, BusError, Options, clean_id
+from imumon.bus.subscriber import Subscriber
+from imumon.bus.zenoh_session import PORTS, BusError, SessionOptions, clean_id
 
-__all__ = ["PORTS", "BusError", "Options", "Publisher", "Viewer", "clean_id"]
+__all__ = ["PORTS", "BusError", "Publisher", "SessionOptions", "Subscriber", "clean_id"]

@@ -19,10 +19,17 @@ from typing import Any
 
 import zenoh
 
-from imumon.bus.queryable import Answers
+from imumon.bus.queryable import LastValues
 from imumon.bus.texts import Texts
-from imumon.bus.uplink import Link, open_local, open_uplink
-from imumon.bus.zenoh_session import RETRY_S, BusError, Options, Unreachable, check_endpoint, clean_id
+from imumon.bus.uplink import Uplink, open_local, open_uplink
+from imumon.bus.zenoh_session import (
+    RETRY_S,
+    BusError,
+    SessionOptions,
+    Unreachable,
+    check_endpoint,
+    clean_id,
+)
 from imumon.report import Event, Report, Signal, to_json
 
 _EVENTS_QUEUED = 1000
@@ -51,7 +58,7 @@ class Publisher:
     id : name of the device; made fit for a key.
     listen : endpoints; none: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
     connect : endpoints of routers, which may come and go; None: those of `settings`.
-    settings : `Options`, or anything with attributes of the same names; None for the defaults.
+    settings : `SessionOptions`, or anything with attributes of the same names; None for the defaults.
 
     Attributes
     ----------
@@ -71,7 +78,7 @@ class Publisher:
         connect: Sequence[str] | None = None,
         settings: object | None = None,
     ) -> None:
-        options = Options.of(settings)
+        options = SessionOptions.of(settings)
         listen = tuple(options.listen if listen is None else listen)
         connect = tuple(options.connect if connect is None else connect)
         self.id = clean_id(id)
@@ -84,25 +91,25 @@ class Publisher:
         self._queue: deque[Event] = deque()
         self._closing = False
         self._reports = self._replaced = self._sent_events = self._dropped = self._errors = 0
-        self._answers = Answers(self._root)
+        self._answers = LastValues(self._root)
         self._texts = Texts()
         self._grade: str | None = None
         self._over = threading.Event()
         self._faults: dict[str, str] = {}
-        self._uplinks: dict[str, Link] = {}
+        self._uplinks: dict[str, Uplink] = {}
         self._told: dict[str, str | None] = {}  # of the connections
         self._unsent: set[str] = set()  # reasons that were told
         router = options.mode == "router"  # routers find their way among one another in one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
         self._stamp = self._session.new_timestamp
         self._sending = threading.Lock()  # a link that is added gets everything, each message once
-        self._links = [Link(self._session, self._root, self._answer)]
+        self._links = [Uplink(self._session, self._root, self._answer)]
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
         self._connect(options, () if router else connect)
 
-    def _connect(self, options: Options, endpoints: Sequence[str]) -> None:
+    def _connect(self, options: SessionOptions, endpoints: Sequence[str]) -> None:
         """Connect to routers; those that are not there now are tried again for ever."""
         attempts: list[Future[None]] = []
         for endpoint in endpoints:
@@ -244,7 +251,7 @@ class Publisher:
             for link in self._links:
                 link.put(name, text, stamp)
 
-    def _link_up(self, options: Options, endpoint: str, first: Future[None]) -> None:
+    def _link_up(self, options: SessionOptions, endpoint: str, first: Future[None]) -> None:
         """Connect to a router as soon as it is there; lost again, Zenoh comes back by itself."""
         while not self._over.is_set():
             try:
@@ -255,14 +262,14 @@ class Publisher:
                     first.set_exception(error)
                     return
             else:
-                self._add(endpoint, Link(session, self._root, self._answer))
+                self._add(endpoint, Uplink(session, self._root, self._answer))
             if not first.done():
                 first.set_result(None)
             if endpoint in self._uplinks:
                 return
             self._over.wait(RETRY_S)
 
-    def _add(self, endpoint: str, link: Link) -> None:
+    def _add(self, endpoint: str, link: Uplink) -> None:
         """Take a link in; what was published before is known there too."""
         with self._sending:
             for name, text, stamp in self._answers.known():

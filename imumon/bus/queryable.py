@@ -21,7 +21,7 @@ _PATIENCE_S = 3.0  # for a signal that nobody makes
 _MOST_PENDING = 256
 
 
-class Answers:
+class LastValues:
     """Keeps what is published below `root`, and answers questions; for any thread."""
 
     def __init__(self, root: str) -> None:

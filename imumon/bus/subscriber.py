@@ -21,7 +21,7 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
-from imumon.bus.zenoh_session import Options, listener, local_endpoints, open_session
+from imumon.bus.zenoh_session import SessionOptions, listener, local_endpoints, open_session
 from imumon.report import Event, Report, Signal, from_json
 
 _EVENTS_KEPT = 100
@@ -31,14 +31,14 @@ _WAITING = 1024  # messages that may wait to be taken; the oldest give way
 T = TypeVar("T", Report, Event, Signal)
 
 
-class Viewer:
+class Subscriber:
     """Newest reports of all devices on the bus.
 
     Parameters
     ----------
     connect : endpoints; None takes those of `settings` (where daemons connect to or listen), else all where a
         daemon of this machine may be.
-    settings : `imumon.bus.Options`, or anything with attributes of the same names; None for the defaults.
+    settings : `imumon.bus.SessionOptions`, or anything with attributes of the same names; None for the defaults.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Viewer:
     """
 
     def __init__(self, connect: Sequence[str] | None = None, *, settings: object | None = None) -> None:
-        options = Options.of(settings)
+        options = SessionOptions.of(settings)
         options = replace(options, mode="peer", users_file="")
         given = tuple(connect or ()) or options.connect or tuple(_reachable(e) for e in options.listen)
         self.endpoints = given or local_endpoints()
@@ -150,7 +150,7 @@ class Viewer:
         for thread in self._threads:
             thread.join(1.0)
 
-    def __enter__(self) -> Viewer:
+    def __enter__(self) -> Subscriber:
         return self
 
     def __exit__(self, *_: object) -> None:

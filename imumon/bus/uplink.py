@@ -15,7 +15,14 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.queryable import EVENTS_KEPT, JSON
-from imumon.bus.zenoh_session import LEASE_S, BusError, Options, listener, local_endpoints, open_session
+from imumon.bus.zenoh_session import (
+    LEASE_S,
+    BusError,
+    SessionOptions,
+    listener,
+    local_endpoints,
+    open_session,
+)
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
@@ -25,7 +32,7 @@ _BY_NUMBER = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
 _QUESTIONS = 256  # that may wait; the oldest goes unanswered
 
 
-class Link:
+class Uplink:
     """Publishers of the keys below `root`, a queryable for all of them, and a token of liveliness."""
 
     def __init__(self, session: zenoh.Session, root: str, answer: Callable[[zenoh.Query], None]) -> None:
@@ -65,7 +72,7 @@ class Link:
 
 
 def open_local(
-    options: Options, listen: Sequence[str], connect: Sequence[str], id: str
+    options: SessionOptions, listen: Sequence[str], connect: Sequence[str], id: str
 ) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Session that listens, and where: as told, or on the first free of the usual ports.
 
@@ -93,7 +100,7 @@ def open_local(
     raise BusError("all of tcp/127.0.0.1:7448 to 7463 are taken; choose another with --listen")
 
 
-def open_uplink(options: Options, endpoint: str, id: str) -> zenoh.Session:
+def open_uplink(options: SessionOptions, endpoint: str, id: str) -> zenoh.Session:
     """Session to a router or another peer.
 
     Raises
@@ -106,7 +113,7 @@ def open_uplink(options: Options, endpoint: str, id: str) -> zenoh.Session:
     return open_session(options, (), [endpoint], guarded=True)
 
 
-def refuse_twins(options: Options, endpoints: Iterable[str], id: str) -> None:
+def refuse_twins(options: SessionOptions, endpoints: Iterable[str], id: str) -> None:
     """Refuse a name that a living daemon on these endpoints has.
 
     One that just died may be remembered until its lease is over, so a twin is watched for longer than that.

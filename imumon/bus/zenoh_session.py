@@ -49,7 +49,7 @@ class Unreachable(BusError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class SessionOptions:
     """How to get on the bus and whom to let in; the settings of ``[zenoh]`` under the same names.
 
     Attributes
@@ -139,13 +139,13 @@ def is_local(endpoint: str) -> bool:
 
 
 def open_session(
-    options: Options, listen: Sequence[str], connect: Sequence[str], *, guarded: bool
+    options: SessionOptions, listen: Sequence[str], connect: Sequence[str], *, guarded: bool
 ) -> zenoh.Session:
     """A session on these endpoints.
 
     Parameters
     ----------
-    guarded : the rules for those who connect hold (`Options.read_only`, `Options.allow`).
+    guarded : the rules for those who connect hold (`SessionOptions.read_only`, `SessionOptions.allow`).
 
     Raises
     ------
@@ -192,7 +192,7 @@ def listener(source: Iterable[T], take: Callable[[T], None]) -> threading.Thread
 
 
 def _config(
-    options: Options, listen: Sequence[str], connect: Sequence[str], users: str, guarded: bool
+    options: SessionOptions, listen: Sequence[str], connect: Sequence[str], users: str, guarded: bool
 ) -> zenoh.Config:
     """Zenoh's own configuration."""
     tls = "transport/link/tls/"
@@ -248,7 +248,7 @@ def _config(
     return config
 
 
-def _access(options: Options) -> dict[str, Any]:
+def _access(options: SessionOptions) -> dict[str, Any]:
     """Rules of access: out goes what is published, in come subscriptions and questions; no data comes in."""
     keys = ["imumon/**", "imumon/**/@adv/**"]  # ** does not match the chunk of the cache's own keys
     out = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
@@ -276,7 +276,7 @@ def _access(options: Options) -> dict[str, Any]:
 
 
 @contextmanager
-def _users(options: Options, listens: bool) -> Iterator[str]:
+def _users(options: SessionOptions, listens: bool) -> Iterator[str]:
     """Path of a file with all users that may connect, empty for everybody.
 
     Zenoh wants a file, and refuses everybody when only `user` is set: so the own name is put beside the

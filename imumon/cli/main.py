@@ -26,7 +26,7 @@ from typing import TypeAlias
 from imumon import __version__
 from imumon.cli import admin, query, replay_command, report_command, run_command
 from imumon.cli.encoding import write_whatever_comes
-from imumon.cli.options import DONE, FAILED, INTERRUPTED, USAGE, Parser, Stop
+from imumon.cli.options import DONE, FAILED, INTERRUPTED, USAGE, CommandError, Parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,7 +66,7 @@ def _run(argv: Sequence[str] | None) -> int:
         code = act(arguments)
         sys.stdout.flush()
         return code
-    except Stop as stop:
+    except CommandError as stop:
         print(f"imumon: {stop}", file=sys.stderr)
         return stop.code
     except BrokenPipeError:

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 DONE, FAILED, USAGE, NOTHING_THERE, NOT_IN_TIME, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 
-class Stop(Exception):
+class CommandError(Exception):
     """End the command with one line on stderr and an exit code."""
 
     def __init__(self, text: str, code: int = FAILED) -> None:
@@ -150,7 +150,7 @@ def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None)
     try:
         return load(getattr(words, "config", None), overrides or {})
     except ConfigError as error:
-        raise Stop(str(error), USAGE) from None
+        raise CommandError(str(error), USAGE) from None
 
 
 def settings_apart(words: argparse.Namespace, overrides: dict[str, Any]) -> Any:
@@ -164,7 +164,7 @@ def settings_apart(words: argparse.Namespace, overrides: dict[str, Any]) -> Any:
     try:
         return answer()
     except ConfigError as error:
-        raise Stop(str(error), USAGE) from None
+        raise CommandError(str(error), USAGE) from None
 
 
 def _import_the_daemon() -> None:
@@ -191,15 +191,15 @@ def viewer(words: argparse.Namespace) -> Any:
 
     The device that is asked for gets the name its daemon gave it.
     """
-    from imumon.bus import BusError, Viewer, clean_id
+    from imumon.bus import BusError, Subscriber, clean_id
 
     made = settings(words)
     try:
         words.id = words.id and clean_id(words.id)
     except BusError as error:
-        raise Stop(str(error), USAGE) from None
+        raise CommandError(str(error), USAGE) from None
     try:
-        return Viewer(words.connect, settings=made.zenoh)
+        return Subscriber(words.connect, settings=made.zenoh)
     except BusError as error:
         raise bus_stop(error, made) from None
 
@@ -218,7 +218,7 @@ def first_report(feed: Any, id: str | None, timeout: float, cure: str) -> Any:
     made = feed.wait_report(id, timeout)
     if made is None:
         who = f"no daemon answers as {id}" if id else "no daemon answers"
-        raise Stop(f"{who}: start one with imumon run, or {cure}", NOTHING_THERE)
+        raise CommandError(f"{who}: start one with imumon run, or {cure}", NOTHING_THERE)
     if id is None:
         time.sleep(GATHER_S)
         others = sorted({*feed.alive(), *feed.reports()} - {made.device.id})
@@ -232,14 +232,14 @@ def mention(text: str) -> None:
     print(f"imumon: {text}", file=sys.stderr)
 
 
-def bus_stop(error: Exception, made: Any) -> Stop:
+def bus_stop(error: Exception, made: Any) -> CommandError:
     """The bus cannot be had; where a setting is at fault, it is one of usage, with its place."""
     text = str(error)
     name = re.match(r"zenoh\.\w+", text)
     if name is None:
-        return Stop(text)
+        return CommandError(text)
     origin = made.origins.get(name[0], "default")
-    return Stop(text if origin == "default" else f"{origin}: {text}", USAGE)
+    return CommandError(text if origin == "default" else f"{origin}: {text}", USAGE)
 
 
 def baseline(path: str | None) -> Any:
@@ -252,8 +252,8 @@ def baseline(path: str | None) -> Any:
         with open(path, "rb") as file:
             return from_json(Report, file.read())
     except OSError as error:
-        raise Stop(f"baseline {path}: {(error.strerror or str(error)).lower()}", USAGE) from None
+        raise CommandError(f"baseline {path}: {(error.strerror or str(error)).lower()}", USAGE) from None
     except ValueError:
-        raise Stop(
+        raise CommandError(
             f"baseline {path} is no report: make one with imumon report --format json", USAGE
         ) from None

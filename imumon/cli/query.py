@@ -13,8 +13,8 @@ from imumon.cli.options import (
     NOT_IN_TIME,
     NOTHING_THERE,
     USAGE,
+    CommandError,
     Parser,
-    Stop,
     add_endpoints,
     add_look,
     baseline,
@@ -82,7 +82,7 @@ def show(
 ) -> int:
     """The live screen; of a daemon that is just `starting`, and what its end was when it has `ended`."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        raise Stop("the screen needs a terminal; without one use: imumon status --json", USAGE)
+        raise CommandError("the screen needs a terminal; without one use: imumon status --json", USAGE)
     from imumon.tui import run
 
     behind = baseline(words.baseline)
@@ -117,14 +117,14 @@ def status(words: argparse.Namespace) -> int:
 
 def wait(words: argparse.Namespace) -> int:
     """Until a report holds what is asked, or the settings ask for; else until the first sample."""
-    from imumon.cli.wait_condition import Goal
+    from imumon.cli.wait_condition import WaitCondition
     from imumon.units import duration
 
     if words.precision is not None and words.coefficient is None:
-        raise Stop("--precision needs --coefficient N, B or K", USAGE)
+        raise CommandError("--precision needs --coefficient N, B or K", USAGE)
     told = settings(words).report
     by_default = {"N": told.precision_n, "B": told.precision_b, "K": told.precision_k}
-    goal = Goal(
+    goal = WaitCondition(
         grade=words.grade or (None if words.coefficient else told.grade or None),
         coefficient=words.coefficient,
         precision=words.precision or by_default.get(words.coefficient),
@@ -138,13 +138,13 @@ def wait(words: argparse.Namespace) -> int:
         while lacks := goal.lacks(made):
             if goal.unknown(made):
                 _mention("")
-                raise Stop(f"--channel: {lacks}", USAGE)
+                raise CommandError(f"--channel: {lacks}", USAGE)
             if lacks != said:
                 said = lacks
                 _mention(lacks)
             if time.monotonic() >= end:
                 _mention("")
-                raise Stop(f"not reached in {duration(words.timeout)}: {lacks}", NOT_IN_TIME)
+                raise CommandError(f"not reached in {duration(words.timeout)}: {lacks}", NOT_IN_TIME)
             made = _next(feed, made, end)
     _mention("")
     print(f"{made.device.id}: {goal.reached(made)} after {duration(made.session.elapsed_s)}")
@@ -160,7 +160,7 @@ def _next(feed: Any, made: Any, end: float) -> Any:
         gone = time.monotonic() - moment > max(GONE_S, 3.0 * made.period_s)
         if gone and made.device.id not in feed.alive():
             _mention("")
-            raise Stop(f"the daemon of {made.device.id} has ended; start it again", NOTHING_THERE)
+            raise CommandError(f"the daemon of {made.device.id} has ended; start it again", NOTHING_THERE)
         time.sleep(min(left, 0.1))
     return made
 

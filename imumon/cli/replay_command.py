@@ -8,8 +8,8 @@ from typing import Any
 from imumon.cli.options import (
     DONE,
     USAGE,
+    CommandError,
     Parser,
-    Stop,
     add_endpoints,
     baseline,
     bus_stop,
@@ -38,15 +38,15 @@ def add_reading(parser: argparse._ActionsContainer) -> None:
 def task_of(words: argparse.Namespace, **more: Any) -> Any:
     """The recording that is to be read, and how."""
     from imumon.recordings.columns import parse_map
-    from imumon.replay.replay import Replay
+    from imumon.replay.replay import ReplayOptions
 
     try:
         columns = parse_map(words.map) if words.map else {}
     except ValueError as error:
-        raise Stop(str(error), USAGE) from None
+        raise CommandError(str(error), USAGE) from None
     made = settings(words)
     asked = made.report
-    return Replay(
+    return ReplayOptions(
         path=words.file,
         rate_hz=words.rate or made.device.rate_hz or None,
         guarded=made.guards.enabled and not words.no_guards,
@@ -71,8 +71,8 @@ def add_replay(parser: Parser) -> None:
 
 
 def run_replay(words: argparse.Namespace) -> int:
-    from imumon.pipeline import RateNeeded
-    from imumon.recordings import Misused, SourceError
+    from imumon.pipeline import RateRequired
+    from imumon.recordings import OptionNotApplicable, SourceError
     from imumon.replay.replay import bar, replay
 
     if words.speed == "max":
@@ -81,16 +81,16 @@ def run_replay(words: argparse.Namespace) -> int:
         try:
             speed = positive(words.speed)
         except (ValueError, argparse.ArgumentTypeError):
-            raise Stop(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
+            raise CommandError(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
     before = baseline(words.baseline)
     task = task_of(words, speed=speed, baseline=before)
     try:
         with _publisher(words) as bus:
             made = replay(task, progress=bar(), bus=bus, tell=mention)
-    except (RateNeeded, Misused) as error:
-        raise Stop(str(error), USAGE) from None
+    except (RateRequired, OptionNotApplicable) as error:
+        raise CommandError(str(error), USAGE) from None
     except SourceError as error:
-        raise Stop(str(error)) from None
+        raise CommandError(str(error)) from None
     print_report(made, words.json, before)
     return DONE
 

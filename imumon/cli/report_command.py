@@ -9,7 +9,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from imumon.cli.options import DONE, USAGE, Parser, Stop, add_endpoints, first_report, mention, viewer
+from imumon.cli.options import (
+    DONE,
+    USAGE,
+    CommandError,
+    Parser,
+    add_endpoints,
+    first_report,
+    mention,
+    viewer,
+)
 from imumon.cli.replay_command import FILES, add_reading, task_of
 
 STATE_MARK = b"imumon-state "
@@ -40,23 +49,23 @@ def report(words: argparse.Namespace) -> int:
 
     form = _form(words)
     if form == "png" and words.output is None and sys.stdout.isatty():
-        raise Stop("a PNG is not for a terminal: name a file with -o", USAGE)
+        raise CommandError("a PNG is not for a terminal: name a file with -o", USAGE)
     if words.file and words.id:
-        raise Stop("give a FILE or the --id of a daemon's device, not both", USAGE)
+        raise CommandError("give a FILE or the --id of a daemon's device, not both", USAGE)
     if words.output:
         _refuse_what_is_read(words.output, words.file, words.config)
     made = _of_file(words) if words.file else _of_daemon(words)
     try:
         data = document(made, form)
     except CannotDraw as error:
-        raise Stop(str(error)) from None
+        raise CommandError(str(error)) from None
     if words.output is None or words.output == "-":
         sys.stdout.buffer.write(data)
         return DONE
     try:
         Path(words.output).write_bytes(data)
     except OSError as error:
-        raise Stop(f"cannot write {words.output}: {(error.strerror or str(error)).lower()}") from None
+        raise CommandError(f"cannot write {words.output}: {(error.strerror or str(error)).lower()}") from None
     return DONE
 
 
@@ -68,7 +77,9 @@ def _form(words: argparse.Namespace) -> str:
     suffix = Path(words.output).suffix[1:].lower() if words.output else ""
     form = {"": "md", "htm": "html", "markdown": "md"}.get(suffix, suffix)
     if form not in FORMS:
-        raise Stop(f"-o {words.output}: no form is called {suffix}; give --format {' | '.join(FORMS)}", USAGE)
+        raise CommandError(
+            f"-o {words.output}: no form is called {suffix}; give --format {' | '.join(FORMS)}", USAGE
+        )
     return form
 
 
@@ -80,7 +91,7 @@ def _refuse_what_is_read(out: str, *read: str | None) -> None:
         for part in parts if os.path.isfile(out) else ():
             with suppress(OSError):  # what cannot be read is told where it is read
                 if os.path.samefile(out, part):
-                    raise Stop(f"-o {out} is read to make it: name another file", USAGE)
+                    raise CommandError(f"-o {out} is read to make it: name another file", USAGE)
 
 
 def _of_daemon(words: argparse.Namespace) -> Any:
@@ -98,7 +109,9 @@ def _of_file(words: argparse.Namespace) -> Any:
         except IsADirectoryError:
             pass  # a bag of two or more files
         except OSError as error:
-            raise Stop(f"cannot read {words.file}: {(error.strerror or str(error)).lower()}") from None
+            raise CommandError(
+                f"cannot read {words.file}: {(error.strerror or str(error)).lower()}"
+            ) from None
     if head.startswith(STATE_MARK):
         return _of_state(Path(words.file))
     if head.lstrip().startswith(b"{"):
@@ -112,7 +125,7 @@ def _of_report(path: Path) -> Any:
     try:
         return from_json(Report, path.read_bytes())
     except ValueError as error:
-        raise Stop(f"{path} is no saved report: {error}") from None
+        raise CommandError(f"{path} is no saved report: {error}") from None
 
 
 def _of_state(path: Path) -> Any:
@@ -120,38 +133,38 @@ def _of_state(path: Path) -> Any:
     from datetime import datetime
 
     from imumon.checkpoint import StateError, decode
-    from imumon.pipeline import Monitor, Wanted
-    from imumon.report import Device, Session
+    from imumon.pipeline import Monitor, MonitorOptions
+    from imumon.report import DeviceDescription, SessionCounters
 
     try:
         state = decode(path.read_bytes())
         meta = state.meta
-        monitor = Monitor(Wanted(guarded=bool(meta["monitor"]["guarded"])))
+        monitor = Monitor(MonitorOptions(guarded=bool(meta["monitor"]["guarded"])))
         monitor.resume(meta["monitor"], state.arrays, 0.0)
         monitor.take_up()
         known = {"serial": meta.get("serial")} | meta.get("device", {})
         caveats = tuple(known.pop("caveats", ()))
         name = path.name.partition(".state")[0]
-        device = Device(**(known | {"id": name, "settings": meta.get("settings", {})}))
-        session = Session(started=meta.get("started"), **meta["session"])
+        device = DeviceDescription(**(known | {"id": name, "settings": meta.get("settings", {})}))
+        session = SessionCounters(started=meta.get("started"), **meta["session"])
         if monitor.stream is not None and monitor.stream.kind == "compensated":
             caveats = tuple(dict.fromkeys((*caveats, "compensated")))
         saved = datetime.fromisoformat(meta["saved"])
         return monitor.report(saved, device, "stopped", session, device_caveats=caveats)
     except StateError as error:
-        raise Stop(f"the state {path} is {error}") from None
+        raise CommandError(f"the state {path} is {error}") from None
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
-        raise Stop(f"the state {path} is of another version of imumon") from None
+        raise CommandError(f"the state {path} is of another version of imumon") from None
 
 
 def _of_recording(words: argparse.Namespace) -> Any:
-    from imumon.pipeline import RateNeeded
-    from imumon.recordings import Misused, SourceError
+    from imumon.pipeline import RateRequired
+    from imumon.recordings import OptionNotApplicable, SourceError
     from imumon.replay.replay import bar, replay
 
     try:
         return replay(task_of(words), progress=bar(), tell=mention)
-    except (RateNeeded, Misused) as error:
-        raise Stop(str(error), USAGE) from None
+    except (RateRequired, OptionNotApplicable) as error:
+        raise CommandError(str(error), USAGE) from None
     except SourceError as error:
-        raise Stop(str(error)) from None
+        raise CommandError(str(error)) from None

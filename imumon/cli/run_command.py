@@ -14,8 +14,8 @@ from imumon.cli.options import (
     NOT_IN_TIME,
     NOTHING_THERE,
     USAGE,
+    CommandError,
     Parser,
-    Stop,
     add_endpoints,
     add_look,
     baseline,
@@ -81,7 +81,7 @@ def run(words: argparse.Namespace) -> int:
     if made.device.port == "sim":
         return _run_emulated(words, made)
     if words.speed != 1.0 or words.seed is not None:
-        raise Stop("--speed and --seed are for --port sim", USAGE)
+        raise CommandError("--speed and --seed are for --port sim", USAGE)
     return _daemon(words, made, made.device.port or None, state_directory(made))
 
 
@@ -145,13 +145,13 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
 
     from imumon.bus import BusError
     from imumon.checkpoint import StateError
-    from imumon.daemon import Daemon, Task
-    from imumon.daemon.connection import NoSensor
+    from imumon.daemon import Daemon, RunOptions
+    from imumon.daemon.connection import NoDevice
     from imumon.devices.vn100.vn100_session import SessionError
-    from imumon.pipeline import RateNeeded
+    from imumon.pipeline import RateRequired
     from imumon.recordings import PortError, SourceError
 
-    task = Task(
+    task = RunOptions(
         path=path,
         state_directory=directory,
         duration_s=words.duration,
@@ -161,21 +161,21 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     )
     try:
         outcome = Daemon(settings, task).run()
-    except RateNeeded as error:
-        raise Stop(f"{error}; imumon doctor counts it", USAGE) from None
-    except (NoSensor, SessionError) as error:
-        raise Stop(str(error), NOTHING_THERE) from None
+    except RateRequired as error:
+        raise CommandError(f"{error}; imumon doctor counts it", USAGE) from None
+    except (NoDevice, SessionError) as error:
+        raise CommandError(str(error), NOTHING_THERE) from None
     except PortError as error:
         there = path is None or os.path.exists(path)
-        raise Stop(str(error), FAILED if there else NOTHING_THERE) from None
+        raise CommandError(str(error), FAILED if there else NOTHING_THERE) from None
     except SourceError as error:
-        raise Stop(str(error)) from None
+        raise CommandError(str(error)) from None
     except BusError as error:
         raise bus_stop(error, settings) from None
     except StateError as error:
-        raise Stop(str(error)) from None
+        raise CommandError(str(error)) from None
     if outcome.report is None and outcome.signal is None:
-        raise Stop(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
+        raise CommandError(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
     if outcome.report is not None and (words.duration or words.json):
         print_report(outcome.report, words.json, task.baseline)
     return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
@@ -191,7 +191,7 @@ def _emulator(speed: float, seed: int | None) -> Any:
         settings = EmulatorSettings(speed=speed)
         return spawn(settings if seed is None else replace(settings, seed=seed))
     except ValueError as error:
-        raise Stop(str(error), USAGE) from None
+        raise CommandError(str(error), USAGE) from None
 
 
 def demo(words: argparse.Namespace) -> int:
@@ -244,7 +244,7 @@ def sim(words: argparse.Namespace) -> int:
     try:
         settings = emulator.from_arguments(words)
     except ValueError as error:
-        raise Stop(str(error), USAGE) from None
+        raise CommandError(str(error), USAGE) from None
     if settings.rate == 0:
-        raise Stop("--rate 0: a sensor that sends nothing; give a rate, such as 40", USAGE)
+        raise CommandError("--rate 0: a sensor that sends nothing; give a rate, such as 40", USAGE)
     return emulator.run(settings)

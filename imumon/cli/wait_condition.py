@@ -24,7 +24,7 @@ MOSTLY = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Goal:
+class WaitCondition:
     """What to wait for; without any of it, for the first sample.
 
     Attributes

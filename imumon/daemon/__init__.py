@@ -1,13 +1,9 @@
 """Daemon: read a device, feed the pipeline, publish and save."""
 
-from imumon.daemon.daemon import (
-    Daemon,
-    Outcome,
-    Task,
-)
+from imumon.daemon.daemon import Daemon, RunOptions, RunResult
 
 __all__ = [
     "Daemon",
-    "Outcome",
-    "Task",
+    "RunOptions",
+    "RunResult",
 ]

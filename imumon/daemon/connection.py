@@ -1,7 +1,7 @@
 """Link: a sensor on a port, found, lost and found again.
 
 The session speaks the sensor's language over a port handed to it; this file owns the port. Whatever the
-session waits for, it waits in `Line.read`, which looks after the daemon's other duties a few times a second
+session waits for, it waits in `PortWithDuties.read`, which looks after the daemon's other duties a few times a second
 and leaves when the daemon is to stop.
 """
 
@@ -12,8 +12,14 @@ import time
 from collections.abc import Callable
 
 from imumon import report
-from imumon.devices.vn100 import Decoder
-from imumon.devices.vn100.vn100_session import Facts, NotAVn100, Session, SessionError, Wanted
+from imumon.devices.vn100 import Vn100Decoder
+from imumon.devices.vn100.vn100_session import (
+    NotAVn100,
+    SessionError,
+    StreamRequest,
+    Vn100Info,
+    Vn100Session,
+)
 from imumon.recordings import (
     QUEUE_BYTES,
     PortInfo,
@@ -30,11 +36,11 @@ LAPSE_BYTES = 1 << 19
 """Bytes of a sensor in time-lapse that may wait: it waits itself, and to decode more at once takes memory."""
 
 
-class NoSensor(Exception):
+class NoDevice(Exception):
     """There is no port to read, or none that will do; the text lists what there is."""
 
 
-class Line:
+class PortWithDuties:
     """An open port as a session wants it, with a heart that beats while it waits.
 
     Parameters
@@ -77,14 +83,14 @@ class Line:
         self.port.reopen()
 
 
-class Link:
+class DeviceConnection:
     """The one sensor the daemon reads.
 
     Parameters
     ----------
     path : port to open; None: the one VN-100 among the serial ports.
     wanted : what to ask of the sensor.
-    beat : see `Line`.
+    beat : see `PortWithDuties`.
     progress : told what is being tried.
     lossless : the far end is an emulator in time-lapse, which waits for its reader.
 
@@ -98,7 +104,7 @@ class Link:
     def __init__(
         self,
         path: str | None,
-        wanted: Wanted,
+        wanted: StreamRequest,
         beat: Callable[[], None],
         progress: Callable[[str], None],
         *,
@@ -106,26 +112,26 @@ class Link:
     ) -> None:
         self.path = path
         self.wanted = wanted
-        self.decoder = Decoder()
-        self.session: Session | None = None
+        self.decoder = Vn100Decoder()
+        self.session: Vn100Session | None = None
         self.obstacle: str | None = None
         self._beat, self._progress, self._lossless = beat, progress, lossless
         self._port: SerialPort | None = None
-        self._line: Line | None = None
+        self._line: PortWithDuties | None = None
         self._seen: list[PortInfo] = []
         self._serial: str | None = None
-        self._before = report.Session()  # of earlier connections
+        self._before = report.SessionCounters()  # of earlier connections
 
     @property
     def waits(self) -> bool:
         """Whether to read at once, and not to let bytes gather."""
         return self._port is None or self._port.waits
 
-    def counted(self) -> report.Session:
+    def counted(self) -> report.SessionCounters:
         """What was received, and what was lost on the way, of all connections."""
         decoder, port, before = self.decoder, self._port, self._before
         kernel, now = before.kernel_overruns, port.kernel_overruns if port else None
-        return report.Session(
+        return report.SessionCounters(
             discarded_bytes=decoder.discarded,
             bad_checksums=decoder.bad_checksums,
             received_bytes=decoder.fed,
@@ -134,7 +140,7 @@ class Link:
             most_queued_bytes=max(before.most_queued_bytes or 0, port.most_queued if port else 0),
         )
 
-    def open(self) -> Facts:
+    def open(self) -> Vn100Info:
         """Open the port and know the sensor, whichever it is.
 
         Raises
@@ -146,7 +152,7 @@ class Link:
             self.path = self._search()
         return self._open(self.path)
 
-    def open_again(self) -> Facts | None:
+    def open_again(self) -> Vn100Info | None:
         """Look for the sensor where it may be back; None while it is not."""
         assert self.path is not None
         for path in find_again(self.path, self._seen, find_ports()):
@@ -168,12 +174,12 @@ class Link:
             self._before = self.counted()
         self._port = self.session = None
 
-    def _open(self, path: str) -> Facts:
+    def _open(self, path: str) -> Vn100Info:
         baud, held = self.wanted.baud or FIRST_BAUD, LAPSE_BYTES if self._lossless else QUEUE_BYTES
         port = SerialPort(path, baud, queue_bytes=held, lossless=self._lossless)
-        line = Line(port, self._beat)
+        line = PortWithDuties(port, self._beat)
         try:
-            session = Session(
+            session = Vn100Session(
                 line,
                 self.wanted,
                 time.monotonic,
@@ -198,7 +204,7 @@ class Link:
         """Path of the one VN-100 among the serial ports."""
         ports = find_ports()
         if not ports:
-            raise NoSensor("no serial port on this machine: plug the sensor in, or try --port sim")
+            raise NoDevice("no serial port on this machine: plug the sensor in, or try --port sim")
         found, tried = [], []
         for info in ports:
             try:
@@ -212,8 +218,8 @@ class Link:
         if len(found) == 1:
             return found[0].partition(" ")[0]
         if found:
-            raise NoSensor(f"several sensors, choose one with --port: {', '.join(found)}")
-        raise NoSensor(f"no VN-100 among the serial ports, name one with --port: {'; '.join(tried)}")
+            raise NoDevice(f"several sensors, choose one with --port: {', '.join(found)}")
+        raise NoDevice(f"no VN-100 among the serial ports, name one with --port: {'; '.join(tried)}")
 
 
 def told(why: str, port: PortInfo) -> str:

@@ -26,20 +26,20 @@ from imumon import heap, report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
 from imumon.daemon import metadata
-from imumon.daemon.connection import BEAT_S, Link, NoSensor
-from imumon.daemon.data_timeout import Silence
-from imumon.daemon.log import Level, Log, Notifier, status_line
-from imumon.daemon.persistence import Keeping, uptime_s
-from imumon.daemon.recorder import Tape
-from imumon.daemon.run_options import Outcome, Task
-from imumon.daemon.shutdown import Stop, Stopped
-from imumon.devices.vn100.vn100_session import Facts, SensorChanged, SessionError, Wanted
+from imumon.daemon.connection import BEAT_S, DeviceConnection, NoDevice
+from imumon.daemon.data_timeout import DataTimeout
+from imumon.daemon.log import DaemonLog, Level, ServiceNotifier, status_line
+from imumon.daemon.persistence import Persistence, uptime_s
+from imumon.daemon.recorder import Recorder
+from imumon.daemon.run_options import RunOptions, RunResult
+from imumon.daemon.shutdown import Shutdown, ShutdownRequested
+from imumon.devices.vn100.vn100_session import SensorChanged, SessionError, StreamRequest, Vn100Info
 from imumon.pipeline import Monitor
-from imumon.pipeline import Wanted as Watched
+from imumon.pipeline import MonitorOptions as Watched
 from imumon.recordings import PortError, PortGone, SourceError
 from imumon.samples import SampleBlock, Stream
 
-__all__ = ["Daemon", "Outcome", "Task"]
+__all__ = ["Daemon", "RunOptions", "RunResult"]
 
 RETRY_S = 0.5
 GATHER_S, LOOK_S = 0.5, 0.1  # bytes gather so long at most; how often to look whether they still may
@@ -52,11 +52,11 @@ INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 class Daemon:
     """One sensor, read and published until told to stop."""
 
-    def __init__(self, settings: Settings, task: Task) -> None:
+    def __init__(self, settings: Settings, task: RunOptions) -> None:
         device = settings.device
         self.settings, self.task = settings, task
-        self.log = Log(settings.log.level, settings.log.format)
-        self._notifier = Notifier()
+        self.log = DaemonLog(settings.log.level, settings.log.format)
+        self._notifier = ServiceNotifier()
         precision = settings.report
         rate = device.rate_hz or None
         self._watched = Watched(
@@ -66,20 +66,22 @@ class Daemon:
             baseline=task.baseline,
         )
         self._monitor = Monitor(self._watched, rate_hz=rate)
-        wanted = Wanted(
+        wanted = StreamRequest(
             stream=device.stream,
             listen_only=device.listen_only,
             baud=None if device.baud == "auto" else device.baud,
             set_baud=device.set_baud or None,
             rate_hz=rate,
         )
-        self._link = Link(task.path, wanted, self._beat, self._progress, lossless=task.speed != 1.0)
-        self._facts: Facts | None = None
+        self._link = DeviceConnection(
+            task.path, wanted, self._beat, self._progress, lossless=task.speed != 1.0
+        )
+        self._facts: Vn100Info | None = None
         self._bus: Publisher | None = None
-        self._keeping: Keeping | None = None
-        self._tape = Tape(settings.record)
-        self._stop = Stop(task.duration_s)
-        self._silence = Silence()
+        self._keeping: Persistence | None = None
+        self._tape = Recorder(settings.record)
+        self._stop = Shutdown(task.duration_s)
+        self._silence = DataTimeout()
         self._next_report = self._next_save = self._next_alive = 0.0
         self._tidied, self._tidied_at = 0, 0.0  # renewals at the last tidying, and when that was
         self._fed_at: float | None = None
@@ -90,7 +92,7 @@ class Daemon:
         self._streams: set[Stream] = set()
         self._remarked: set[str] = set()
 
-    def run(self) -> Outcome:
+    def run(self) -> RunResult:
         """Read until a signal comes or the time is over.
 
         Raises
@@ -110,8 +112,8 @@ class Daemon:
                     heap.settle()
                     while True:
                         self._serve()
-                except Stopped:
-                    return Outcome(self._end(), self._stop.signal)
+                except ShutdownRequested:
+                    return RunResult(self._end(), self._stop.signal)
             except BaseException:
                 self._give_up()
                 raise
@@ -125,7 +127,7 @@ class Daemon:
             try:
                 self._meet(self._link.open())
                 return
-            except (NoSensor, PortError, PortGone, SessionError) as error:
+            except (NoDevice, PortError, PortGone, SessionError) as error:
                 if not self._notifier.listens:
                     raise
                 self._part()
@@ -136,11 +138,13 @@ class Daemon:
                 self._notifier.status(f"waiting: {complaint}")
                 self._pause(2.0)
 
-    def _meet(self, facts: Facts) -> None:
+    def _meet(self, facts: Vn100Info) -> None:
         """The sensor is known for the first time: who it is decides the keys and the state."""
         name = self.settings.device.id or facts.id
         self._bus = Publisher(name, settings=self.settings.zenoh)
-        self._keeping = Keeping(self.task.state_directory, self._bus.id, facts.id, self._monitor, self.task)
+        self._keeping = Persistence(
+            self.task.state_directory, self._bus.id, facts.id, self._monitor, self.task
+        )
         assert self._link.session is not None
         self._keeping.remember(self._link.session)
         self._facts = self._link.session.configure()
@@ -219,7 +223,7 @@ class Daemon:
             self._state = "waiting"
             self._tell("silent", lack, "warning")
 
-    def _learn(self, facts: Facts) -> Facts:
+    def _learn(self, facts: Vn100Info) -> Vn100Info:
         """What is known of the sensor by now; remarks are told when they arise, each once."""
         self._facts = facts
         for remark in facts.remarks:
@@ -309,7 +313,7 @@ class Daemon:
         self._monitor.gap(away_s)
         self._tape.lost(away_s)
 
-    def _begin_anew(self, facts: Facts) -> None:
+    def _begin_anew(self, facts: Vn100Info) -> None:
         """The sensor came back with other settings: another record."""
         assert self._keeping is not None
         self._monitor = Monitor(self._watched, rate_hz=self.settings.device.rate_hz or None)
@@ -326,7 +330,7 @@ class Daemon:
     # ------------------------------------------------------------------ the beat
 
     def _beat(self) -> None:
-        """What must go on wherever the daemon waits; raises `Stopped` when it is to stop."""
+        """What must go on wherever the daemon waits; raises `ShutdownRequested` when it is to stop."""
         self._stop.ask()
         self._duties(time.monotonic())
 
@@ -379,7 +383,7 @@ class Daemon:
             speed=self.task.speed,
         )
 
-    def _session(self) -> report.Session:
+    def _session(self) -> report.SessionCounters:
         """Counters of the link, with those of the runs before."""
         now = replace(self._link.counted(), started=self._started)
         return self._keeping.added_up(now) if self._keeping else now

@@ -11,7 +11,7 @@ LEARNING_S = 30.0
 """In which bytes become samples, be they ever so slow; a service manager waits longer for a start."""
 
 
-class Silence:
+class DataTimeout:
     """What was heard of one sensor."""
 
     def __init__(self) -> None:

@@ -20,7 +20,7 @@ Level: TypeAlias = Literal["error", "warning", "info", "debug"]
 PRIORITY: dict[str, int] = {"error": 3, "warning": 4, "info": 6, "debug": 7}
 
 
-class Log:
+class DaemonLog:
     """Lines for people or for the journal.
 
     Parameters
@@ -82,7 +82,7 @@ def _journal_reads() -> bool:
     return os.environ.get("JOURNAL_STREAM") == f"{ours.st_dev}:{ours.st_ino}"
 
 
-class Notifier:
+class ServiceNotifier:
     """The service manager's ear; does nothing where there is none.
 
     Attributes

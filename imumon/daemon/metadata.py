@@ -6,14 +6,14 @@ from datetime import UTC, datetime
 from typing import Any
 
 from imumon import report
-from imumon.devices.vn100.vn100_session import Facts
+from imumon.devices.vn100.vn100_session import Vn100Info
 
 
-def device(name: str, facts: Facts | None) -> report.Device:
+def device(name: str, facts: Vn100Info | None) -> report.DeviceDescription:
     """Of a report, under the name that the device has on the bus."""
     if facts is None:
-        return report.Device(id=name)
-    return report.Device(
+        return report.DeviceDescription(id=name)
+    return report.DeviceDescription(
         id=name,
         model=facts.model,
         serial=facts.serial,
@@ -30,7 +30,7 @@ def device(name: str, facts: Facts | None) -> report.Device:
     )
 
 
-def header(name: str, facts: Facts, rate_hz: float | None, started: str | None) -> dict[str, Any]:
+def header(name: str, facts: Vn100Info, rate_hz: float | None, started: str | None) -> dict[str, Any]:
     """Of a recording that begins now.
 
     Parameters
@@ -53,16 +53,16 @@ def header(name: str, facts: Facts, rate_hz: float | None, started: str | None) 
     }
 
 
-def kept(facts: Facts) -> dict[str, Any]:
+def kept(facts: Vn100Info) -> dict[str, Any]:
     """Of the state, for a report that is made from it alone."""
     names = ("model", "serial", "firmware", "port", "baud", "alias_factor")
     return {name: getattr(facts, name) for name in names} | {"caveats": list(facts.caveats)}
 
 
-def who(facts: Facts | None) -> str:
+def who(facts: Vn100Info | None) -> str:
     """In a line for people.
 
-    >>> who(Facts(id="vn100-1", model="VN-100T-CR", serial="0100056785")), who(None)
+    >>> who(Vn100Info(id="vn100-1", model="VN-100T-CR", serial="0100056785")), who(None)
     ('VN-100T-CR 0100056785', 'the sensor')
     """
     if facts is None or facts.model is None:

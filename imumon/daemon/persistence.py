@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from imumon import __version__
-from imumon.checkpoint import Checkpoint, State
+from imumon.checkpoint import Checkpoint, SavedState
 from imumon.daemon.log import Level
 from imumon.daemon.metadata import kept
-from imumon.devices.vn100.vn100_session import Facts
-from imumon.devices.vn100.vn100_session import Session as Sensor
-from imumon.pipeline import Monitor, OtherRun
-from imumon.report import Session, stamp
+from imumon.devices.vn100.vn100_session import Vn100Info
+from imumon.devices.vn100.vn100_session import Vn100Session as Sensor
+from imumon.pipeline import Monitor, RecordMismatch
+from imumon.report import SessionCounters, stamp
 
 COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
 DATA_REGISTERS = ("23", "25", "26", "35", "43", "44", "82", "84", "85")
@@ -43,7 +43,7 @@ class Run(Protocol):
     def speed(self) -> float: ...
 
 
-class Keeping:
+class Persistence:
     """State of one device on disk.
 
     Parameters
@@ -71,12 +71,12 @@ class Keeping:
         self._serial: str | None = None
         self._settings: dict[str, str] = {}
         self._device: dict[str, Any] = {}
-        self._before = Session()
+        self._before = SessionCounters()
         self._complained: str | None = None
         self.started: str | None = None
         self.fed_s: float | None = None
 
-    def take_up(self, facts: Facts) -> list[tuple[str, Level]]:
+    def take_up(self, facts: Vn100Info) -> list[tuple[str, Level]]:
         """Have the monitor go on with the kept record, if it is one of this sensor as it is set now.
 
         Returns
@@ -95,7 +95,7 @@ class Keeping:
             said.append((text, "warning" if self.started is None else "info"))
         return said
 
-    def _take_up(self, state: State) -> str:
+    def _take_up(self, state: SavedState) -> str:
         meta = state.meta
         if meta.get("serial") != self._serial:
             return self._refuse("other-sensor", f"of another sensor, {meta.get('serial')}")
@@ -105,7 +105,7 @@ class Keeping:
             counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
             away, saved = _since(meta) + float(meta.get("age_s", 0.0)), meta["saved"]
             self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
-        except OtherRun as error:
+        except RecordMismatch as error:
             return self._refuse("other-settings", str(error))
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
             return self._refuse(
@@ -113,11 +113,11 @@ class Keeping:
             )
         self.started = meta.get("started")
         counted["restarts"] += 1
-        self._before = Session(**counted)
+        self._before = SessionCounters(**counted)
         return f"the record begun {self.started} goes on, saved {saved}"
 
     def _refuse(self, name: str, why: str) -> str:
-        self.started, self._before = None, Session()
+        self.started, self._before = None, SessionCounters()
         if not self._checkpoint.there:  # it was never saved
             return f"the record is {why}: begun anew"
         return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, begun anew"
@@ -127,11 +127,11 @@ class Keeping:
         why, self._monitor.refused = self._monitor.refused, None
         return None if why is None else self._refuse("other-stream", why)
 
-    def differing(self, facts: Facts) -> list[str]:
+    def differing(self, facts: Vn100Info) -> list[str]:
         """Settings that are not what the record was made with, in words."""
         return differing(self._settings, data_settings(facts))
 
-    def begin_anew(self, facts: Facts, monitor: Monitor, session: Session) -> str:
+    def begin_anew(self, facts: Vn100Info, monitor: Monitor, session: SessionCounters) -> str:
         """Set the record aside as it is and keep another one; what was done, in words."""
         self.save(session, self.started)
         self._checkpoint.settle()
@@ -155,16 +155,16 @@ class Keeping:
             with suppress(OSError):
                 self._found.unlink(missing_ok=True)
 
-    def added_up(self, session: Session) -> Session:
+    def added_up(self, session: SessionCounters) -> SessionCounters:
         """Counters with those of the runs before."""
         sums = {name: getattr(session, name) + getattr(self._before, name) for name in COUNTERS}
         return replace(session, **sums)
 
-    def save(self, session: Session, started: str | None) -> None:
+    def save(self, session: SessionCounters, started: str | None) -> None:
         """Hand the state over to be written."""
         self._checkpoint.save(self._state(session, started))
 
-    def close(self, session: Session, started: str | None) -> None:
+    def close(self, session: SessionCounters, started: str | None) -> None:
         """Write the last state and wait for the disk."""
         state = self._state(session, started) if self._monitor.samples else None
         self._checkpoint.close(state)
@@ -183,7 +183,7 @@ class Keeping:
         """Weight of the last complaint."""
         return "error" if self._complained else "info"
 
-    def _state(self, session: Session, started: str | None) -> State:
+    def _state(self, session: SessionCounters, started: str | None) -> SavedState:
         meta, arrays = self._monitor.save()
         whole: dict[str, Any] = {
             "version": __version__,
@@ -198,7 +198,7 @@ class Keeping:
             "session": {name: getattr(session, name) for name in COUNTERS},
             "monitor": meta,
         }
-        return State(whole, dict(arrays))
+        return SavedState(whole, dict(arrays))
 
 
 def noted(path: Path) -> dict[str, str] | None:
@@ -212,7 +212,7 @@ def noted(path: Path) -> dict[str, str] | None:
     return noted
 
 
-def data_settings(facts: Facts) -> dict[str, str]:
+def data_settings(facts: Vn100Info) -> dict[str, str]:
     """Registers of `DATA_REGISTERS` as far as they are known, ``"85 IMU filtering"`` to its text."""
     return {name: text for name, text in facts.settings.items() if name.split()[0] in DATA_REGISTERS}
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from imumon.config import Record
-from imumon.recordings import Recorder, SourceError, check_place
+from imumon.config import RecordSettings
+from imumon.recordings import CaptureWriter, SourceError, check_place
 
 EARLY_BYTES = 1 << 20
 """Bytes after which a recording begins even though nothing of the stream is known yet."""
 
 
-class Tape:
+class Recorder:
     """What is recorded of one sensor.
 
     Parameters
@@ -28,11 +28,11 @@ class Tape:
     waits : there is something to keep, and no header for it yet.
     """
 
-    def __init__(self, wanted: Record) -> None:
+    def __init__(self, wanted: RecordSettings) -> None:
         self._wanted = wanted
         self._early = bytearray()
-        self._recorder: Recorder | None = None
-        self._ending: list[Recorder] = []  # of earlier records, which may still write what waited
+        self._recorder: CaptureWriter | None = None
+        self._ending: list[CaptureWriter] = []  # of earlier records, which may still write what waited
         self._complaints: list[str] = []
         self.waits = bool(wanted.file)
 
@@ -63,7 +63,7 @@ class Tape:
         early, self._early, self.waits = bytes(self._early), bytearray(), False
         rotate = int(self._wanted.rotate_mb * 1e6)
         try:
-            self._recorder = Recorder(
+            self._recorder = CaptureWriter(
                 self._wanted.file, header, rotate_bytes=rotate, compress=self._wanted.gzip
             )
         except SourceError as error:

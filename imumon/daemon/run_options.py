@@ -9,7 +9,7 @@ from imumon import report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class RunOptions:
     """What to run beside the settings.
 
     Attributes
@@ -31,7 +31,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunResult:
     """How it ended: the final report, None when no sensor was ever known, and the signal that ended it."""
 
     report: report.Report | None

@@ -1,6 +1,6 @@
 """Stop: what ends a run, a signal or that its time is over.
 
-A signal is only noted; wherever the daemon waits it asks, and leaves by `Stopped`.
+A signal is only noted; wherever the daemon waits it asks, and leaves by `ShutdownRequested`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from types import FrameType
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
-class Stopped(Exception):
+class ShutdownRequested(Exception):
     """The daemon is to stop."""
 
 
-class Stop:
+class Shutdown:
     """The end of one run.
 
     Parameters
@@ -35,9 +35,9 @@ class Stop:
         self._deadline = time.monotonic() + duration_s if duration_s else None
 
     def ask(self) -> None:
-        """Raise `Stopped` when the daemon is to stop."""
+        """Raise `ShutdownRequested` when the daemon is to stop."""
         if self.signal is not None or (self._deadline is not None and time.monotonic() >= self._deadline):
-            raise Stopped
+            raise ShutdownRequested
 
     @contextmanager
     def listening(self) -> Iterator[None]:

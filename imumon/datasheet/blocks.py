@@ -62,7 +62,7 @@ Block: TypeAlias = Heading | Text | Warned | Verdict | Table | Curves | Snippet
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class Document:
     title: str
     subtitle: str
     blocks: tuple[Block, ...]

@@ -9,7 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from imumon.datasheet.blocks import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
+from imumon.datasheet.blocks import (
+    Block,
+    Curves,
+    Document,
+    Heading,
+    Snippet,
+    Table,
+    Text,
+    Verdict,
+    Warned,
+)
 from imumon.datasheet.config_snippets import kalibr, who
 from imumon.datasheet.reference_values import LABORATORY, LABORATORY_GRADE, MANUFACTURER
 from imumon.datasheet.svg_figure import curves
@@ -33,14 +43,14 @@ LINES = 4
 """Spectral lines shown of a channel."""
 
 
-def sheet(made: Report) -> Sheet:
+def sheet(made: Report) -> Document:
     """Datasheet of the sensor that a report is of."""
     device, session = made.device, made.session
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
     subtitle = (
         f"Noise datasheet · {duration(session.elapsed_s)} of {device.stream or 'samples'}{rate} · {made.time}"
     )
-    return Sheet(who(made), subtitle, tuple(_blocks(made)))
+    return Document(who(made), subtitle, tuple(_blocks(made)))
 
 
 def _blocks(made: Report) -> Iterator[Block]:

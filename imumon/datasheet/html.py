@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import html
 
-from imumon.datasheet.blocks import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
+from imumon.datasheet.blocks import (
+    Block,
+    Curves,
+    Document,
+    Heading,
+    Snippet,
+    Table,
+    Text,
+    Verdict,
+    Warned,
+)
 from imumon.datasheet.svg_figure import svg
 from imumon.report import Report
 
@@ -72,7 +82,7 @@ pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow
 """
 
 
-def page(found: Sheet, made: Report) -> str:
+def page(found: Document, made: Report) -> str:
     """The whole datasheet; the curves are drawn from the report."""
     verdicts = "".join(_block(block, made) for block in found.blocks if isinstance(block, Verdict))
     rest = [_block(block, made) for block in found.blocks if not isinstance(block, Verdict)]

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from imumon.datasheet.blocks import Block, Curves, Heading, Sheet, Snippet, Table, Text, Verdict, Warned
+from imumon.datasheet.blocks import (
+    Block,
+    Curves,
+    Document,
+    Heading,
+    Snippet,
+    Table,
+    Text,
+    Verdict,
+    Warned,
+)
 
 
-def markdown(found: Sheet) -> str:
+def markdown(found: Document) -> str:
     """The whole datasheet."""
     parts = [f"# {_plain(found.title)}", _plain(found.subtitle)]
     for block in found.blocks:

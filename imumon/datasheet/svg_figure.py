@@ -23,7 +23,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class FigureScale:
     """Decades from `low` to `high`, drawn from `start` to `end`."""
 
     low: float
@@ -90,7 +90,7 @@ def svg(made: Report, sensor: str) -> str:
     if not found or not any(s > 0.0 for curve in found.values() for s in curve.sigma):
         return ""
     x0, x1, y0, y1 = extent(found)
-    x, y = Scale(x0, x1, LEFT, WIDTH - RIGHT), Scale(y0, y1, HEIGHT - BOTTOM, TOP)
+    x, y = FigureScale(x0, x1, LEFT, WIDTH - RIGHT), FigureScale(y0, y1, HEIGHT - BOTTOM, TOP)
     parts = [
         f'<svg class="allan" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
         f'aria-label="Allan deviation of the {sensor}, axes {", ".join(found)}">',
@@ -118,7 +118,7 @@ def power(exponent: int) -> str:
     return f"10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
-def _grid(x: Scale, y: Scale) -> Iterator[str]:
+def _grid(x: FigureScale, y: FigureScale) -> Iterator[str]:
     top, bottom, left, right = y.end, y.start, x.start, x.end
     for scale, line in (
         (x, "M{0:.1f} {1:.1f}V{2:.1f}"),
@@ -142,7 +142,7 @@ def _grid(x: Scale, y: Scale) -> Iterator[str]:
         yield f'<text x="{left - 7:.1f}" y="{y(value) + 4:.1f}" text-anchor="end">{text}</text>'
 
 
-def _ticks(scale: Scale) -> list[tuple[float, str]]:
+def _ticks(scale: FigureScale) -> list[tuple[float, str]]:
     """Labels: decades, and 2 and 5 between them where there are few."""
     decades = [(10.0**d, power(d)) for d in scale.decades()]
     if len(decades) >= 3:
@@ -152,7 +152,7 @@ def _ticks(scale: Scale) -> list[tuple[float, str]]:
     return [(v, f"{v:g}") for v in values if scale.low <= math.log10(v) <= scale.high]
 
 
-def _curve(axis: str, curve: Allan, x: Scale, y: Scale) -> Iterator[str]:
+def _curve(axis: str, curve: Allan, x: FigureScale, y: FigureScale) -> Iterator[str]:
     model = [(t, m) for t, m in zip(curve.tau_s, curve.model, strict=True) if m is not None and m > 0.0]
     if len(model) > 1:
         d = "L".join(f"{x(t):.1f} {y(m):.1f}" for t, m in model)

@@ -16,7 +16,7 @@ from imumon.messages import (
     uncertainty,
     within,
 )
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Device, Report
+from imumon.report import COEFFICIENTS, Channel, Coefficient, DeviceDescription, Report
 from imumon.samples import sensor_of
 from imumon.units import counted, duration, figures, measured, pretty
 
@@ -111,7 +111,7 @@ def _head(made: Report) -> list[str]:
     return lines
 
 
-def spoilt(device: Device) -> str:
+def spoilt(device: DeviceDescription) -> str:
     """What `bad_checksums` counts: messages that failed their check, or rows of a table."""
     table = (device.source or "").startswith(("csv", "npz", "bag"))
     return "incomplete row" if table else "bad checksum"

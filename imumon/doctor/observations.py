@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from imumon.devices.vn100.device_info import Facts
+from imumon.devices.vn100.device_info import Vn100Info
 from imumon.report import Report
 
 
@@ -63,7 +63,7 @@ class Heard:
     state : of that daemon.
     """
 
-    facts: Facts
+    facts: Vn100Info
     seconds: float
     bytes: int = 0
     messages: int = 0

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from imumon.devices.vn100.device_info import Facts
-from imumon.devices.vn100.vn100_session import Session, SessionError, Wanted
+from imumon.devices.vn100.device_info import Vn100Info
+from imumon.devices.vn100.vn100_session import SessionError, StreamRequest, Vn100Session
 from imumon.doctor.observations import Heard, PortLook
 from imumon.doctor.probe_host import with_latency
 from imumon.recordings import PortError, PortGone, SerialPort
@@ -64,8 +64,8 @@ def listen(
     try:
         with SerialPort(look.path, FIRST_BAUD) as port:
             look = with_latency(look)
-            wanted = Wanted(listen_only=listen_only)
-            session = Session(port, wanted, time.monotonic, progress=progress)
+            wanted = StreamRequest(listen_only=listen_only)
+            session = Vn100Session(port, wanted, time.monotonic, progress=progress)
             facts = session.connect()
             progress(f"listening for {seconds:g} s")
             return _hear(session, facts, seconds), look
@@ -73,7 +73,7 @@ def listen(
         raise Unheard(str(error)) from None
 
 
-def _hear(session: Session, facts: Facts, seconds: float) -> Heard:
+def _hear(session: Vn100Session, facts: Vn100Info, seconds: float) -> Heard:
     """Listen for a while; what came before the first valid message does not count."""
     decoder, taken = session.decoder, dict[str, _Taken]()
     start = heard_at = time.monotonic()
@@ -138,7 +138,7 @@ def ask_daemon(feed: Any, made: Report, seconds: float) -> Heard:
         last = feed.reports()[made.device.id][0]
     a, b, device = first.session, last.session, last.device
     passed = b.elapsed_s - a.elapsed_s
-    facts = Facts(
+    facts = Vn100Info(
         id=device.id,
         model=device.model,
         serial=device.serial,

@@ -7,7 +7,7 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from imumon.bus import BusError, Options, Viewer
+from imumon.bus import BusError, SessionOptions, Subscriber
 from imumon.bus.zenoh_session import Unreachable, is_local, local_endpoints, open_session
 from imumon.doctor.observations import BusLook
 
@@ -24,14 +24,14 @@ class Network:
     """
 
     def __init__(self, settings: object, connect: tuple[str, ...]) -> None:
-        self._options = Options.of(settings)
+        self._options = SessionOptions.of(settings)
         self._connect = connect
         self.feed: Any = None
         self._fault: str | None = None
 
     def __enter__(self) -> Network:
         try:
-            self.feed = Viewer(self._connect or None, settings=self._options)
+            self.feed = Subscriber(self._connect or None, settings=self._options)
         except BusError as error:
             self._fault = str(error)
         return self

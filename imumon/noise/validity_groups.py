@@ -17,7 +17,7 @@ from imumon.samples import Bools, Floats
 LARGEST = 1e60
 
 
-class Groups:
+class ValidityGroups:
     """Which channels belong together.
 
     Parameters
@@ -48,7 +48,7 @@ class Groups:
         return len(self.members)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Groups) and self.of.tolist() == other.of.tolist()
+        return isinstance(other, ValidityGroups) and self.of.tolist() == other.of.tolist()
 
     def __hash__(self) -> int:
         return hash(tuple(self.of.tolist()))

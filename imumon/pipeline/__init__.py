@@ -6,9 +6,9 @@ from imumon.pipeline.monitor import (
     RANK,
     SAME_RATE,
     Monitor,
-    OtherRun,
-    RateNeeded,
-    Wanted,
+    MonitorOptions,
+    RateRequired,
+    RecordMismatch,
 )
 
 __all__ = [
@@ -17,7 +17,7 @@ __all__ = [
     "RANK",
     "SAME_RATE",
     "Monitor",
-    "OtherRun",
-    "RateNeeded",
-    "Wanted",
+    "MonitorOptions",
+    "RateRequired",
+    "RecordMismatch",
 ]

@@ -17,23 +17,23 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.detection import Guard, Passed
+from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.fit import ChannelFit, fit_curve
-from imumon.noise.nonstationarity import History
+from imumon.noise.nonstationarity import HourlyStatistics
 from imumon.noise.nonstationarity.warmup import warming
-from imumon.noise.statistics.envelope import Strip
-from imumon.noise.statistics.histogram import Histogram
-from imumon.noise.statistics.psd import Spectrum
+from imumon.noise.statistics.envelope import Envelope
+from imumon.noise.statistics.histogram import HistogramAccumulator
+from imumon.noise.statistics.psd import SpectrumAccumulator
 from imumon.pipeline.gap_fill import Break, Hole, stretches
 from imumon.samples import Bools, Floats, sensor_of
-from imumon.timebase.sample_clock import Placed
+from imumon.timebase.sample_clock import PlacedSamples
 
 NOISE = ("gyro", "accel", "mag")
 """Sensors with an Allan curve; the others have running statistics only."""
 
 COUNTS = ("samples", "missing", "gaps", "span")
-PARTS: dict[str, Any] = {"spectrum": Spectrum, "histogram": Histogram}
+PARTS: dict[str, Any] = {"spectrum": SpectrumAccumulator, "histogram": HistogramAccumulator}
 """Statistics beside the history, by their names in the saved state."""
 
 ROUNDED = ("strip.", "spectrum.", "guard.watch")
@@ -57,11 +57,11 @@ class Statistics:
 
     noisy: int
     groups: int
-    history: History
-    spectrum: Spectrum
-    histogram: Histogram
+    history: HourlyStatistics
+    spectrum: SpectrumAccumulator
+    histogram: HistogramAccumulator
 
-    def apply(self, pieces: Iterable[Passed]) -> None:
+    def apply(self, pieces: Iterable[GuardedSamples]) -> None:
         """Take what the guard let pass."""
         everyone = (self.history, self.spectrum, self.histogram)
         for piece in pieces:
@@ -81,7 +81,7 @@ class Statistics:
         self.histogram.update(values, valid)
 
 
-class Record:
+class Accumulators:
     """Statistics of one stream.
 
     Parameters
@@ -110,11 +110,11 @@ class Record:
         rate = 1.0 / interval_s
         self.guarded, self._averaged = guarded, averaged
         self.guard = Guard(sensors, rate, cuts=guarded)  # without cutting it still says what is at rest
-        self.strip = Strip(self.groups, rate)
+        self.strip = Envelope(self.groups, rate)
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
         self._passed = self._statistics()
 
-    def feed(self, placed: Placed) -> None:
+    def feed(self, placed: PlacedSamples) -> None:
         """Take samples with their places on the grid."""
         n = len(placed.steps)
         self.samples += n
@@ -135,17 +135,17 @@ class Record:
         self.missing = self.span - self.samples
 
     @property
-    def history(self) -> History:
+    def history(self) -> HourlyStatistics:
         """Curve and moments without the warm-up; curves are those of the first `noisy` columns."""
         return self._shown().history
 
     @property
-    def spectrum(self) -> Spectrum:
+    def spectrum(self) -> SpectrumAccumulator:
         """Of the first `noisy` columns."""
         return self._shown().spectrum
 
     @property
-    def histogram(self) -> Histogram:
+    def histogram(self) -> HistogramAccumulator:
         """Of all columns."""
         return self._shown().histogram
 
@@ -169,7 +169,7 @@ class Record:
         def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
             return fit_curve(curve, averaged=averaged, outlook=False)
 
-        history = History(
+        history = HourlyStatistics(
             self.groups,
             self.noisy,
             self.interval_s,
@@ -181,8 +181,8 @@ class Record:
             self.noisy,
             max(noisy, default=-1) + 1,
             history,
-            Spectrum(noisy, 1.0 / self.interval_s),
-            Histogram(self.groups),
+            SpectrumAccumulator(noisy, 1.0 / self.interval_s),
+            HistogramAccumulator(self.groups),
         )
 
     def _shown(self) -> Statistics:
@@ -278,7 +278,7 @@ class Record:
                 if k.startswith(f"{name}.")
             }
 
-        self.guard, self.strip = Guard.restore(own("guard")), Strip.restore(own("strip"))
+        self.guard, self.strip = Guard.restore(own("guard")), Envelope.restore(own("strip"))
         self._passed.history.resume(own("history"))
         for name, kind in PARTS.items():
             setattr(self._passed, name, kind.restore(own(name)))

@@ -14,9 +14,9 @@ from dataclasses import replace
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grading import LIMITS
 from imumon.noise.nonstationarity.drift import Step
-from imumon.noise.statistics.histogram import Shape
+from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import Record
+from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.trends import Trends
 from imumon.report import Channel, SensorGrade
 from imumon.samples import UNITS, sensor_of
@@ -34,7 +34,7 @@ def pause_s(elapsed_s: float) -> float:
     return min(0.1 * elapsed_s, 5.0 + 0.02 * elapsed_s, 60.0)
 
 
-class Findings:
+class Analysis:
     """What is dear to work out of a record.
 
     Parameters
@@ -51,7 +51,9 @@ class Findings:
     renewals : how often all was worked out.
     """
 
-    def __init__(self, record: Record, *, averaged: Sequence[bool], precision: Mapping[str, float]) -> None:
+    def __init__(
+        self, record: Accumulators, *, averaged: Sequence[bool], precision: Mapping[str, float]
+    ) -> None:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._trends = Trends(record, averaged=averaged)
@@ -59,7 +61,7 @@ class Findings:
         # samples of the grid, those past the guard, and warm-up then; and whether all of it was renewed
         self._seen = (-1, -1, 0.0, False)
         self.fits: dict[str, ChannelFit] = {}
-        self.shapes: list[Shape | None] = []
+        self.shapes: list[DistributionShape | None] = []
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
         self.renewals = 0

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from imumon.noise.fit import ChannelFit
-from imumon.noise.statistics.histogram import Shape
+from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import Record
-from imumon.pipeline.analysis import Findings
+from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.trends import against_baseline
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
@@ -26,7 +26,7 @@ DISTURBED, MOSTLY = 0.1, 0.5
 """Share of the record cut out above which it is called disturbed, and above which nothing is graded."""
 
 
-def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
+def caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
     """Words that stand for the whole record."""
     repeating = record.repeating
     words = {
@@ -41,7 +41,9 @@ def caveats(record: Record, *, guarded: bool) -> tuple[str, ...]:
     return tuple(word for word, stands in words.items() if stands)
 
 
-def bent(fit: ChannelFit, made: Channel, shape: Shape | None, std: float | None) -> tuple[str, ...]:
+def bent(
+    fit: ChannelFit, made: Channel, shape: DistributionShape | None, std: float | None
+) -> tuple[str, ...]:
     """Caveats of a fit, what bends its shortest octaves by its right name; `std` is the channel's deviation.
 
     The curve alone cannot tell a line from rounding or a filter; the spectrum and the steps of values can.
@@ -56,7 +58,7 @@ def bent(fit: ChannelFit, made: Channel, shape: Shape | None, std: float | None)
     return tuple(names.get(word, word) for word in fit.caveats)
 
 
-def obstacle(record: Record) -> str | None:
+def obstacle(record: Accumulators) -> str | None:
     """Why nothing of this record can be graded, None where nothing stands in the way."""
     if not record.at_rest:
         return "the sensor is not at rest"
@@ -69,7 +71,7 @@ def obstacle(record: Record) -> str | None:
     return None
 
 
-def constants(findings: Findings) -> tuple[str, ...]:
+def constants(findings: Analysis) -> tuple[str, ...]:
     """Channels that should show noise and have not changed once: dead, stuck, or never measured."""
     return tuple(
         name
@@ -78,7 +80,9 @@ def constants(findings: Findings) -> tuple[str, ...]:
     )
 
 
-def changes(record: Record, findings: Findings, baseline: Report | None) -> dict[int, tuple[Change, ...]]:
+def changes(
+    record: Accumulators, findings: Analysis, baseline: Report | None
+) -> dict[int, tuple[Change, ...]]:
     """What differs from the time before, and from a saved baseline, by column."""
     fits = findings.fits
     found: dict[int, list[Change]] = {}
@@ -96,8 +100,8 @@ def changes(record: Record, findings: Findings, baseline: Report | None) -> dict
 
 
 def channels(
-    record: Record,
-    findings: Findings,
+    record: Accumulators,
+    findings: Analysis,
     whole: tuple[str, ...],
     changed: Mapping[int, tuple[Change, ...]],
     hindered: str | None,
@@ -141,7 +145,7 @@ def channels(
     return shown
 
 
-def grades(findings: Findings, hindered: str | None) -> dict[str, SensorGrade]:
+def grades(findings: Analysis, hindered: str | None) -> dict[str, SensorGrade]:
     """Headlines; none of a record with an obstacle, nor of a sensor with an axis that never changes."""
     dead, made = constants(findings), {}
     for sensor, grade in findings.grades.items():

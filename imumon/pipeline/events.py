@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import Record
+from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Change, Event, SensorGrade, stamp
 from imumon.units import duration
 
@@ -23,7 +23,7 @@ GRADE_STAYS = 1.1
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DetectedEvent:
     """An event without its time."""
 
     kind: str
@@ -38,11 +38,11 @@ class Found:
         return Event(time=stamp(now), device=device, **asdict(self))
 
 
-class Events:
+class EventLog:
     """Tell it what is; it keeps what is new until it is taken."""
 
     def __init__(self) -> None:
-        self._found: list[Found] = []
+        self._found: list[DetectedEvent] = []
         self._gaps = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
         self._at_rest = True
         self._warmup_s = 0.0
@@ -53,7 +53,7 @@ class Events:
         self._turning: dict[str, tuple[str | None, float]] = {}  # what they are instead, and since when
         self._grades_known = False
 
-    def take(self) -> list[Found]:
+    def take(self) -> list[DetectedEvent]:
         """What happened since the last call, in order."""
         found, self._found = self._found, []
         return found
@@ -62,27 +62,27 @@ class Events:
         self,
         kind: str,
         text: str,
-        record: Record | None = None,
+        record: Accumulators | None = None,
         length_s: float | None = None,
         channel: str | None = None,
     ) -> None:
         """Tell one thing, `length_s` long, at the present end of the record."""
         elapsed = record.elapsed_s if record else None
-        self._found.append(Found(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
+        self._found.append(DetectedEvent(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
 
-    def resumed(self, record: Record) -> None:
+    def resumed(self, record: Accumulators) -> None:
         """The record was taken up: the gaps and grades it has were told before."""
         self._gaps = (record.gaps, record.missing, 0.0)
         self._grades_known = True
 
-    def from_guards(self, record: Record) -> None:
+    def from_guards(self, record: Accumulators) -> None:
         """Tell what the guards cut out, of a warm-up that is over, and of rest and motion."""
         for cut in record.found():
             name = None if cut.channel is None else record.channels[cut.channel]
             where = "" if name is None else f" on {name}"
             length = cut.length * record.interval_s
             self._found.append(
-                Found(
+                DetectedEvent(
                     "disturbance",
                     f"{cut.kind}{where}: {duration(length) if length >= 1 else f'{length:.2g} s'} left out",
                     elapsed_s=cut.start * record.interval_s,
@@ -100,7 +100,7 @@ class Events:
             text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
             self.tell("rest" if record.at_rest else "motion", text, record)
 
-    def from_warming(self, record: Record, warming: bool) -> None:
+    def from_warming(self, record: Accumulators, warming: bool) -> None:
         """Tell, once, when a warm-up is over of which nothing is cut out; where something is, the cut is
         told."""
         over = self._warming and not warming
@@ -110,7 +110,7 @@ class Events:
             text = "the warm-up is over: it does not show in the record so far, nothing is cut out"
             self.tell("warmup", text, record)
 
-    def from_gaps(self, record: Record) -> None:
+    def from_gaps(self, record: Accumulators) -> None:
         """Tell of gaps, those that came since the last telling in one line, ten seconds apart."""
         new = record.gaps - self._gaps[0]
         if not new or record.elapsed_s < self._gaps[2]:
@@ -123,7 +123,7 @@ class Events:
         self.tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", record, length)
         self._gaps = (record.gaps, record.missing, record.elapsed_s + GAP_TELL_S)
 
-    def from_constants(self, names: Iterable[str], record: Record) -> None:
+    def from_constants(self, names: Iterable[str], record: Accumulators) -> None:
         """Tell of channels that never change, and of one that does after all."""
         now = set(names)
         for name in sorted(now - self._constants):
@@ -132,7 +132,7 @@ class Events:
             self.tell("constant", f"{name} changes now", record, channel=name)
         self._constants = now
 
-    def from_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Record) -> None:
+    def from_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
         """Tell of changes that are new, by column."""
         told = {
             (column, each.against, each.quantity): report_builder.sentence(record.channels[column], each)
@@ -144,7 +144,7 @@ class Events:
                 self.tell("change", sentence, record)
         self._changes = set(told)
 
-    def from_grades(self, grades: Mapping[str, SensorGrade], record: Record) -> None:
+    def from_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
         """Tell when a headline is another and has stayed so for a while: on the line between two it flips."""
         elapsed = record.elapsed_s
         for sensor, grade in grades.items():

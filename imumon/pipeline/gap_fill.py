@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from imumon.samples import Bools, Floats
-from imumon.timebase.sample_clock import BREAK, Placed
+from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 LONG = 256
 """Missing samples from which a gap is not filled row by row."""
@@ -52,7 +52,7 @@ class Break:
 Stretch: TypeAlias = Run | Hole | Break
 
 
-def stretches(placed: Placed) -> Iterator[Stretch]:
+def stretches(placed: PlacedSamples) -> Iterator[Stretch]:
     """The grid of some placed samples, in order."""
     steps = placed.steps
     if not len(steps):
@@ -68,7 +68,7 @@ def stretches(placed: Placed) -> Iterator[Stretch]:
         yield _dense(placed, start, end, first=0 if start in cuts else int(steps[start]) - 1)
 
 
-def _dense(placed: Placed, start: int, end: int, first: int) -> Run:
+def _dense(placed: PlacedSamples, start: int, end: int, first: int) -> Run:
     """Rows `start` to `end` with their short gaps filled; `first` ticks are missing before them."""
     steps = placed.steps[start:end].copy()
     steps[0] = first + 1

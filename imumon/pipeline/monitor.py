@@ -25,13 +25,13 @@ import numpy.typing as npt
 
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
-from imumon.pipeline.accumulators import Record
-from imumon.pipeline.analysis import Findings
-from imumon.pipeline.events import Events, Found
+from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.analysis import Analysis
+from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.report_builder import signal
-from imumon.report import Device, Report, Session, Signal, State, stamp
+from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream
-from imumon.timebase.sample_clock import BREAK, Placed, Timeline
+from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
 PATIENCE = 100
 """Samples of a stream without clock and rate after which no better one is waited for."""
@@ -45,16 +45,16 @@ SAME_RATE = 1e-3
 RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
 
 
-class RateNeeded(Exception):
+class RateRequired(Exception):
     """The stream has no clock and nobody told its rate."""
 
 
-class OtherRun(ValueError):
+class RecordMismatch(ValueError):
     """A saved record is whole, but of a run that counted other samples."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class MonitorOptions:
     """How to monitor.
 
     Attributes
@@ -81,19 +81,19 @@ class Monitor:
     rate_hz : told from outside: by the sensor's registers or by the user; None where nobody knows.
     """
 
-    def __init__(self, wanted: Wanted | None = None, *, rate_hz: float | None = None) -> None:
-        self.wanted = wanted or Wanted()
+    def __init__(self, wanted: MonitorOptions | None = None, *, rate_hz: float | None = None) -> None:
+        self.wanted = wanted or MonitorOptions()
         self.rate_hz = rate_hz
         self.stream: Stream | None = None
         self.restarts = 0
-        self._timeline: Timeline | None = None
-        self._record: Record | None = None
-        self._findings: Findings | None = None
-        self._events = Events()
+        self._timeline: SampleClock | None = None
+        self._record: Accumulators | None = None
+        self._findings: Analysis | None = None
+        self._events = EventLog()
         self._unrated = ""  # message of a stream that wants a rate
         self._waited, self._waited_s = 0, 0.0
         self._passed_s = 0.0  # of the room, with blocks of other streams
-        self._resumed: tuple[Stream, Timeline, Record, int] | None = None
+        self._resumed: tuple[Stream, SampleClock, Accumulators, int] | None = None
         self.refused: str | None = None
 
     def feed(self, block: SampleBlock, *, room_s: float | None = None) -> None:
@@ -121,7 +121,7 @@ class Monitor:
             self._begin_anew(
                 f"of another rate, {self.sample_rate_hz or 0.0:g} Hz", "the sensor's rate has changed"
             )
-            self._timeline = Timeline(rest.stream.clock)
+            self._timeline = SampleClock(rest.stream.clock)
             self.feed(rest)
 
     def _without_rate(self, block: SampleBlock, room_s: float) -> None:
@@ -133,8 +133,8 @@ class Monitor:
             if self._waited > PATIENCE or self._waited_s > PATIENCE_S:
                 raise self._rate_needed()
 
-    def _rate_needed(self) -> RateNeeded:
-        return RateNeeded(f"{self._unrated} has no clock: give its sample rate with --rate")
+    def _rate_needed(self) -> RateRequired:
+        return RateRequired(f"{self._unrated} has no clock: give its sample rate with --rate")
 
     def _begin_anew(self, refused: str, why: str) -> None:
         """The record that was is over; nothing of it goes on."""
@@ -165,7 +165,7 @@ class Monitor:
             self._record.flush()
             self._events.from_guards(self._record)
 
-    def events(self) -> list[Found]:
+    def events(self) -> list[DetectedEvent]:
         """What happened since the last call, in order."""
         return self._events.take()
 
@@ -182,9 +182,9 @@ class Monitor:
     def report(
         self,
         now: datetime,
-        device: Device,
+        device: DeviceDescription,
         state: State,
-        session: Session,
+        session: SessionCounters,
         *,
         device_caveats: tuple[str, ...] = (),
         speed: float = 1.0,
@@ -280,8 +280,8 @@ class Monitor:
         """
         stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
         if bool(meta["guarded"]) != self.wanted.guarded:
-            raise OtherRun("of a run with the guards " + ("on" if meta["guarded"] else "off"))
-        timeline = Timeline.restore(stream.clock, dict(meta["timeline"]))
+            raise RecordMismatch("of a run with the guards " + ("on" if meta["guarded"] else "off"))
+        timeline = SampleClock.restore(stream.clock, dict(meta["timeline"]))
         timeline.gap(away_s)
         interval = float(meta["timeline"]["interval_s"])
         record = self._new_record(stream, interval)
@@ -329,10 +329,10 @@ class Monitor:
         if stream.clock == "none" and interval is None:
             return False
         self.stream = stream
-        self._timeline = Timeline(stream.clock, interval)
+        self._timeline = SampleClock(stream.clock, interval)
         return True
 
-    def _take(self, placed: Placed) -> None:
+    def _take(self, placed: PlacedSamples) -> None:
         """Samples with their place, into the record."""
         assert self.stream is not None
         assert self._timeline is not None
@@ -356,16 +356,18 @@ class Monitor:
         self._record.feed(placed)
         self._events.from_guards(self._record)
 
-    def _new_record(self, stream: Stream, interval_s: float) -> Record:
-        return Record(stream.channels, interval_s, averaged=stream.averaged, guarded=self.wanted.guarded)
+    def _new_record(self, stream: Stream, interval_s: float) -> Accumulators:
+        return Accumulators(
+            stream.channels, interval_s, averaged=stream.averaged, guarded=self.wanted.guarded
+        )
 
-    def _begin(self, record: Record) -> None:
+    def _begin(self, record: Accumulators) -> None:
         assert self.stream is not None
         self._record = record
         averaged = self.stream.averaged
-        self._findings = Findings(record, averaged=averaged, precision=self.wanted.precision)
+        self._findings = Analysis(record, averaged=averaged, precision=self.wanted.precision)
 
-    def _session(self, link: Session) -> Session:
+    def _session(self, link: SessionCounters) -> SessionCounters:
         """The caller's counters with those of the record."""
         record, timeline = self._record, self._timeline
         if record is None:
@@ -385,7 +387,7 @@ class Monitor:
             restarts=link.restarts + self.restarts,
         )
 
-    def _device(self, device: Device) -> Device:
+    def _device(self, device: DeviceDescription) -> DeviceDescription:
         """The caller's facts, filled in with what the samples themselves say."""
         if self.stream is None:
             return device

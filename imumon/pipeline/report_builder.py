@@ -18,10 +18,10 @@ from imumon.noise.fit import ChannelFit
 from imumon.noise.grading import LIMITS, grade_channel, grade_sensor
 from imumon.noise.nonstationarity.change import Change
 from imumon.noise.nonstationarity.drift import Step, Trend
-from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.statistics.envelope import Columns
-from imumon.noise.statistics.envelope import Strip as Strips
-from imumon.noise.statistics.histogram import Shape
+from imumon.noise.statistics.envelope import Envelope as Strips
+from imumon.noise.statistics.histogram import DistributionShape
 from imumon.noise.statistics.moments import ChannelMoments
 from imumon.noise.statistics.psd import Density
 from imumon.samples import UNITS, Floats, sensor_of
@@ -171,7 +171,7 @@ class Bias(NamedTuple):
 
 
 def distribution(
-    shape: Shape | None, recent: tuple[float, float], bias: Bias, correlation: Mapping[str, float]
+    shape: DistributionShape | None, recent: tuple[float, float], bias: Bias, correlation: Mapping[str, float]
 ) -> report.Distribution:
     """Shape of a channel's values, beside its last minute, its bias and the sensor's other axes.
 
@@ -209,7 +209,7 @@ def bias(name: str, means: Mapping[str, float | None], fit: ChannelFit | None, l
     length_s : s, of the record.
     """
     mean = means[name]
-    wander = None if fit is None else Wander.of(fit)
+    wander = None if fit is None else MeanCovariance.of(fit)
     sensor, unknown = sensor_of(name), 0.0
     if mean is None or wander is None or length_s <= 0.0 or sensor not in ("gyro", "accel"):
         return Bias()
@@ -302,7 +302,7 @@ def correlations(axes: Sequence[str], covariance: Floats | None) -> dict[str, di
     }
 
 
-def histogram(shape: Shape | None) -> report.Histogram | None:
+def histogram(shape: DistributionShape | None) -> report.Histogram | None:
     """Bins of a channel, at most `BINS_SHOWN`: neighbours are put together in equal numbers."""
     if shape is None:
         return None

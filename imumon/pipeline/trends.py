@@ -12,9 +12,9 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.nonstationarity.change import Behaviour, Change, Estimate, changes
 from imumon.noise.nonstationarity.drift import Step, Trend
-from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.warmup import lasting
-from imumon.pipeline.accumulators import Record
+from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Coefficient, Report
 from imumon.samples import sensor_of
 
@@ -25,7 +25,7 @@ LEAST_S = 10.0
 class Trends:
     """Drift of each channel of a record, and its noise had the temperature stood still."""
 
-    def __init__(self, record: Record, *, averaged: Sequence[bool]) -> None:
+    def __init__(self, record: Accumulators, *, averaged: Sequence[bool]) -> None:
         self._record, self._averaged = record, averaged
         self._due_s, self._begin_s = 0.0, 0.0
         self._found: list[Trend | None] = []
@@ -39,7 +39,7 @@ class Trends:
         if not now and elapsed < self._due_s and begin == self._begin_s:
             return
         self._due_s, self._begin_s = max(elapsed + LEAST_S, elapsed * GROWTH), begin
-        wanders: list[Wander | None] = [Wander.of(fit) for fit in fits]
+        wanders: list[MeanCovariance | None] = [MeanCovariance.of(fit) for fit in fits]
         wanders += [None] * (len(self._record.channels) - len(wanders))
         drift = self._record.history.drift
         self._found = drift.result(wanders)

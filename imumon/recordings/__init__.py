@@ -23,26 +23,26 @@ from imumon.devices.serial_port import (
     find_ports,
     holders,
 )
-from imumon.errors import Misused, RateUnknown, SourceError
+from imumon.errors import OptionNotApplicable, RateUnknown, SourceError
 from imumon.recordings.detect_format import open_file
-from imumon.recordings.raw_capture import Lost, Recorder, Recording, check_place, read_file
-from imumon.recordings.rosbag import Bag
-from imumon.recordings.table import Wanted
+from imumon.recordings.raw_capture import CaptureWriter, LinkLoss, RawCapture, check_place, read_file
+from imumon.recordings.rosbag import RosbagFile
+from imumon.recordings.table import ReadOptions
 
 __all__ = [
     "QUEUE_BYTES",
-    "Bag",
-    "Lost",
-    "Misused",
+    "CaptureWriter",
+    "LinkLoss",
+    "OptionNotApplicable",
     "PortError",
     "PortGone",
     "PortInfo",
     "RateUnknown",
-    "Recorder",
-    "Recording",
+    "RawCapture",
+    "ReadOptions",
+    "RosbagFile",
     "SerialPort",
     "SourceError",
-    "Wanted",
     "check_place",
     "find_again",
     "find_ports",

@@ -2,8 +2,8 @@
 
 By their names (`names`) there may be several streams, of which the best is taken. ``--map
 gyro/x=COLUMN:UNIT,...`` says otherwise of what it names, and of nothing else. No sensor vanishes without a
-word: `Layout.remarks` name every column of one that is not used. This file knows no files: names in,
-`Layout` out.
+word: `ColumnLayout.remarks` name every column of one that is not used. This file knows no files: names in,
+`ColumnLayout` out.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BY_HAND = "--map gyro/x=COLUMN:UNIT,..."
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ColumnLayout:
     """What of a table makes a stream.
 
     Attributes
@@ -58,7 +58,9 @@ class Layout:
     remarks: tuple[str, ...] = ()
 
 
-def layout(names: Sequence[str], kind: Kind | None = None, given: Mapping[str, str] | None = None) -> Layout:
+def layout(
+    names: Sequence[str], kind: Kind | None = None, given: Mapping[str, str] | None = None
+) -> ColumnLayout:
     """Columns of a stream.
 
     Parameters
@@ -106,7 +108,7 @@ def _channel(column: Column) -> str:
     return f"{sensor}/{column.axis}" if column.axis else f"{sensor}"
 
 
-def _check_whole(found: Layout, hand: Mapping[str, Column]) -> None:
+def _check_whole(found: ColumnLayout, hand: Mapping[str, Column]) -> None:
     """What the user named must be there."""
     for channel in hand:
         sensor = sensor_of(channel)
@@ -118,7 +120,7 @@ def _check_whole(found: Layout, hand: Mapping[str, Column]) -> None:
             )
 
 
-def _unused(columns: Sequence[Column], found: Layout) -> list[str]:
+def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:
     """Columns of a sensor that are not in the stream, with the reason."""
     used = {column.index for column in found.columns}
     reasons: dict[str, list[str]] = {}
@@ -146,7 +148,7 @@ def _same(one: Column, other: Column) -> bool:
     return axis and (one.quantity == "mag" or one.kind == other.kind)
 
 
-def _check_units(found: Layout) -> None:
+def _check_units(found: ColumnLayout) -> None:
     for column in (*found.columns, *found.times[:1], found.interval):
         if column is not None and column.unknown and column.quantity:
             known = _list(UNITS[column.quantity])
@@ -155,7 +157,7 @@ def _check_units(found: Layout) -> None:
             )
 
 
-def _stream(columns: Sequence[Column], kind: Kind) -> Layout | None:
+def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
     """Columns of a stream of that kind, None where it is not there."""
     if kind == "deltas":
         sets = [_triple(columns, "angle", kind), _triple(columns, "velocity", kind)]
@@ -175,7 +177,7 @@ def _stream(columns: Sequence[Column], kind: Kind) -> Layout | None:
     channels = tuple(name for group, _ in chosen for name in group)
     taken = tuple(c for _, found in chosen for c in found)
     times, apart = _times(columns)
-    return Layout(kind, channels, taken, times, _best(columns, "dt"), apart)
+    return ColumnLayout(kind, channels, taken, times, _best(columns, "dt"), apart)
 
 
 def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:

@@ -19,10 +19,10 @@ import numpy as np
 
 from imumon.errors import SourceError
 from imumon.recordings.column_names import UNITS, spelled
-from imumon.recordings.columns import BY_HAND, Layout, layout
+from imumon.recordings.columns import BY_HAND, ColumnLayout, layout
 from imumon.recordings.dates import Dates
-from imumon.recordings.raw_capture import Recording
-from imumon.recordings.table import ROWS, Rows, Wanted
+from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.table import ROWS, ReadOptions, TableRows
 from imumon.samples import Floats, SampleBlock
 
 PREAMBLE = 30
@@ -35,7 +35,7 @@ MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """What stands where a number is missing."""
 
 
-class Csv:
+class CsvFile:
     """A CSV file, gzip or not, as blocks of samples.
 
     Attributes
@@ -51,14 +51,14 @@ class Csv:
     header: Mapping[str, Any] | None = None
     discarded = 0
 
-    def __init__(self, recording: Recording, wanted: Wanted) -> None:
+    def __init__(self, recording: RawCapture, wanted: ReadOptions) -> None:
         self._recording, self._wanted = recording, wanted
         self.path = recording.path
         self.fed = 0
         self.bad_checksums = 0
         self._reader: _Reader | None = None
         self._dates: dict[int, Dates] = {}  # by column, of those that hold no numbers
-        self._rows: Rows | None = None
+        self._rows: TableRows | None = None
 
     @property
     def remarks(self) -> Sequence[str]:
@@ -90,7 +90,7 @@ class Csv:
         yield list(rows.finish())
 
     def _hand(
-        self, rows: Rows, reader: _Reader, lines: list[str], before: int, *, last: bool = False
+        self, rows: TableRows, reader: _Reader, lines: list[str], before: int, *, last: bool = False
     ) -> list[SampleBlock]:
         numbers, places = reader.numbers(lines, before, last=last)
         found = list(rows.blocks(rows.pick(numbers), places))
@@ -109,7 +109,7 @@ class Csv:
         if rest.strip():
             yield [_text(rest)]
 
-    def _head(self, lines: Iterator[list[str]]) -> tuple[str, str | None, Rows, list[str], int]:
+    def _head(self, lines: Iterator[list[str]]) -> tuple[str, str | None, TableRows, list[str], int]:
         """The header, separator, columns, the rows read along with it, and lines read so far."""
         seen: list[str] = []
         for piece in lines:
@@ -128,10 +128,10 @@ class Csv:
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
         found = self._timed(found, seen[begin:], separator)
-        rows = Rows(self.path, found, "csv", self._wanted.rate_hz, names)
+        rows = TableRows(self.path, found, "csv", self._wanted.rate_hz, names)
         return seen[names_at], separator, rows, seen[begin:], len(seen)
 
-    def _timed(self, found: Layout, lines: Sequence[str], separator: str | None) -> Layout:
+    def _timed(self, found: ColumnLayout, lines: Sequence[str], separator: str | None) -> ColumnLayout:
         """The columns without the times that cannot be read; dates are noted, and count in seconds.
 
         Raises
@@ -157,7 +157,7 @@ class Csv:
             )
         return replace(found, times=tuple(times))
 
-    def _headless(self, seen: list[str]) -> tuple[str, str | None, Rows, list[str], int]:
+    def _headless(self, seen: list[str]) -> tuple[str, str | None, TableRows, list[str], int]:
         """Numbers from the first line on: columns by their number, if the user names them."""
         start = next(
             (k for k, line in enumerate(seen) if line.strip() and line.lstrip()[0] not in "#%"), None
@@ -176,7 +176,7 @@ class Csv:
         except SourceError as error:
             raise SourceError(f"{self.path}: {error}") from None
         found = self._timed(found, seen[start:], separator)
-        rows = Rows(self.path, found, "csv", self._wanted.rate_hz, names)
+        rows = TableRows(self.path, found, "csv", self._wanted.rate_hz, names)
         return "", separator, rows, seen[start:], len(seen)
 
     def verdict(self) -> str:

@@ -7,16 +7,16 @@ from typing import TypeAlias
 
 from imumon.errors import SourceError
 from imumon.recordings.columns import layout
-from imumon.recordings.csv import Csv, header_line, separator_of, split
-from imumon.recordings.npz import Archive
-from imumon.recordings.raw_capture import MARK, Recording
-from imumon.recordings.rosbag import Bag, is_bag
-from imumon.recordings.table import Wanted
+from imumon.recordings.csv import CsvFile, header_line, separator_of, split
+from imumon.recordings.npz import NpzFile
+from imumon.recordings.raw_capture import MARK, RawCapture
+from imumon.recordings.rosbag import RosbagFile, is_bag
+from imumon.recordings.table import ReadOptions
 
-File: TypeAlias = Recording | Csv | Archive | Bag
+File: TypeAlias = RawCapture | CsvFile | NpzFile | RosbagFile
 
 
-def open_file(path: str, wanted: Wanted) -> File:
+def open_file(path: str, wanted: ReadOptions) -> File:
     """A recording of whatever kind.
 
     Raises
@@ -28,16 +28,16 @@ def open_file(path: str, wanted: Wanted) -> File:
         with contextlib.suppress(OSError), open(path, "rb") as file:
             head = file.read(16)
     if is_bag(path, head):
-        return Bag(path, wanted)
+        return RosbagFile(path, wanted)
     if head.startswith(b"PK\x03\x04") and path.endswith(".npz"):
-        return Archive(path, wanted)
-    recording = Recording(path)
+        return NpzFile(path, wanted)
+    recording = RawCapture(path)
     if recording.head[:2] in (b"\xff\xfe", b"\xfe\xff") and recording.head[:200].count(0) > 50:
         raise SourceError(f"{path} is text in UTF-16: save it as UTF-8")
-    return Csv(recording, wanted) if is_csv(path, recording.head, wanted) else recording
+    return CsvFile(recording, wanted) if is_csv(path, recording.head, wanted) else recording
 
 
-def is_csv(path: str, head: bytes, wanted: Wanted) -> bool:
+def is_csv(path: str, head: bytes, wanted: ReadOptions) -> bool:
     """Whether text is a table: its name says so, or its header names an inertial sensor."""
     if b"$VN" in head or head.startswith(MARK):
         return False

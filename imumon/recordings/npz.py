@@ -11,11 +11,11 @@ import numpy as np
 from imumon.errors import SourceError
 from imumon.recordings.column_names import understood
 from imumon.recordings.columns import SENSORS, layout
-from imumon.recordings.table import ROWS, Rows, Wanted
+from imumon.recordings.table import ROWS, ReadOptions, TableRows
 from imumon.samples import AXES, Floats, SampleBlock
 
 
-class Archive:
+class NpzFile:
     """A NumPy archive (``.npz``) of arrays with names like those of columns: (n,) or (n, 3).
 
     Raises
@@ -28,7 +28,7 @@ class Archive:
     problem: str | None = None
     progress: float | None = None
 
-    def __init__(self, path: str, wanted: Wanted) -> None:
+    def __init__(self, path: str, wanted: ReadOptions) -> None:
         self.path = path
         self.fed = 0
         self.bad_checksums = 0
@@ -42,7 +42,7 @@ class Archive:
             found = layout(names, wanted.kind, wanted.given)
         except SourceError as error:
             raise SourceError(f"{path}: {error}") from None
-        self._rows = Rows(path, found, "npz", wanted.rate_hz, names)
+        self._rows = TableRows(path, found, "npz", wanted.rate_hz, names)
         picked = [arrays[k] for k in self._rows.columns]
         if len({len(column) for column in picked}) != 1:
             raise SourceError(

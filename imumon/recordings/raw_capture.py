@@ -3,7 +3,7 @@
 A recording is what came from the port, byte for byte, behind one line that says what it is:
 ``#imumon-recording {JSON}``. Where the link was lost and found again, another such line says for how long,
 ``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. A decoder resynchronises
-over these lines, and `Recording` takes them out. Writing goes on in a thread of its own, and a full disk ends
+over these lines, and `RawCapture` takes them out. Writing goes on in a thread of its own, and a full disk ends
 the recording, not the reading. What is there already is never overwritten: a new run takes the next free
 number. Where it goes on with the record of the run before, reading goes on with it too.
 """
@@ -60,19 +60,19 @@ def part_path(path: str, part: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class LinkLoss:
     """Here the link was lost; `away_s`: s of the sensor's time until it was back, None where nobody knows."""
 
     away_s: float | None
 
 
-class Recording:
+class RawCapture:
     """A recording as chunks of bytes, in memory that does not grow with its length.
 
-    Iterate to get the chunks: of a raw capture, of gzip of one, or of what `Recorder` made; of the latter
+    Iterate to get the chunks: of a raw capture, of gzip of one, or of what `CaptureWriter` made; of the latter
     the further parts of the same run, and those of the runs that went on with its record, follow by
     themselves where they lie beside it under the names that they were given, and are not in it already.
-    `pieces` has `Lost` where the link was.
+    `pieces` has `LinkLoss` where the link was.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Recording:
 
     Attributes
     ----------
-    header : what `Recorder` noted (sensor, settings, time), or None.
+    header : what `CaptureWriter` noted (sensor, settings, time), or None.
     problem : after reading: why it ended early, or None.
 
     Raises
@@ -111,7 +111,7 @@ class Recording:
     def __iter__(self) -> Iterator[bytes]:
         return (piece for piece in self.pieces() if isinstance(piece, bytes))
 
-    def pieces(self) -> Iterator[bytes | Lost]:
+    def pieces(self) -> Iterator[bytes | LinkLoss]:
         """Chunks of bytes, and where the link was lost between them."""
         yield from self._read_part()
         for path in self._later:
@@ -121,10 +121,10 @@ class Recording:
                 self._part.close()
                 continue
             if _said(self._part, "run") != _said(before, "run"):
-                yield Lost(None)
+                yield LinkLoss(None)
             yield from self._read_part()
 
-    def _read_part(self) -> Iterator[bytes | Lost]:
+    def _read_part(self) -> Iterator[bytes | LinkLoss]:
         run = _said(self._part, "run")
         self._read.add(self._key(self._part.header))
         for item in self._part:
@@ -134,7 +134,7 @@ class Recording:
             self._read.add(self._key(item))
             if "run" not in item or item["run"] != run:  # else: parts of one run, put together in one file
                 run = item.get("run", run)
-                yield Lost(item.get("away_s"))
+                yield LinkLoss(item.get("away_s"))
         if self._part.problem is not None and self.problem is None:
             self.problem = f"{self._part.path} {self._part.problem}"
 
@@ -145,9 +145,9 @@ class Recording:
         return told.get("run"), told.get("part")
 
 
-def read_file(path: str) -> Recording:
+def read_file(path: str) -> RawCapture:
     """Open a recording; ``-`` is standard input."""
-    return Recording(path)
+    return RawCapture(path)
 
 
 class _Part:
@@ -332,7 +332,7 @@ def check_place(path: str) -> None:
     raise SourceError(f"cannot record to {path}: {why}")
 
 
-class Recorder:
+class CaptureWriter:
     """Keeps raw bytes on disk while they come.
 
     Parameters
@@ -390,7 +390,7 @@ class Recorder:
             self._changed.notify()
 
     def lost(self, away_s: float | None) -> None:
-        """Note that the link was lost and found again; see `Lost`."""
+        """Note that the link was lost and found again; see `LinkLoss`."""
         self.write(MARK + json.dumps({"away_s": away_s}).encode() + b"\n")
 
     def end(self) -> None:

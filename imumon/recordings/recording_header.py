@@ -1,7 +1,7 @@
 """Header: what a recording says of itself, as far as it can be believed.
 
 It is one line of JSON in front of the bytes, and anybody may have written it: what has not the form that
-`imumon.recordings.raw_capture.Recorder` gives it counts as not said.
+`imumon.recordings.raw_capture.CaptureWriter` gives it counts as not said.
 """
 
 from __future__ import annotations

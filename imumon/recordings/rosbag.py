@@ -14,8 +14,8 @@ import numpy as np
 
 from imumon.errors import SourceError
 from imumon.recordings.column_names import Column
-from imumon.recordings.columns import Layout
-from imumon.recordings.table import ROWS, Rows, Wanted
+from imumon.recordings.columns import ColumnLayout
+from imumon.recordings.table import ROWS, ReadOptions, TableRows
 from imumon.samples import ACCEL, AXES, GYRO, SampleBlock
 
 IMU = "sensor_msgs/msg/Imu"
@@ -31,7 +31,7 @@ def is_bag(path: str, head: bytes) -> bool:
     return Path(path, "metadata.yaml").exists() or any(head.startswith(magic) for magic in MAGIC)
 
 
-class Bag:
+class RosbagFile:
     """Messages of one topic as blocks of samples.
 
     Raises
@@ -44,7 +44,7 @@ class Bag:
     problem: str | None = None
     progress: float | None = None
 
-    def __init__(self, path: str, wanted: Wanted) -> None:
+    def __init__(self, path: str, wanted: ReadOptions) -> None:
         try:
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore
@@ -68,7 +68,9 @@ class Bag:
             for i, axis in enumerate(AXES)
         )
         time = Column(6, "header.stamp", "t", unit="ns")
-        self._rows = Rows(path, Layout(kind, (*GYRO, *ACCEL), columns, (time,)), "bag", wanted.rate_hz)
+        self._rows = TableRows(
+            path, ColumnLayout(kind, (*GYRO, *ACCEL), columns, (time,)), "bag", wanted.rate_hz
+        )
 
     def _choose(self, topic: str | None) -> list[Any]:
         """Connections of the topic that is asked for, or of the one there is."""

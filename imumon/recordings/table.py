@@ -16,7 +16,7 @@ import numpy as np
 
 from imumon.errors import RateUnknown, SourceError
 from imumon.recordings.column_names import UNITS
-from imumon.recordings.columns import INERTIAL, Layout
+from imumon.recordings.columns import INERTIAL, ColumnLayout
 from imumon.recordings.unit_inference import assumed, check_sizes, time_unit
 from imumon.samples import Clock, Floats, Ints, Kind, SampleBlock, Stream, sensor_of
 from imumon.timebase.timestamps import Late, interval_of, why_no_rate
@@ -43,7 +43,7 @@ ZERO_CELSIUS = 273.15
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class ReadOptions:
     """How to read a table.
 
     Attributes
@@ -60,7 +60,7 @@ class Wanted:
     topic: str | None = None
 
 
-class Rows:
+class TableRows:
     """Numbers of a table as blocks of samples.
 
     Parameters
@@ -76,7 +76,7 @@ class Rows:
     """
 
     def __init__(
-        self, path: str, found: Layout, what: str, rate_hz: float | None, names: Sequence[str] = ()
+        self, path: str, found: ColumnLayout, what: str, rate_hz: float | None, names: Sequence[str] = ()
     ) -> None:
         self._path, self._layout, self._what, self._rate = path, found, what, rate_hz
         self._stream: Stream | None = None

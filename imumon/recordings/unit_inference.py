@@ -15,7 +15,7 @@ import numpy as np
 
 from imumon.errors import SourceError
 from imumon.recordings.column_names import UNITS, Column
-from imumon.recordings.columns import SENSORS, Layout
+from imumon.recordings.columns import SENSORS, ColumnLayout
 from imumon.samples import Floats
 from imumon.timebase.timestamps import typical_step
 
@@ -74,7 +74,7 @@ def assumed(what: str, columns: Sequence[Column]) -> list[str]:
     return remarks
 
 
-def check_sizes(path: str, what: str, found: Layout, rows: Floats) -> None:
+def check_sizes(path: str, what: str, found: ColumnLayout, rows: Floats) -> None:
     """Refuse numbers that cannot be of their units.
 
     Parameters

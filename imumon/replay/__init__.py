@@ -1,17 +1,10 @@
 """Replay: the loop of the daemon over a recording."""
 
-from imumon.replay.replay import (
-    NotARecording,
-    Replay,
-    Samples,
-    bar,
-    open_samples,
-    replay,
-)
+from imumon.replay.replay import NotARecording, ReplayOptions, Samples, bar, open_samples, replay
 
 __all__ = [
     "NotARecording",
-    "Replay",
+    "ReplayOptions",
     "Samples",
     "bar",
     "open_samples",

@@ -16,9 +16,18 @@ from typing import Any, Protocol, TextIO
 
 from imumon import pipeline, report
 from imumon.bus import Publisher
-from imumon.devices.vn100 import Decoder
+from imumon.devices.vn100 import Vn100Decoder
 from imumon.pipeline import Monitor
-from imumon.recordings import Bag, Lost, Misused, RateUnknown, Recording, SourceError, Wanted, open_file
+from imumon.recordings import (
+    LinkLoss,
+    OptionNotApplicable,
+    RateUnknown,
+    RawCapture,
+    ReadOptions,
+    RosbagFile,
+    SourceError,
+    open_file,
+)
 from imumon.samples import Kind, SampleBlock
 
 FAST, PACED = 1 << 20, 1 << 12
@@ -33,7 +42,7 @@ class NotARecording(SourceError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Replay:
+class ReplayOptions:
     """How to replay.
 
     Attributes
@@ -82,12 +91,12 @@ class Samples(Protocol):
     def bad_checksums(self) -> int: ...
     @property
     def progress(self) -> float | None: ...
-    def __iter__(self) -> Iterator[Sequence[SampleBlock | Lost]]: ...
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | LinkLoss]]: ...
     def verdict(self) -> str:
         """Why there is nothing to characterise."""
 
 
-class Capture:
+class CaptureSamples:
     """Raw bytes of a sensor.
 
     Parameters
@@ -97,11 +106,11 @@ class Capture:
 
     remarks: Sequence[str] = ()
 
-    def __init__(self, recording: Recording, piece: int) -> None:
+    def __init__(self, recording: RawCapture, piece: int) -> None:
         self.header = recording.header
         self._recording = recording
         self._piece = piece
-        self._decoder = Decoder()
+        self._decoder = Vn100Decoder()
 
     @property
     def problem(self) -> str | None:
@@ -123,9 +132,9 @@ class Capture:
     def bad_checksums(self) -> int:
         return self._decoder.bad_checksums
 
-    def __iter__(self) -> Iterator[Sequence[SampleBlock | Lost]]:
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | LinkLoss]]:
         for data in _pieces(self._recording.pieces(), self._piece):
-            if isinstance(data, Lost):
+            if isinstance(data, LinkLoss):
                 yield [data]
                 continue
             yield [item for item in self._decoder.feed(data) if isinstance(item, SampleBlock)]
@@ -138,11 +147,11 @@ class Capture:
         return f"{path} is no recording of a VN-100: not one valid message in {decoder.fed} bytes"
 
 
-def _pieces(chunks: Iterable[bytes | Lost], size: int) -> Iterator[bytes | Lost]:
+def _pieces(chunks: Iterable[bytes | LinkLoss], size: int) -> Iterator[bytes | LinkLoss]:
     """The same bytes in pieces of about that size, none across a lost link."""
     waiting: list[bytes] = []
     for chunk in chunks:
-        if isinstance(chunk, Lost):
+        if isinstance(chunk, LinkLoss):
             yield b"".join(waiting)
             yield chunk
             waiting = []
@@ -155,24 +164,24 @@ def _pieces(chunks: Iterable[bytes | Lost], size: int) -> Iterator[bytes | Lost]
     yield b"".join(waiting)
 
 
-def open_samples(task: Replay) -> Samples:
+def open_samples(task: ReplayOptions) -> Samples:
     """A recording by what it holds, not by its name alone.
 
     Raises
     ------
     SourceError : it cannot be read, or is plainly something else. Misused : it is no bag, and has no topic.
     """
-    wanted = Wanted(task.kind, task.columns, task.rate_hz, task.topic)
+    wanted = ReadOptions(task.kind, task.columns, task.rate_hz, task.topic)
     found = open_file(task.path, wanted)
-    if task.topic is not None and not isinstance(found, Bag):
-        raise Misused(f"--topic is of a bag, and {task.path} is none: leave it out")
-    if isinstance(found, Recording):
-        return Capture(found, FAST if task.speed is None else PACED)
+    if task.topic is not None and not isinstance(found, RosbagFile):
+        raise OptionNotApplicable(f"--topic is of a bag, and {task.path} is none: leave it out")
+    if isinstance(found, RawCapture):
+        return CaptureSamples(found, FAST if task.speed is None else PACED)
     return found
 
 
 def replay(
-    task: Replay,
+    task: ReplayOptions,
     *,
     progress: Callable[[float | None, float], None] | None = None,
     bus: Publisher | None = None,
@@ -205,7 +214,7 @@ def replay(
                 run.publish(bus, "running")
             pace.keep(run.elapsed_s)
     except RateUnknown as error:
-        raise pipeline.RateNeeded(str(error)) from None
+        raise pipeline.RateRequired(str(error)) from None
     run.monitor.flush()
     final = run.report("stopped")
     if not final.session.samples:
@@ -222,12 +231,14 @@ def replay(
 class _Run:
     """Monitor of one recording; what happened waits until it is published."""
 
-    def __init__(self, task: Replay, samples: Samples) -> None:
+    def __init__(self, task: ReplayOptions, samples: Samples) -> None:
         header = samples.header or {}
         self.samples = samples
-        wanted = pipeline.Wanted(guarded=task.guarded, precision=task.precision, baseline=task.baseline)
+        wanted = pipeline.MonitorOptions(
+            guarded=task.guarded, precision=task.precision, baseline=task.baseline
+        )
         self.monitor = Monitor(wanted, rate_hz=task.rate_hz or header.get("rate_hz"))
-        self.device = report.Device(
+        self.device = report.DeviceDescription(
             id=header.get("id") or (f"vn100-{header['serial']}" if header.get("serial") else "replay"),
             model=header.get("model"),
             serial=header.get("serial"),
@@ -240,7 +251,7 @@ class _Run:
         self._waiting: list[report.Event] = []
         self._restarts: dict[str, int] = {}  # why the record has a break, and how often
 
-    def take(self, item: SampleBlock | Lost) -> None:
+    def take(self, item: SampleBlock | LinkLoss) -> None:
         """As the daemon does."""
         if isinstance(item, SampleBlock):
             self.monitor.feed(item)
@@ -270,7 +281,7 @@ class _Run:
                 self._restarts[found.text] = self._restarts.get(found.text, 0) + 1
 
     def report(self, state: report.State) -> report.Report:
-        session = report.Session(
+        session = report.SessionCounters(
             started=self.started,
             discarded_bytes=self.samples.discarded,
             bad_checksums=self.samples.bad_checksums,

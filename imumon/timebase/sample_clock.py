@@ -51,7 +51,7 @@ BREAK = -1
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class PlacedSamples:
     """Samples with their place.
 
     Attributes
@@ -67,7 +67,7 @@ class Placed:
     saturated: Bools | None
 
 
-class Timeline:
+class SampleClock:
     """Places blocks of one stream on its grid.
 
     Parameters
@@ -126,7 +126,9 @@ class Timeline:
             if length_s is not None and self._room_s is not None:
                 self._room_s += length_s
 
-    def place(self, block: SampleBlock, *, final: bool = False, room_s: float | None = None) -> list[Placed]:
+    def place(
+        self, block: SampleBlock, *, final: bool = False, room_s: float | None = None
+    ) -> list[PlacedSamples]:
         """Blocks with their steps; empty while the interval is being learned.
 
         Parameters
@@ -211,7 +213,7 @@ class Timeline:
             return block
         return replace(block, time_ns=raw + (wraps << 32))
 
-    def finish(self) -> list[Placed]:
+    def finish(self) -> list[PlacedSamples]:
         """What was held back, at the end of the stream."""
         rest = self._held or ([self._suspect] if self._suspect is not None else [])
         self._held, self._suspect = [], None
@@ -233,7 +235,7 @@ class Timeline:
         }
 
     @classmethod
-    def restore(cls, clock: Clock, saved: dict[str, object]) -> Timeline:
+    def restore(cls, clock: Clock, saved: dict[str, object]) -> SampleClock:
         """Continue where `save` left off; a clock without absolute time resumes behind an unknown gap.
 
         The interval is learned anew: whether it is still the saved one, the first samples show.
@@ -280,7 +282,7 @@ class Timeline:
             self.interval_s = self._told
             self._known = True
 
-    def _absolute(self, block: SampleBlock, final: bool) -> Placed:
+    def _absolute(self, block: SampleBlock, final: bool) -> PlacedSamples:
         assert block.time_ns is not None
         assert self.interval_s is not None
         time = block.time_ns
@@ -298,7 +300,7 @@ class Timeline:
                 steps[0] = BREAK
             self._last = int(time[-1])
             self._fill(steps)
-            return Placed(block.values, steps, block.saturated)
+            return PlacedSamples(block.values, steps, block.saturated)
         keep = np.ones(len(block), dtype=bool)
         self._settle(time, steps, keep, odd, far, final)
         if not final and keep[-1] and (steps[-1] < 0 or steps[-1] > far):
@@ -313,9 +315,9 @@ class Timeline:
             self._last = int(time[np.flatnonzero(keep)[-1]])
         self._fill(steps[keep])
         if keep.all():
-            return Placed(block.values, steps, block.saturated)
+            return PlacedSamples(block.values, steps, block.saturated)
         saturated = None if block.saturated is None else block.saturated[keep]
-        return Placed(block.values[keep], steps[keep], saturated)
+        return PlacedSamples(block.values[keep], steps[keep], saturated)
 
     def _fill(self, steps: Ints) -> None:
         """The room's time that samples and holes between them account for is no longer open."""
@@ -363,7 +365,7 @@ class Timeline:
                 if i + 1 < n and (not todo or todo[-1] != i + 1):
                     todo.append(i + 1)  # its step counts from the last sample that stays
 
-    def _relative(self, block: SampleBlock) -> Placed:
+    def _relative(self, block: SampleBlock) -> PlacedSamples:
         assert self.interval_s is not None
         steps = 1 + block.lost
         if self.clock == "dt" and block.time_ns is not None:
@@ -375,7 +377,7 @@ class Timeline:
         elif self._unknown_gap:
             steps[0] = 1 if self._last is None else BREAK
         self._unknown_gap, self._last = False, 0
-        return Placed(block.values, steps, block.saturated)
+        return PlacedSamples(block.values, steps, block.saturated)
 
 
 def _steps(time: Ints, before: int) -> Ints:

@@ -12,13 +12,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imumon.report import Event, Report, Signal
-from imumon.tui.report_source import Feed, Still
+from imumon.tui.report_source import FixedReport, ReportSource
 
-__all__ = ["Feed", "Still", "picture", "run", "themes"]
+__all__ = ["FixedReport", "ReportSource", "picture", "run", "themes"]
 
 
 def run(
-    feed: Feed,
+    feed: ReportSource,
     *,
     id: str | None = None,
     ascii: bool = False,
@@ -51,9 +51,9 @@ def run(
     if reason is not None:
         print(f"imumon: {reason}", file=sys.stderr)
         return 1
-    from imumon.tui.app import Monitor
+    from imumon.tui.app import ImumonApp
 
-    app = Monitor(
+    app = ImumonApp(
         feed,
         id=id,
         ascii=ascii or terminal.only_ascii(),
@@ -105,10 +105,10 @@ def picture(
     """
     import asyncio
 
-    from imumon.tui.app import Monitor
+    from imumon.tui.app import ImumonApp
 
     async def draw() -> str:
-        app = Monitor(Still(report, signal, events), theme=theme)
+        app = ImumonApp(FixedReport(report, signal, events), theme=theme)
         async with app.run_test(size=size) as pilot:
             await pilot.press(*keys)
             await pilot.pause()

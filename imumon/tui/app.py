@@ -24,9 +24,9 @@ from imumon.samples import sensor_of
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, length, on, padded
 from imumon.tui.panels import status, welcome
-from imumon.tui.report_source import Feed
+from imumon.tui.report_source import ReportSource
 from imumon.tui.svg_export import redrawn
-from imumon.tui.view_state import VIEWS, Scene
+from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import (
     DeviceView,
     EventsView,
@@ -91,7 +91,7 @@ def here() -> Path:
     return Path.cwd()
 
 
-class Monitor(App[int]):
+class ImumonApp(App[int]):
     """The screen of one or several sensors.
 
     Parameters
@@ -124,7 +124,7 @@ class Monitor(App[int]):
 
     def __init__(
         self,
-        feed: Feed,
+        feed: ReportSource,
         *,
         id: str | None = None,
         ascii: bool = False,
@@ -141,7 +141,7 @@ class Monitor(App[int]):
         self.theme = theme if theme in self.available_themes else THEMES[0].name
         self.feed = feed
         self.clock = clock
-        self.scene = Scene(
+        self.scene = ViewState(
             wanted=id,
             notation=Notation(ascii=ascii),
             baseline=baseline,
@@ -204,7 +204,7 @@ class Monitor(App[int]):
         if self.scene.channels:
             self._eager.stop()
 
-    def _show(self, scene: Scene) -> None:
+    def _show(self, scene: ViewState) -> None:
         """Take what belongs to the chosen device and channel from the feed, then draw."""
         if scene.id is not None and not scene.frozen:
             asked = (scene.id, scene.channel)
@@ -340,7 +340,9 @@ class Monitor(App[int]):
             [],
             [(f"into {where}"[:56], "muted")],
         ]
-        self.push_screen(Saving("save what is seen", lines, self.scene.notation), partial(self.save_view, where))
+        self.push_screen(
+            Saving("save what is seen", lines, self.scene.notation), partial(self.save_view, where)
+        )
 
     def save_view(self, where: Path, form: str | None) -> None:
         """Write what is seen into a folder and say where; what fails is said in one line."""
@@ -387,7 +389,7 @@ class Monitor(App[int]):
                 at += len(text)
 
 
-def _settled(scene: Scene) -> Scene:
+def _settled(scene: ViewState) -> ViewState:
     """Scene whose device and channel exist."""
     reports = scene.reports
     if scene.id not in reports:
@@ -405,7 +407,7 @@ ROOMY, TIGHT = 100, 66
 all views have their names."""
 
 
-def _tabs(scene: Scene, width: int) -> Line:
+def _tabs(scene: ViewState, width: int) -> Line:
     """The views by name, the one that is seen on a ground of its own."""
     roles = ["tab" if name == scene.view else "muted" for name in VIEWS]
     named = width >= TIGHT
@@ -419,7 +421,7 @@ def _tabs(scene: Scene, width: int) -> Line:
     ]
 
 
-def foot(scene: Scene, width: int, height: int = 1) -> list[Line]:
+def foot(scene: ViewState, width: int, height: int = 1) -> list[Line]:
     """Views and the keys one needs to find all others."""
     line = _tabs(scene, width)
     keys = (("?", "help"), ("q", "quit"), ("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))

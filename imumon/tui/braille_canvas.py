@@ -2,7 +2,7 @@
 
 A `Canvas` is a field of cells; each cell holds eight braille dots (2 x 4), or a character, upon a
 ground. Where lines cross, their dots merge and the cell takes the colour of the one drawn last, so no
-line is broken by another. A `Frame` is the part of a canvas inside two axes. Nothing here knows
+line is broken by another. A `PlotFrame` is the part of a canvas inside two axes. Nothing here knows
 colours or widgets: what is drawn has a *role*, and the widget knows the colour of the role.
 """
 
@@ -178,7 +178,7 @@ class Canvas:
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class AxisScale:
     """One axis: from data to a share of its length, linear or logarithmic."""
 
     low: float
@@ -209,7 +209,7 @@ class Scale:
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
 
-def logarithmic(values: Floats, step: float = 0.5) -> Scale:
+def logarithmic(values: Floats, step: float = 0.5) -> AxisScale:
     """Logarithmic scale around some values, ending at steps of so many decades: it keeps still
     while a curve grows.
 
@@ -219,13 +219,13 @@ def logarithmic(values: Floats, step: float = 0.5) -> Scale:
     """
     values = values[np.isfinite(values) & (values > 0)]
     if not len(values):
-        return Scale(0.1, 10.0, log=True)
+        return AxisScale(0.1, 10.0, log=True)
     low = math.floor((math.log10(float(values.min())) - 0.08) / step) * step
     high = math.ceil((math.log10(float(values.max())) + 0.08) / step) * step
-    return Scale(10.0**low, 10.0**high, log=True)
+    return AxisScale(10.0**low, 10.0**high, log=True)
 
 
-def linear(values: Floats, margin: float = 0.06) -> Scale:
+def linear(values: Floats, margin: float = 0.06) -> AxisScale:
     """Linear scale around some values.
 
     Parameters
@@ -234,13 +234,13 @@ def linear(values: Floats, margin: float = 0.06) -> Scale:
     """
     values = values[np.isfinite(values)]
     if not len(values):
-        return Scale(0.0, 1.0)
+        return AxisScale(0.0, 1.0)
     low, high = float(values.min()), float(values.max())
     room = (high - low) * margin or max(abs(high), 1e-12) * 1e-3
-    return Scale(low - room, high + room)
+    return AxisScale(low - room, high + room)
 
 
-class Frame:
+class PlotFrame:
     """Two axes on a part of a canvas.
 
     Parameters
@@ -248,7 +248,7 @@ class Frame:
     left, top, width, height : cells of the part inside the axes.
     """
 
-    def __init__(self, canvas: Canvas, area: tuple[int, int, int, int], x: Scale, y: Scale) -> None:
+    def __init__(self, canvas: Canvas, area: tuple[int, int, int, int], x: AxisScale, y: AxisScale) -> None:
         self.canvas, self.x, self.y = canvas, x, y
         self.left, self.top, self.width, self.height = area
 

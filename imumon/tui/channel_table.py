@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from imumon.report import COEFFICIENTS, Channel
 from imumon.samples import sensor_of
 from imumon.tui.formatting import CELL, Line, Notation, fitted, on, padded, remaining, signed
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
 TABLE = 80
@@ -32,12 +32,12 @@ def columns(width: int) -> list[str]:
     return list(kept)
 
 
-def table(scene: Scene, width: int, height: int) -> list[Line]:
+def table(scene: ViewState, width: int, height: int) -> list[Line]:
     """All channels, grouped by sensor, moved so that the chosen one is seen."""
     return [padded(line, width) for line, _ in table_rows(scene, width, height)]
 
 
-def table_rows(scene: Scene, width: int, height: int) -> list[tuple[Line, str | None]]:
+def table_rows(scene: ViewState, width: int, height: int) -> list[tuple[Line, str | None]]:
     """Lines of the table that are seen, each with its channel; None for a heading."""
     rows = rows_of(scene, width, airy=True)
     if len(rows) > height:
@@ -47,7 +47,7 @@ def table_rows(scene: Scene, width: int, height: int) -> list[tuple[Line, str | 
     return rows[first : first + height]
 
 
-def rows_of(scene: Scene, width: int = TABLE, *, airy: bool = False) -> list[tuple[Line, str | None]]:
+def rows_of(scene: ViewState, width: int = TABLE, *, airy: bool = False) -> list[tuple[Line, str | None]]:
     """Every line of the table; airy: an empty one before each group."""
     report = scene.report
     if report is None:
@@ -82,7 +82,7 @@ def _heading(notation: Notation, sensor: str, shown: Sequence[str]) -> Line:
     return [(f" {sensor:<5}", "title"), *(piece for name in shown for piece in cells[name])]
 
 
-def _row(scene: Scene, name: str, channel: Channel, shown: Sequence[str]) -> Line:
+def _row(scene: ViewState, name: str, channel: Channel, shown: Sequence[str]) -> Line:
     """One axis of a sensor."""
     factor, _ = scene.notation.scale(name)
     nearest = channel.grade.nearest if channel.grade is not None else None
@@ -99,7 +99,7 @@ def _row(scene: Scene, name: str, channel: Channel, shown: Sequence[str]) -> Lin
     return line + [(cells[c][0].rjust(COLUMNS[c]), cells[c][1]) for c in shown]
 
 
-def _single(scene: Scene, name: str, channel: Channel, width: int) -> Line:
+def _single(scene: ViewState, name: str, channel: Channel, width: int) -> Line:
     """Temperature or pressure: running statistics alone."""
     factor, unit = scene.notation.scale(name)
     parts: list[Line] = [[("▌" if name == scene.channel else " ", "accent"), (f"{name:<12}", "title")]]

@@ -15,9 +15,9 @@ import numpy as np
 from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
 from imumon.report import Line as SpectralLine
 from imumon.samples import sensor_of
-from imumon.tui.braille_canvas import Canvas, Floats, Frame, Scale, linear, logarithmic
+from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
 from imumon.tui.formatting import Line, Notation, about, length, padded
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 from imumon.units import number
 
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
@@ -40,7 +40,7 @@ def message(text: Sequence[str], width: int, height: int, role: str = "muted") -
     return [padded(line, width) for line in lines + [[] for _ in range(height)]][:height]
 
 
-def allan(scene: Scene, width: int, height: int) -> list[Line]:
+def allan(scene: ViewState, width: int, height: int) -> list[Line]:
     """Allan deviation of the chosen channel, or of the three axes of its sensor."""
     chosen, channel = scene.chosen, scene.channel
     if chosen is None or channel is None:
@@ -66,7 +66,7 @@ def allan(scene: Scene, width: int, height: int) -> list[Line]:
     return [_allan_title(scene, channel, unit, width), *canvas.rows()]
 
 
-def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
+def _allan_title(scene: ViewState, channel: str, unit: str, width: int) -> Line:
     """What is drawn, its unit, and the legend as far as there is room."""
     name = sensor_of(channel) if scene.overlay else channel.replace("/", " ")
     title: Line = [(" " * GUTTER, "text"), (name, "title"), (f"  {scene.notation.sigma} [{unit}]", "muted")]
@@ -92,7 +92,7 @@ def _allan_title(scene: Scene, channel: str, unit: str, width: int) -> Line:
     return [*padded(title, width - length(back)), *back]
 
 
-def _allan_frame(scene: Scene, canvas: Canvas, factor: float) -> Frame:
+def _allan_frame(scene: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     """Axes that hold every curve to be drawn, in half decades."""
     names = scene.siblings() if scene.overlay else (scene.channel or "",)
     curves = [
@@ -111,7 +111,7 @@ def _allan_frame(scene: Scene, canvas: Canvas, factor: float) -> Frame:
     x = logarithmic(np.concatenate((tau, [1.0, 3.0])))
     bottom = 2 if canvas.height >= 14 else 1
     area = (GUTTER, 0, max(canvas.width - GUTTER - 2, 4), max(canvas.height - bottom, 2))
-    return Frame(canvas, area, x, logarithmic(sigma))
+    return PlotFrame(canvas, area, x, logarithmic(sigma))
 
 
 def _marks(channel: Channel | None) -> list[float]:
@@ -120,7 +120,7 @@ def _marks(channel: Channel | None) -> list[float]:
     return [part.value * height for part, height in parts if part is not None and part.value is not None]
 
 
-def _decades(frame: Frame, notation: Notation) -> None:
+def _decades(frame: PlotFrame, notation: Notation) -> None:
     """Grid of decades with their labels, and the unit of time."""
     x, y = frame.x.decades(), frame.y.decades()
     frame.grid([10.0**e for e in x], [10.0**e for e in y])
@@ -142,7 +142,7 @@ def _decades(frame: Frame, notation: Notation) -> None:
             frame.canvas.text(int(at) // 2, row - 1, "┴", "axis")
 
 
-def _limits(frame: Frame, scene: Scene, channel: str, factor: float) -> list[tuple[int, int, str]]:
+def _limits(frame: PlotFrame, scene: ViewState, channel: str, factor: float) -> list[tuple[int, int, str]]:
     """Draw the curve of a sensor that just meets each grade; tell where the grade's name belongs."""
     names = []
     limits = scene.report.limits.get(sensor_of(channel), {}) if scene.report is not None else {}
@@ -160,13 +160,13 @@ def _limits(frame: Frame, scene: Scene, channel: str, factor: float) -> list[tup
     return names
 
 
-def _background(frame: Frame, channel: Channel | None, factor: float) -> None:
+def _background(frame: PlotFrame, channel: Channel | None, factor: float) -> None:
     """Curve of a saved report behind the live one."""
     if channel is not None and channel.allan is not None:
         frame.curve(numbers(channel.allan.tau_s), numbers(channel.allan.sigma, factor), "baseline")
 
 
-def _axis(frame: Frame, scene: Scene, name: str, factor: float) -> None:
+def _axis(frame: PlotFrame, scene: ViewState, name: str, factor: float) -> None:
     """Curve of one axis among others."""
     channel = scene.report.channels.get(name) if scene.report is not None else None
     if channel is None or channel.allan is None or not channel.allan.tau_s:
@@ -179,7 +179,7 @@ def _axis(frame: Frame, scene: Scene, name: str, factor: float) -> None:
         frame.canvas.text(min(at[0] + 1, frame.canvas.width - 1), at[1], name[-1], f"axis-{name[-1]}")
 
 
-def _curve(frame: Frame, notation: Notation, channel: Channel, sensor: str, factor: float) -> None:
+def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, factor: float) -> None:
     """Measured points with their band, the model, and what is measured of N, B, K."""
     allan = channel.allan or Allan()
     tau, sigma = numbers(allan.tau_s), numbers(allan.sigma, factor)
@@ -215,7 +215,7 @@ def _lowest(allan: Allan) -> float:
     return min(known)[1] if known else 1.0
 
 
-def strip(scene: Scene, width: int, height: int) -> list[Line]:
+def strip(scene: ViewState, width: int, height: int) -> list[Line]:
     """Least and greatest value of the chosen channel over time."""
     channel = scene.channel or ""
     factor, unit = scene.notation.scale(channel)
@@ -234,7 +234,7 @@ def strip(scene: Scene, width: int, height: int) -> list[Line]:
     span = found.column_s * len(low)
     y = linear(np.concatenate((low, high)))
     area = (GUTTER + 2, 0, max(width - GUTTER - 4, 4), max(height - 2, 2))
-    frame = Frame(canvas, area, Scale(-span, 0.0), y)
+    frame = PlotFrame(canvas, area, AxisScale(-span, 0.0), y)
     ticks = y.ticks(max(frame.height // 2, 2))
     times = _times(span)
     frame.grid([-t for t in times], ticks)
@@ -304,7 +304,7 @@ def _tick(value: float, ticks: Sequence[float]) -> str:
     return text if len(text) <= GUTTER + 1 and decimals < 7 else f"{value:.1e}"
 
 
-def histogram(scene: Scene, width: int, height: int) -> list[Line]:
+def histogram(scene: ViewState, width: int, height: int) -> list[Line]:
     """Distribution of the values, with the Gaussian of the same mean and deviation over it."""
     channel = scene.channel or ""
     found: Histogram | None = scene.signal.histogram if scene.signal is not None else None
@@ -326,9 +326,9 @@ def histogram(scene: Scene, width: int, height: int) -> list[Line]:
     canvas = Canvas(width, height - 1)
     counts = np.array(found.counts, dtype=np.float64)
     start, bin_width = found.start * factor, found.width * factor
-    edges = Scale(start, start + bin_width * len(counts))
+    edges = AxisScale(start, start + bin_width * len(counts))
     top = max(float(counts.max()), max(found.gaussian, default=0.0)) * 1.05
-    frame = Frame(canvas, (1, 0, max(width - 2, 4), max(height - 2, 2)), edges, Scale(0.0, top))
+    frame = PlotFrame(canvas, (1, 0, max(width - 2, 4), max(height - 2, 2)), edges, AxisScale(0.0, top))
     which = np.minimum(np.arange(frame.width) * len(counts) // frame.width, len(counts) - 1)
     until = np.maximum(
         np.minimum((np.arange(frame.width) + 1) * len(counts) // frame.width, len(counts)), which + 1
@@ -342,7 +342,7 @@ def histogram(scene: Scene, width: int, height: int) -> list[Line]:
     return [title, *canvas.rows()]
 
 
-def spectrum(scene: Scene, width: int, height: int) -> list[Line]:
+def spectrum(scene: ViewState, width: int, height: int) -> list[Line]:
     """Root of the spectral density over frequency, log-log, with its lines marked."""
     channel = scene.channel or ""
     found: Spectrum | None = scene.signal.spectrum if scene.signal is not None else None
@@ -358,8 +358,8 @@ def spectrum(scene: Scene, width: int, height: int) -> list[Line]:
     good = (frequency > 0) & (density > 0)
     frequency, density = frequency[good], density[good]
     canvas = Canvas(width, height - 1)
-    x = Scale(float(frequency.min()), float(frequency.max()) * 1.02, log=True)
-    frame = Frame(
+    x = AxisScale(float(frequency.min()), float(frequency.max()) * 1.02, log=True)
+    frame = PlotFrame(
         canvas, (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2)), x, logarithmic(density)
     )
     decades = x.decades()
@@ -377,7 +377,7 @@ def spectrum(scene: Scene, width: int, height: int) -> list[Line]:
     return [title, *canvas.rows()]
 
 
-def _spectral_line(frame: Frame, line: SpectralLine, frequency: Floats, density: Floats) -> None:
+def _spectral_line(frame: PlotFrame, line: SpectralLine, frequency: Floats, density: Floats) -> None:
     """Mark on a line of the spectrum, with its frequency or its name."""
     near = int(np.argmin(np.abs(frequency - line.frequency_hz)))
     frame.label(

@@ -13,14 +13,14 @@ import math
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 from imumon.tui.formatting import CELL, Line, Notation, Piece
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 from imumon.units import short
 
 NAME = 26
 """Cells for the name of a sensor."""
 
 
-def comparison(scene: Scene) -> list[Line]:
+def comparison(scene: ViewState) -> list[Line]:
     """The chosen device and the one it is compared with, one under the other, and their ratios."""
     mine, other = scene.report, scene.reports.get(scene.other or "")
     if mine is None or other is None or scene.id is None or scene.other is None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from imumon.report import Strip, to_json
 from imumon.tui.channel_table import GRADED
 from imumon.tui.text_panels import chosen_events
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 
 CONVERTERS = (
     ("rsvg-convert", ("rsvg-convert", "--zoom", "1.5", "-o")),
@@ -22,7 +22,7 @@ CONVERTERS = (
 """Programs that turn an SVG into a PNG, with how they are called."""
 
 
-def name_of(scene: Scene, suffix: str) -> str:
+def name_of(scene: ViewState, suffix: str) -> str:
     """File name by device, view and time of the report: two saves never meet by chance."""
     report = scene.report
     when = re.sub(r"[^0-9TZ]", "", report.time.partition(".")[0]) if report is not None else "empty"
@@ -51,7 +51,7 @@ def png(svg: Path) -> Path | None:
     return None
 
 
-def text(scene: Scene, form: str) -> str:
+def text(scene: ViewState, form: str) -> str:
     """CSV of what the view shows, or JSON of the whole report."""
     if form == "json":
         return to_json(scene.report, indent=1) + "\n"
@@ -60,7 +60,7 @@ def text(scene: Scene, form: str) -> str:
     return out.getvalue()
 
 
-def rows(scene: Scene) -> Iterable[Iterable[object]]:
+def rows(scene: ViewState) -> Iterable[Iterable[object]]:
     """Table of what the view shows, in SI units, its first row the names."""
     report = scene.report
     if report is None:
@@ -85,7 +85,7 @@ def rows(scene: Scene) -> Iterable[Iterable[object]]:
     return _curves(scene)
 
 
-def _curves(scene: Scene) -> list[Iterable[object]]:
+def _curves(scene: ViewState) -> list[Iterable[object]]:
     """Coefficients and Allan deviations of every channel."""
     out: list[Iterable[object]] = [
         ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
@@ -105,7 +105,7 @@ def _curves(scene: Scene) -> list[Iterable[object]]:
     return out
 
 
-def _signal(scene: Scene) -> list[Iterable[object]]:
+def _signal(scene: ViewState) -> list[Iterable[object]]:
     """The strip in the chosen window, the histogram and the spectrum of the chosen channel."""
     found = scene.signal
     if found is None:

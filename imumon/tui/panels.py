@@ -20,13 +20,13 @@ from imumon.tui.formatting import (
     signed,
     wrap,
 )
-from imumon.tui.view_state import MOVING, WARMING, Scene, Situation
+from imumon.tui.view_state import MOVING, WARMING, Situation, ViewState
 from imumon.units import counted, number
 
 # ---------------------------------------------------------------------------- status line
 
 
-def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
+def status(scene: ViewState, width: int, height: int = 1) -> list[Line]:
     """State, sensor, port, rate, elapsed, gaps, errors, temperature, as far as there is room."""
     now = scene.situation()
     ground = "status" if now.live else "alarm" if now.role == "bad" else "status"
@@ -51,7 +51,7 @@ def status(scene: Scene, width: int, height: int = 1) -> list[Line]:
     return [on(line, ground)]
 
 
-def _facts(report: Report, scene: Scene) -> list[Line]:
+def _facts(report: Report, scene: ViewState) -> list[Line]:
     """What the status line tells, the most important first."""
     device, session = report.device, report.session
     facts: list[Line] = [[(device.id, "strong")]]
@@ -82,7 +82,7 @@ def _facts(report: Report, scene: Scene) -> list[Line]:
 # ---------------------------------------------------------------------------- headline grades
 
 
-def plates(scene: Scene, width: int, height: int) -> list[Line]:
+def plates(scene: ViewState, width: int, height: int) -> list[Line]:
     """Headline grade of gyro and accelerometer: large where there is room, else one line."""
     report = scene.report
     if report is None:
@@ -93,7 +93,7 @@ def plates(scene: Scene, width: int, height: int) -> list[Line]:
     return lines + _caveats(scene, width, height - 1) if height > 1 else lines
 
 
-def _one_line(scene: Scene, report: Report, width: int) -> Line:
+def _one_line(scene: ViewState, report: Report, width: int) -> Line:
     """Headline grades, and at the end the caveats by name, or their number where they do not fit.
 
     That there are caveats is worth more than what decides the grades. The one that the status line tells is
@@ -194,7 +194,7 @@ def _decided(sensor: str, grade: SensorGrade, report: Report, notation: Notation
 # ---------------------------------------------------------------------------- the chosen channel
 
 
-def detail(scene: Scene, width: int, height: int) -> list[Line]:
+def detail(scene: ViewState, width: int, height: int) -> list[Line]:
     """The chosen channel in full: coefficients with limits, quality of the fit, caveats."""
     channel, name = scene.chosen, scene.channel
     if channel is None or name is None or height < 1:
@@ -284,7 +284,7 @@ def _quality(channel: Channel, notation: Notation) -> Line:
     return line
 
 
-def _caveats(scene: Scene, width: int, height: int) -> list[Line]:
+def _caveats(scene: ViewState, width: int, height: int) -> list[Line]:
     """What one must know before believing the numbers, each with the channels it holds for."""
     report = scene.report
     if report is None or height < 1:
@@ -299,7 +299,7 @@ def _caveats(scene: Scene, width: int, height: int) -> list[Line]:
 # ---------------------------------------------------------------------------- nothing to show
 
 
-def welcome(scene: Scene, width: int, height: int) -> list[Line]:
+def welcome(scene: ViewState, width: int, height: int) -> list[Line]:
     """What to type while there is no report."""
     now: Situation = scene.situation()
     where = scene.endpoint or "tcp/127.0.0.1:7448 to 7463"

@@ -14,7 +14,7 @@ from typing import Protocol
 from imumon.report import Event, Report, Signal
 
 
-class Feed(Protocol):
+class ReportSource(Protocol):
     """What the screen asks for.
 
     Attributes
@@ -43,7 +43,7 @@ class Feed(Protocol):
         """Whether any daemon or router can be reached."""
 
 
-class Still:
+class FixedReport:
     """A feed of one report that never changes: a saved one, or the one a picture is made of."""
 
     def __init__(self, report: Report, signal: Signal | None = None, events: Sequence[Event] = ()) -> None:

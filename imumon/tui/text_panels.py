@@ -10,7 +10,7 @@ from imumon.report import Channel, Drift, Event, Report
 from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
 from imumon.tui.formatting import Line, about, clock, fitted, length, padded, wrap
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 from imumon.units import number
 
 
@@ -28,7 +28,7 @@ def _title(text: str) -> Line:
     return [(f" {text}", "title")]
 
 
-def device(scene: Scene, width: int, height: int = 0) -> list[Line]:
+def device(scene: ViewState, width: int, height: int = 0) -> list[Line]:
     """Who the sensor is, what its numbers describe, and how the line does."""
     report = scene.report
     if report is None:
@@ -161,7 +161,7 @@ def chosen_events(events: Sequence[Event], needle: str) -> list[Event]:
     return [e for e in events if all(w in f"{e.kind} {e.channel or ''} {e.text}".casefold() for w in wanted)]
 
 
-def events(scene: Scene, width: int, height: int = 0) -> list[Line]:
+def events(scene: ViewState, width: int, height: int = 0) -> list[Line]:
     """The log, newest first."""
     found = chosen_events(scene.events, scene.needle)
     kept = f"{len(found)} of {len(scene.events)}" if scene.needle else f"{len(found)}"
@@ -187,7 +187,7 @@ def events(scene: Scene, width: int, height: int = 0) -> list[Line]:
     return [padded(line, width) for line in lines]
 
 
-def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
+def sensors(scene: ViewState, width: int, height: int = 0) -> list[Line]:
     """Every device: state, grades, elapsed; and two of them side by side."""
     lines: list[Line] = [padded([(" sensors ", "title"), (str(len(scene.reports)), "muted")], width), []]
     head = f"   {'state':<16}{'name':<24}{'gyro':<12}{'accel':<12}{'elapsed':<12}"
@@ -234,7 +234,7 @@ def sensors(scene: Scene, width: int, height: int = 0) -> list[Line]:
     return [padded(line, width) for line in [*lines, [], *comparison(scene)]]
 
 
-def drift(scene: Scene, width: int, height: int = 0) -> list[Line]:
+def drift(scene: ViewState, width: int, height: int = 0) -> list[Line]:
     """Shape of the values, slope of the mean, and what the temperature has to do with it."""
     channel, name = scene.chosen, scene.channel
     if channel is None or name is None:

@@ -43,7 +43,7 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+class ViewState:
     """What is to be drawn.
 
     Attributes
@@ -122,11 +122,11 @@ class Scene:
             return Situation("lost", "✕", "daemon lost", f"{ago}; reconnecting", "bad", False)
         return _present(report)
 
-    def after(self, **changes: object) -> Scene:
+    def after(self, **changes: object) -> ViewState:
         return replace(self, **changes)  # type: ignore[arg-type]
 
 
-def _without(scene: Scene) -> Situation:
+def _without(scene: ViewState) -> Situation:
     """Situation while there is no report to show."""
     if scene.alive or scene.connected:
         text = "a daemon is there; waiting for its first report"

@@ -18,11 +18,11 @@ from textual.widgets import Input
 from imumon.messages import uncertainty
 from imumon.tui import channel_table, charts, panels, text_panels
 from imumon.tui.formatting import Line, Notation, padded, wrap
-from imumon.tui.view_state import WINDOWS, Scene
-from imumon.tui.widgets import Paper, Sheet
+from imumon.tui.view_state import WINDOWS, ViewState
+from imumon.tui.widgets import Paper, StyledLines
 
 if TYPE_CHECKING:
-    from imumon.tui.app import Monitor
+    from imumon.tui.app import ImumonApp
 
 
 class View(Container, can_focus=True):
@@ -31,13 +31,13 @@ class View(Container, can_focus=True):
     title = ""
 
     @property
-    def monitor(self) -> Monitor:
-        return cast("Monitor", self.app)
+    def monitor(self) -> ImumonApp:
+        return cast("ImumonApp", self.app)
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: ViewState) -> None:
         for paper in self.query(Paper):
             paper.show(scene)
-        for sheet in self.query(Sheet):
+        for sheet in self.query(StyledLines):
             sheet.show(scene)
 
 
@@ -76,7 +76,7 @@ class Overview(ChannelView):
             yield Paper(panels.detail, id="detail")
         yield Paper(charts.allan, id="allan")
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: ViewState) -> None:
         """The table takes what it needs, where the chart beside or below it leaves room."""
         size = self.app.size
         airy = size.height >= 38
@@ -144,7 +144,7 @@ class ScrolledView(View):
     ]
 
     def action_scroll(self, step: int) -> None:
-        sheet = self.query_one(Sheet)
+        sheet = self.query_one(StyledLines)
         sheet.scroll_to(y=sheet.scroll_offset.y + step, animate=False)
 
 
@@ -161,7 +161,7 @@ class DeviceView(ScrolledView):
     BINDINGS: ClassVar[list[BindingType]] = _LINE_KEYS
 
     def compose(self) -> ComposeResult:
-        yield Sheet(text_panels.device, id="device-sheet")
+        yield StyledLines(text_panels.device, id="device-sheet")
 
 
 class EventsView(ScrolledView):
@@ -175,7 +175,7 @@ class EventsView(ScrolledView):
     ]
 
     def compose(self) -> ComposeResult:
-        yield Sheet(text_panels.events, id="events-sheet")
+        yield StyledLines(text_panels.events, id="events-sheet")
         yield Input(placeholder="words that must occur: gap gyro/x …", id="filter")
 
     def action_filter(self) -> None:
@@ -210,7 +210,7 @@ class SensorsView(ScrolledView):
     ]
 
     def compose(self) -> ComposeResult:
-        yield Sheet(text_panels.sensors, id="sensors-sheet")
+        yield StyledLines(text_panels.sensors, id="sensors-sheet")
         yield Paper(charts.allan, id="sensors-allan")
 
     def action_device(self, step: int) -> None:
@@ -241,13 +241,15 @@ class Window(ModalScreen[str | None]):
         self._notation = notation
 
     def compose(self) -> ComposeResult:
-        sheet = Sheet(lambda scene, width, height: [padded(line, width) for line in self._text], id="window")
+        sheet = StyledLines(
+            lambda scene, width, height: [padded(line, width) for line in self._text], id="window"
+        )
         sheet.border_title = self._heading
         sheet.styles.height = len(self._text) + 4
         yield sheet
 
     def on_mount(self) -> None:
-        self.query_one(Sheet).show(Scene(notation=self._notation))
+        self.query_one(StyledLines).show(ViewState(notation=self._notation))
 
     def on_click(self, event: Click) -> None:
         if event.widget is self:

@@ -19,9 +19,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from imumon.tui.formatting import Line, plain
-from imumon.tui.view_state import Scene
+from imumon.tui.view_state import ViewState
 
-Draw = Callable[[Scene, int, int], list[Line]]
+Draw = Callable[[ViewState, int, int], list[Line]]
 
 ROLES = (
     *("text", "strong", "title", "muted", "faint", "accent", "key", "tab", "chip", "bound", "paper"),
@@ -70,7 +70,7 @@ class Painted(Widget):
 
     _inks: Inks | None = None
     _page: Color | None = None
-    _scene = Scene()
+    _scene = ViewState()
 
     def notify_style_update(self) -> None:
         self._inks = None
@@ -101,9 +101,9 @@ class Paper(Painted):
         super().__init__(id=id)
         self._draw = draw
         self._lines: list[Line] = []
-        self._drawn: tuple[Scene, Size] | None = None
+        self._drawn: tuple[ViewState, Size] | None = None
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: ViewState) -> None:
         """Draw this from now on; only the lines that differ are painted again."""
         if scene is self._scene:
             return
@@ -130,7 +130,7 @@ class Paper(Painted):
         return self.strip(lines[y] if y < len(lines) else [], self.content_size.width)
 
 
-class Sheet(ScrollView, Painted, can_focus=False):
+class StyledLines(ScrollView, Painted, can_focus=False):
     """Lines of which only a part may be seen at once."""
 
     def __init__(self, draw: Draw, *, id: str | None = None) -> None:
@@ -138,7 +138,7 @@ class Sheet(ScrollView, Painted, can_focus=False):
         self._draw = draw
         self._lines: list[Line] = []
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: ViewState) -> None:
         self._scene = scene
         self._draw_lines()
 

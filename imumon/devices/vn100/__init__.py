@@ -14,6 +14,6 @@ streams   which quantities of a message become samples
 checksum  XOR and CRC16
 """
 
-from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.decoder import Vn100Decoder
 
-__all__ = ["Decoder"]
+__all__ = ["Vn100Decoder"]

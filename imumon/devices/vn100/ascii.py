@@ -161,7 +161,7 @@ def error(fields: tuple[str, ...]) -> SensorError | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class SentenceFormat:
     """Grammar of all measurement sentences whose digits stand in the same columns.
 
     Attributes
@@ -240,13 +240,13 @@ class Shape:
         return values[:, self.columns[name]]
 
 
-def shape(body: bytes) -> Shape | None:
+def shape(body: bytes) -> SentenceFormat | None:
     """Shape of a measurement's body; None when it does not obey the message's grammar."""
     return _shape(body.translate(_SHAPE))
 
 
 @lru_cache(maxsize=64)
-def _shape(body: bytes) -> Shape | None:
+def _shape(body: bytes) -> SentenceFormat | None:
     message = body[:5].decode("ascii")
     quantities = MEASUREMENTS[message]
     fields = body[6:].split(b",")
@@ -276,4 +276,4 @@ def _shape(body: bytes) -> Shape | None:
         place[digits] = [float(10**power) for power in reversed(range(len(digits)))]
         divisor[number] = float(10 ** len(text.partition(b".")[2]))
     found = recipe(frozenset(columns), "$" + message)
-    return Shape(body, place, np.array(starts), divisor, columns, found)
+    return SentenceFormat(body, place, np.array(starts), divisor, columns, found)

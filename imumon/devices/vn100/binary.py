@@ -31,7 +31,7 @@ COMMON, TIME, IMU, ATTITUDE = 1, 2, 3, 5
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class BinaryField:
     """One field of a group.
 
     Attributes
@@ -47,8 +47,8 @@ class Field:
     parts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
-def _f(name: str, code: str = "<f4", width: int = 3, **parts: tuple[int, int]) -> Field:
-    return Field(name, code, width, parts)
+def _f(name: str, code: str = "<f4", width: int = 3, **parts: tuple[int, int]) -> BinaryField:
+    return BinaryField(name, code, width, parts)
 
 
 _XYZ = (0, 3)
@@ -61,7 +61,7 @@ _GNSS = {
     9: _f("posU"), 10: _f("velU", width=1), 11: _f("timeU", width=1),
 }  # fmt: skip
 
-GROUPS: dict[int, dict[int, Field]] = {
+GROUPS: dict[int, dict[int, BinaryField]] = {
     COMMON: {
         0: _TIME_STARTUP,
         1: _f("timeGps", "<u8", 1),
@@ -130,7 +130,7 @@ GROUPS: dict[int, dict[int, Field]] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+class BinaryLayout:
     """One make of packet.
 
     Attributes
@@ -149,10 +149,10 @@ class Layout:
     recipe: Recipe | None
 
     @staticmethod
-    def of(words: Mapping[int, int]) -> Layout:
+    def of(words: Mapping[int, int]) -> BinaryLayout:
         """Layout by field word of each group.
 
-        >>> Layout.of({TIME: 0x0001, IMU: 0x00C0}).length
+        >>> BinaryLayout.of({TIME: 0x0001, IMU: 0x00C0}).length
         44
         """
         if any(word & ~_KNOWN.get(group, 0) for group, word in words.items()):
@@ -236,7 +236,7 @@ class Incomplete(Exception):
     """The header ends beyond the bytes there are."""
 
 
-def layout(data: bytes, at: int = 0) -> Layout | None:
+def layout(data: bytes, at: int = 0) -> BinaryLayout | None:
     """Layout of the packet that begins at `at`; None where no packet can begin.
 
     Raises
@@ -274,7 +274,7 @@ _KNOWN = {group: sum(1 << bit for bit in fields) for group, fields in GROUPS.ite
 
 
 @lru_cache(maxsize=64)
-def _layout(header: bytes) -> Layout:
+def _layout(header: bytes) -> BinaryLayout:
     """Layout of a header that is known to be good."""
     names: list[str] = ["header"]
     formats: list[tuple[str, tuple[int, ...]]] = [("u1", (len(header),))]
@@ -294,4 +294,4 @@ def _layout(header: bytes) -> Layout:
     formats.append(("u1", (2,)))
     dtype = np.dtype({"names": names, "formats": formats})
     source = f"binary {header[1]:02X}:{','.join(f'{word:04X}' for word in words)}"
-    return Layout(header, dtype.itemsize, dtype, sources, recipe(frozenset(sources), source))
+    return BinaryLayout(header, dtype.itemsize, dtype, sources, recipe(frozenset(sources), source))

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from imumon.devices.base import Item, Response, SensorError
 from imumon.devices.vn100.ascii import encode
-from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.decoder import Vn100Decoder
 
 BAUDS = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """Bauds in the order they are tried."""
@@ -62,7 +62,7 @@ class Port(Protocol):
     def reopen(self) -> None: ...
 
 
-class Dialogue:
+class CommandChannel:
     """Questions and answers over one port.
 
     Parameters
@@ -87,7 +87,7 @@ class Dialogue:
         self.settings: dict[int, str] = {}
         self.touched: set[int] = set()
         self.refusal: int | None = None
-        self.decoder = Decoder()
+        self.decoder = Vn100Decoder()
         self._clock, self._silent, self._progress = clock, silent, progress
 
     def find(self, bauds: Iterable[int]) -> None:
@@ -116,7 +116,7 @@ class Dialogue:
     def is_here(self, thorough: bool = False, seen: _Seen | None = None) -> bool:
         """Whether valid messages come at this baud, by themselves or asked for."""
         seen = _Seen() if seen is None else seen
-        self.decoder = Decoder()
+        self.decoder = Vn100Decoder()
         listening = LISTEN_S if not thorough else PATIENT_S if self._silent else 0.0
         if self._hear(listening, seen):
             return True

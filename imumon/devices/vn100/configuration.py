@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from imumon.devices.base import Response
-from imumon.devices.vn100.commands import BAUDS, Dialogue, SessionError
-from imumon.devices.vn100.decoder import Decoder
+from imumon.devices.vn100.commands import BAUDS, CommandChannel, SessionError
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import (
     BAUD,
     BAUD_TOO_LOW,
@@ -44,7 +44,7 @@ _NEW_BAUD = "new baud"  # in the note that `remember` makes: what the baud is to
 
 
 @dataclass(frozen=True, slots=True)
-class Flow:
+class ConfiguredStream:
     """Our stream, once its samples come.
 
     Attributes
@@ -59,7 +59,7 @@ class Flow:
     ahead: bytes
 
 
-class Changes:
+class Configuration:
     """What is changed of one sensor.
 
     Parameters
@@ -74,7 +74,9 @@ class Changes:
     remarks : what the sensor did not take when `make` was called last.
     """
 
-    def __init__(self, dialogue: Dialogue, kind: Kind, baud: int | None, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, dialogue: CommandChannel, kind: Kind, baud: int | None, clock: Callable[[], float]
+    ) -> None:
         self.remarks: list[str] = []
         self._dialogue, self._port, self._clock = dialogue, dialogue.port, clock
         self._kind, self._baud = kind, baud
@@ -96,7 +98,7 @@ class Changes:
         note = {str(register): text for register, text in self._originals.items()}
         return note if new_baud is None else note | {_NEW_BAUD: new_baud}
 
-    def make(self) -> Flow | None:
+    def make(self) -> ConfiguredStream | None:
         """Have the sensor stream what is wanted; None where that was in vain and it sends its own.
 
         Raises
@@ -150,14 +152,14 @@ class Changes:
             return False
         self._port.read(0.05)  # it answers at the old baud, then switches; the answer may be lost
         self._port.set_baud(baud)
-        talk.decoder = Decoder()
+        talk.decoder = Vn100Decoder()
         if talk.read(1) is None:
             talk.find(dict.fromkeys((baud, before, *BAUDS)))
             talk.ask("VNASY,0")
         talk.settings[BAUD] = str(self._port.baud)
         return self._port.baud == baud
 
-    def _start_binary(self) -> Flow | None:
+    def _start_binary(self) -> ConfiguredStream | None:
         """Start our stream; None when the sensor does not send it."""
         talk = self._dialogue
         if not talk.write(OUTPUT_TYPE, "0"):
@@ -203,10 +205,10 @@ class Changes:
         elif (text := windowed(talk.settings.get(IMU_FILTER, ""), divisor, self._kind)) is not None:
             talk.write(IMU_FILTER, text)
 
-    def _flow(self, divisor: int) -> Flow | None:
+    def _flow(self, divisor: int) -> ConfiguredStream | None:
         """Let the stream go; None when its samples do not come."""
         self._dialogue.ask("VNASY,1")
-        scratch, tail = Decoder(), b""
+        scratch, tail = Vn100Decoder(), b""
         deadline = self._clock() + FIRST_PACKET_S + 2 * divisor / LOOP_RATE
         while (left := deadline - self._clock()) > 0:
             data = self._port.read(left)
@@ -214,7 +216,7 @@ class Changes:
             for item in scratch.feed(data):
                 if isinstance(item, SampleBlock) and item.stream.kind == self._kind:
                     # the first increment may be as long as the pause before it: begin behind it
-                    return Flow(item.stream, divisor, tail[len(tail) - scratch.pending :])
+                    return ConfiguredStream(item.stream, divisor, tail[len(tail) - scratch.pending :])
         return None
 
     def _take_ascii(self) -> None:

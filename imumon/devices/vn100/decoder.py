@@ -91,7 +91,7 @@ class Ledger:
         return self._owed.pop(name, 0)
 
 
-class Decoder:
+class Vn100Decoder:
     """Push bytes, get items; see `sensors.contract.Decoder`.
 
     Attributes
@@ -100,7 +100,7 @@ class Decoder:
     nonfinite : valid messages that are no samples: a number not finite or beyond any that can be, an
         interval not positive.
 
-    >>> decoder = Decoder()
+    >>> decoder = Vn100Decoder()
     >>> decoder.feed(b"noise$VNRRG,07,40*5C\\r\\n$VNE"), decoder.pending
     ([Response(command='VNRRG', fields=('07', '40'))], 4)
     """

@@ -22,7 +22,7 @@ from imumon.samples import Kind, Stream
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class Vn100Info:
     """What is known of the sensor and its stream; None is unknown, and `remarks` say why.
 
     Attributes
@@ -60,7 +60,7 @@ def describe(
     stream: Stream | None,
     rate_hz: float | None,
     remarks: tuple[str, ...],
-) -> Facts:
+) -> Vn100Info:
     """What is known.
 
     Parameters
@@ -95,7 +95,7 @@ def describe(
         "unknown_compensation": control is None,
         "aliased": worst is not None and worst > 1.001,
     }
-    return Facts(
+    return Vn100Info(
         id=f"vn100-{serial or _slug(port)}",
         model=model,
         serial=serial,

@@ -14,7 +14,7 @@ SLACK_S, SLACK = 0.2, 1.5
 """Seconds, and samples, by which a right rate may seem wrong."""
 
 
-class Arrival:
+class RateCheck:
     """Counts samples against the clock.
 
     Attributes

@@ -61,7 +61,7 @@ class RegisterError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class RegisterField:
     """One field of a register.
 
     Attributes
@@ -121,7 +121,7 @@ class Field:
     def format(self, value: Value) -> str:
         """Text of a value.
 
-        >>> Field("bias", "real", "%+010.6f").format(0.0), Field("word", "hex", "%04X").format(0x321)
+        >>> RegisterField("bias", "real", "%+010.6f").format(0.0), RegisterField("word", "hex", "%04X").format(0x321)
         ('+00.000000', '0321')
         """
         if isinstance(value, str):
@@ -146,7 +146,7 @@ class Register:
 
     id: int
     name: str
-    fields: tuple[Field, ...]
+    fields: tuple[RegisterField, ...]
     factory: dict[Generation, str]
     access: Access = "setting"
     ports: bool = False
@@ -191,7 +191,7 @@ class Register:
             raise RegisterError(TOO_MANY, f"register {self.id} takes {len(layout)} fields")
         return tuple(entry.normalise(text, generation) for entry, text in zip(layout, values, strict=True))
 
-    def _layout(self, values: Sequence[str]) -> tuple[Field, ...]:
+    def _layout(self, values: Sequence[str]) -> tuple[RegisterField, ...]:
         if self.id not in BINARY_OUTPUTS or len(values) < 3:
             return self.fields[:3] if self.id in BINARY_OUTPUTS else self.fields
         groups = self.fields[2].parse(values[2])
@@ -199,16 +199,18 @@ class Register:
         if len(values) != 3 + count:
             raise RegisterError(BAD_PARAMETER, f"register {self.id}: one field word for each set group")
         word = self.fields[3]
-        words = (Field(f"word{i + 1}", word.kind, word.form, word.low, word.high) for i in range(count))
+        words = (
+            RegisterField(f"word{i + 1}", word.kind, word.form, word.low, word.high) for i in range(count)
+        )
         return (*self.fields[:3], *words)
 
 
-def _integers(names: str, low: float = 0, high: float = 255) -> tuple[Field, ...]:
-    return tuple(Field(name, "integer", "", low, high) for name in names.split())
+def _integers(names: str, low: float = 0, high: float = 255) -> tuple[RegisterField, ...]:
+    return tuple(RegisterField(name, "integer", "", low, high) for name in names.split())
 
 
-def _reals(names: str, form: str = "") -> tuple[Field, ...]:
-    return tuple(Field(name, "real", form) for name in names.split())
+def _reals(names: str, form: str = "") -> tuple[RegisterField, ...]:
+    return tuple(RegisterField(name, "real", form) for name in names.split())
 
 
 def _both(values: str) -> dict[Generation, str]:
@@ -222,25 +224,25 @@ _TUNING = (
     "filtering_x filtering_y filtering_z"
 )  # fmt: skip
 _NMEA = (
-    Field("port", choices=(0, 1, 2, 3)),
-    Field("rate", choices=(0, 1, 5, 10, 20)),
-    Field("mode", choices=(0, 1, 2)),
-    Field("receiver", choices=(0, 1)),
-    Field("messages", "hex", "%08X", 0, 0xFFFFFFFF),
+    RegisterField("port", choices=(0, 1, 2, 3)),
+    RegisterField("rate", choices=(0, 1, 5, 10, 20)),
+    RegisterField("mode", choices=(0, 1, 2)),
+    RegisterField("receiver", choices=(0, 1)),
+    RegisterField("messages", "hex", "%08X", 0, 0xFFFFFFFF),
 )
 # A VN-100 has neither GNSS nor INS, but takes their groups (4, 6, 7), and fields, and fills them with zeros.
 _BINARY = (
-    Field("async_mode", choices=(0, 1, 2, 3)),
-    Field("divisor", low=0, high=65535),
-    Field("groups", "hex", "%02X", 0, 0x7F),
-    Field("word", "hex", "%04X", 0, 0x7FFF),
+    RegisterField("async_mode", choices=(0, 1, 2, 3)),
+    RegisterField("divisor", low=0, high=65535),
+    RegisterField("groups", "hex", "%02X", 0, 0x7F),
+    RegisterField("word", "hex", "%04X", 0, 0x7FFF),
 )
 _SYNC = (
-    Field("in_mode", choices=(3, 4, 5, 6)),
+    RegisterField("in_mode", choices=(3, 4, 5, 6)),
     *_integers("in_edge", 0, 1),
     *_integers("in_skip", 0, 65535),
     *_integers("reserved_1", 0, 2**32 - 1),
-    Field("out_mode", choices=(0, 1, 2, 3, 6)),
+    RegisterField("out_mode", choices=(0, 1, 2, 3, 6)),
     *_integers("out_polarity", 0, 1),
     *_integers("out_skip", 0, 65535),
     *_integers("pulse_width", 0, 500_000_000),
@@ -256,18 +258,20 @@ _PROTOCOL = (
     *_integers("serial_status", 0, 2),
     *_integers("spi_count", 0, 4),
     *_integers("spi_status", 0, 2),
-    Field("serial_checksum", choices=(1, 3)),
-    Field("spi_checksum", choices=(0, 1, 3)),
+    RegisterField("serial_checksum", choices=(1, 3)),
+    RegisterField("spi_checksum", choices=(0, 1, 3)),
     *_integers("error_mode", 0, 2),
 )
 
 
 def _settings() -> Iterable[Register]:
-    yield Register(0, "user tag", (Field("tag", "text", high=20),), _both(""))
-    yield Register(BAUD, "serial baud rate", (Field("baud", choices=BAUDS),), _both("115200"), ports=True)
-    kinds = Field("type", choices=(0, *OUTPUT_TYPES), only={9: 2, 34: 3})
+    yield Register(0, "user tag", (RegisterField("tag", "text", high=20),), _both(""))
+    yield Register(
+        BAUD, "serial baud rate", (RegisterField("baud", choices=BAUDS),), _both("115200"), ports=True
+    )
+    kinds = RegisterField("type", choices=(0, *OUTPUT_TYPES), only={9: 2, 34: 3})
     yield Register(OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
-    rates = Field("rate", choices=(0, *ASCII_RATES), only={0: 3})
+    rates = RegisterField("rate", choices=(0, *ASCII_RATES), only={0: 3})
     yield Register(OUTPUT_RATE, "async data output frequency", (rates,), _both("40"), ports=True)
     vectors = _reals("mag_n mag_e mag_d gravity_n gravity_e gravity_d")
     yield Register(21, "magnetic and gravity reference vectors", vectors, _both("1,0,1.8,0,0,-9.793746"))
@@ -319,7 +323,7 @@ def _settings() -> Iterable[Register]:
 
 
 def _readings() -> Iterable[Register]:
-    text = Field("text", "text")
+    text = RegisterField("text", "text")
     yield Register(1, "model", (text,), _both("VN-100T-CR"), "fixed")
     yield Register(2, "hardware revision", _integers("revision"), _both("7"), "fixed")
     yield Register(3, "serial number", (text,), _both("0100056785"), "fixed")

@@ -2,7 +2,7 @@
 
 The port and the clock are handed in; this file opens nothing and waits for nothing but `Port.read`. Rules:
 
-- What is changed of the sensor, `changes` alone changes and puts back; with `Wanted.listen_only` nothing
+- What is changed of the sensor, `changes` alone changes and puts back; with `StreamRequest.listen_only` nothing
   is written at all.
 - `tick` repairs what can be repaired in place: a paused sensor, a restarted one, another baud, a bad
   read. A port that vanishes is its owner's affair: the exception of `Port` goes through.
@@ -17,15 +17,31 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from imumon.devices.base import Item, SensorError
-from imumon.devices.vn100.commands import BAUDS, Dialogue, NotAVn100, Port, SensorChanged, SessionError
-from imumon.devices.vn100.configuration import Changes
-from imumon.devices.vn100.decoder import Decoder
-from imumon.devices.vn100.device_info import Facts, describe, nominal_rate
-from imumon.devices.vn100.rate_check import Arrival
+from imumon.devices.vn100.commands import (
+    BAUDS,
+    CommandChannel,
+    NotAVn100,
+    Port,
+    SensorChanged,
+    SessionError,
+)
+from imumon.devices.vn100.configuration import Configuration
+from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.devices.vn100.device_info import Vn100Info, describe, nominal_rate
+from imumon.devices.vn100.rate_check import RateCheck
 from imumon.devices.vn100.registers import BAUD, CHANGE_THE_DATA, LOOP_RATE, OUTPUT_TYPE
 from imumon.samples import Kind, SampleBlock, Stream
 
-__all__ = ["Facts", "NotAVn100", "Notice", "Port", "SensorChanged", "Session", "SessionError", "Wanted"]
+__all__ = [
+    "NotAVn100",
+    "Notice",
+    "Port",
+    "SensorChanged",
+    "SessionError",
+    "StreamRequest",
+    "Vn100Info",
+    "Vn100Session",
+]
 
 QUIET_S = 1.0
 PATIENT_S = 3.0  # with a stream whose rate is not known
@@ -38,7 +54,7 @@ _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class StreamRequest:
     """What the user asks for.
 
     Attributes
@@ -65,7 +81,7 @@ class Notice:
     text: str
 
 
-class Session:
+class Vn100Session:
     """One sensor on one port.
 
     Parameters
@@ -87,24 +103,24 @@ class Session:
     def __init__(
         self,
         port: Port,
-        wanted: Wanted,
+        wanted: StreamRequest,
         clock: Callable[[], float],
         *,
-        decoder: Decoder | None = None,
+        decoder: Vn100Decoder | None = None,
         serial: str | None = None,
         progress: Callable[[str], None] = lambda text: None,
         paced: bool = True,
     ) -> None:
-        self.decoder = Decoder() if decoder is None else decoder
+        self.decoder = Vn100Decoder() if decoder is None else decoder
         self._port, self._wanted, self._clock, self._progress = port, wanted, clock, progress
-        self._dialogue = Dialogue(port, clock, wanted.listen_only, progress)
-        self._changes = Changes(self._dialogue, wanted.stream, wanted.set_baud, clock)
+        self._dialogue = CommandChannel(port, clock, wanted.listen_only, progress)
+        self._changes = Configuration(self._dialogue, wanted.stream, wanted.set_baud, clock)
         self._serial = serial
         self._identity: dict[int, str] = {}
         self._divisor: int | None = None  # of our own stream, None when the sensor sends another
         self._streams: dict[Kind, Stream] = {}
         self._notices: list[Notice] = []
-        self._arrival = Arrival()
+        self._arrival = RateCheck()
         self._paced = paced
         self._ahead = b""
         self._rubbish, self._silences = 0, 0
@@ -115,7 +131,7 @@ class Session:
 
     # ------------------------------------------------------------------ the way in and out
 
-    def connect(self) -> Facts:
+    def connect(self) -> Vn100Info:
         """Find the sensor's baud, know it and read its settings.
 
         Raises
@@ -138,7 +154,7 @@ class Session:
         """
         return {} if self._wanted.listen_only else self._changes.remember(saved)
 
-    def configure(self) -> Facts:
+    def configure(self) -> Vn100Info:
         """Have the sensor stream what is wanted; in vain, take what it sends and say so.
 
         Raises
@@ -208,7 +224,7 @@ class Session:
         notices, self._notices = self._notices, []
         return notices
 
-    def facts(self) -> Facts:
+    def facts(self) -> Vn100Info:
         """What is known of the sensor and its stream by now."""
         facts = describe(
             self._port.name,

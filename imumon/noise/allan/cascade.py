@@ -31,8 +31,8 @@ import numpy.typing as npt
 
 from imumon.noise.allan.curve import AllanCurve
 from imumon.noise.allan.octave import BLOCK
-from imumon.noise.allan.stages import BATCH, RATIOS, Ladder
-from imumon.noise.validity_groups import Groups
+from imumon.noise.allan.stages import BATCH, RATIOS, OctaveStages
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
 __all__ = ["AllanCurve", "OctaveCascade"]
@@ -54,7 +54,7 @@ class OctaveCascade:
     Raises
     ------
     ValueError : `tau0` is not positive and finite, `ratio` not one of `RATIOS`, `threshold` not in (0, 1], or
-        `channels` and `groups` not as `Groups` takes them.
+        `channels` and `groups` not as `ValidityGroups` takes them.
 
     Examples
     --------
@@ -80,11 +80,11 @@ class OctaveCascade:
             raise ValueError(f"the sampling interval must be positive, not {tau0} s")
         if ratio not in RATIOS or not 0.0 < threshold <= 1.0:
             raise ValueError(f"ratio must be one of {RATIOS} and threshold in (0, 1]: {ratio}, {threshold}")
-        self._groups = Groups(channels, groups)
+        self._groups = ValidityGroups(channels, groups)
         self.tau0 = float(tau0)
         self.ratio = ratio
         self.threshold = float(threshold)
-        self._ladder = Ladder(self._groups, ratio, self.threshold)
+        self._ladder = OctaveStages(self._groups, ratio, self.threshold)
         self._valid = np.zeros(len(self._groups), dtype=np.int64)
         self._closed = 0  # samples of the grid in finished segments
         self._segments = 0  # finished segments

@@ -30,7 +30,7 @@ import math
 
 import numpy as np
 
-from imumon.noise.validity_groups import Groups
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
 BLOCK = 256  # samples; squares are added in groups that lie on the grid, one group a block
@@ -62,7 +62,7 @@ class Octave:
     counts : (g, lag) valid samples in them.
     """
 
-    def __init__(self, index: int, groups: Groups, ratio: int, threshold: float) -> None:
+    def __init__(self, index: int, groups: ValidityGroups, ratio: int, threshold: float) -> None:
         self.m = m = 1 << index
         self.lag = min(m, ratio)
         self.step = 2 if m >= ratio else 1  # entries to one of the next octave

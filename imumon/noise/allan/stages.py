@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.allan.octave import BLOCK, Octave
-from imumon.noise.validity_groups import Groups
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
 BATCH = 32  # blocks worked on at once, at most
 RATIOS = (1, 2, 4, 8, 16)
 
 
-class Ladder:
+class OctaveStages:
     """The octaves of a stream, as many as its length has reached.
 
     Write samples to `room`, then `climb`.
@@ -39,7 +39,7 @@ class Ladder:
     scratch : working space, of fixed size; holds nothing from one call to the next.
     """
 
-    def __init__(self, groups: Groups, ratio: int, threshold: float) -> None:
+    def __init__(self, groups: ValidityGroups, ratio: int, threshold: float) -> None:
         self._groups, self._ratio, self._threshold = groups, ratio, threshold
         self._octaves: list[Octave] = []
         self.position = 0
@@ -101,7 +101,7 @@ class Ladder:
         for octave in self._octaves:
             octave.forget()
 
-    def add(self, other: Ladder) -> None:
+    def add(self, other: OctaveStages) -> None:
         """Add the sums of another ladder of the same kind."""
         while len(self._octaves) < len(other._octaves):
             self._octaves.append(self._octave(len(self._octaves)))
@@ -118,7 +118,7 @@ class Ladder:
         lacks = np.array([o.lacks[members] for o in self._octaves], dtype=np.int64).reshape(shape)
         return squares, terms, lacks
 
-    def copy(self) -> Ladder:
+    def copy(self) -> OctaveStages:
         """An independent ladder in the same state."""
         other = copy.copy(self)
         other.scratch = []  # of its own: it may be asked in another thread

@@ -94,7 +94,7 @@ class Mark:
     taken: int = 0
 
 
-class MarkedCascade:
+class WindowedCascade:
     """A cascade that can be asked for parts of its record.
 
     Parameters
@@ -224,7 +224,7 @@ class MarkedCascade:
         return out
 
     @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> MarkedCascade:
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> WindowedCascade:
         """Continue where `save` left off."""
         own = {k.removeprefix("cascade."): v for k, v in saved.items() if k.startswith("cascade.")}
         self = cls(OctaveCascade.restore(own))

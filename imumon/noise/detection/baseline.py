@@ -114,7 +114,7 @@ class Frames:
         return cls((mean + level[:, None]).T, rms.T, np.sqrt(spread).T, peak.T, part_peak.T, known)
 
 
-class Reference:
+class NoiseBaseline:
     """Level and scales of each channel at rest.
 
     Parameters

@@ -1,6 +1,6 @@
 """Watch: the channels that sit on one table, what is usual there, and what is not.
 
-Judges frame after frame against the `Reference` and learns from the quiet ones. A frame that differs is
+Judges frame after frame against the `NoiseBaseline` and learns from the quiet ones. A frame that differs is
 searched part by part; where some parts explain it, only they are marked. Disturbed for most of ten frames
 means not at rest: everything is marked until five quiet frames follow, or until sixteen frames at a new level
 or with a new noise look like rest by themselves; they become the reference then (the engine was started, the
@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.detection.baseline import PARTS, Frames, Reference
+from imumon.noise.detection.baseline import PARTS, Frames, NoiseBaseline
 from imumon.samples import Bools, Floats
 
 Codes: TypeAlias = npt.NDArray[np.int8]
@@ -55,7 +55,7 @@ class Disturbance:
     channel: int | None
 
 
-class Watch:
+class DisturbanceDetector:
     """Guards the channels of some sensors together.
 
     Parameters
@@ -78,7 +78,7 @@ class Watch:
         self.channels = [i for i, s in enumerate(sensors) if s in kinds]
         self.groups = [g for g, s in enumerate(dict.fromkeys(sensors)) if s in kinds]
         self._fresh = tuple(sensors[i] for i in self.channels), frame, rate_hz
-        self.reference = Reference(*self._fresh)
+        self.reference = NoiseBaseline(*self._fresh)
         self.moving = 0
         self._restless = [False] * 10  # the last frames, newest last
         self._lately: list[Frames] = []  # while moving: candidates for a new reference
@@ -127,7 +127,7 @@ class Watch:
         self._restless = [*self._restless, *np.ravel(restless).tolist()][-len(self._restless) :]
         quiet = frames.known & ~restless
         if restless.any() and quiet.sum() >= 2:
-            self.reference = Reference(*self._fresh)
+            self.reference = NoiseBaseline(*self._fresh)
             self.reference.add(frames[quiet])
         self._doubt(codes)
 
@@ -170,7 +170,7 @@ class Watch:
     def _doubt(self, codes: Codes) -> None:
         """Where what was taken for noise turns out to be motion, forget it."""
         if self.inertial and not self.reference.rests:
-            self.reference = Reference(*self._fresh)
+            self.reference = NoiseBaseline(*self._fresh)
             self.moving, self._lately = 1, []
             codes[:] = MOTION
 
@@ -178,7 +178,7 @@ class Watch:
         """Take the last frames as the new reference if they are rest by themselves."""
         frames = Frames.joined(self._lately)
         self._lately = []
-        trial = Reference(*self._fresh)
+        trial = NoiseBaseline(*self._fresh)
         trial.add(frames)
         if not trial.rests or trial.restless(frames).any(axis=1).mean() > STRAY:
             return False

@@ -34,12 +34,12 @@ from imumon.noise.detection.disturbance import (
     STUCK,
     Codes,
     Disturbance,
+    DisturbanceDetector,
     Reason,
-    Watch,
     under,
 )
-from imumon.noise.detection.still import Still
-from imumon.noise.detection.stuck import Repeats
+from imumon.noise.detection.still import StuckAxisDetector
+from imumon.noise.detection.stuck import RepeatDetector
 from imumon.samples import Bools, Floats
 
 BEFORE = (1, 5, 5, 5, 5, 0, 5)
@@ -51,7 +51,7 @@ START = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Passed:
+class GuardedSamples:
     """What leaves the guard: a break, or a hole, or samples; apply them in this order.
 
     Attributes
@@ -91,14 +91,14 @@ class Guard:
         self._part = max(1, round(rate_hz / PARTS))
         self._frame = self._part * PARTS
         self._watches = [
-            Watch(sensors, kinds, self._frame, rate_hz)
+            DisturbanceDetector(sensors, kinds, self._frame, rate_hz)
             for kinds in (INERTIAL, ("mag",))
             if any(s in kinds for s in names)
         ]
         watched = self._watches[0].channels if self._watches else []
-        self._repeats = Repeats(self.groups, watched, rate_hz)
+        self._repeats = RepeatDetector(self.groups, watched, rate_hz)
         everyone = [c for watch in self._watches for c in watch.channels]
-        self._still = Still(everyone, self.groups)
+        self._still = StuckAxisDetector(everyone, self.groups)
         self._values = np.zeros((len(self.groups), 0)).T  # one channel behind the other
         self._valid = np.zeros((0, len(names)), dtype=bool)
         self._saturated = np.zeros(0, dtype=bool)
@@ -143,12 +143,12 @@ class Guard:
         return len(self._values)
 
     @property
-    def first(self) -> Passed | None:
+    def first(self) -> GuardedSamples | None:
         """Before anything has been judged: what came of the samples that will be passed then, else None."""
         if self._begun:
             return None
         shown = slice((START - 1) * self._frame)
-        return Passed(self._values[shown], self._valid[shown])
+        return GuardedSamples(self._values[shown], self._valid[shown])
 
     def events(self) -> list[Disturbance]:
         """Disturbances that ended since the last call, in order."""
@@ -157,7 +157,7 @@ class Guard:
 
     def update(
         self, values: Floats, valid: Bools | None = None, saturated: Bools | None = None
-    ) -> list[Passed]:
+    ) -> list[GuardedSamples]:
         """Take samples; give back what has been decided.
 
         Parameters
@@ -175,7 +175,7 @@ class Guard:
         self._judge_ready()
         return self._pass(len(self._codes) // PARTS - 1)
 
-    def skip(self, n: int) -> list[Passed]:
+    def skip(self, n: int) -> list[GuardedSamples]:
         """`n` samples are missing."""
         fill = -len(self._values) % self._frame
         whole = max(0, n - fill) // self._frame
@@ -185,17 +185,17 @@ class Guard:
         self._judge_ready(min(START, max(1, len(self._values) // self._frame)))
         out += self._pass(len(self._codes) // PARTS)
         self._close()
-        out.append(Passed(self._values, self._valid, skipped=whole * self._frame))
+        out.append(GuardedSamples(self._values, self._valid, skipped=whole * self._frame))
         self._index += whole * self._frame
         for watch in self._watches:
             watch.miss(whole)
         return out + self._missing(n - fill - whole * self._frame)
 
-    def break_(self) -> list[Passed]:
+    def break_(self) -> list[GuardedSamples]:
         """An unknown number of samples is missing."""
-        return [*self.flush(), Passed(self._values, self._valid, broken=True)]
+        return [*self.flush(), GuardedSamples(self._values, self._valid, broken=True)]
 
-    def flush(self) -> list[Passed]:
+    def flush(self) -> list[GuardedSamples]:
         """Decide now on all that is held back; the grid of frames begins anew behind it."""
         fill = -len(self._values) % self._frame
         out = self._missing(fill)
@@ -205,7 +205,7 @@ class Guard:
         self._index -= fill
         return _without_last(out, fill)
 
-    def _missing(self, n: int) -> list[Passed]:
+    def _missing(self, n: int) -> list[GuardedSamples]:
         if n <= 0:
             return []
         values = np.zeros((n, self._values.shape[1]))
@@ -247,13 +247,15 @@ class Guard:
         self._repeats.learn(k)
         self._codes = np.concatenate((self._codes, codes.reshape(-1, len(self._watches))))
 
-    def _compare(self, watch: Watch, x: Floats, seen: Bools | None, codes: Codes, done: int) -> None:
+    def _compare(
+        self, watch: DisturbanceDetector, x: Floats, seen: Bools | None, codes: Codes, done: int
+    ) -> None:
         if self._begun:
             self._breaks += watch.compare(x, seen, codes, self._index + done)
         else:
             watch.begin(x, seen, codes)
 
-    def _pass(self, frames: int) -> list[Passed]:
+    def _pass(self, frames: int) -> list[GuardedSamples]:
         """Let the first `frames` frames go, with their cuts and margins."""
         if frames <= 0:
             return []
@@ -276,11 +278,11 @@ class Guard:
         for place in [b for b in self._breaks if b < self._index]:
             at = max(0, place - begin)
             if at > last:
-                out.append(Passed(values[last:at], valid[last:at]))
-            out.append(Passed(values[:0], valid[:0], broken=True))
+                out.append(GuardedSamples(values[last:at], valid[last:at]))
+            out.append(GuardedSamples(values[:0], valid[:0], broken=True))
             last = at
         self._breaks = [b for b in self._breaks if b >= self._index]
-        out.append(Passed(values[last:], valid[last:]))
+        out.append(GuardedSamples(values[last:], valid[last:]))
         return out
 
     def _cut(self, values: Floats, valid: Bools, cut: Codes) -> None:
@@ -314,7 +316,7 @@ class Guard:
                 if end < len(cut):
                     self._end([watch])
 
-    def _end(self, watches: list[Watch]) -> None:
+    def _end(self, watches: list[DisturbanceDetector]) -> None:
         self._events += [watch.closed() for watch in watches if watch.open]
 
     def _close(self) -> None:
@@ -366,14 +368,14 @@ def _dilated(codes: Codes) -> Codes:
     return out
 
 
-def _without_last(pieces: list[Passed], n: int) -> list[Passed]:
+def _without_last(pieces: list[GuardedSamples], n: int) -> list[GuardedSamples]:
     """Pieces with their last `n` samples taken away."""
-    out: list[Passed] = []
+    out: list[GuardedSamples] = []
     for piece in reversed(pieces):
         size = len(piece.values)
         drop = min(n, size)
         n -= drop
         if drop < size or piece.broken or piece.skipped:
             keep = slice(0, size - drop)
-            out.append(Passed(piece.values[keep], piece.valid[keep], piece.skipped, piece.broken))
+            out.append(GuardedSamples(piece.values[keep], piece.valid[keep], piece.skipped, piece.broken))
     return out[::-1]

@@ -28,7 +28,7 @@ WIDE = 4.0
 FADE = 4096
 
 
-class Still:
+class StuckAxisDetector:
     """Finds axes that stand still.
 
     Parameters

@@ -35,7 +35,7 @@ _GOLDEN = 0x9E3779B97F4A7C15
 _MASK = (1 << 64) - 1
 
 
-class Repeats:
+class RepeatDetector:
     """Finds stuck groups of channels and replayed loops.
 
     Parameters

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imumon.noise.fit.leastsquares import Frame, T, blocks, solve
+from imumon.noise.fit.leastsquares import SubsetFrame, T, blocks, solve
 from imumon.noise.fit.quantiles import cube_root_score, normal_cdf, normal_quantile
 from imumon.samples import Bools, Floats, Ints
 
@@ -31,7 +31,7 @@ _FAR = 1e6  # times estimate and deviation: a bound out there says nothing
 _ROUNDS = 4  # of weighing the other terms anew: they start from those of a value nearby
 
 
-def deviations(frame: Frame, free: Bools, p: Floats) -> Floats:
+def deviations(frame: SubsetFrame, free: Bools, p: Floats) -> Floats:
     """Standard deviations of the powers around p, with every term of N, B, K in play.
 
     Parameters
@@ -50,7 +50,7 @@ def deviations(frame: Frame, free: Bools, p: Floats) -> Floats:
     return found
 
 
-def score(frame: Frame, free: Bools, term: Ints, x: Floats, start: Floats) -> tuple[Floats, Floats]:
+def score(frame: SubsetFrame, free: Bools, term: Ints, x: Floats, start: Floats) -> tuple[Floats, Floats]:
     """Standard normal scores of the data if a power had the value x.
 
     Parameters
@@ -123,7 +123,7 @@ def _gamma_score(t: Floats, skewness: Floats) -> Floats:
 
 
 def limits(
-    frame: Frame,
+    frame: SubsetFrame,
     free: Bools,
     term: Ints,
     p: Floats,

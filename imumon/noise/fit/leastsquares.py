@@ -11,7 +11,7 @@ every subset of the free terms is solved, and of those without a negative power 
 is the answer. The 1/tau^2 term alone may be negative.
 
 The arrays are small and the rounds many, so that calls cost more than sums: what stays the same from round to
-round is worked out once (`Frame`).
+round is worked out once (`SubsetFrame`).
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ class Problems:
         """Samples, length of the record."""
         return self.tables[0].span
 
-    def frame(self) -> Frame:
+    def frame(self) -> SubsetFrame:
         """What of the problems stays the same whatever their powers."""
-        return Frame(
+        return SubsetFrame(
             self.tables,
             np.concatenate([table.sums[: len(PAIRS)] for table in self.tables]),
             np.equal.outer(self.kind, np.arange(len(self.tables))).astype(np.float64),
@@ -91,7 +91,7 @@ class Problems:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class SubsetFrame:
     """What of a batch of problems stays the same whatever their powers.
 
     An octave that is not used has a model, and a variance relative to it, of 1, correlates with no other, and
@@ -118,9 +118,9 @@ class Frame:
     idle: Floats
     floor: Floats
 
-    def take(self, index: Ints | Bools | slice) -> Frame:
+    def take(self, index: Ints | Bools | slice) -> SubsetFrame:
         """That of some of the problems, or of one of them more than once."""
-        return Frame(
+        return SubsetFrame(
             self.tables,
             self.pairs,
             self.own[index],
@@ -191,7 +191,7 @@ def blocks(count: int) -> list[slice]:
     return [slice(begin, begin + _BLOCK) for begin in range(0, count, _BLOCK)]
 
 
-def misfit(frame: Frame, p: Floats) -> tuple[Floats, Ints]:
+def misfit(frame: SubsetFrame, p: Floats) -> tuple[Floats, Ints]:
     """Chi-square of what the model leaves, and its degrees of freedom.
 
     The octaves are made normal first (cube roots, each with its own degrees of freedom): at the longest
@@ -214,7 +214,7 @@ def misfit(frame: Frame, p: Floats) -> tuple[Floats, Ints]:
     return chi2, np.asarray((frame.idle == 0.0).sum(axis=1) - (p != 0.0).sum(axis=1))
 
 
-def first_guess(frame: Frame, free: Bools) -> Floats:
+def first_guess(frame: SubsetFrame, free: Bools) -> Floats:
     """(b, 5) powers to begin with: each of N, B, K as large as the lowest octave allows."""
     ratio = np.full(frame.design.shape, np.inf)
     np.divide(frame.variance[:, :, None], frame.design, out=ratio, where=frame.design > 0.0)
@@ -224,7 +224,7 @@ def first_guess(frame: Frame, free: Bools) -> Floats:
 
 
 def solve(
-    frame: Frame,
+    frame: SubsetFrame,
     free: Bools,
     *,
     start: Floats | None = None,
@@ -256,7 +256,7 @@ def solve(
     return p
 
 
-def _settle(frame: Frame, p: Floats, fixed: Floats, free: Bools, rounds: int) -> None:
+def _settle(frame: SubsetFrame, p: Floats, fixed: Floats, free: Bools, rounds: int) -> None:
     """Weigh and solve until the powers p, (b, 5), stand, and write them over those to begin with.
 
     Parameters

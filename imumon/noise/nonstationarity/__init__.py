@@ -1,15 +1,10 @@
 """Change of the statistics during a record: warm-up, drift, steps."""
 
-from imumon.noise.nonstationarity.hourly_statistics import (
-    HOUR_S,
-    History,
-    Hour,
-    Moved,
-)
+from imumon.noise.nonstationarity.hourly_statistics import HOUR_S, Hour, HourlyStatistics, Moved
 
 __all__ = [
     "HOUR_S",
-    "History",
     "Hour",
+    "HourlyStatistics",
     "Moved",
 ]

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from imumon.noise.nonstationarity.mean_covariance import Fitted, Wander
+from imumon.noise.nonstationarity.mean_covariance import Fitted, MeanCovariance
 
 SIGMA = 5.0
 """Standard errors beyond which a change is told."""
@@ -52,14 +52,14 @@ class Behaviour:
     N: Estimate
     B: Estimate
     mean: float | None
-    wander: Wander | None
+    wander: MeanCovariance | None
     length_s: float
 
     @classmethod
     def of(cls, fit: Fitted, mean: float | None, length_s: float) -> Behaviour:
         """From a fit whose coefficients also have `low`."""
         n, b = (Estimate(k.value, getattr(k, "low", None), k.high) for k in (fit.N, fit.B))
-        return cls(n, b, mean, Wander.of(fit), length_s)
+        return cls(n, b, mean, MeanCovariance.of(fit), length_s)
 
 
 @dataclass(frozen=True, slots=True)

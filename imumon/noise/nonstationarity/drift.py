@@ -2,7 +2,7 @@
 
 The record is kept as at most 128 means over equal stretches; when they are full, neighbours join and
 stretches double. When asked, slopes are fitted to the means by generalised least squares (Aitken 1935) with
-the covariance that the channel's own N, B and K give them (`Wander`), so that a random walk is not called a
+the covariance that the channel's own N, B and K give them (`MeanCovariance`), so that a random walk is not called a
 drift. What the noise does not explain either widens the limits (residual chi-square over degrees of freedom,
 where above one: Birge 1932).
 """
@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.nonstationarity.mean_covariance import Wander
-from imumon.noise.nonstationarity.settling import Decay, decay
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.noise.nonstationarity.settling import SettlingFit, decay
 from imumon.samples import Bools, Floats
 
 NODES = 128
@@ -171,11 +171,11 @@ class Drift:
                 array[NODES // 2 :] = 0.0
             self._width *= 2
 
-    def result(self, wanders: Sequence[Wander | None]) -> list[Trend | None]:
+    def result(self, wanders: Sequence[MeanCovariance | None]) -> list[Trend | None]:
         """Trend of each channel; None where the noise is not known yet or the record too short."""
         return [None if w is None else self._trend(c, w) for c, w in enumerate(wanders)]
 
-    def _trend(self, c: int, wander: Wander) -> Trend | None:
+    def _trend(self, c: int, wander: MeanCovariance) -> Trend | None:
         time = self.slope(c, wander)
         if time is None or self._temperature is None or c == self._temperature:
             return None if time is None else Trend(time)
@@ -241,7 +241,9 @@ class Drift:
         # Below the shortest stretch temperature is a ramp, whose share of white noise grows with tau^3.
         return np.where(tau < known[0], 1.0 - (1.0 - left[0]) * (tau / known[0]) ** 3, share)
 
-    def slope(self, c: int, wander: Wander, begin_s: float = 0.0, end_s: float = math.inf) -> Slope | None:
+    def slope(
+        self, c: int, wander: MeanCovariance, begin_s: float = 0.0, end_s: float = math.inf
+    ) -> Slope | None:
         """Slope of a channel over part of the record, channel unit per s; None where too little is known.
 
         Parameters
@@ -256,7 +258,7 @@ class Drift:
             return None
         return self._fitted(at, mean, count, at * width, wander)
 
-    def decay(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> Decay | None:
+    def decay(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> SettlingFit | None:
         """The exponential along which a channel settles from a time on; None where too little is known.
 
         Parameters
@@ -269,7 +271,7 @@ class Drift:
         at, mean, share = at[inside], mean[inside], count[inside] / self._width
         return decay(at, mean, share, self._width / self._rate, np.array(times_s))
 
-    def step(self, c: int, wander: Wander, begin_s: float = 0.0) -> Step | None:
+    def step(self, c: int, wander: MeanCovariance, begin_s: float = 0.0) -> Step | None:
         """The greatest sudden change of a channel's mean beside a slope; None where noise explains it.
 
         A step between two means is one element of their differences. So with P the inverse covariance of
@@ -336,7 +338,7 @@ class Drift:
         return at, self._sums[at, c] / count[at], count[at]
 
     def _fitted(
-        self, at: np.ndarray, mean: Floats, count: Floats, regressor: Floats, wander: Wander
+        self, at: np.ndarray, mean: Floats, count: Floats, regressor: Floats, wander: MeanCovariance
     ) -> Slope | None:
         """Slope of means against a regressor.
 
@@ -363,7 +365,7 @@ class Drift:
         misfit = max(1.0, float(residual @ residual) / max(1, len(y) - 1))
         return Slope(value, math.sqrt(misfit / power), len(at), math.sqrt(1.0 / power))
 
-    def _contrasts(self, at: np.ndarray, count: Floats, wander: Wander) -> Floats:
+    def _contrasts(self, at: np.ndarray, count: Floats, wander: MeanCovariance) -> Floats:
         """(k-1, k-1) Covariance that the noise gives the differences of neighbouring means."""
         width = self._width / self._rate
         lags = np.asarray(np.arange(int(at[-1] - at[0]) + 1) * width, dtype=np.float64)

@@ -20,11 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.allan.windows import Mark, MarkedCascade, Stretch
+from imumon.noise.allan.windows import Mark, Stretch, WindowedCascade
 from imumon.noise.detection.disturbance import under
 from imumon.noise.nonstationarity.change import Behaviour, Change, changes
 from imumon.noise.nonstationarity.drift import Drift
-from imumon.noise.nonstationarity.mean_covariance import Fitted, Wander
+from imumon.noise.nonstationarity.mean_covariance import Fitted, MeanCovariance
 from imumon.noise.nonstationarity.warmup import ENOUGH, OVER, TIMES_S, settles
 from imumon.noise.statistics.moments import Moments, MomentsResult
 from imumon.samples import Bools, Floats
@@ -65,7 +65,7 @@ class Moved:
     change: Change
 
 
-class History:
+class HourlyStatistics:
     """Statistics of a record, with its warm-up left out and its hours compared.
 
     Parameters
@@ -98,7 +98,7 @@ class History:
         self._fit, self._warming = fit, tuple(warming)
         rate = 1.0 / interval_s
         self.drift = Drift(groups, rate, temperature)
-        self._cascade = MarkedCascade(OctaveCascade(noisy, interval_s, groups=self._groups[:noisy]))
+        self._cascade = WindowedCascade(OctaveCascade(noisy, interval_s, groups=self._groups[:noisy]))
         self._candidates = [round(t * rate) for t in TIMES_S] if warming else []
         self._hour = round(HOUR_S * rate)
         self._marks: dict[int, Mark] = {0: self._cascade.mark()}
@@ -206,7 +206,7 @@ class History:
         ) or any(
             settles(self.drift.slope(c, wander, begin, middle), self.drift.slope(c, wander, middle))
             for c, fit in zip(self._warming, fits, strict=True)
-            if (wander := Wander.of(fit)) is not None
+            if (wander := MeanCovariance.of(fit)) is not None
         )
         if settled:
             self._start, self._finished = candidate, None
@@ -320,7 +320,7 @@ class History:
 
     def resume(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue where `save` left off, in a history just made with the same arguments."""
-        self._cascade = MarkedCascade.restore(under(saved, "cascade."))
+        self._cascade = WindowedCascade.restore(under(saved, "cascade."))
         self.drift = Drift.restore(under(saved, "drift."))
         marks = self._cascade.marks
         self._start, hour = (int(v) for v in saved["numbers"])

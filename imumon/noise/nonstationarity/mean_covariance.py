@@ -21,7 +21,7 @@ import numpy as np
 from imumon.samples import Floats
 
 
-class Known(Protocol):
+class WanderTables(Protocol):
     """A fitted coefficient: its value where measured, and its upper limit."""
 
     @property
@@ -34,15 +34,15 @@ class Fitted(Protocol):
     """What a fit says of a channel."""
 
     @property
-    def N(self) -> Known: ...
+    def N(self) -> WanderTables: ...
     @property
-    def B(self) -> Known: ...
+    def B(self) -> WanderTables: ...
     @property
-    def K(self) -> Known: ...
+    def K(self) -> WanderTables: ...
 
 
 @dataclass(frozen=True, slots=True)
-class Wander:
+class MeanCovariance:
     """Noise of a channel.
 
     Attributes
@@ -55,7 +55,7 @@ class Wander:
     K: float
 
     @classmethod
-    def of(cls, fit: Fitted) -> Wander | None:
+    def of(cls, fit: Fitted) -> MeanCovariance | None:
         """From a fit, with the upper limit where a coefficient was not seen: it may be that large; None while
         a coefficient is pending."""
         parts = []

@@ -3,7 +3,7 @@
 An exponential that is over is mostly slow, and so is a random walk; the Allan variance cannot tell them
 apart, the order of the means in time can. Three accounts of the means are compared by their likelihood:
 noise, noise beside a steady slope, and noise beside A exp(-t/T). The noise is any mixture of white, flicker
-and random walk (`Wander`), each account with the mixture and the size that suit it best; so what a random
+and random walk (`MeanCovariance`), each account with the mixture and the size that suit it best; so what a random
 walk does by itself speaks for none of them, and no fit of the curve, which a warm-up bends, is asked.
 
 Twice the logarithm of the ratio of the likelihoods (Wilks 1938), of the exponential and the better one of
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.nonstationarity.mean_covariance import Wander
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.samples import Floats
 
 MEANS = 48
@@ -34,7 +34,7 @@ without one, one in a hundred reaches 10 and one in ten thousand or so 16."""
 
 
 @dataclass(frozen=True, slots=True)
-class Decay:
+class SettlingFit:
     """The exponential that describes some means best.
 
     Attributes
@@ -54,7 +54,7 @@ class Decay:
         return self.evidence > EVIDENCE
 
 
-def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: Floats) -> Decay | None:
+def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: Floats) -> SettlingFit | None:
     """The exponential of the likeliest time constant; None where there are too few means.
 
     Parameters
@@ -86,7 +86,7 @@ def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: 
         m, t = (int(i) for i in np.unravel_index(int(np.argmin(found[:, 1:])), found[:, 1:].shape))
         size = float(pull[m, t + 1] / power[m, t + 1])
         best = min(best, (float(found[m, t + 1]), float(times_s[t]), size))
-    return Decay(best[1], best[2], without - best[0])
+    return SettlingFit(best[1], best[2], without - best[0])
 
 
 def _joined(
@@ -113,7 +113,11 @@ def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:
     span = float(at[-1] + 1)
     lags = np.abs(at[:, None] - at[None, :]).astype(np.float64)
     parts = []
-    for one in (Wander(1.0, 0.0, 0.0), Wander(0.0, span**-0.5, 0.0), Wander(0.0, 0.0, 1.0 / span)):
+    for one in (
+        MeanCovariance(1.0, 0.0, 0.0),
+        MeanCovariance(0.0, span**-0.5, 0.0),
+        MeanCovariance(0.0, 0.0, 1.0 / span),
+    ):
         c = one.covariance(lags, 1.0, 1.0)
         if one.N:
             c = np.diag(1.0 / share)

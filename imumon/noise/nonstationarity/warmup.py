@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from imumon.noise.nonstationarity.drift import Drift, Slope
-from imumon.noise.nonstationarity.settling import Decay
+from imumon.noise.nonstationarity.settling import SettlingFit
 
 TIMES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0)
 ENOUGH = 2.5
@@ -50,7 +50,7 @@ def settles(before: Slope | None, behind: Slope | None) -> bool:
     )
 
 
-def lasting(drift: Drift, column: int, begin_s: float) -> Decay | None:
+def lasting(drift: Drift, column: int, begin_s: float) -> SettlingFit | None:
     """The decay in what counts of a channel, from `begin_s` on, that no cut has taken out; None where noise
     may be all."""
     length = drift.elapsed_s - begin_s

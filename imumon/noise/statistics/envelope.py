@@ -54,7 +54,7 @@ class Recent:
     std: Floats
 
 
-class Strip:
+class Envelope:
     """Columns of the last minute, the last hour, and everything.
 
     Parameters
@@ -190,7 +190,7 @@ class Strip:
         return out if self._offset is None else out | {"offset": self._offset.copy()}
 
     @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> Strip:
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> Envelope:
         """Continue where `save` left off."""
         self = cls(saved["groups"].tolist(), 1.0)
         self.column = int(saved["column"])

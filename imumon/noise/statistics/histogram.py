@@ -41,7 +41,7 @@ FEW = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class DistributionShape:
     """Distribution of one channel.
 
     Attributes
@@ -75,7 +75,7 @@ class Shape:
         return len(self.counts) == 1 and self.counts[0] >= LEARN
 
 
-class Histogram:
+class HistogramAccumulator:
     """Histograms of some channels.
 
     Parameters
@@ -214,16 +214,16 @@ class Histogram:
         np.add.at(merged, numbers - low, self._counts[c, used])
         self._counts[c], self._low[c] = merged, low
 
-    def result(self) -> list[Shape | None]:
+    def result(self) -> list[DistributionShape | None]:
         """Shape of each channel; None where nothing came."""
         shown = self
         if self._held:
-            shown = Histogram(self._groups)
+            shown = HistogramAccumulator(self._groups)
             shown._held = list(self._held)
             shown._learn()
         return [shown._shape(c) for c in range(len(self._groups))]
 
-    def _shape(self, c: int) -> Shape | None:
+    def _shape(self, c: int) -> DistributionShape | None:
         used = np.flatnonzero(self._counts[c])
         if not len(used):
             return None
@@ -254,7 +254,7 @@ class Histogram:
         return out
 
     @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> Histogram:
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> HistogramAccumulator:
         """Continue where `save` left off."""
         self = cls(saved["groups"].tolist())
         self._step, self._unit = saved["step"].copy(), saved["unit"].copy()
@@ -303,7 +303,7 @@ def _sparse(counts: Ints, width: float) -> float | None:
     return apart * width if apart > 1 else None
 
 
-def _judged(start: float, width: float, counts: Ints, step: float | None) -> Shape:
+def _judged(start: float, width: float, counts: Ints, step: float | None) -> DistributionShape:
     """Shape from the counts of equal bins."""
     n = int(counts.sum())
     share = counts / n
@@ -314,7 +314,7 @@ def _judged(start: float, width: float, counts: Ints, step: float | None) -> Sha
     m2 = float(share @ d**2)
     if n < 2 or m2 <= 0.0:
         reason = "constant" if n >= LEARN else "too few samples"
-        return Shape(
+        return DistributionShape(
             start,
             width,
             tuple(counts.tolist()),
@@ -345,7 +345,7 @@ def _judged(start: float, width: float, counts: Ints, step: float | None) -> Sha
     else:
         verdict = f"not Gaussian: {', '.join(faults)}" if faults else "Gaussian"
         gaussian = not faults
-    return Shape(
+    return DistributionShape(
         start,
         width,
         tuple(counts.tolist()),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.validity_groups import Groups
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
 BATCH = 16384  # samples reduced at once: what the processor's cache holds
@@ -79,7 +79,7 @@ class Moments:
     """
 
     def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
-        self._groups = Groups(channels, groups)
+        self._groups = ValidityGroups(channels, groups)
         self._count = np.zeros(channels, dtype=np.int64)
         self._origin = np.zeros(channels)  # first valid sample; mean is relative to it
         self._mean = np.zeros(channels)

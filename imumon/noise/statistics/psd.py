@@ -100,7 +100,7 @@ class _Stage:
         self.waiting: list[tuple[Floats, Floats]] = []  # hops and their shares
 
 
-class Spectrum:
+class SpectrumAccumulator:
     """Cascade of power spectra.
 
     Parameters
@@ -348,7 +348,7 @@ class Spectrum:
         return out
 
     @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> Spectrum:
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> SpectrumAccumulator:
         """Continue where `save` left off."""
         self = cls(saved["groups"].tolist(), float(saved["rate"]))
         self._rows, self._n = [(saved["rows"], saved["valid"])], len(saved["rows"])

@@ -15,9 +15,9 @@ from math import atan2, degrees, inf
 
 from imumon.devices.vn100 import ascii
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
-from imumon.devices.vn100.emulator.output_streams import Check, Message, Sensor, binary_layout
-from imumon.devices.vn100.emulator.register_file import Memory
-from imumon.devices.vn100.emulator.sensor_model import Tape
+from imumon.devices.vn100.emulator.output_streams import Check, Message, OutputStreams, binary_layout
+from imumon.devices.vn100.emulator.register_file import RegisterFile
+from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import (
     BAD_CHECKSUM,
     BAD_COMMAND,
@@ -52,7 +52,7 @@ _INPUT_OVERFLOW = 0x02
 _STARTUP_FILTER_BIAS = 74
 
 
-class Device:
+class CommandHandler:
     """One VN-100.
 
     Parameters
@@ -67,10 +67,10 @@ class Device:
     restarts : how often it has started again.
     """
 
-    def __init__(self, settings: EmulatorSettings, tape: Tape) -> None:
+    def __init__(self, settings: EmulatorSettings, tape: SensorModel) -> None:
         self._settings = settings
-        self.memory = Memory(settings.generation, settings.serial_port)
-        self.sensor = Sensor(tape, self.memory)
+        self.memory = RegisterFile(settings.generation, settings.serial_port)
+        self.sensor = OutputStreams(tape, self.memory)
         self.restarts = 0
         self._input = bytearray()
         self._inbox: deque[tuple[bytes, float]] = deque()

@@ -12,7 +12,7 @@ from operator import xor
 import numpy as np
 
 
-class Impostor:
+class ForeignDevice:
     """Messages of something else, ten a second.
 
     Parameters

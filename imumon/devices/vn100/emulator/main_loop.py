@@ -18,12 +18,12 @@ import time
 
 import numpy as np
 
-from imumon.devices.vn100.emulator.command_handler import Device
+from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.control import Control
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.faults import Faults
-from imumon.devices.vn100.emulator.foreign_device import Impostor
-from imumon.devices.vn100.emulator.sensor_model import Tape
+from imumon.devices.vn100.emulator.foreign_device import ForeignDevice
+from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.emulator.uart import Terminal, Uart
 from imumon.devices.vn100.registers import (
     ASCII_RATES,
@@ -63,7 +63,7 @@ class Clock:
         return self._shown
 
 
-def make_device(settings: EmulatorSettings) -> Device:
+def make_device(settings: EmulatorSettings) -> CommandHandler:
     """Device that streams at the rate and baud that were asked for.
 
     Raises
@@ -71,7 +71,7 @@ def make_device(settings: EmulatorSettings) -> Device:
     ValueError
         The rate does not fit the baud.
     """
-    device = Device(settings, Tape(settings))
+    device = CommandHandler(settings, SensorModel(settings))
     candidates = [settings.baud] if settings.baud else [b for b in BAUDS if b >= FACTORY_BAUD and b != 128000]
     for baud in candidates:
         device.set(BAUD, str(baud))
@@ -101,7 +101,7 @@ class Emulator:
     def __init__(self, settings: EmulatorSettings, now: float) -> None:
         self._settings = settings
         self._device = make_device(settings)
-        self._impostor = Impostor(settings.impostor, now) if settings.impostor else None
+        self._impostor = ForeignDevice(settings.impostor, now) if settings.impostor else None
         self._rng = np.random.default_rng(settings.seed)
         self._faults = settings.faults
         self._uart = Uart(self._device.baud, pacing=not settings.time_lapse)

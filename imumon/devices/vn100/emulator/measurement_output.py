@@ -21,7 +21,7 @@ from imumon.devices.vn100.emulator.sensor_model import (
     MAG,
     PRESSURE,
     TEMPERATURE,
-    Tape,
+    SensorModel,
 )
 from imumon.devices.vn100.registers import (
     ACCEL_CALIBRATION,
@@ -61,7 +61,7 @@ COMPOSED = {
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class OutputConfiguration:
     """Registers that change the data, read once for many readings.
 
     Attributes
@@ -80,7 +80,7 @@ class Setup:
     iron: bool
 
     @staticmethod
-    def of(read: Callable[[int], tuple[str, ...]], rotation: Floats, iron: bool) -> Setup:
+    def of(read: Callable[[int], tuple[str, ...]], rotation: Floats, iron: bool) -> OutputConfiguration:
         """Setup from the registers' fields."""
         bank = REGISTERS[IMU_FILTER].parse(read(IMU_FILTER))
         sensors = ("mag", "accel", "gyro", "temperature", "pressure")
@@ -90,7 +90,7 @@ class Setup:
             return rotation @ numbers[:9].reshape(3, 3), numbers[9:]
 
         delta = [int(text) for text in read(DELTA_CONTROL)]
-        return Setup(
+        return OutputConfiguration(
             windows={s: int(bank[f"{s}_window"]) for s in sensors},
             modes={s: int(bank[f"{s}_mode"]) for s in sensors},
             calibration={
@@ -108,7 +108,7 @@ class Setup:
         return self.windows[sensor] if self.modes[sensor] >> compensated & 1 else 0
 
 
-class Estimator:
+class AttitudeEstimator:
     """What the sensor's own filter knows: the gyro's bias and the attitude, ten times a second.
 
     The bias is the mean rate since the start, later over the last minute: slow beside the noise, quick
@@ -123,7 +123,7 @@ class Estimator:
         self._angle = np.zeros((1, 3))
         self.heading = heading
 
-    def follow(self, tape: Tape, upto: int) -> None:
+    def follow(self, tape: SensorModel, upto: int) -> None:
         """Take every whole step before `upto`; what lies before the last two calls is forgotten."""
         steps = np.arange(self._first + len(self.bias) - 1, upto // STEP + 1)
         keep = max(0, len(self.bias) - 2)
@@ -156,7 +156,7 @@ class Estimator:
         return np.asarray(roll_pitch_yaw[:, ::-1] + np.array([self.heading, 0.0, 0.0]))
 
 
-class Readout:
+class MeasurementOutput:
     """Quantities at some ticks, each reckoned when it is first asked for.
 
     Every property is (n, k), one row a tick, in the units of the wire: deg, gauss, m/s^2, rad/s, degC,
@@ -171,9 +171,9 @@ class Readout:
 
     def __init__(
         self,
-        tape: Tape,
-        setup: Setup,
-        estimator: Estimator,
+        tape: SensorModel,
+        setup: OutputConfiguration,
+        estimator: AttitudeEstimator,
         ticks: Ints,
         since: Floats | None,
         counts: Mapping[str, Floats | Ints],

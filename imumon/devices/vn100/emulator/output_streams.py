@@ -14,9 +14,13 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from imumon.devices.vn100 import ascii, binary
-from imumon.devices.vn100.emulator.measurement_output import Estimator, Readout, Setup
-from imumon.devices.vn100.emulator.register_file import Memory
-from imumon.devices.vn100.emulator.sensor_model import ACCEL, GYRO, Tape
+from imumon.devices.vn100.emulator.measurement_output import (
+    AttitudeEstimator,
+    MeasurementOutput,
+    OutputConfiguration,
+)
+from imumon.devices.vn100.emulator.register_file import RegisterFile
+from imumon.devices.vn100.emulator.sensor_model import ACCEL, GYRO, SensorModel
 from imumon.devices.vn100.measurements import WIDTHS
 from imumon.devices.vn100.registers import (
     BAD_PARAMETER,
@@ -46,16 +50,16 @@ _INCREMENTS = ("deltas", "deltaTheta", "deltaVel")
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class OutputStream:
     """One asynchronous output: a message of `length` bytes every `divisor` ticks."""
 
     divisor: int
     length: int
     deltas: bool
-    encode: Callable[[Readout], list[bytes]]
+    encode: Callable[[MeasurementOutput], list[bytes]]
 
 
-class Sensor:
+class OutputStreams:
     """What a VN-100 measures and sends by itself.
 
     Parameters
@@ -70,7 +74,7 @@ class Sensor:
     disturbed : bits of VpeStatus that the host has set.
     """
 
-    def __init__(self, tape: Tape, memory: Memory) -> None:
+    def __init__(self, tape: SensorModel, memory: RegisterFile) -> None:
         self._tape, self._memory = tape, memory
         self.tick = 0
         self._since_tick, self._since = 0, self._integrals(np.array([0]))[0]
@@ -81,7 +85,7 @@ class Sensor:
         rotation = np.array([float(text) for text in self._memory.read(ROTATION)])
         self._rotation: Floats = rotation.reshape(3, 3)
         bias = np.array([float(text) for text in self._memory.read(STARTUP_BIAS)])
-        self.estimator = Estimator(bias, self.tick)
+        self.estimator = AttitudeEstimator(bias, self.tick)
         self._boot_tick, self._jump_ns = self.tick, 0
         self._paused: set[int] = set()
         self.disturbed = 0
@@ -91,7 +95,9 @@ class Sensor:
     def changed(self) -> None:
         """A register was written: what is derived from them is derived anew."""
         iron = self._memory.read(IRON_CONTROL)
-        self._setup = Setup.of(self._memory.read, self._rotation, iron[0] == "1" and iron[1] == "3")
+        self._setup = OutputConfiguration.of(
+            self._memory.read, self._rotation, iron[0] == "1" and iron[1] == "3"
+        )
         self._streams = self._make_streams(self._memory, self._memory.port)
 
     def pause(self, port: int, paused: bool) -> None:
@@ -108,7 +114,7 @@ class Sensor:
 
     # ------------------------------------------------------------------ streams
 
-    def _make_streams(self, memory: Memory, port: int) -> list[Stream]:
+    def _make_streams(self, memory: RegisterFile, port: int) -> list[OutputStream]:
         """Streams of one port, ASCII first."""
         streams = []
         kind, rate = int(memory.read(OUTPUT_TYPE, port)[0]), int(memory.read(OUTPUT_RATE, port)[0])
@@ -116,14 +122,14 @@ class Sensor:
             message = OUTPUT_TYPES[kind]
             length = len(self._sentences(message, None)[0])
             encode = lambda readout: self._sentences(message, readout)  # noqa: E731
-            streams.append(Stream(LOOP_RATE // rate, length, message == "VNDTV", encode))
+            streams.append(OutputStream(LOOP_RATE // rate, length, message == "VNDTV", encode))
         for number in BINARY_OUTPUTS:
             mode, divisor, *words = memory.read(number)
             if int(mode) & port and int(divisor) and int(words[0], 16):
                 streams.append(_binary_stream(binary_layout(words), int(divisor)))
         return streams
 
-    def load(self, memory: Memory | None = None, port: int | None = None) -> float:
+    def load(self, memory: RegisterFile | None = None, port: int | None = None) -> float:
         """Bytes per second that the streams of a port need, with another memory than its own perhaps."""
         streams = self._make_streams(memory or self._memory, port or self._memory.port)
         return sum(stream.length * LOOP_RATE / stream.divisor for stream in streams)
@@ -135,7 +141,7 @@ class Sensor:
             return far
         return min((-(-self.tick // s.divisor) * s.divisor for s in self._streams), default=far)
 
-    def _sentences(self, message: str, readout: Readout | None) -> list[bytes]:
+    def _sentences(self, message: str, readout: MeasurementOutput | None) -> list[bytes]:
         """Sentences of a readout, or one of zeros."""
         protocol = self._memory.parse(PROTOCOL)
         check: Check = "crc" if protocol["serial_checksum"] == 3 else "xor"
@@ -156,7 +162,7 @@ class Sensor:
             for row, more in zip(columns.tolist(), extra, strict=True)
         ]
 
-    def columns(self, message: str, readout: Readout | None) -> Floats:
+    def columns(self, message: str, readout: MeasurementOutput | None) -> Floats:
         """Numbers of a message in its own units, (n, f); zeros without a readout."""
         quantities = ascii.MEASUREMENTS[message]
         if readout is None:
@@ -213,7 +219,7 @@ class Sensor:
     def _integrals(self, ticks: Ints) -> Floats:
         return np.concatenate([self._tape.integral(ticks, GYRO), self._tape.integral(ticks, ACCEL)], axis=1)
 
-    def _readout(self, ticks: Ints, since: Floats | None) -> Readout:
+    def _readout(self, ticks: Ints, since: Floats | None) -> MeasurementOutput:
         age = (ticks - self._boot_tick + STARTUP_TICKS) / LOOP_RATE + self._tape.jitter(ticks)
         stamps = np.rint(age * 1e6).astype(np.int64) * 1000 + self._jump_ns
         sync = self._memory.parse(SYNC_CONTROL)
@@ -227,26 +233,26 @@ class Sensor:
             "syncInTime": np.full((len(ticks), 1), self._sync_counts[1], np.int64),
             "syncOutCnt": (pulses + self._sync_counts[2])[:, None],
         }
-        return Readout(self._tape, self._setup, self.estimator, ticks, since, counts)
+        return MeasurementOutput(self._tape, self._setup, self.estimator, ticks, since, counts)
 
-    def now(self, deltas: bool = False) -> Readout:
+    def now(self, deltas: bool = False) -> MeasurementOutput:
         """Readings of the newest tick; with `deltas`, their increments start anew."""
         ticks = np.array([self.tick - 1])
         return self._readout(ticks, self._increments(ticks) if deltas else None)
 
 
-def _binary_stream(layout: binary.Layout, divisor: int) -> Stream:
+def _binary_stream(layout: binary.BinaryLayout, divisor: int) -> OutputStream:
     names = [name.partition(".")[2] for name in layout.fields]
 
-    def encode(readout: Readout) -> list[bytes]:
+    def encode(readout: MeasurementOutput) -> list[bytes]:
         values = {name: readout[name] for name in names if readout.has(name)}
         data = layout.encode(values or {"timeStartup": readout["timeStartup"]})
         return [data[at : at + layout.length] for at in range(0, len(data), layout.length)]
 
-    return Stream(divisor, layout.length, any(name in _INCREMENTS for name in names), encode)
+    return OutputStream(divisor, layout.length, any(name in _INCREMENTS for name in names), encode)
 
 
-def binary_layout(words: Sequence[str]) -> binary.Layout:
+def binary_layout(words: Sequence[str]) -> binary.BinaryLayout:
     """Layout of the group byte and field words of registers 75-77.
 
     Raises
@@ -256,6 +262,6 @@ def binary_layout(words: Sequence[str]) -> binary.Layout:
     """
     groups = [group for group in range(1, 8) if int(words[0], 16) >> (group - 1) & 1]
     try:
-        return binary.Layout.of({g: int(word, 16) for g, word in zip(groups, words[1:], strict=True)})
+        return binary.BinaryLayout.of({g: int(word, 16) for g, word in zip(groups, words[1:], strict=True)})
     except ValueError as error:
         raise RegisterError(BAD_PARAMETER, str(error)) from None

@@ -15,7 +15,7 @@ _OPEN, _CLOSE = 0x20, 0x08 | 0x10
 _EVENT = struct.Struct("iIII")
 
 
-class Presence:
+class PtyClients:
     """Clients that have a path open, without those who had it when this began.
 
     Attributes

@@ -15,7 +15,7 @@ Key: TypeAlias = tuple[int, int]
 """Register and port; port 0 where the register is the same for both."""
 
 
-class Memory:
+class RegisterFile:
     """Registers of one device.
 
     Parameters
@@ -49,9 +49,9 @@ class Memory:
         """Replace a register's fields; they are the caller's to check."""
         self._now[self.key(register, port)] = tuple(values)
 
-    def changed(self, register: int, values: Sequence[str], port: int | None = None) -> Memory:
+    def changed(self, register: int, values: Sequence[str], port: int | None = None) -> RegisterFile:
         """The memory as it would be after `write`."""
-        other = Memory(self.generation, self.port)
+        other = RegisterFile(self.generation, self.port)
         other._now = {**self._now, self.key(register, port): tuple(values)}
         return other
 

@@ -47,7 +47,7 @@ def _stream(noise: Noise, rate: float, seed: np.random.SeedSequence) -> NoiseStr
     return NoiseStream(rate, noise.n, noise.b, noise.k, np.random.default_rng(seed))
 
 
-class Tape:
+class SensorModel:
     """The sensor's elements at every tick, as running sums.
 
     Parameters

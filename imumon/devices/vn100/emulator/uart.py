@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.devices.vn100.emulator.pty_clients import Presence
+from imumon.devices.vn100.emulator.pty_clients import PtyClients
 
 OUTPUT_BUFFER = 2048
 """Bytes that the sensor holds for a line that is still busy."""
@@ -116,7 +116,7 @@ class Terminal:
         settings[4] = settings[5] = _CODES.get(baud, termios.B115200)
         termios.tcsetattr(self._slave, termios.TCSANOW, settings)
         self.path = os.ttyname(self._slave)
-        self._presence = Presence(self.path)
+        self._presence = PtyClients(self.path)
         if link is not None:
             fresh = link.with_name(f"{link.name}.{os.getpid()}")
             fresh.unlink(missing_ok=True)
