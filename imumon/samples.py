@@ -1,13 +1,14 @@
-"""Samples: what crosses from a sensor's codec to the monitor.
+"""Samples, and what else a device or a recording delivers: the types between sources and the pipeline.
 
-A codec finds samples in bytes; the monitor puts them on the sensor's time grid. Between the two
-goes a `SampleBlock`: some consecutive samples of one stream, in SI units, with what is known
-of their time. This file knows neither ports nor statistics.
+A device or a recording produces items in the order in which they happened: `SampleBlock` (consecutive samples
+of one `Stream`, in SI units, with what is known of their time), `Gap`, `Notice`, `RawBytes`, `DeviceInfo` and
+`DeviceCounters`. Nothing downstream knows which device an item comes from: what differs between devices is
+data in these types.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 Kind: TypeAlias = Literal["deltas", "uncompensated", "compensated"]
 Clock: TypeAlias = Literal["startup", "counter", "dt", "none"]
+Level: TypeAlias = Literal["debug", "info", "notice", "warning", "error"]
 
 AXES = ("x", "y", "z")
 GYRO = ("gyro/x", "gyro/y", "gyro/z")
@@ -51,6 +53,8 @@ class Stream:
     interval_s : nominal sampling interval where the codec knows it (``dt``), else None.
     gyro, accel : kind of the gyroscope's and the accelerometer's numbers where it is not `kind`, which
         is then the worse of the two.
+    tick_s : s, period of the device's sample clock if all its intervals are multiples of one; a measured
+        interval near a multiple is that multiple. None: the device has no such clock.
     """
 
     kind: Kind
@@ -60,6 +64,7 @@ class Stream:
     interval_s: float | None = None
     gyro: Kind | None = None
     accel: Kind | None = None
+    tick_s: float | None = field(default=None, compare=False)  # two streams do not differ by it
 
     def kind_of(self, sensor: str) -> Kind:
         """Kind of the numbers of ``gyro`` or ``accel``."""
@@ -115,6 +120,111 @@ class SampleBlock:
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The stream was interrupted here.
+
+    Attributes
+    ----------
+    length_s : s of the sample clock, about; None if unknown. A stream with an absolute clock shows the exact
+        length itself.
+    """
+
+    length_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something that the user should know: `kind` is an event kind, `text` is one line."""
+
+    kind: str
+    text: str
+    level: Level = "warning"
+
+
+@dataclass(frozen=True, slots=True)
+class RawBytes:
+    """Bytes as they came from the device, for recordings; they precede the samples decoded from them."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceInfo:
+    """What is known of a device and its stream; None is unknown, and `remarks` say why.
+
+    Attributes
+    ----------
+    id : default name of the device in keys and files.
+    kind : noun for the device in messages, such as "VN-100".
+    port : path or URL that it was opened by.
+    baud : bit/s; None for devices without a baud rate.
+    stream : kind of the samples; None before the first one if the device cannot tell.
+    source : message that the samples are taken from.
+    clock : see `Stream.clock`.
+    sample_rate_hz : Hz, nominal.
+    alias_factor : factor by which the filter of the sensor inflates N, the worse of gyroscope and
+        accelerometer; 1 is none.
+    alias_factors : the same by sensor.
+    settings : settings that change the data, by name, as text.
+    data_settings : those settings of which another value makes another record.
+    caveats : ``compensated``, ``unknown_compensation``, ``aliased``.
+    remarks : what is unknown or not as it should be, one line each.
+    """
+
+    id: str
+    kind: str = "sensor"
+    model: str | None = None
+    serial: str | None = None
+    firmware: str | None = None
+    port: str | None = None
+    baud: int | None = None
+    stream: Kind | None = None
+    source: str | None = None
+    clock: str | None = None
+    sample_rate_hz: float | None = None
+    alias_factor: float | None = None
+    alias_factors: Mapping[str, float | None] = field(default_factory=dict)
+    settings: Mapping[str, str] = field(default_factory=dict)
+    data_settings: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Model and serial number for messages.
+
+        >>> DeviceInfo(id="a", model="VN-100T-CR", serial="0100056785").title, DeviceInfo(id="a").title
+        ('VN-100T-CR 0100056785', 'the sensor')
+        """
+        return f"{self.model} {self.serial or ''}".strip() if self.model else f"the {self.kind}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceCounters:
+    """What was received and lost on the way, over all connections of one device object.
+
+    Attributes
+    ----------
+    received_bytes : bytes that reached the decoder; 0 for devices without bytes.
+    discarded_bytes : bytes that belong to no valid message.
+    bad_checksums : messages that were framed correctly and failed their check.
+    overruns : times that data were lost on this side, in the kernel or at a full queue.
+    kernel_overruns : of these, in the kernel; None if the driver does not count.
+    most_queued_bytes : most bytes that ever waited for the decoder; None if there is no byte queue.
+    """
+
+    received_bytes: int = 0
+    discarded_bytes: int = 0
+    bad_checksums: int = 0
+    overruns: int = 0
+    kernel_overruns: int | None = None
+    most_queued_bytes: int | None = None
+
+
+Item: TypeAlias = SampleBlock | Gap | Notice | RawBytes | DeviceInfo | DeviceCounters
 
 
 def concatenated(blocks: Sequence[SampleBlock]) -> SampleBlock:

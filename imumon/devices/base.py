@@ -1,68 +1,296 @@
-"""What every sensor package offers: bytes in, samples and answers out, nothing else.
+"""The device contract: what the daemon and the other packages need of a live source of samples.
 
-A sensor package is pure: it reads no port and no clock. `Decoder` turns bytes into items in the order
-they ended on the line; the counters always add up: every byte fed is part of a message, discarded, or
-pending. Garbage never raises and never makes a sample.
+A `Device` is one live source, whatever the transport: a serial port, a Zenoh topic, a socket. A `DeviceDriver`
+makes devices of one kind and says what else is known of them. A driver registers under a URL scheme
+(see `registry`); it may live in another distribution (docs/DEVICES.md).
+
+Life of a device: `open` (find and identify, change nothing), `start` (make it send), then `read` until it is
+lost or the run ends, `restore` (undo what `start` changed), `close`. After a loss the same object is closed
+and opened again: it must find the same device, and its counters continue. `DeviceReader` runs all of this in
+one thread. Only `interrupt` is called from another thread.
 """
 
 from __future__ import annotations
 
+import argparse
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
-from imumon.samples import SampleBlock
+from imumon.errors import ImumonError
+from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
-    """Answer of the sensor to a command.
+class DeviceError(ImumonError):
+    """The device cannot be used."""
+
+
+class DeviceNotFound(DeviceError):
+    """There is no such device, or none of the kind."""
+
+
+class DeviceLost(DeviceError):
+    """The device was there and is gone."""
+
+
+class Interrupted(Exception):
+    """`Device.interrupt` was called: the call ends early. Not an error, and never shown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceOptions:
+    """What a device is made with.
 
     Attributes
     ----------
-    command : five letters, such as ``VNRRG``.
-    fields : the comma-separated fields behind it, as sent.
+    url : value of ``--port``: scheme and parameters; empty: the one device that is found.
+    settings : the table ``[device]``, with attributes of the names in `imumon.config.DeviceSettings`. Only the
+        devices of this distribution use it; others take their parameters from the URL.
+    state_directory : for what must survive a crash, such as settings to put back; None: keep nothing.
+    speed : seconds of the device per second of the host; other than 1 for an emulator in time-lapse, which
+        waits for its reader.
     """
 
-    command: str
-    fields: tuple[str, ...]
+    url: str
+    settings: Any = None
+    state_directory: Path | None = None
+    speed: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class SensorError:
-    """Error message of the sensor: its code and what it means."""
+class Device(ABC):
+    """One live source of samples.
 
-    code: int
-    text: str
+    Attributes
+    ----------
+    progress : called with a few words while `open` or `start` take long. Set by whoever wants to show them.
+    """
+
+    def __init__(self) -> None:
+        self.progress: Callable[[str], None] = lambda text: None
+        self.interrupted = threading.Event()
+
+    @abstractmethod
+    def open(self) -> DeviceInfo:
+        """Find the device and identify it, without changing it.
+
+        Raises
+        ------
+        DeviceError : it is not there or cannot be used.
+        """
+
+    def start(self) -> DeviceInfo:
+        """Make the device send samples; what is changed of it is kept in mind for `restore`.
+
+        Raises
+        ------
+        DeviceError : it does not answer any more.
+        """
+        return self.info()
+
+    @abstractmethod
+    def info(self) -> DeviceInfo:
+        """Return what is known by now; it may grow with the first samples."""
+
+    @abstractmethod
+    def read(self, timeout_s: float) -> list[Item]:
+        """Return what came, in order; wait up to `timeout_s` for the first item.
+
+        This includes health checks of the device: what they find is a `Notice`, and a `Gap` where the stream
+        has no clock that shows its length. `RawBytes` come before the samples that were decoded from them.
+
+        Raises
+        ------
+        DeviceLost : it is gone. What came before has been returned.
+        """
+
+    @property
+    @abstractmethod
+    def counters(self) -> DeviceCounters:
+        """What was received and lost, over all connections."""
+
+    def finish(self) -> list[Item]:
+        """Return what is still held back, at the end of the stream."""
+        return []
+
+    def restore(self) -> bool:
+        """Undo what `start` changed; return whether the device has confirmed all of it.
+
+        It may be called at any moment between `open` and `close`, also after an interrupted `start`.
+        """
+        return True
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the device; closing twice does no harm."""
+
+    def interrupt(self) -> None:
+        """Make a blocking `open`, `start` or `read` raise `Interrupted` soon. Called from another thread."""
+        self.interrupted.set()
+
+    def wait(self, seconds: float) -> None:
+        """Sleep for `seconds`, or raise `Interrupted`: for devices that poll."""
+        if self.interrupted.wait(seconds):
+            raise Interrupted
 
 
-Item: TypeAlias = SampleBlock | Response | SensorError
+class RawDecoder(Protocol):
+    """Push bytes of a raw capture, get items; pure, without I/O and clock.
 
-
-class Decoder(Protocol):
-    """Push bytes, get items.
+    The counters add up: fed = bytes of valid messages + discarded + pending. Garbage never raises and never
+    creates a sample.
 
     Attributes
     ----------
     fed : bytes fed so far.
     messages : valid messages of any type.
-    message_bytes : bytes they took.
+    message_bytes : bytes of these.
     discarded : bytes that belong to no valid message.
-    bad_checksums : messages that framed but failed their check.
-    pending : bytes held back until more come; fed = message_bytes + discarded + pending.
+    bad_checksums : messages that were framed correctly and failed their check.
+    pending : bytes held back until more come.
     """
 
-    fed: int
-    messages: int
-    message_bytes: int
-    discarded: int
-    bad_checksums: int
-
+    @property
+    def fed(self) -> int: ...
+    @property
+    def messages(self) -> int: ...
+    @property
+    def message_bytes(self) -> int: ...
+    @property
+    def discarded(self) -> int: ...
+    @property
+    def bad_checksums(self) -> int: ...
     @property
     def pending(self) -> int: ...
 
-    def feed(self, data: bytes) -> list[Item]:
-        """Items completed by `data`, in the order they ended; blocks of one stream may be joined
-        only where no other item stands between them."""
+    def feed(self, data: bytes) -> Sequence[object]:
+        """Return the items that `data` completes, in the order in which they ended. Among them are
+        `SampleBlock`; readers ignore what they do not know."""
 
-    def finish(self) -> list[Item]:
-        """The stream has ended (end of file, port closed): what is pending is settled."""
+    def finish(self) -> Sequence[object]:
+        """Settle what is pending, at the end of the stream."""
+
+
+def sample_blocks(items: Sequence[object]) -> list[SampleBlock]:
+    """Return the sample blocks among the items of a decoder."""
+    return [item for item in items if isinstance(item, SampleBlock)]
+
+
+CheckStatus: TypeAlias = Literal["ok", "warning", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of `imumon doctor`: `name` is one word, `text` says what was seen, `cure` what to do."""
+
+    name: str
+    status: CheckStatus
+    text: str
+    cure: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """What a few seconds of a stream showed.
+
+    Attributes
+    ----------
+    info : what is known of the device and its stream.
+    seconds : s of the host clock that were observed.
+    bytes, messages, bad_checksums, discarded : since the first valid message; all 0 for devices without bytes.
+    samples : of the stream that would be characterised.
+    missing : lost samples as far as the sample clock or damaged messages show them; None: unknown.
+    rate_hz : samples per second of the host clock; None with fewer than two.
+    clock_ratio : seconds of the sample clock per second of the host clock; None without a clock.
+    clock_jumps : times the sample clock went backwards or forwards by more than 10 s.
+    longest_pause_s : s without data.
+    lost : why the device was lost meanwhile; None: it was not.
+    daemon : id of the daemon that was asked instead of the device.
+    state : of that daemon.
+    """
+
+    info: DeviceInfo
+    seconds: float
+    bytes: int = 0
+    messages: int = 0
+    bad_checksums: int = 0
+    discarded: int = 0
+    samples: int = 0
+    missing: int | None = None
+    rate_hz: float | None = None
+    clock_ratio: float | None = None
+    clock_jumps: int = 0
+    longest_pause_s: float = 0.0
+    lost: str | None = None
+    daemon: str | None = None
+    state: str = "running"
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceValue:
+    """A published value of a device model, to show beside the measured one.
+
+    Attributes
+    ----------
+    source : short name of the source, a heading such as "manufacturer".
+    value : number in the readable unit of the coefficient, or the upper end of a range.
+    text : as the source prints it.
+    """
+
+    source: str
+    value: float
+    text: str
+
+
+class DeviceDriver(ABC):
+    """What imumon knows of one kind of device. Only `scheme` and `create` are required.
+
+    Attributes
+    ----------
+    scheme : URL scheme, the name of the entry point.
+    title : name of the kind for people, such as "VectorNav VN-100".
+    """
+
+    scheme: ClassVar[str]
+    title: ClassVar[str]
+
+    @abstractmethod
+    def create(self, options: DeviceOptions) -> Device:
+        """Return a device, not opened yet.
+
+        Raises
+        ------
+        DeviceError : the URL is wrong.
+        """
+
+    # what other packages ask for, with answers for devices that have nothing to say
+
+    def decoder(self) -> RawDecoder | None:
+        """Return a decoder of raw captures of this device; None if it has no bytes."""
+        return None
+
+    def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
+        """Yield the checks of `imumon doctor` that only this kind of device has."""
+        yield from ()
+
+    def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
+        """Return published values by (sensor, coefficient), such as ``("gyro", "N")``."""
+        return {}
+
+    def setting_text(self, name: str, value: str) -> str | None:
+        """Return what a setting of the device does, in a few words; None if that is unknown."""
+        return None
+
+    def add_run_options(self, parser: argparse.ArgumentParser) -> None:
+        """Add the options of `imumon run` that only this kind of device has (this distribution only)."""
+
+    def run_overrides(self, arguments: argparse.Namespace) -> dict[str, Any]:
+        """Return the settings that these options override, by dotted name; None: not given."""
+        return {}
+
+    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str] | None:
+        """Return a running emulator as a context that gives its port; None if there is none."""
+        return None

@@ -1,0 +1,234 @@
+"""Device reader: one device in a thread of its own, and its items in one bounded queue.
+
+The thread opens the device, waits for `begin`, starts it, reads it, finds it again after a loss, and at the end
+restores and closes it. Its only connection to the daemon is the queue, so a device that waits for an answer
+delays nobody. The queue blocks when it is full: the device then waits, or drops and counts.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from imumon.devices.base import Device, DeviceError, DeviceLost, Interrupted
+from imumon.samples import DeviceInfo, Item
+
+BATCHES = 32
+"""Batches in the queue; one holds what one `Device.read` returned. Not critical."""
+READ_S = 0.2
+"""s that one `Device.read` may wait for data. Not critical."""
+RETRY_S = 0.5
+"""s between two attempts to open a device that was lost. Not critical."""
+FIRST_RETRY_S = 2.0
+"""s between two attempts to open a device that was never there. Not critical."""
+REST_S = 0.1
+"""s at the end in which samples that have arrived are still taken; more may arrive all the time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """The device is identified for the first time; the reader waits for `DeviceReader.begin`."""
+
+    info: DeviceInfo
+
+
+@dataclass(frozen=True, slots=True)
+class OpenFailed:
+    """The device cannot be opened, or not started. It is tried again."""
+
+    error: DeviceError
+    again: bool  # after a loss
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The device sends samples, for the first time or again."""
+
+    info: DeviceInfo
+    again: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnected:
+    """The device was lost; the reader looks for it."""
+
+    error: DeviceError
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """What one read returned."""
+
+    items: list[Item]
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What the device is doing while it is opened or started."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class EndOfStream:
+    """Nothing follows. `error` is what ended the reader if `stop` did not."""
+
+    error: BaseException | None = None
+
+
+ReaderEvent: TypeAlias = Opened | OpenFailed | Started | Disconnected | Items | Progress | EndOfStream
+
+
+class DeviceReader:
+    """Reads one device.
+
+    Parameters
+    ----------
+    device : not opened yet. From `start` on, only the reader calls it.
+
+    Attributes
+    ----------
+    restored : after `join`: whether the device has its own settings back; None: it was never started.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.restored: bool | None = None
+        self._device = device
+        self._queue: queue.Queue[ReaderEvent] = queue.Queue(BATCHES)
+        self._begin = threading.Event()
+        self._stopping = threading.Event()
+        self._discarding = False
+        self._started = False
+        self._thread = threading.Thread(target=self._run, name="imumon-device", daemon=True)
+        device.progress = lambda text: self._put(Progress(text))
+
+    def start(self) -> None:
+        """Open the device in the thread; the result is an event."""
+        self._thread.start()
+
+    def get(self, timeout_s: float) -> ReaderEvent | None:
+        """Return the next event; None if there is none within `timeout_s`."""
+        try:
+            return self._queue.get(timeout=timeout_s) if timeout_s > 0.0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def begin(self) -> None:
+        """After `Opened`: let the device be started."""
+        self._begin.set()
+
+    def stop(self, *, discard: bool = False) -> None:
+        """Ask the thread to end: it delivers what has arrived, then `EndOfStream`, then restores and closes.
+
+        Parameters
+        ----------
+        discard : nobody takes events any more.
+        """
+        self._discarding |= discard
+        self._stopping.set()
+        self._begin.set()
+        self._device.interrupt()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the end of the thread; return whether it has ended."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    # ------------------------------------------------------------------ in the thread
+
+    def _run(self) -> None:
+        error: BaseException | None = None
+        try:
+            self._connect_first()
+            while True:
+                lost = self._read_until_lost()
+                self._device.close()
+                self._put(Disconnected(lost))
+                self._connect_again()
+        except Interrupted:
+            pass
+        except Exception as unexpected:  # a defect, or no memory: the daemon has to know
+            error = unexpected
+        self._device.interrupted.clear()
+        if self._started and error is None:
+            with suppress(DeviceError):
+                self._take_rest()
+        self._put(EndOfStream(error))
+        self._leave()
+
+    def _connect_first(self) -> None:
+        while True:
+            try:
+                info = self._device.open()
+                self._begin.clear()
+                self._put(Opened(info))
+                self._wait(None)
+                self._started = True
+                self._put(Started(self._device.start(), again=False))
+                return
+            except DeviceError as error:
+                with suppress(DeviceError):
+                    self._device.close()
+                self._started = False
+                self._put(OpenFailed(error, again=False))
+            self._wait(FIRST_RETRY_S)
+
+    def _connect_again(self) -> None:
+        while True:
+            try:
+                self._device.open()
+                self._put(Started(self._device.start(), again=True))
+                return
+            except DeviceError as error:
+                with suppress(DeviceError):
+                    self._device.close()
+                self._put(OpenFailed(error, again=True))
+            self._wait(RETRY_S)
+
+    def _read_until_lost(self) -> DeviceError:
+        try:
+            while not self._stopping.is_set():
+                if items := self._device.read(READ_S):
+                    self._put(Items(items))
+        except DeviceError as error:
+            return error
+        raise Interrupted
+
+    def _wait(self, seconds: float | None) -> None:
+        """Wait so long, or for `begin`; raise `Interrupted` at the stop."""
+        if seconds is None:
+            self._begin.wait()
+        else:
+            self._stopping.wait(seconds)
+        if self._stopping.is_set():
+            raise Interrupted
+
+    def _take_rest(self) -> None:
+        end = time.monotonic() + REST_S
+        try:
+            while time.monotonic() < end and (items := self._device.read(0.0)):
+                self._put(Items(items))
+        except DeviceLost:
+            pass
+        if items := self._device.finish():
+            self._put(Items(items))
+
+    def _leave(self) -> None:
+        with suppress(DeviceError, Interrupted):
+            if self._started:
+                self.restored = False
+                self.restored = self._device.restore()
+        with suppress(DeviceError):
+            self._device.close()
+
+    def _put(self, event: ReaderEvent) -> None:
+        """Put an event; wait while the queue is full."""
+        while not self._discarding:
+            with suppress(queue.Full):
+                self._queue.put(event, timeout=0.2)
+                return

@@ -1,0 +1,89 @@
+"""Registry of device drivers: URL scheme → driver, by entry points.
+
+A driver is an entry point of the group ``imumon.devices``: its name is the URL scheme, its value a subclass of
+`DeviceDriver`. This distribution registers its own drivers in the same way. A driver is imported when it is
+needed, so one that fails to import disturbs no other.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+from imumon.devices.base import DeviceDriver, DeviceError
+
+GROUP = "imumon.devices"
+DEFAULT_SCHEME = "vn100"
+"""Driver of plain paths, of pyserial URLs and of ``sim``."""
+
+_SCHEME = re.compile(r"([a-z][a-z0-9+.-]*):(?!//)")
+
+
+def schemes() -> list[str]:
+    """Return the URL schemes of all registered drivers."""
+    return sorted(_entry_points())
+
+
+def driver(scheme: str = DEFAULT_SCHEME) -> DeviceDriver:
+    """Return the driver of a scheme.
+
+    Raises
+    ------
+    DeviceError : no driver has this scheme, or its package cannot be imported.
+    """
+    return _load(scheme)
+
+
+def driver_of(url: str) -> DeviceDriver:
+    """Return the driver of a value of ``--port``.
+
+    ``NAME:...`` is the driver NAME; a path, a pyserial URL (with ``//``), ``sim`` and nothing are the default.
+
+    Raises
+    ------
+    DeviceError : no driver has this scheme, or its package cannot be imported.
+    """
+    return _load(scheme_of(url))
+
+
+def scheme_of(url: str) -> str:
+    """Return the scheme of a value of ``--port``.
+
+    >>> scheme_of("/dev/ttyUSB0"), scheme_of("socket://10.0.0.2:4001"), scheme_of("fake:a?rate=101")
+    ('vn100', 'vn100', 'fake')
+    """
+    found = _SCHEME.match(url)
+    return found[1] if found else DEFAULT_SCHEME
+
+
+@cache
+def _entry_points() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+@cache
+def _load(scheme: str) -> DeviceDriver:
+    point = _entry_points().get(scheme)
+    if point is None:
+        known = ", ".join(f"{name}:" for name in schemes())
+        raise DeviceError(
+            "unknown_device_scheme",
+            f"no device driver is named {scheme!r}",
+            f"use a serial port, sim, or one of {known}",
+        )
+    try:
+        made = point.load()()
+    except Exception as error:  # whatever another distribution does wrong
+        raise DeviceError(
+            "driver_not_importable",
+            f"the device driver {scheme!r} ({point.value}) cannot be imported ({type(error).__name__}: {error})",
+            "repair or uninstall its package",
+        ) from error
+    if not isinstance(made, DeviceDriver):
+        raise DeviceError(
+            "driver_invalid",
+            f"the entry point {scheme!r} ({point.value}) is no DeviceDriver",
+            "repair or uninstall its package",
+        )
+    return made
