@@ -9,14 +9,14 @@ import imumon.sensors
 import numpy as np
 import pytest
 
-from imumon.devices.base import Decoder
+from imumon.devices.base import RawDecoder
 from imumon.samples import SampleBlock
 
 PACKAGES = [m.name for m in pkgutil.iter_modules(imumon.sensors.__path__) if m.ispkg]
 
 
-def _decoder(package: str) -> Decoder:
-    made: Decoder = importlib.import_module(f"imumon.devices.{package}").Decoder()
+def _decoder(package: str) -> RawDecoder:
+    made: RawDecoder = importlib.import_module(f"imumon.devices.{package}").RawDecoder()
     return made
 
 

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imumon.devices.base import Item, Response, SensorError
 from imumon.devices.vn100 import Vn100Decoder, ascii, binary, checksum
+from imumon.devices.vn100.ascii import Response, SensorError
 from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
+from imumon.devices.vn100.decoder import DecodedItem
 from imumon.samples import SampleBlock, Stream, concatenated
 
 HERE = Path(__file__).parent
@@ -35,10 +36,10 @@ def _vectors() -> list[Any]:
 VECTORS = _vectors()
 
 
-def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[Item]]:
+def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[DecodedItem]]:
     """Decoder and items, conservation checked after every feed."""
     decoder = Vn100Decoder()
-    items: list[Item] = []
+    items: list[DecodedItem] = []
     for at in range(0, len(data), chunk):
         items += decoder.feed(data[at : at + chunk])
         assert decoder.fed == decoder.message_bytes + decoder.discarded + decoder.pending
@@ -48,11 +49,11 @@ def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[Item]]
     return decoder, items
 
 
-def blocks(items: list[Item], source: str = "") -> list[SampleBlock]:
+def blocks(items: list[DecodedItem], source: str = "") -> list[SampleBlock]:
     return [i for i in items if isinstance(i, SampleBlock) and i.stream.source.startswith(source)]
 
 
-def total(items: list[Item], source: str = "") -> int:
+def total(items: list[DecodedItem], source: str = "") -> int:
     return sum(len(block) for block in blocks(items, source))
 
 
@@ -82,7 +83,7 @@ def test_vector_in_any_cuts(vector: dict[str, Any]) -> None:
         _vector_is(vector, data, decoder, items)
 
 
-def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items: list[Item]) -> None:
+def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items: list[DecodedItem]) -> None:
     expect = vector.get("expect")
     if vector["kind"] == "stream":
         assert total(items, "$") == expect["ascii_async"]
@@ -109,7 +110,7 @@ def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items
             _sentence_is(data, items, expect)
 
 
-def _sentence_is(data: bytes, items: list[Item], expect: dict[str, Any]) -> None:
+def _sentence_is(data: bytes, items: list[DecodedItem], expect: dict[str, Any]) -> None:
     shape = ascii.shape(data[1 : data.rindex(b"*")])
     assert shape is not None
     want = list(expect["values"].values()) + [expect[k] for k in ("count",) if k in expect]
@@ -133,7 +134,7 @@ def _sentence_is(data: bytes, items: list[Item], expect: dict[str, Any]) -> None
                 assert value == pytest.approx(raw * factor / expect["values"]["deltaTime"], rel=1e-14)
 
 
-def _packet_is(data: bytes, items: list[Item], want: list[float]) -> None:
+def _packet_is(data: bytes, items: list[DecodedItem], want: list[float]) -> None:
     layout = binary.layout(data)
     assert layout is not None
     packet = layout.decode(data)[0]

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from imumon.devices.base import Item
 from imumon.devices.vn100 import Vn100Decoder, ascii, checksum
 from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
+from imumon.devices.vn100.decoder import DecodedItem
 from imumon.samples import SampleBlock
 
 LAYOUTS = (
@@ -105,10 +105,10 @@ def lines(draw: st.DrawFn) -> list[Piece]:
     return pieces
 
 
-def run(data: bytes, cuts: list[int]) -> tuple[list[Item], list[int], Vn100Decoder]:
+def run(data: bytes, cuts: list[int]) -> tuple[list[DecodedItem], list[int], Vn100Decoder]:
     """Items, the counters before the end is told, and the decoder."""
     decoder = Vn100Decoder()
-    items: list[Item] = []
+    items: list[DecodedItem] = []
     for start, end in zip([0, *cuts], [*cuts, len(data)], strict=True):
         items += decoder.feed(data[start:end])
         assert decoder.fed == end == decoder.message_bytes + decoder.discarded + decoder.pending
@@ -121,7 +121,7 @@ def run(data: bytes, cuts: list[int]) -> tuple[list[Item], list[int], Vn100Decod
     return items, counters + [getattr(decoder, name) for name in names], decoder
 
 
-def rows(items: list[Item]) -> list[Any]:
+def rows(items: list[DecodedItem]) -> list[Any]:
     """Items with blocks taken apart, so that their joining does not matter."""
     out: list[Any] = []
     for item in items:
@@ -138,7 +138,7 @@ def rows(items: list[Item]) -> list[Any]:
     return out
 
 
-def found(items: list[Item]) -> list[float]:
+def found(items: list[DecodedItem]) -> list[float]:
     return [float(v) for i in items if isinstance(i, SampleBlock) for v in i.values[:, 0]]
 
 

@@ -284,7 +284,7 @@ class DeviceDriver(ABC):
         """Return what a setting of the device does, in a few words; None if that is unknown."""
         return None
 
-    def add_run_options(self, parser: argparse.ArgumentParser) -> None:
+    def add_run_options(self, parser: argparse.ArgumentParser) -> None:  # noqa: B027
         """Add the options of `imumon run` that only this kind of device has (this distribution only)."""
 
     def run_overrides(self, arguments: argparse.Namespace) -> dict[str, Any]:

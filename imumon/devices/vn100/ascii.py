@@ -22,10 +22,32 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from imumon.devices.base import SensorError
 from imumon.devices.vn100.checksum import crc16, xor8
 from imumon.devices.vn100.measurements import WIDTHS, Recipe, recipe
 from imumon.samples import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Answer of the sensor to a command.
+
+    Attributes
+    ----------
+    command : five letters, such as ``VNRRG``.
+    fields : the comma-separated fields behind it, as sent.
+    """
+
+    command: str
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorError:
+    """Error message of the sensor: its code and what it means."""
+
+    code: int
+    text: str
+
 
 LIMIT = 256
 """Longest sentence, bytes; a candidate beyond it is none."""

@@ -11,9 +11,8 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from imumon.devices.base import Item, Response, SensorError
-from imumon.devices.vn100.ascii import encode
-from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.devices.vn100.ascii import Response, SensorError, encode
+from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 
 BAUDS = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """Bauds in the order they are tried."""
@@ -221,7 +220,7 @@ class _Seen:
         )
 
 
-def _answer(body: str, items: Iterable[Item]) -> Response | SensorError | None:
+def _answer(body: str, items: Iterable[DecodedItem]) -> Response | SensorError | None:
     """The sensor's answer to a command among items."""
     command, *fields = body.split(",")
     for item in items:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from imumon.devices.base import Response
+from imumon.devices.vn100.ascii import Response
 from imumon.devices.vn100.commands import BAUDS, CommandChannel, SessionError
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import (

@@ -20,11 +20,12 @@ from __future__ import annotations
 import re
 from functools import partial
 from itertools import groupby
+from typing import TypeAlias
 
 import numpy as np
 
-from imumon.devices.base import Item, Response
 from imumon.devices.vn100 import ascii, binary
+from imumon.devices.vn100.ascii import Response, SensorError
 from imumon.devices.vn100.measurements import Batch, Recipe
 from imumon.samples import Ints, SampleBlock, concatenated
 
@@ -32,6 +33,9 @@ _START = re.compile(rb"[$\xfa]")
 _TEXT = bytes(range(0x20, 0x7F)) + b"\r\n\t"
 _RUN = 8192
 """Most messages decoded as one array: what is read at once has about as many."""
+
+
+DecodedItem: TypeAlias = SampleBlock | Response | SensorError
 
 
 class Ledger:
@@ -117,19 +121,19 @@ class Vn100Decoder:
         self._ledger = Ledger()
         self._sampled: set[bytes] = set()
         self._packets = False
-        self._items: list[Item] = []
+        self._items: list[DecodedItem] = []
 
     @property
     def pending(self) -> int:
         """Bytes held back until more come."""
         return len(self._rest)
 
-    def feed(self, data: bytes) -> list[Item]:
+    def feed(self, data: bytes) -> list[DecodedItem]:
         """Items completed by `data`, in the order they ended."""
         self.fed += len(data)
         return self._scan(self._rest + data, final=False)
 
-    def finish(self) -> list[Item]:
+    def finish(self) -> list[DecodedItem]:
         """Items among what is pending, now that nothing more will complete its beginning.
 
         What follows, if anything, is another connection: nothing is known of what was lost in between.
@@ -140,7 +144,7 @@ class Vn100Decoder:
         return items
 
     @np.errstate(all="ignore")  # what is not finite is taken out afterwards
-    def _scan(self, data: bytes, final: bool) -> list[Item]:
+    def _scan(self, data: bytes, final: bool) -> list[DecodedItem]:
         at, end = 0, len(data)
         while at < end:
             start = _START.search(data, at)
@@ -219,7 +223,7 @@ class Vn100Decoder:
         return size
 
     @staticmethod
-    def _answer(body: bytes) -> list[Item] | None:
+    def _answer(body: bytes) -> list[DecodedItem] | None:
         """Response or error in a sentence that is no measurement, if any; None when its grammar is wrong."""
         if ascii.PRINTABLE.fullmatch(body) is None:
             return None
@@ -270,9 +274,9 @@ class Vn100Decoder:
         self._items.append(SampleBlock(recipe.stream, batch.values, batch.time_ns, before, batch.saturated))
 
 
-def _joined(items: list[Item]) -> list[Item]:
+def _joined(items: list[DecodedItem]) -> list[DecodedItem]:
     """Blocks of one stream that follow one another, made one."""
-    joined: list[Item] = []
+    joined: list[DecodedItem] = []
     for stream, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
         if stream is None:
             joined += group

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from imumon.devices.base import Item, SensorError
+from imumon.devices.vn100.ascii import SensorError
 from imumon.devices.vn100.commands import (
     BAUDS,
     CommandChannel,
@@ -26,7 +26,7 @@ from imumon.devices.vn100.commands import (
     SessionError,
 )
 from imumon.devices.vn100.configuration import Configuration
-from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.device_info import Vn100Info, describe, nominal_rate
 from imumon.devices.vn100.rate_check import RateCheck
 from imumon.devices.vn100.registers import BAUD, CHANGE_THE_DATA, LOOP_RATE, OUTPUT_TYPE
@@ -188,7 +188,7 @@ class Vn100Session:
             return data
         return self._port.read(timeout)
 
-    def decode(self, data: bytes) -> list[Item]:
+    def decode(self, data: bytes) -> list[DecodedItem]:
         """Items in bytes that `read` gave."""
         valid = self.decoder.messages
         items = self.decoder.feed(data)
