@@ -1,8 +1,8 @@
-"""Port: bytes from and to a serial device or a pyserial URL.
+"""Serial port: bytes from and to a serial device or a pyserial URL.
 
-Reading must never stall: a Linux tty holds 4 kB, 44 ms at 921600 baud, so one thread drains the port into
-a bounded queue and does nothing else; what could not be held is counted. This is the only file that knows
-pyserial; it does not know what the bytes mean. Errors are one line: what is wrong, and how to mend it.
+Reading must never stall: a Linux tty holds 4 kB, which is 44 ms at 921600 baud. So one thread drains the port
+into a bounded queue and does nothing else; bytes that do not fit are dropped and counted. This is the only
+module that imports pyserial; it does not know what the bytes mean.
 """
 
 from __future__ import annotations
@@ -29,30 +29,29 @@ from typing import Any
 import serial as _pyserial
 import serial.tools.list_ports
 
-from imumon.errors import SourceError
+from imumon.devices.base import DeviceError, DeviceLost, DeviceNotFound
 
 pyserial: Any = _pyserial  # it has no types
 
-QUEUE_BYTES = 8 << 20  # 90 s at 921600 baud
+QUEUE_BYTES = 8 << 20
+"""Bytes in the queue: 90 s at 921600 baud. Not critical."""
 POLL_S = 0.1
-TALK_S = 1.0  # after a write the reader hands over every byte at once: an answer is awaited
-BATCH_S = 0.05  # afterwards it lets bytes gather so long,
-BATCH = 2048  # or until there are so many, half of what a tty holds
-ROOM = 1 << 14  # of each reading: four times what a tty holds, and less than a piece apart (`heap`)
-PIECE = 1 << 16  # about the most that `read` hands over: after a stall there may be megabytes
+"""s after which the reading thread looks whether it has to end. Not critical."""
+DIALOGUE_S = 1.0
+"""s after a write in which the reader hands over every byte at once, because a reply is awaited."""
+COLLECT_S = 0.05
+"""s for which the reader collects bytes otherwise, to save wake-ups; less than a tty holds at any baud rate."""
+COLLECT_BYTES = 2048
+"""Bytes from which it does not wait: half of what a tty holds."""
+READ_BYTES = 1 << 14
+"""Bytes of one read from the port: four times what a tty holds. Not critical."""
+PIECE_BYTES = 1 << 16
+"""Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes. Not critical."""
 
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
-# what drivers say of a port that is of no more use (termios.error is no OSError)
+# what drivers raise for a port that has vanished (termios.error is no OSError)
 _GONE = (OSError, pyserial.SerialException, termios.error)
-
-
-class PortError(SourceError):
-    """The port cannot be opened, or cannot do what is asked."""
-
-
-class PortGone(SourceError):
-    """The port was open and is no more: unplugged, or the other end hung up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +64,7 @@ class PortInfo:
 
 
 def find_ports() -> list[PortInfo]:
-    """Serial ports of this machine, USB adapters first."""
+    """Return the serial ports of this machine, USB adapters first."""
     found = []
     for port in pyserial.tools.list_ports.comports():
         usb = None if port.vid is None else (port.vid, port.pid, port.serial_number)
@@ -75,7 +74,7 @@ def find_ports() -> list[PortInfo]:
 
 
 def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[str]:
-    """Where a port that vanished may be back, best first.
+    """Return where a port that vanished may be again, best first.
 
     Parameters
     ----------
@@ -84,8 +83,8 @@ def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[s
 
     Returns
     -------
-    The same path when it exists; then ports of the same adapter (vendor, product, serial number) under
-    any other name. A port of another adapter is never named: it would be written to.
+    The same path if it exists; then ports of the same adapter (vendor, product, serial number) under any other
+    name. A port of another adapter is never returned: it would be written to.
     """
     paths = [path] if "://" in path or os.path.exists(path) else []
     old = next(
@@ -97,7 +96,7 @@ def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[s
 
 
 def holders(path: str) -> list[str]:
-    """Other processes that have this file open, as ``name (pid)``, as far as we may look."""
+    """Return other processes that have this file open, as ``name (pid)``, as far as permissions show them."""
     target, found = os.path.realpath(path), []
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
@@ -109,24 +108,25 @@ def holders(path: str) -> list[str]:
 
 
 class SerialPort:
-    """An open port, 8N1 and exclusive, drained by a thread of its own.
+    """An open port, 8N1 and exclusive, drained by its own thread.
 
     Parameters
     ----------
     path : device path, or any pyserial URL (``socket://host:port``, ``rfc2217://host:port``).
     baud : bit/s.
-    queue_bytes : what is held for a reader that does not come; more is dropped and counted.
-    lossless : with a full queue stop draining instead, so that the far end waits: for an emulator in
+    queue_bytes : size of the queue; what does not fit is dropped and counted.
+    lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
         time-lapse, never for a sensor.
 
     Attributes
     ----------
-    received_bytes, dropped_bytes : taken from the port, and of these dropped at a full queue.
+    received_bytes, dropped_bytes : read from the port, and of these dropped at a full queue.
     most_queued : bytes, most that ever waited for a reader at once.
 
     Raises
     ------
-    PortError : it cannot be opened.
+    DeviceNotFound : there is no such port.
+    DeviceError : it cannot be opened.
     """
 
     def __init__(
@@ -145,9 +145,9 @@ class SerialPort:
         self._episodes = 0
         self._dropping = False
         self._kernel_before: int | None = None
-        self._gone: str | None = None
+        self._gone: tuple[str, str, str] | None = None
         self._closing = False
-        self._talking_until = 0.0
+        self._dialogue_until = 0.0
         self._empty = 0
         self._fd: int | None = None
         self._open()
@@ -159,44 +159,44 @@ class SerialPort:
 
     @property
     def fixed_baud(self) -> bool:
-        """Whether the baud is of no effect, as on a bare TCP socket."""
+        """Whether the baud rate has no effect, as on a bare TCP socket."""
         return self.name.startswith("socket://")
 
     @property
     def gone(self) -> bool:
-        """Whether the port has vanished; bytes read before can still be had."""
+        """Whether the port has vanished; bytes read before are still returned."""
         return self._gone is not None
 
     @property
     def waits(self) -> bool:
-        """Whether to read at once: a whole piece is queued, or no more will come."""
-        return self._queued >= PIECE or self._gone is not None
+        """Whether to read at once: a whole piece is queued, or no more bytes will arrive."""
+        return self._queued >= PIECE_BYTES or self._gone is not None
 
     @property
     def overruns(self) -> int:
-        """Times bytes were lost on this side: at a full queue, or in the kernel where it counts them."""
+        """Times bytes were lost on this side: at a full queue, or in the kernel if it counts them."""
         return self._episodes + (self.kernel_overruns or 0)
 
     @property
     def kernel_overruns(self) -> int | None:
-        """Overruns that the driver counted; None where it counts none, as of a pty."""
+        """Overruns that the driver counted; None if it does not count, as for a pseudo-terminal."""
         now = self._kernel_count()
         return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
 
     def read(self, timeout: float) -> bytes:
-        """What is queued, in pieces of some 64 kB; waits up to `timeout` seconds for the first byte.
+        """Return what is queued, about 64 kB at most; wait up to `timeout` seconds for the first byte.
 
         Raises
         ------
-        PortGone : nothing is queued and nothing will come.
+        DeviceLost : nothing is queued and nothing will arrive.
         """
         with self._changed:
             if not self._queue and self._gone is None:
                 self._changed.wait(timeout)
             if not self._queue and self._gone is not None:
-                raise PortGone(self._gone)
+                raise DeviceLost(*self._gone)
             piece, size = [], 0
-            while self._queue and size < PIECE:
+            while self._queue and size < PIECE_BYTES:
                 piece.append(self._queue.popleft())
                 size += len(piece[-1])
             self._queued -= size
@@ -208,23 +208,23 @@ class SerialPort:
 
         Raises
         ------
-        PortGone : the port has vanished or takes no bytes.
+        DeviceLost : the port has vanished or takes no bytes.
         """
         if self._gone is not None:
-            raise PortGone(self._gone)
-        self._talking_until = time.monotonic() + TALK_S
+            raise DeviceLost(*self._gone)
+        self._dialogue_until = time.monotonic() + DIALOGUE_S
         try:
             self._serial.write(data)
         except _GONE as error:
             self._fail(error)
-            raise PortGone(f"{self.name} is gone: {_cause(error)}") from None
+            raise _lost(self.name, error) from None
 
     def set_baud(self, baud: int) -> bool:
-        """Change the baud; bytes received so far are thrown away. False when the adapter cannot do it.
+        """Change the baud rate and discard the bytes received so far; return False if the adapter cannot.
 
         Raises
         ------
-        PortGone : the port has vanished.
+        DeviceLost : the port has vanished.
         """
         try:
             done = self._apply(baud)
@@ -235,7 +235,7 @@ class SerialPort:
                 self._apply(self._baud)
         except _GONE as error:
             self._fail(error)
-            raise PortGone(f"{self.name} is gone: {_cause(error)}") from None
+            raise _lost(self.name, error) from None
         with self._changed:
             self._queue.clear()
             self._queued = 0
@@ -254,13 +254,13 @@ class SerialPort:
 
         Raises
         ------
-        PortGone : it does not open again.
+        DeviceLost : it does not open again.
         """
         self.close()
         try:
             self._open()
-        except PortError as error:
-            raise PortGone(str(error)) from None
+        except DeviceError as error:
+            raise DeviceLost(error.code, error.message, error.cure) from None
 
     def close(self) -> None:
         """Stop the thread and close the port."""
@@ -290,16 +290,20 @@ class SerialPort:
         try:
             self._kernel_start = self._kernel_count() or 0
             if not self.set_baud(self._baud):
-                raise PortError(
-                    f"the adapter of {self.name} cannot do {self._baud} baud: choose another --baud"
+                raise DeviceError(
+                    "baud_unsupported",
+                    f"the adapter of {self.name} cannot do {self._baud} baud",
+                    "choose another --baud",
                 )
-        except PortGone as error:
+        except DeviceLost as error:
             self._serial.close()
-            raise PortError(f"{error} (while it was being opened): plug it in again") from None
-        except PortError:
+            raise DeviceError(
+                error.code, f"{error.message} (while it was being opened)", error.cure
+            ) from None
+        except DeviceError:
             self._serial.close()
             raise
-        self._talking_until = time.monotonic() + TALK_S
+        self._dialogue_until = time.monotonic() + DIALOGUE_S
         self._thread = threading.Thread(target=self._drain, name=f"read {self.name}", daemon=True)
         self._thread.start()
 
@@ -310,20 +314,20 @@ class SerialPort:
                 data = self._receive()
                 if data:
                     self._keep(data)
-                    if len(data) < BATCH and time.monotonic() > self._talking_until:
-                        time.sleep(min(BATCH_S, 10 * BATCH / self._baud))
-        except Exception as error:  # closed under our hands, out of memory: whatever it is, it must be seen
+                    if len(data) < COLLECT_BYTES and time.monotonic() > self._dialogue_until:
+                        time.sleep(min(COLLECT_S, 10 * COLLECT_BYTES / self._baud))
+        except Exception as error:  # closed meanwhile, out of memory: whatever it is, the reader must see it
             self._fail(error)
 
     def _receive(self) -> bytes:
-        """What the port holds, b"" when nothing came for a while."""
+        """Return what the port holds, b"" if nothing arrived for a while."""
         if self._fd is None:  # no file behind it (rfc2217)
             return bytes(self._serial.read(max(1, self._serial.in_waiting)))
         if not select.select([self._fd], [], [], POLL_S)[0]:
             self._empty = 0
             return b""
         try:
-            data = os.read(self._fd, ROOM)
+            data = os.read(self._fd, READ_BYTES)
         except (BlockingIOError, InterruptedError):
             return b""
         if data:
@@ -359,11 +363,12 @@ class SerialPort:
     def _fail(self, error: Exception) -> None:
         with self._changed:
             if self._gone is None and not self._closing:
-                self._gone = f"{self.name} is gone: {_cause(error)}"
+                lost = _lost(self.name, error)
+                self._gone = (lost.code, lost.message, lost.cure)
             self._changed.notify_all()
 
     def _kernel_count(self) -> int | None:
-        """What the driver has counted since it was loaded, None where it does not count."""
+        """Return what the driver has counted since it was loaded; None if it does not count."""
         if self._fd is None:
             return None
         counts = array.array("i", [0] * 20)  # struct serial_icounter_struct
@@ -375,23 +380,28 @@ class SerialPort:
 
 
 def _hung_up(fd: int) -> bool:
-    """Whether the other side of a descriptor is no more."""
+    """Return whether the other side of a descriptor has hung up."""
     poll = select.poll()
     poll.register(fd, 0)
     return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
 
 
-def _cause(error: Exception) -> str:
-    """Reason of an error of the driver in a few words."""
+def _lost(name: str, error: Exception) -> DeviceLost:
+    """Return the error of a port that has vanished.
+
+    pyserial raises `SerialException` without a number when a port is ready to read and has no data: unplugged.
+    """
     number = next((arg for arg in error.args if isinstance(arg, int)), None)
-    text = os.strerror(number) if number else str(error)
-    if "readiness" in text or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
-        return "unplugged or hung up"
-    return text.lower()
+    unplugged = isinstance(error, pyserial.SerialException) and number is None
+    if unplugged or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
+        why = "unplugged or hung up"
+    else:
+        why = (os.strerror(number) if number else str(error)).lower()
+    return DeviceLost("device_lost", f"{name} is gone ({why})", "plug it in again")
 
 
 def _actual_baud(fd: int | None) -> int | None:
-    """Speed the driver has really set, None where it cannot be asked."""
+    """Return the speed that the driver has really set; None if it cannot be asked."""
     if fd is None or not sys.platform.startswith("linux"):
         return None
     settings = array.array("i", [0] * 64)  # struct termios2: the output speed is its eleventh word
@@ -403,59 +413,88 @@ def _actual_baud(fd: int | None) -> int | None:
 
 
 def _open_url(url: str, baud: int) -> Any:
-    over_the_net = re.match(r"(socket|rfc2217)://", url)
-    if over_the_net and not re.match(r"[^/]+:\d+", url[over_the_net.end() :]):
-        raise PortError(f"cannot open {url}: write {over_the_net[0]}HOST:PORT")
+    network = re.match(r"(socket|rfc2217)://", url)
+    if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
+        raise DeviceError("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
     except (OSError, ValueError) as error:
-        raise PortError(f"cannot open {url}: {error}; is the server running, and the URL right?") from None
+        raise DeviceNotFound(
+            "port_url_unreachable",
+            f"cannot open {url} ({error})",
+            "check that the server is running and that the URL is right",
+        ) from None
 
 
 def _open_tty(path: str, baud: int) -> Any:
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
-        there = ", ".join(port.path for port in find_ports())
-        raise PortError(
-            f"no port {path}: "
-            + (f"there is {there}" if there else "no serial port found; is it plugged in?")
-        ) from None
+        ports = ", ".join(port.path for port in find_ports())
+        cure = (
+            f"serial ports of this machine are {ports}"
+            if ports
+            else "plug the sensor in; no serial port was found"
+        )
+        raise DeviceNotFound("port_not_found", f"no port {path}", cure) from None
     if not stat.S_ISCHR(mode):
         kind = "directory" if stat.S_ISDIR(mode) else "file"
-        raise PortError(f"{path} is a {kind}, not a serial port; to read a recording: imumon replay {path}")
+        raise DeviceError(
+            "port_not_serial",
+            f"{path} is a {kind}, not a serial port",
+            f"to read a recording, use imumon replay {path}",
+        )
     try:
         port = pyserial.Serial(path, baud, timeout=POLL_S, write_timeout=1.0, exclusive=True)
     except ValueError as error:
-        raise PortError(f"{path} cannot do {baud} baud ({error}): choose another --baud") from None
+        raise DeviceError(
+            "baud_unsupported", f"{path} cannot do {baud} baud ({error})", "choose another --baud"
+        ) from None
     except _GONE as error:
-        raise PortError(_refusal(path, error)) from None
-    with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pty has no such mode
+        raise _open_error(path, error) from None
+    with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pseudo-terminal has no such mode
         port.set_low_latency_mode(True)
-    if not os.path.realpath(path).startswith("/dev/pts/"):  # a pty would stay locked after we are killed
+    if not os.path.realpath(path).startswith("/dev/pts/"):  # a pseudo-terminal would stay locked after a kill
         with contextlib.suppress(OSError):
             fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
     return port
 
 
 def _user() -> str:
-    """Who we are, as far as anybody knows: a container runs under numbers without a name."""
+    """Return the name of this user; a container may run under a number without a name."""
     try:
         return getpass.getuser()
     except (KeyError, OSError, ImportError):
         return "$USER"
 
 
-def _refusal(path: str, error: Exception) -> str:
-    """Why a port that is there does not open, and the cure."""
+def _open_error(path: str, error: Exception) -> DeviceError:
+    """Return why a port that exists does not open, and the cure."""
     number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
     if number in (errno.EACCES, errno.EPERM):
-        return f"no permission for {path}: sudo usermod -aG dialout {_user()}, then log in again"
+        cure = f"sudo usermod -aG dialout {_user()}, then log in again"
+        return DeviceError("port_permission_denied", f"no permission for {path}", cure)
     if number in (errno.EBUSY, errno.EAGAIN):
-        who = ", ".join(holders(path))
-        return f"{path} is in use{' by ' + who if who else ''}: end that program first"
+        programs = ", ".join(holders(path))
+        used_by = f" by {programs}" if programs else ""
+        return DeviceError("port_busy", f"{path} is in use{used_by}", "end that program first")
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
-        return f"{path} vanished while it was being opened: plug it in again, and check the cable"
-    if "Could not configure port" in str(error):
-        return f"{path} is not a serial port"
-    return f"cannot open {path}: {error}"
+        return DeviceError(
+            "port_vanished",
+            f"{path} vanished while it was being opened",
+            "plug it in again, and check the cable",
+        )
+    if isinstance(error, termios.error) or number == errno.ENOTTY or _is_no_terminal(path):
+        return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
+    return DeviceError("port_unusable", f"cannot open {path} ({error})", "check the port with imumon doctor")
+
+
+def _is_no_terminal(path: str) -> bool:
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    except OSError:
+        return False
+    try:
+        return not os.isatty(fd)
+    finally:
+        os.close(fd)

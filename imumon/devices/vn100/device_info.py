@@ -1,13 +1,9 @@
-"""Facts of a VN-100 and its stream: what a report says of the device, and what cannot be known.
-
-Settings are register values as text; a sensor that is only listened to has told none.
-"""
+"""Device information of a VN-100: what its registers and its stream say of the data."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 from imumon.devices.vn100.registers import (
     BINARY_OUTPUTS,
@@ -18,59 +14,34 @@ from imumon.devices.vn100.registers import (
     REGISTERS,
 )
 from imumon.devices.vn100.stream_settings import OFF, Texts, alias_factors, parse_output, source
-from imumon.samples import Kind, Stream
+from imumon.samples import DeviceInfo, Stream
+
+DATA_REGISTERS = (23, 25, 26, 35, 43, 44, 82, 84, 85)
+"""Registers that change what the samples mean: with another value they begin another record. The outputs are
+not among them: they make another stream, which the pipeline sees itself."""
+ALIASED = 1.001
+"""Alias factor above which N is called aliased: more than rounding. Not critical."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vn100Info:
-    """What is known of the sensor and its stream; None is unknown, and `remarks` say why.
-
-    Attributes
-    ----------
-    stream : kind of the samples; None before the first one of a sensor that is only listened to.
-    sample_rate_hz : nominal, from the sensor's settings.
-    alias_factor : by how much the sensor's filter inflates N, the worse of gyroscope and
-        accelerometer; `alias_factors` has both.
-    settings : registers that change the data, ``"85 IMU filtering"`` to its text.
-    caveats : ``compensated``, ``unknown_compensation`` (increments of which nobody knows), ``aliased``.
-    """
-
-    id: str
-    model: str | None = None
-    serial: str | None = None
-    firmware: str | None = None
-    port: str | None = None
-    baud: int | None = None
-    stream: Kind | None = None
-    source: str | None = None
-    clock: str | None = None
-    sample_rate_hz: float | None = None
-    alias_factor: float | None = None
-    alias_factors: Mapping[str, float | None] = field(default_factory=dict)
-    settings: Mapping[str, str] = field(default_factory=dict)
-    caveats: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-
-
-def describe(
+def device_info(
     port: str,
-    baud: int,
+    baud: int | None,
     identity: Texts,
     settings: Texts,
     stream: Stream | None,
     rate_hz: float | None,
     remarks: tuple[str, ...],
-) -> Vn100Info:
-    """What is known.
+) -> DeviceInfo:
+    """Return what is known of the sensor.
 
     Parameters
     ----------
-    port, baud : where it is.
-    identity : registers 1 to 4, empty when it was not asked.
+    port, baud : where it is; baud None where it has no effect.
+    identity : registers 1 to 4, empty if they were not read.
     settings : registers that change the data.
-    stream : the stream that is characterised, None before its first sample.
-    rate_hz : its rate where that is known otherwise.
-    remarks : what else there is to say.
+    stream : the stream that is characterised; None before its first sample.
+    rate_hz : Hz, its rate if that is known from elsewhere.
+    remarks : to include.
     """
     kind = None if stream is None else stream.kind
     rate = nominal_rate(settings, stream) or rate_hz
@@ -80,23 +51,25 @@ def describe(
     known = [factor for factor in factors.values() if factor is not None]
     worst = max(known) if len(known) == len(factors) else None
     model, serial = identity.get(1), identity.get(3)
-    said = list(remarks)
+    all_remarks = list(remarks)
     if not identity:
-        said.append("only listened to: model, serial number and settings are not known")
+        all_remarks.append("listen-only: model, serial number and settings are unknown")
     if kind is not None and worst is None:
-        said.append("the sensor's filter or rate is not known: aliasing may inflate N")
+        all_remarks.append("the filter or the rate of the sensor is unknown: aliasing may inflate N")
     if model and not model.upper().startswith("VN-100"):
-        said.append(f"the sensor is a {model}: it is treated like a VN-100")
+        all_remarks.append(f"the sensor is a {model}: it is treated like a VN-100")
     control = settings.get(DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
     if control is None:
-        said.append(f"register {DELTA_CONTROL} is not known: the deltas may be compensated")
+        all_remarks.append(f"register {DELTA_CONTROL} is unknown: the deltas may be compensated")
     caveats = {
         "compensated": kind == "compensated" or (control is not None and control.strip("0,") != ""),
         "unknown_compensation": control is None,
-        "aliased": worst is not None and worst > 1.001,
+        "aliased": worst is not None and worst > ALIASED,
     }
-    return Vn100Info(
+    names = {r: f"{r} {REGISTERS[r].name}" for r in sorted(settings)}
+    return DeviceInfo(
         id=f"vn100-{serial or _slug(port)}",
+        kind="VN-100",
         model=model,
         serial=serial,
         firmware=identity.get(4),
@@ -108,14 +81,15 @@ def describe(
         sample_rate_hz=rate,
         alias_factor=worst,
         alias_factors=factors,
-        settings={f"{r} {REGISTERS[r].name}": text for r, text in sorted(settings.items())},
+        settings={name: settings[r] for r, name in names.items()},
+        data_settings=tuple(name for r, name in names.items() if r in DATA_REGISTERS),
         caveats=tuple(name for name, holds in caveats.items() if holds),
-        remarks=tuple(said),
+        remarks=tuple(all_remarks),
     )
 
 
 def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
-    """Rate of a stream as far as settings tell, Hz."""
+    """Return the rate of a stream as far as the settings say it, Hz."""
     if stream is None:
         return None
     if stream.source.startswith("$"):
@@ -130,7 +104,7 @@ def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
 
 
 def _slug(port: str) -> str:
-    """Name of a port that may stand in a key.
+    """Return the name of a port in a form that a key may contain.
 
     >>> _slug("/dev/ttyUSB0"), _slug("socket://10.0.0.2:4001")
     ('ttyusb0', '10-0-0-2-4001')

@@ -17,15 +17,23 @@ from imumon.devices.base import (
     ReferenceValue,
 )
 
+STREAMS = ("deltas", "uncompensated", "compensated")
+SLOWEST_HZ = 1e-4
+"""Hz, lowest sample rate that `--rate` accepts."""
+FASTEST_HZ = 1e5
+"""Hz, highest sample rate that `--rate` accepts."""
+
 
 class Vn100Driver(DeviceDriver):
-    """VN-100 on a serial port, a pyserial URL, or ``sim`` (the emulator)."""
+    """VN-100 on a serial port or a pyserial URL."""
 
     scheme = "vn100"
     title = "VectorNav VN-100"
 
     def create(self, options: DeviceOptions) -> Device:
-        raise NotImplementedError
+        from imumon.devices.vn100.vn100_device import Vn100Device
+
+        return Vn100Device(options)
 
     def decoder(self) -> RawDecoder:
         from imumon.devices.vn100.decoder import Vn100Decoder
@@ -44,10 +52,46 @@ class Vn100Driver(DeviceDriver):
         return meaning(name, value)
 
     def add_run_options(self, parser: argparse.ArgumentParser) -> None:
-        pass
+        add = parser.add_argument
+        add("--baud", type=_baud, metavar="auto|N", help="baud rate; default auto: detect it, never raise it")
+        add("--set-baud", type=int, metavar="N", help="change the baud rate of the sensor to N (volatile)")
+        add("--rate", type=_rate, metavar="HZ", help="sample rate of a stream without a clock")
+        add(
+            "--listen-only",
+            action="store_true",
+            default=None,
+            help="write nothing to the sensor; a stream without a clock then needs --rate",
+        )
+        add("--stream", choices=STREAMS, help="stream to request from the sensor; default deltas")
 
     def run_overrides(self, arguments: argparse.Namespace) -> dict[str, Any]:
-        return {}
+        return {
+            "device.baud": arguments.baud,
+            "device.set_baud": arguments.set_baud,
+            "device.rate_hz": arguments.rate,
+            "device.listen_only": arguments.listen_only,
+            "device.stream": arguments.stream,
+        }
 
     def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str] | None:
         raise NotImplementedError
+
+
+def _baud(text: str) -> str | int:
+    if text == "auto":
+        return text
+    if not text.isdigit() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number")
+    return int(text)
+
+
+def _rate(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not SLOWEST_HZ <= value <= FASTEST_HZ:
+        raise argparse.ArgumentTypeError(
+            f"{text} Hz is no sample rate; give {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+        )
+    return value

@@ -1,14 +1,13 @@
-"""Session with a VN-100: know it, have it stream what noise needs, look after it, leave it as it was.
+"""Session with one VN-100: identify it, configure its stream, watch over it, restore its settings.
 
-The port and the clock are handed in; this file opens nothing and waits for nothing but `Port.read`. Rules:
+The port and the clock are arguments; this module opens nothing and waits for nothing but `Port.read`. Rules:
 
-- What is changed of the sensor, `changes` alone changes and puts back; with `StreamRequest.listen_only` nothing
-  is written at all.
-- `tick` repairs what can be repaired in place: a paused sensor, a restarted one, another baud, a bad
-  read. A port that vanishes is its owner's affair: the exception of `Port` goes through.
+- Only `configuration` changes the sensor and restores it; with `StreamRequest.listen_only` nothing is written.
+- `check_health` repairs what can be repaired in place: a paused sensor, a restarted one, another baud rate, a
+  bad read. A port that vanishes is the affair of its owner: the exception of `Port` passes through.
 
-Life of a session: `connect`, `remember` (keep its answer on disk), `configure`; then `read`, `decode` and
-`tick` for as long as it goes; `restore`.
+Life of a session: `connect`, `save_settings` (keep the result on disk), `configure`; then `read`, `decode` and
+`check_health` repeatedly; `restore`.
 """
 
 from __future__ import annotations
@@ -16,39 +15,42 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from imumon.devices.base import DeviceNotFound
 from imumon.devices.vn100.ascii import SensorError
-from imumon.devices.vn100.commands import (
-    BAUDS,
-    CommandChannel,
-    NotAVn100,
-    Port,
-    SensorChanged,
-    SessionError,
-)
+from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
-from imumon.devices.vn100.device_info import Vn100Info, describe, nominal_rate
-from imumon.devices.vn100.rate_check import RateCheck
+from imumon.devices.vn100.device_info import device_info, nominal_rate
 from imumon.devices.vn100.registers import BAUD, CHANGE_THE_DATA, LOOP_RATE, OUTPUT_TYPE
-from imumon.samples import Kind, SampleBlock, Stream
+from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
 
-__all__ = [
-    "NotAVn100",
-    "Notice",
-    "Port",
-    "SensorChanged",
-    "SessionError",
-    "StreamRequest",
-    "Vn100Info",
-    "Vn100Session",
-]
+__all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
 
 QUIET_S = 1.0
-PATIENT_S = 3.0  # with a stream whose rate is not known
+"""s without data after which the sensor is asked; or four samples, if they take longer. Not critical."""
+QUIET_UNKNOWN_S = 3.0
+"""The same in s for a stream of unknown rate. Not critical."""
 RETRY_S = 5.0
-BACK_NS = 1_000_000_000  # a clock that goes back so far began anew
-RUBBISH = 64  # bytes; fewer may be the rest of a message
-ERROR_S = 60.0  # between two notices of one error of the sensor, which may come a hundred times a second
+"""s between two scans for a sensor that does not reply. A scan takes up to ten seconds. Not critical."""
+RESTART_NS = 1_000_000_000
+"""ns by which the clock of the sensor goes backwards if it was restarted; less is a disorder of messages."""
+GARBAGE_BYTES = 64
+"""Bytes without a valid message that count as garbage; fewer may be the rest of a message. Not critical."""
+ERROR_NOTICE_S = 60.0
+"""s between two notices of one error of the sensor, which may repeat a hundred times a second."""
+
+RATE_TOLERANCE = 0.02
+"""Relative error of a configured rate from which the user is warned."""
+RATE_SHORTEST_S = 5.0
+"""s of samples before the rate is judged. Not critical."""
+RATE_LONGEST_S = 120.0
+"""s after which the comparison starts again, so that a change of the rate shows. Not critical."""
+RATE_PAUSE_S = 3.0
+"""s without samples, or four samples, after which the comparison starts again. Not critical."""
+RATE_SLACK_S = 0.2
+"""s by which a correct rate may seem wrong because bytes wait in queues. Not critical."""
+RATE_SLACK_SAMPLES = 1.5
+"""Samples by which a correct rate may seem wrong at the ends. Not critical."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
@@ -59,11 +61,11 @@ class StreamRequest:
 
     Attributes
     ----------
-    stream : kind of samples to ask the sensor for.
+    stream : kind of samples to request from the sensor.
     listen_only : write nothing.
-    baud : bit/s; None: find it.
-    set_baud : change the sensor's baud to this; None: never.
-    rate_hz : rate of a stream without a clock whose sensor cannot be asked.
+    baud : bit/s; None: detect it.
+    set_baud : bit/s, change the baud rate of the sensor to this; None: never.
+    rate_hz : Hz, rate of a stream without a clock if the sensor cannot be asked.
     """
 
     stream: Kind = "deltas"
@@ -73,12 +75,52 @@ class StreamRequest:
     rate_hz: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """Something worth telling: `kind` is one word, `text` one line for people."""
+class RateCheck:
+    """Compare the rate at which samples arrive with the configured one.
 
-    kind: str
-    text: str
+    A stream without a clock gets its time from a configured rate alone, and a wrong one makes all of N, B and K
+    wrong. So it is compared with the host clock.
+
+    Attributes
+    ----------
+    rate_hz : Hz, at which samples arrive, if that is not the configured rate; else None.
+    """
+
+    def __init__(self) -> None:
+        self.rate_hz: float | None = None
+        self._start: float | None = None
+        self._last = 0.0
+        self._count = 0
+
+    def restart(self) -> None:
+        """Ignore what arrived before."""
+        self._start = None
+
+    def update(self, count: int, now: float, nominal_hz: float) -> None:
+        """Add `count` samples, lost ones included, that arrived at `now`, s monotonic."""
+        if self._start is None or now - self._last > max(RATE_PAUSE_S, 4.0 / nominal_hz):
+            self._start, self._last, self._count = now, now, 0
+            return
+        self._last = now
+        self._count += count
+        span = now - self._start
+        if span < RATE_SHORTEST_S:
+            return
+        error_s = abs(self._count / nominal_hz - span)
+        if error_s > RATE_TOLERANCE * span + RATE_SLACK_S + RATE_SLACK_SAMPLES / nominal_hz:
+            rate = self._count / span
+            if self.rate_hz is None or abs(rate / self.rate_hz - 1.0) > RATE_TOLERANCE:
+                self.rate_hz = rate
+        elif error_s < RATE_TOLERANCE * span:
+            self.rate_hz = None
+        if span > RATE_LONGEST_S:
+            self._start = None
+
+    def remark(self, nominal_hz: float) -> str | None:
+        """Return the remark for the report; None if the rate is right."""
+        if self.rate_hz is None:
+            return None
+        return f"samples arrive at {self.rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
 
 
 class Vn100Session:
@@ -87,23 +129,23 @@ class Vn100Session:
     Parameters
     ----------
     port : open port.
-    wanted : what the user asks for.
-    clock : seconds, monotonic.
-    decoder : that of an earlier session with this sensor, so that its counters go on.
+    request : what the user asks for.
+    clock : s, monotonic.
+    decoder : of an earlier session with this sensor, so that its counters continue.
     serial : serial number that the sensor must have; None: any.
-    progress : told in a few words what is being tried, a few times a second at most.
-    paced : samples come at their rate; else the far end is an emulator in time-lapse, which waits for its
+    progress : called with a few words on what is being tried, a few times a second at most.
+    paced : samples arrive at their rate; else the other end is an emulator in time-lapse, which waits for its
         reader.
 
     Attributes
     ----------
-    decoder : decodes the stream; its counters are the record's. Scanning and asking use others.
+    decoder : decodes the stream; its counters are those of the record. Scans and requests use others.
     """
 
     def __init__(
         self,
         port: Port,
-        wanted: StreamRequest,
+        request: StreamRequest,
         clock: Callable[[], float],
         *,
         decoder: Vn100Decoder | None = None,
@@ -112,264 +154,269 @@ class Vn100Session:
         paced: bool = True,
     ) -> None:
         self.decoder = Vn100Decoder() if decoder is None else decoder
-        self._port, self._wanted, self._clock, self._progress = port, wanted, clock, progress
-        self._dialogue = CommandChannel(port, clock, wanted.listen_only, progress)
-        self._changes = Configuration(self._dialogue, wanted.stream, wanted.set_baud, clock)
+        self._port, self._request, self._clock, self._progress = port, request, clock, progress
+        self._channel = CommandChannel(port, clock, request.listen_only, progress)
+        self._configuration = Configuration(self._channel, request.stream, request.set_baud, clock)
         self._serial = serial
         self._identity: dict[int, str] = {}
-        self._divisor: int | None = None  # of our own stream, None when the sensor sends another
+        self._divisor: int | None = None  # of the configured stream; None if the sensor sends its own
         self._streams: dict[Kind, Stream] = {}
         self._notices: list[Notice] = []
-        self._arrival = RateCheck()
+        self._rate_check = RateCheck()
         self._paced = paced
-        self._ahead = b""
-        self._rubbish, self._silences = 0, 0
-        self._newest_ns, self._restarted = 0, False  # of our stream's own clock
+        self._unread = b""
+        self._garbage, self._silences = 0, 0
+        self._newest_ns, self._restarted = 0, False  # of the clock of the configured stream
         self._troubles: set[str] = set()
-        self._errors: dict[int, tuple[float, int]] = {}  # by code: when told again, how many were not
-        self._watch_from(clock())
+        self._errors: dict[int, tuple[float, int]] = {}  # by code: when to report next, how many were not
+        self._reset_health(clock())
 
-    # ------------------------------------------------------------------ the way in and out
+    # ------------------------------------------------------------------ start and end
 
-    def connect(self) -> Vn100Info:
-        """Find the sensor's baud, know it and read its settings.
+    def connect(self) -> DeviceInfo:
+        """Find the baud rate of the sensor, identify it and read its settings.
 
         Raises
         ------
-        NotAVn100 : nothing answers like one; the text says what was seen.
-        SensorChanged : another serial number than `serial`.
+        NotAVn100 : nothing replies like one.
+        OtherSensor : another serial number than `serial`.
         """
-        self._dialogue.find(self._bauds())
-        if not self._wanted.listen_only:
-            self._know()
-        self._watch_from(self._clock())
-        return self.facts()
+        self._channel.find_baud(self._bauds())
+        if not self._request.listen_only:
+            self._identify()
+        self._reset_health(self._clock())
+        return self.info()
 
-    def remember(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
-        """Settings to put back at the end. Keep the answer on disk until `restore` has succeeded.
+    def save_settings(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
+        """Return the settings to restore at the end. Keep them on disk until `restore` has succeeded.
 
         Parameters
         ----------
-        saved : the answer of an earlier process that ended without `restore`, None when there was none.
+        saved : the return value in an earlier process that ended without `restore`; None: there was none.
         """
-        return {} if self._wanted.listen_only else self._changes.remember(saved)
+        return {} if self._request.listen_only else self._configuration.save_originals(saved)
 
-    def configure(self) -> Vn100Info:
-        """Have the sensor stream what is wanted; in vain, take what it sends and say so.
+    def configure(self) -> DeviceInfo:
+        """Make the sensor stream the requested samples; if it cannot, use what it sends and remark it.
 
         Raises
         ------
-        SessionError : it does not answer any more.
+        DeviceNotFound : it does not reply any more.
         """
         self._streams.clear()
         self._divisor = None
-        if not self._wanted.listen_only:
-            self._progress("setting up the stream")
-            flow = self._changes.make()
-            if flow is not None:
-                self._streams[flow.stream.kind] = flow.stream
-                self._divisor, self._ahead = flow.divisor, flow.ahead
-        self._watch_from(self._clock())
-        return self.facts()
+        if not self._request.listen_only:
+            self._progress("configuring the stream")
+            configured = self._configuration.apply()
+            if configured is not None:
+                self._streams[configured.stream.kind] = configured.stream
+                self._divisor, self._unread = configured.divisor, configured.unread
+        self._reset_health(self._clock())
+        return self.info()
 
     def restore(self) -> bool:
-        """Put the settings back as they were found; True when the sensor has confirmed each.
+        """Restore the original settings; return whether the sensor has confirmed each.
 
-        It may be called at any moment, also after `configure` was interrupted.
+        It may be called at any moment, also after an interrupted `configure`.
         """
-        return self._changes.undo()
+        return self._configuration.revert()
 
     # ------------------------------------------------------------------ while it streams
 
     def read(self, timeout: float) -> bytes:
-        """Bytes of the stream; waits up to `timeout` seconds for the first."""
-        if self._ahead:
-            data, self._ahead = self._ahead, b""
+        """Return bytes of the stream; wait up to `timeout` seconds for the first."""
+        if self._unread:
+            data, self._unread = self._unread, b""
             return data
         return self._port.read(timeout)
 
     def decode(self, data: bytes) -> list[DecodedItem]:
-        """Items in bytes that `read` gave."""
+        """Return the items in bytes that `read` returned."""
         valid = self.decoder.messages
         items = self.decoder.feed(data)
         now = self._clock()
         if data:
             self._bytes_at = now
-            self._rubbish += len(data)
+            self._garbage += len(data)
         if self.decoder.messages > valid:
-            self._valid_at, self._rubbish = now, 0
+            self._valid_at, self._garbage = now, 0
         for item in items:
             if isinstance(item, SampleBlock):
                 self._streams[item.stream.kind] = item.stream
-                if self._divisor is None or item.stream.kind == self._wanted.stream:
-                    self._sampled(now)
-                self._compare(item, now)
-                self._follow(item)
+                if self._divisor is None or item.stream.kind == self._request.stream:
+                    self._on_samples(now)
+                self._check_rate(item, now)
+                self._check_restart(item)
             elif isinstance(item, SensorError):
-                self._complain(item, now)
+                self._on_sensor_error(item, now)
         return items
 
-    def tick(self) -> list[Notice]:
-        """Look after the sensor; call it a few times a second. What happened, for people.
+    def check_health(self) -> list[Notice]:
+        """Check the sensor and repair what can be repaired; call it a few times a second.
 
-        May take as long as `connect` and `configure` when the sensor must be found again.
+        It may take as long as `connect` and `configure` if the sensor must be found again.
 
         Raises
         ------
-        SensorChanged : another serial number answers.
+        OtherSensor : another serial number replies.
         """
         now = self._clock()
-        if now >= self._patience:
-            self._look_after(now)
+        if now >= self._next_check:
+            self._repair(now)
         notices, self._notices = self._notices, []
         return notices
 
-    def facts(self) -> Vn100Info:
-        """What is known of the sensor and its stream by now."""
-        facts = describe(
+    def info(self) -> DeviceInfo:
+        """Return what is known of the sensor and its stream by now."""
+        info = device_info(
             self._port.name,
             self._port.baud,
             self._identity,
-            self._dialogue.settings,
+            self._channel.settings,
             self._best(),
-            LOOP_RATE / self._divisor if self._divisor is not None else self._wanted.rate_hz,
-            tuple(self._changes.remarks),
+            LOOP_RATE / self._divisor if self._divisor is not None else self._request.rate_hz,
+            tuple(self._configuration.remarks),
         )
-        remark = facts.sample_rate_hz and self._arrival.remark(facts.sample_rate_hz)
-        return replace(facts, remarks=(*facts.remarks, remark)) if remark else facts
+        remark = info.sample_rate_hz and self._rate_check.remark(info.sample_rate_hz)
+        return replace(info, remarks=(*info.remarks, remark)) if remark else info
 
     def _best(self) -> Stream | None:
-        """The stream that is characterised, None before its first sample."""
+        """Return the stream that is characterised; None before its first sample."""
         return next((self._streams[kind] for kind in _BEST if kind in self._streams), None)
 
-    def _compare(self, block: SampleBlock, now: float) -> None:
-        """Hold the rate that was told against the clock, where nothing else would notice a wrong one."""
+    def _check_rate(self, block: SampleBlock, now: float) -> None:
+        """Compare a configured rate with the host clock where nothing else would show a wrong one."""
         if not self._paced or block.stream != self._best():
             return
-        if self._wanted.listen_only or block.stream.clock == "none":
-            settings = self._dialogue.settings
-            told = nominal_rate(settings, block.stream) or self._wanted.rate_hz
-            if told:
-                self._arrival.take(len(block) + int(block.lost.sum()), now, told)
+        if self._request.listen_only or block.stream.clock == "none":
+            nominal = nominal_rate(self._channel.settings, block.stream) or self._request.rate_hz
+            if nominal:
+                self._rate_check.update(len(block) + int(block.lost.sum()), now, nominal)
 
-    def _follow(self, block: SampleBlock) -> None:
-        """See in the clock of our stream that the sensor was restarted, if the same comes from its flash."""
+    def _check_restart(self, block: SampleBlock) -> None:
+        """Notice a restart of the sensor by its clock, if it streams the same from its flash."""
         if block.stream.clock == "startup" and block.time_ns is not None and len(block):
-            self._restarted |= int(block.time_ns[0]) < self._newest_ns - BACK_NS
+            self._restarted |= int(block.time_ns[0]) < self._newest_ns - RESTART_NS
             self._newest_ns = int(block.time_ns[-1])
 
-    # ------------------------------------------------------------------ knowing it
+    # ------------------------------------------------------------------ identification
 
     def _bauds(self) -> list[int]:
-        """Bauds to try, in this order."""
+        """Return the baud rates to try, in this order."""
         if self._port.fixed_baud:
             return [self._port.baud]
-        if self._wanted.baud is not None:
-            return list(dict.fromkeys((self._wanted.baud, self._wanted.set_baud or self._wanted.baud)))
-        return list(dict.fromkeys((self._port.baud, *BAUDS)))
+        if self._request.baud is not None:
+            return list(dict.fromkeys((self._request.baud, self._request.set_baud or self._request.baud)))
+        return list(dict.fromkeys((self._port.baud, *BAUD_RATES)))
 
-    def _know(self) -> None:
+    def _identify(self) -> None:
         """Read identity and settings."""
-        self._progress("reading the sensor's settings")
-        settings = self._dialogue.settings
+        self._progress("reading the settings of the sensor")
+        settings = self._channel.settings
         self._identity.clear()
         settings.clear()
         # the output type early: a sensor may be set to switch its output off at the first error
         for register in dict.fromkeys((1, 3, 4, OUTPUT_TYPE, *CHANGE_THE_DATA)):
-            text = self._dialogue.read(register)
+            text = self._channel.read(register)
             if text is None and register == 1:
                 raise NotAVn100(
-                    f"{self._port.name} sends valid messages but does not answer: connect the wire to the "
-                    "sensor's receiver, or use --listen-only"
+                    "device_receives_nothing",
+                    f"{self._port.name} sends valid messages but does not reply",
+                    "connect the wire to the receiver of the sensor, or use --listen-only",
                 )
             if text is not None:
                 (self._identity if register < BAUD else settings)[register] = text
         serial = self._identity.get(3)
         if self._serial is not None and serial is not None and serial != self._serial:
-            raise SensorChanged(f"the sensor on {self._port.name} is {serial}, not {self._serial}")
+            raise OtherSensor(
+                "other_sensor",
+                f"the sensor on {self._port.name} is {serial}, not {self._serial}",
+                "connect the first one again, or stop and start imumon",
+            )
         self._serial = serial or self._serial
 
-    # ------------------------------------------------------------------ looking after it
+    # ------------------------------------------------------------------ health
 
-    def _watch_from(self, now: float) -> None:
-        self._arrival.begin()
-        self._bytes_at = self._valid_at = self._sample_at = self._patience = now
-        self._rubbish, self._silences = 0, 0
+    def _reset_health(self, now: float) -> None:
+        self._rate_check.restart()
+        self._bytes_at = self._valid_at = self._sample_at = self._next_check = now
+        self._garbage, self._silences = 0, 0
         self._newest_ns, self._restarted = 0, False
 
-    def _sampled(self, now: float) -> None:
-        """A sample of the stream has come: all is well."""
+    def _on_samples(self, now: float) -> None:
+        """Samples of the stream have arrived: all is well."""
         if self._troubles or self._silences:
             silent = now - self._sample_at
-            self._notices.append(Notice("resumed", f"samples come again, after {silent:.1f} s"))
-            self._arrival.begin()
+            self._notices.append(Notice("resumed", f"samples arrive again after {silent:.1f} s"))
+            self._rate_check.restart()
         self._sample_at, self._silences = now, 0
         self._troubles.clear()
 
-    def _look_after(self, now: float) -> None:
-        """What is wrong, if anything, and the cure for it."""
-        quiet = PATIENT_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
+    def _repair(self, now: float) -> None:
+        """Find what is wrong, if anything, and try to repair it."""
+        quiet = QUIET_UNKNOWN_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
         if self._restarted and self._divisor is not None:
-            self._again("reconfigured", "the sensor was restarted, and is set up again")
+            self._reconnect("reconfigured", "the sensor was restarted and is configured again")
         elif now - self._bytes_at > quiet:
             self._break_silence(now)
-        elif now - self._valid_at > quiet and self._rubbish >= RUBBISH:
+        elif now - self._valid_at > quiet and self._garbage >= GARBAGE_BYTES:
             if "garbage" in self._troubles:
-                self._again("found", "the sensor is found again")
+                self._reconnect("found", "the sensor is found again")
             else:
-                self._report("garbage", "bytes come, but nothing valid: the port is opened anew")
+                self._notice_once("garbage", "bytes arrive, but no valid message: the port is reopened")
                 self._port.reopen()
                 self._bytes_at = self._valid_at = self._clock()
-                self._rubbish = 0
+                self._garbage = 0
         elif now - self._sample_at > quiet and self._divisor is not None:
-            self._again("reconfigured", "the sensor had gone back to its own settings: was it restarted?")
+            self._reconnect(
+                "reconfigured",
+                "the sensor had its own settings again (was it restarted?) and is configured again",
+            )
         elif now - self._sample_at > 2 * quiet:
-            self._report("no_samples", "valid messages come, but none that can be characterised")
+            self._notice_once("no_samples", "valid messages arrive, but none that can be characterised")
 
     def _break_silence(self, now: float) -> None:
-        """Wake a sensor that was paused; in vain, look for it at other bauds now and then."""
+        """Resume a sensor that was paused; if that fails, look for it at other baud rates now and then."""
         self._silences += 1
-        self._patience = now + QUIET_S
+        self._next_check = now + QUIET_S
         if self._silences > 2:
-            self._report("silent", "nothing comes from the sensor: has it power, and is the cable in?")
-        if self._wanted.listen_only:
+            self._notice_once("silent", "nothing arrives from the sensor: check its power and the cable")
+        if self._request.listen_only:
             return
         if self._silences % 8:
-            self._dialogue.wake()
+            self._channel.resume_output()
         else:
-            self._again("found", "the sensor is back")
+            self._reconnect("found", "the sensor is back")
 
-    def _complain(self, error: SensorError, now: float) -> None:
-        """Tell an error of the sensor; one that goes on, once a minute."""
-        due, untold = self._errors.get(error.code, (now, 0))
+    def _on_sensor_error(self, error: SensorError, now: float) -> None:
+        """Report an error of the sensor; one that repeats, once a minute."""
+        due, unreported = self._errors.get(error.code, (now, 0))
         if now < due:
-            self._errors[error.code] = due, untold + 1
+            self._errors[error.code] = due, unreported + 1
             return
-        before = f" ({untold} times more since that was told last)" if untold else ""
-        self._notices.append(Notice("sensor_error", f"the sensor says: {error.text}{before}"))
-        self._errors[error.code] = now + ERROR_S, 0
+        before = f" ({unreported} more since the last notice)" if unreported else ""
+        self._notices.append(Notice("sensor_error", f"the sensor reports an error: {error.text}{before}"))
+        self._errors[error.code] = now + ERROR_NOTICE_S, 0
 
-    def _again(self, kind: str, text: str) -> None:
-        """Connect and configure once more; in vain, let a later tick try."""
+    def _reconnect(self, kind: str, text: str) -> None:
+        """Connect and configure again; if that fails, a later check tries again."""
         self.decoder.finish()
-        self._ahead = b""
+        self._unread = b""
         before = self._silences, self._restarted
         try:
             self.connect()
-            self.remember()
+            self.save_settings()
             self.configure()
-        except SensorChanged:
-            raise
-        except SessionError as error:
+        except DeviceNotFound as error:
             self._silences, self._restarted = before  # a scan that found nothing has changed nothing
-            self._report("lost", str(error))
-            self._patience = self._clock() + RETRY_S
+            self._notice_once("lost", str(error))
+            self._next_check = self._clock() + RETRY_S
         else:
             self._notices.append(Notice(kind, text))
             self._troubles.clear()
 
-    def _report(self, kind: str, text: str) -> None:
-        """Say a trouble once, until samples come again."""
+    def _notice_once(self, kind: str, text: str) -> None:
+        """Report a trouble once, until samples arrive again."""
         if kind not in self._troubles:
             self._notices.append(Notice(kind, text))
             self._troubles.add(kind)

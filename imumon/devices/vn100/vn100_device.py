@@ -1,0 +1,309 @@
+"""The VN-100 as a device: a session on a serial port, found, lost and found again.
+
+While the settings of the sensor are changed, a file in the state directory holds the original ones: a process
+that was killed leaves it behind, and the next one restores the sensor at its end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, Interrupted
+from imumon.devices.serial_port import (
+    QUEUE_BYTES,
+    PortInfo,
+    SerialPort,
+    find_again,
+    find_ports,
+    holders,
+)
+from imumon.devices.vn100.commands import NotAVn100
+from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
+from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
+
+FIRST_BAUD = 115200
+"""bit/s, the factory value."""
+TIME_LAPSE_QUEUE_BYTES = 1 << 19
+"""Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway. Not critical."""
+SLICE_S = 0.1
+"""s after which a wait looks whether it was interrupted. Not critical."""
+BATCH_S = 0.25
+"""s for which bytes are collected: each batch has a fixed cost. A report is at most this much behind."""
+INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")
+"""Kinds of notices after which a stream without a clock has a gap of unknown length."""
+
+
+class InterruptiblePort:
+    """A serial port whose waiting ends when the device is interrupted."""
+
+    def __init__(self, port: SerialPort, device: Device) -> None:
+        self.port = port
+        self._interrupted = device.interrupted
+
+    @property
+    def name(self) -> str:
+        return self.port.name
+
+    @property
+    def baud(self) -> int:
+        return self.port.baud
+
+    @property
+    def fixed_baud(self) -> bool:
+        return self.port.fixed_baud
+
+    def read(self, timeout: float) -> bytes:
+        deadline = time.monotonic() + timeout
+        while True:
+            if self._interrupted.is_set():
+                raise Interrupted
+            left = deadline - time.monotonic()
+            data = self.port.read(max(0.0, min(left, SLICE_S)))
+            if data or left <= 0.0:
+                return data
+
+    def write(self, data: bytes) -> None:
+        self.port.write(data)
+
+    def set_baud(self, baud: int) -> bool:
+        return self.port.set_baud(baud)
+
+    def reopen(self) -> None:
+        self.port.reopen()
+
+
+class Vn100Device(Device):
+    """One VN-100.
+
+    Parameters
+    ----------
+    options : `url` is a path or a pyserial URL; empty: the only VN-100 on the serial ports.
+    """
+
+    def __init__(self, options: DeviceOptions) -> None:
+        super().__init__()
+        settings = options.settings
+        self._path = options.url.removeprefix("vn100:")
+        self._request = StreamRequest(
+            stream=settings.stream,
+            listen_only=settings.listen_only,
+            baud=None if settings.baud == "auto" else settings.baud,
+            set_baud=settings.set_baud or None,
+            rate_hz=settings.rate_hz or None,
+        )
+        self._state_directory = options.state_directory
+        self._time_lapse = options.speed != 1.0
+        self._decoder = Vn100Decoder()
+        self._port: SerialPort | None = None
+        self._session: Vn100Session | None = None
+        self._earlier = DeviceCounters()  # of earlier connections
+        self._ports: list[PortInfo] = []  # when the sensor was found
+        self._serial: str | None = None
+        self._identified = self._streaming = self._configuring = False
+        self._info: DeviceInfo | None = None
+        self._counters_sent = DeviceCounters()
+        self._saved_settings: Path | None = None
+
+    # ------------------------------------------------------------------ start and end
+
+    def open(self) -> DeviceInfo:
+        """Find the sensor and identify it; after a loss, where it may be again.
+
+        Raises
+        ------
+        DeviceNotFound : there is no such port, or nothing on it replies like a VN-100.
+        DeviceError : the port cannot be used, or another sensor is on it.
+        """
+        if not self._path:
+            self._path = self._search()
+        paths = find_again(self._path, self._ports, find_ports()) if self._identified else [self._path]
+        error: DeviceError = DeviceNotFound(
+            "port_not_found", f"no port {self._path}", "plug the sensor in again"
+        )
+        for path in paths:
+            try:
+                info = self._open(path)
+            except DeviceError as problem:
+                error = problem
+                continue
+            self._identified = True
+            return info
+        raise error
+
+    def start(self) -> DeviceInfo:
+        session = self._connected()
+        self._save_settings(session)
+        self._configuring = True
+        self._info = session.configure()
+        return self._info
+
+    def restore(self) -> bool:
+        if self._session is None:
+            return True  # it is gone: the saved settings stay for the next run
+        if not self._session.restore():
+            return False
+        if self._saved_settings is not None:
+            with suppress(OSError):
+                self._saved_settings.unlink(missing_ok=True)
+        return True
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._port.close()
+            self._earlier = self.counters
+        self._port = self._session = None
+        self._streaming = self._configuring = False
+
+    def _open(self, path: str) -> DeviceInfo:
+        limit = TIME_LAPSE_QUEUE_BYTES if self._time_lapse else QUEUE_BYTES
+        baud = self._request.baud or FIRST_BAUD
+        port = SerialPort(path, baud, queue_bytes=limit, lossless=self._time_lapse)
+        try:
+            session = Vn100Session(
+                InterruptiblePort(port, self),
+                self._request,
+                time.monotonic,
+                decoder=self._decoder,
+                serial=self._serial,
+                progress=lambda text: self.progress(text),
+                paced=not self._time_lapse,
+            )
+            info = session.connect()
+        except NotAVn100 as error:
+            port.close()
+            if others := _other_readers(path):
+                raise NotAVn100(
+                    error.code, f"{error.message}; {others} has it open too", "end that program first"
+                ) from None
+            raise
+        except BaseException:
+            port.close()
+            raise
+        self._port, self._session, self._path = port, session, path
+        self._serial = info.serial
+        self._ports = find_ports()
+        self._info = info
+        return info
+
+    def _search(self) -> str:
+        """Return the path of the only VN-100 on the serial ports."""
+        ports = find_ports()
+        if not ports:
+            raise DeviceNotFound(
+                "no_serial_port", "no serial port on this machine", "plug the sensor in, or try --port sim"
+            )
+        found, problems = [], []
+        for port in ports:
+            try:
+                info = self._open(port.path)
+            except DeviceError as error:
+                problems.append(f"{error.message} ({port.description})")
+                continue
+            found.append((port.path, f"{port.path} ({info.model or 'listen-only'} {info.serial or ''})"))
+            self.close()
+            self._serial = None
+        if len(found) == 1:
+            return found[0][0]
+        if found:
+            names = ", ".join(text for _, text in found)
+            raise DeviceNotFound("several_devices", f"several sensors: {names}", "choose one with --port")
+        raise DeviceNotFound(
+            "no_device", f"no VN-100 on the serial ports: {'; '.join(problems)}", "name one with --port"
+        )
+
+    def _save_settings(self, session: Vn100Session) -> None:
+        """Write the original settings to disk before they are changed."""
+        directory = self._state_directory
+        if directory is None or self._info is None:
+            session.save_settings(None)
+            return
+        path = directory / f"{self._info.id}.found.json"
+        settings = session.save_settings(_saved_settings(path))
+        if settings:  # nothing with listen-only: what an earlier run saved stays
+            with suppress(OSError):
+                new = path.with_suffix(".new")
+                new.write_text(json.dumps(settings))
+                os.replace(new, path)
+            self._saved_settings = path
+
+    def _connected(self) -> Vn100Session:
+        if self._session is None:
+            raise DeviceError("device_closed", "the device is not open", "open it first")
+        return self._session
+
+    # ------------------------------------------------------------------ while it streams
+
+    def info(self) -> DeviceInfo:
+        if self._session is not None:
+            self._info = self._session.info()
+        assert self._info is not None
+        return self._info
+
+    def read(self, timeout_s: float) -> list[Item]:
+        session, port = self._connected(), self._port
+        assert port is not None
+        if self._streaming and timeout_s > 0.0:
+            end = time.monotonic() + BATCH_S
+            while not port.waits and (left := end - time.monotonic()) > 0.0:
+                if self.interrupted.wait(min(left, SLICE_S)):
+                    raise Interrupted
+        data = session.read(timeout_s)
+        items: list[Item] = []
+        if data:
+            items.append(RawBytes(data))
+            blocks = [item for item in session.decode(data) if isinstance(item, SampleBlock)]
+            self._streaming |= bool(blocks)
+            items += blocks
+        if self._configuring:  # without `start` nothing may be repaired: that writes to the sensor
+            for notice in session.check_health():
+                items += _with_gap(notice)
+        if items:
+            before = self._info
+            if self.info() != before and self._info is not None:
+                items.insert(1 if data else 0, self._info)
+        if (counters := self.counters) != self._counters_sent:
+            self._counters_sent = counters
+            items.append(counters)
+        return items
+
+    def finish(self) -> list[Item]:
+        blocks: list[Item] = [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
+        return [*blocks, self.counters]
+
+    @property
+    def counters(self) -> DeviceCounters:
+        decoder, port, earlier = self._decoder, self._port, self._earlier
+        kernel, now = earlier.kernel_overruns, port.kernel_overruns if port else None
+        return DeviceCounters(
+            received_bytes=decoder.fed,
+            discarded_bytes=decoder.discarded,
+            bad_checksums=decoder.bad_checksums,
+            overruns=earlier.overruns + (port.overruns if port else 0),
+            kernel_overruns=kernel if now is None else (kernel or 0) + now,
+            most_queued_bytes=max(earlier.most_queued_bytes or 0, port.most_queued if port else 0),
+        )
+
+
+def _with_gap(notice: Notice) -> list[Item]:
+    return [notice, Gap(None)] if notice.kind in INTERRUPTIONS else [notice]
+
+
+def _saved_settings(path: Path) -> dict[str, str] | None:
+    """Return the settings that a killed run saved; None if there are none that can be read."""
+    try:
+        saved = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(saved, dict) or not all(isinstance(text, str) for text in saved.values()):
+        return None
+    return saved
+
+
+def _other_readers(path: str) -> str:
+    """Return who else has a port open, and so takes a part of its bytes; an emulator has its own terminal."""
+    return "" if os.path.realpath(path).startswith("/dev/pts/") else ", ".join(holders(path))
