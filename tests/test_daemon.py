@@ -19,12 +19,13 @@ from daemons import Daemon, free_endpoint
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
 from imumon.daemon import RunOptions
-from imumon.daemon.shutdown import ShutdownRequested
+from imumon.devices.base import Interrupted
+from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import encode
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_session import Vn100Info, Vn100Session
-from imumon.recordings import SerialPort
+from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.report import Report, stamp
+from imumon.samples import DeviceInfo
 
 ROOT = Path(__file__).parents[1]
 
@@ -37,9 +38,16 @@ def adds_up(report: Report) -> None:
     assert round(session.elapsed_s * rate) == session.samples + session.missing
 
 
+def measured(report: Report, channel: str) -> bool:
+    n = report.channels[channel].N
+    return n is not None and n.status == "measured"
+
+
 def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
-        report = daemon.wait(lambda r: "gyro" in r.grade and r.grade["gyro"].nearest is not None)
+        report = daemon.wait(
+            lambda r: "gyro" in r.grade and r.grade["gyro"].nearest is not None and measured(r, "gyro/x")
+        )
         assert report.state == "running"
         assert report.device.stream == "deltas"
         assert report.device.alias_factor == 1.0
@@ -60,8 +68,8 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
 def test_what_is_found_out_later_is_told_and_stands_in_the_report(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         with Daemon(sensor.path, tmp_path, "--listen-only", "--rate", "80") as daemon:
-            report = daemon.wait(lambda r: any("samples come at" in text for text in r.device.remarks))
-            assert any("only listened to" in text for text in report.device.remarks)
+            report = daemon.wait(lambda r: any("samples arrive at" in text for text in r.device.remarks))
+            assert any("listen-only" in text for text in report.device.remarks)
             assert any("aliasing" in text for text in report.device.remarks)
             _, _, said = daemon.stop()
         for remark in report.device.remarks:
@@ -82,7 +90,7 @@ def test_bytes_without_samples_of_the_stream_are_no_running_sensor(tmp_path: Pat
         assert sensor.ask("counters")["bytes"] > 0
         later = daemon.wait(lambda r: r.time > told.time)
         assert (later.state, later.session.samples) == ("waiting", told.session.samples)
-        assert "bytes come, but no samples of the stream" in daemon.stop()[2]
+        assert "data arrive, but no samples of the stream" in daemon.stop()[2]
 
 
 @pytest.mark.parametrize("away_s", [1.0, pytest.param(75.0, marks=pytest.mark.slow)])
@@ -103,10 +111,10 @@ def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> No
             second.stop()
 
 
-def here(port: str, state: Path, **words: Any) -> Reader:
+def here(port: str, state: Path, **options: Any) -> Reader:
     """A daemon in this process."""
     settings = load(None, {"zenoh.listen": [free_endpoint()], "log.level": "error"})
-    return Reader(settings, RunOptions(path=port, state_directory=state, **words))
+    return Reader(settings, RunOptions(url=port, state_directory=state, **options))
 
 
 def test_a_stop_while_it_is_being_set_up_leaves_the_kept_record(
@@ -114,10 +122,12 @@ def test_a_stop_while_it_is_being_set_up_leaves_the_kept_record(
 ) -> None:
     configure = Vn100Session.configure
 
-    def stopped(session: Vn100Session) -> Vn100Info:
+    def stopped(session: Vn100Session) -> DeviceInfo:
         configure(session)
-        time.sleep(0.3)  # samples have come by now
-        raise ShutdownRequested
+        time.sleep(0.3)  # samples have arrived by now
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.3)
+        raise Interrupted
 
     with spawn(EmulatorSettings(seed=2)) as sensor:
         with Daemon(sensor.path, tmp_path) as first:

@@ -18,12 +18,15 @@ from daemons import free_endpoint
 
 from imumon.config import Settings, ZenohSettings, search
 from imumon.daemon import Daemon, RunOptions
-from imumon.daemon.connection import DeviceConnection, NoDevice
 from imumon.daemon.log import DaemonLog
-from imumon.daemon.shutdown import Shutdown
+from imumon.daemon.run_limits import Shutdown
+from imumon.devices.base import DeviceLost, DeviceNotFound, DeviceOptions
+from imumon.devices.device_reader import Items
+from imumon.devices.serial_port import PortInfo
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Info, Vn100Session
-from imumon.recordings import PortGone, PortInfo
+from imumon.devices.vn100.vn100_device import Vn100Device
+from imumon.devices.vn100.vn100_session import Vn100Session
+from imumon.samples import DeviceInfo, RawBytes
 
 ROOT = Path(__file__).parents[1]
 UNIT = ROOT / "systemd" / "imumon@.service"
@@ -132,22 +135,23 @@ def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
 def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ear = Ear(tmp_path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
-    monkeypatch.setattr("imumon.daemon.connection.find_ports", list)
-    outcome = Daemon(Settings(), RunOptions(path=None, state_directory=tmp_path, duration_s=0.3)).run()
+    monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", list)
+    outcome = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path, duration_s=0.3)).run()
     assert outcome.report is None
     assert ear.until("READY=1") < ear.until("STATUS=waiting: no serial port on this machine")
     ear.close()
 
 
-def test_a_sensor_that_is_silent_from_the_start_is_waited_for(
+def test_a_device_that_is_silent_from_the_start_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else it would never be ready, and be killed and started again for ever."""
-    daemon = Daemon(Settings(), RunOptions(path=None, state_directory=tmp_path))
-    monkeypatch.setattr("imumon.daemon.data_timeout.stale_s", lambda rate_hz: 0.0)
-    daemon._heard(b"")
+    """Otherwise it would never be ready, and be killed and started again and again."""
+    daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
+    daemon._connected = True
+    monkeypatch.setattr("imumon.daemon.run_limits.timeout_s", lambda rate_hz: 0.0)
+    daemon._handle(None)
     assert daemon._state == "starting"
-    daemon._heard(b"")
+    daemon._handle(None)
     assert daemon._state == "waiting"
 
 
@@ -155,88 +159,85 @@ def test_a_late_report_is_not_followed_by_another_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = Settings()
-    daemon = Daemon(settings, RunOptions(path=None, state_directory=tmp_path))
+    daemon = Daemon(settings, RunOptions(url="", state_directory=tmp_path))
     published: list[float] = []
     monkeypatch.setattr(daemon, "_bus", object())
     monkeypatch.setattr(daemon, "_publish", lambda: published.append(now))
     step = settings.report.period_s / 10.0
     for now in [100.0 + step * k for k in (*range(15), *range(55, 75))]:  # stopped for four periods
-        daemon._duties(now)
+        daemon._do_duties(now)
     gaps = [after - before for before, after in pairwise(published)]
     assert min(gaps) > 9.5 * step
     assert len(published) == 4
 
 
-def test_a_sensor_whose_bytes_never_become_samples_is_waited_for_too(
+def test_a_device_whose_bytes_never_become_samples_is_waited_for_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    daemon = Daemon(Settings(), RunOptions(path=None, state_directory=tmp_path))
-    daemon._heard(b"$")
-    daemon._heard(b"$")
-    assert daemon._state == "starting"
-    monkeypatch.setattr("imumon.daemon.data_timeout.LEARNING_S", 0.0)
-    daemon._heard(b"$")
+    daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
+    daemon._connected = True
+    for _ in range(2):
+        daemon._handle(Items([RawBytes(b"$")]))
+        assert daemon._state == "starting"
+    monkeypatch.setattr("imumon.daemon.run_limits.START_TIMEOUT_S", 0.0)
+    daemon._handle(Items([RawBytes(b"$")]))
     assert daemon._state == "waiting"
 
 
-def test_a_sensor_that_goes_while_it_is_set_up_is_met_anew(
+def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its port, its address on the bus and its state are held by nobody meanwhile, least of all by us."""
-    ear, whole, tries = Ear(tmp_path), Vn100Session.configure, [0]
+    """Meanwhile nobody holds its port, its address on the bus and its state."""
+    listener, whole, tries = Ear(tmp_path), Vn100Session.configure, [0]
 
-    def configure(session: Vn100Session) -> Vn100Info:
+    def configure(session: Vn100Session) -> DeviceInfo:
         tries[0] += 1
         if tries[0] == 1:
-            raise PortGone("unplugged")
+            raise DeviceLost("device_lost", "unplugged", "plug it in again")
         return whole(session)
 
     monkeypatch.setattr(Vn100Session, "configure", configure)
-    monkeypatch.setattr(Daemon, "_pause", lambda daemon, seconds: None)
-    monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
+    monkeypatch.setattr("imumon.devices.device_reader.FIRST_RETRY_S", 0.1)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(listener.path))
     settings = Settings(zenoh=ZenohSettings(listen=(free_endpoint(),)))
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        task = RunOptions(path=sensor.path, state_directory=tmp_path, duration_s=3.0)
-        outcome = Daemon(settings, task).run()
+        options = RunOptions(url=sensor.path, state_directory=tmp_path, duration_s=3.0)
+        result = Daemon(settings, options).run()
     assert tries == [2]
-    assert outcome.report is not None
-    assert outcome.report.session.samples > 0
-    assert ear.until("STATUS=waiting: unplugged") < ear.until("STATUS=running")
-    ear.close()
+    assert result.report is not None
+    assert result.report.session.samples > 0
+    assert listener.until("STATUS=waiting: unplugged") < listener.until("STATUS=running")
+    listener.close()
 
 
-def test_of_several_sensors_none_is_taken_however_often_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    link = DeviceConnection(None, StreamRequest(), lambda: None, lambda text: None)
-    monkeypatch.setattr(
-        "imumon.daemon.connection.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")]
-    )
+def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
+    """A device that searches two ports; the one named `lost` vanishes meanwhile."""
+    device = Vn100Device(DeviceOptions(url="", settings=Settings().device))
+    ports = [PortInfo("/a", ""), PortInfo("/b", "")]
+    monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", lambda: ports)
 
-    def opened(path: str) -> Vn100Info:
-        link.path = path
-        return Vn100Info(id="x")
+    def opened(path: str) -> DeviceInfo:
+        if path == lost:
+            raise DeviceLost("device_lost", f"{path} is gone")
+        device._path = path
+        return DeviceInfo(id="x")
 
-    monkeypatch.setattr(link, "_open", opened)
+    monkeypatch.setattr(device, "_open", opened)
+    return device
+
+
+def test_of_several_sensors_none_is_chosen_however_often_it_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = searching(monkeypatch)
     for _ in range(2):
-        with pytest.raises(NoDevice, match="several sensors"):
-            link.open()
+        with pytest.raises(DeviceNotFound) as refused:
+            device.open()
+        assert refused.value.code == "several_devices"
 
 
-def test_a_port_that_goes_while_it_is_looked_at_does_not_end_the_search(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    link = DeviceConnection(None, StreamRequest(), lambda: None, lambda text: None)
-    monkeypatch.setattr(
-        "imumon.daemon.connection.find_ports", lambda: [PortInfo("/a", ""), PortInfo("/b", "")]
-    )
-
-    def opened(path: str) -> Vn100Info:
-        if path == "/a":
-            raise PortGone("/a is gone")
-        return Vn100Info(id="x")
-
-    monkeypatch.setattr(link, "_open", opened)
-    link.open()
-    assert link.path == "/b"
+def test_a_port_that_vanishes_during_the_search_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = searching(monkeypatch, lost="/a")
+    device.open()
+    assert device._path == "/b"
 
 
 def test_a_reader_of_the_log_that_does_not_read_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,7 +260,7 @@ def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(ignored: bo
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
     try:
         stop = Shutdown(None)
-        with stop.listening():
+        with stop.handling_signals():
             os.kill(os.getpid(), signal.SIGHUP)
         assert stop.signal == (None if ignored else signal.SIGHUP)
     finally:

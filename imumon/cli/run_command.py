@@ -9,7 +9,6 @@ from typing import Any
 
 from imumon.cli.options import (
     DONE,
-    FAILED,
     INTERRUPTED,
     NOT_IN_TIME,
     NOTHING_THERE,
@@ -19,46 +18,35 @@ from imumon.cli.options import (
     add_endpoints,
     add_look,
     baseline,
-    baud,
     bus_stop,
     positive,
     print_report,
-    rate,
-    settings_apart,
     state_directory,
+)
+from imumon.cli.options import (
+    settings as load_settings,
 )
 
 
 def add_run(parser: Parser) -> None:
+    from imumon.devices.registry import driver
+
     add = parser.add_argument
-    add("--port", metavar="PORT", help="device path, pyserial URL, or sim; default: the one VN-100 found")
-    add("--baud", type=baud, metavar="auto|N", help="default auto: find it, never raise it")
-    add("--set-baud", type=int, metavar="N", help="change the sensor's baud to N (volatile)")
-    add("--rate", type=rate, metavar="HZ", help="sample rate of a stream without a clock")
-    add(
-        "--listen-only",
-        action="store_true",
-        default=None,
-        help="write nothing to the sensor; a stream without a clock then needs --rate",
-    )
-    add(
-        "--stream",
-        choices=("deltas", "uncompensated", "compensated"),
-        help="what to ask the sensor for; default deltas",
-    )
+    add("--port", metavar="PORT", help="device path, pyserial URL, sim, or NAME:... of another device")
+    driver().add_run_options(parser)
     add("--id", metavar="NAME", help="name in the keys; default vn100-<serial number>")
     add(
         "--state",
         metavar="DIR",
-        help="where the accumulated statistics live; of --port sim nothing is kept without it",
+        help="directory of the accumulated statistics; --port sim keeps nothing without it",
     )
-    add("--fresh", action="store_true", help="start anew; the old state is kept aside")
-    add("--record", metavar="FILE", help="also keep the raw bytes, for replay")
-    add("--config", metavar="FILE", help="settings; flags win over the file")
-    add("--duration", type=positive, metavar="S", help="stop after S seconds with a final report on stdout")
-    add("--json", action="store_true", help="final report as JSON")
-    add("--no-guards", action="store_true", default=None, help="cut nothing out")
-    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
+    add("--fresh", action="store_true", help="start a new record; the old state is kept under another name")
+    add("--record", metavar="FILE", help="also save the raw bytes, for replay")
+    add("--config", metavar="FILE", help="settings file; options override it")
+    add("--duration", type=positive, metavar="S", help="stop after S seconds and print the final report")
+    add("--json", action="store_true", help="print the final report as JSON")
+    add("--no-guards", action="store_true", default=None, help="exclude nothing")
+    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): report what changed")
     add("--speed", type=positive, default=1.0, metavar="X", help="time-lapse, with --port sim only")
     add("--seed", type=int, metavar="N", help="noise of the emulator, with --port sim only")
     add_endpoints(parser, listen=True)
@@ -76,22 +64,22 @@ def add_sim(parser: Parser) -> None:
     add_arguments(parser)
 
 
-def run(words: argparse.Namespace) -> int:
-    made = _settings(words)
-    if made.device.port == "sim":
-        return _run_emulated(words, made)
-    if words.speed != 1.0 or words.seed is not None:
+def run(arguments: argparse.Namespace) -> int:
+    settings = _settings(arguments)
+    if settings.device.port == "sim":
+        return _run_emulated(arguments, settings)
+    if arguments.speed != 1.0 or arguments.seed is not None:
         raise CommandError("--speed and --seed are for --port sim", USAGE)
-    return _daemon(words, made, made.device.port or None, state_directory(made))
+    return _run_daemon(arguments, settings, settings.device.port, state_directory(settings))
 
 
-def _run_emulated(words: argparse.Namespace, made: Any) -> int:
-    """`run --port sim`: an emulator of its own, and a state that is thrown away unless one is asked for."""
+def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
+    """Run on an emulator, with a temporary state unless a directory is given."""
     from pathlib import Path
 
-    with _emulator(words.speed, words.seed) as sensor, _scratch() as scratch:
-        directory = Path(made.state.directory or scratch)
-        return _daemon(words, made, sensor.path, directory)
+    with _emulator(arguments.speed, arguments.seed) as sensor, _scratch() as scratch:
+        directory = Path(settings.state.directory or scratch)
+        return _run_daemon(arguments, settings, sensor.path, directory)
 
 
 def _scratch() -> Any:
@@ -118,67 +106,67 @@ def _lives(process: int) -> bool:
     return True
 
 
-def _settings(words: argparse.Namespace) -> Any:
-    """Settings with the flags of `run` on top."""
-    speed = words.baud
-    return settings_apart(
-        words,
+def _settings(arguments: argparse.Namespace) -> Any:
+    """Return the settings with the options of `run` on top."""
+    from imumon.devices.registry import driver
+
+    return load_settings(
+        arguments,
         {
-            "device.port": words.port,
-            "device.baud": int(speed) if speed and speed != "auto" else speed,
-            "device.set_baud": words.set_baud,
-            "device.rate_hz": words.rate,
-            "device.listen_only": words.listen_only,
-            "device.stream": words.stream,
-            "device.id": words.id,
-            "zenoh.listen": words.listen,
-            "zenoh.connect": words.connect,
-            "state.directory": words.state,
-            "record.file": words.record,
-            "guards.enabled": False if words.no_guards else None,
+            "device.port": arguments.port,
+            **driver().run_overrides(arguments),
+            "device.id": arguments.id,
+            "zenoh.listen": arguments.listen,
+            "zenoh.connect": arguments.connect,
+            "state.directory": arguments.state,
+            "record.file": arguments.record,
+            "guards.enabled": False if arguments.no_guards else None,
         },
     )
 
 
-def _daemon(words: argparse.Namespace, settings: Any, path: str | None, directory: Any) -> int:
+def _run_daemon(arguments: argparse.Namespace, settings: Any, url: str, directory: Any) -> int:
     import signal
 
     from imumon.bus import BusError
     from imumon.checkpoint import StateError
     from imumon.daemon import Daemon, RunOptions
-    from imumon.daemon.connection import NoDevice
-    from imumon.devices.vn100.vn100_session import SessionError
-    from imumon.pipeline import RateRequired
-    from imumon.recordings import PortError, SourceError
+    from imumon.daemon.log import configure_logging
+    from imumon.devices.base import DeviceError, DeviceNotFound
+    from imumon.errors import RateRequired
+    from imumon.pipeline import RateRequired as PipelineRateRequired
+    from imumon.recordings import SourceError
 
-    task = RunOptions(
-        path=path,
+    options = RunOptions(
+        url=url,
         state_directory=directory,
-        duration_s=words.duration,
-        fresh=words.fresh,
-        speed=words.speed,
-        baseline=baseline(words.baseline),
+        duration_s=arguments.duration,
+        fresh=arguments.fresh,
+        speed=arguments.speed,
+        baseline=baseline(arguments.baseline),
     )
+    configure_logging(settings.log)
     try:
-        outcome = Daemon(settings, task).run()
-    except RateRequired as error:
+        result = Daemon(settings, options).run()
+    except (RateRequired, PipelineRateRequired) as error:
         raise CommandError(f"{error}; imumon doctor counts it", USAGE) from None
-    except (NoDevice, SessionError) as error:
+    except DeviceNotFound as error:
         raise CommandError(str(error), NOTHING_THERE) from None
-    except PortError as error:
-        there = path is None or os.path.exists(path)
-        raise CommandError(str(error), FAILED if there else NOTHING_THERE) from None
+    except DeviceError as error:
+        raise CommandError(str(error)) from None
     except SourceError as error:
         raise CommandError(str(error)) from None
     except BusError as error:
         raise bus_stop(error, settings) from None
     except StateError as error:
         raise CommandError(str(error)) from None
-    if outcome.report is None and outcome.signal is None:
-        raise CommandError(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
-    if outcome.report is not None and (words.duration or words.json):
-        print_report(outcome.report, words.json, task.baseline)
-    return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
+    if result.report is None and result.signal is None:
+        raise CommandError(
+            f"no sensor within {arguments.duration:g} s: give it a longer --duration", NOT_IN_TIME
+        )
+    if result.report is not None and (arguments.duration or arguments.json):
+        print_report(result.report, arguments.json, options.baseline)
+    return INTERRUPTED if result.signal == signal.SIGINT else DONE
 
 
 def _emulator(speed: float, seed: int | None) -> Any:

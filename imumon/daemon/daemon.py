@@ -1,357 +1,372 @@
-"""Daemon: read, feed, ask, publish, save.
+"""Daemon: read a device, feed the pipeline, report, publish and save.
 
-    Daemon      the loop                                          daemon/__init__.py
-    task        what to run, and how it ended                     daemon/task.py
-    stop        a signal, or the time is over                     daemon/stop.py
-    link        the sensor on its port, lost and found again      daemon/link.py
-    silence     no bytes, or no samples, for too long             daemon/silence.py
-    account     what is said of the sensor, and where             daemon/account.py
-    keeping     the state: taken up, saved, set aside             daemon/keeping.py
-    tape        the raw bytes, kept if that is wanted             daemon/tape.py
-    service     service manager and log                           daemon/service.py
-
-One thread does all of it but three things that may stall: draining the port, sending on the bus, and writing
-to disk. A report is due every period whatever the sensor does, so the duties run in a beat that goes
-on wherever the daemon waits for bytes.
+The device runs in the thread of its `DeviceReader`. This loop is the only consumer of its queue, and it owns the
+time, the bus and the state. Three more things may stall and have threads of their own: sending on the bus,
+writing the state, writing the recording. A report is due every period, whatever the device does.
 """
 
 from __future__ import annotations
 
+import logging
 import time
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
-from imumon import heap, report
+from imumon import report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
 from imumon.daemon import metadata
-from imumon.daemon.connection import BEAT_S, DeviceConnection, NoDevice
-from imumon.daemon.data_timeout import DataTimeout
-from imumon.daemon.log import DaemonLog, Level, ServiceNotifier, status_line
+from imumon.daemon.log import LEVELS
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
-from imumon.daemon.run_options import RunOptions, RunResult
-from imumon.daemon.shutdown import Shutdown, ShutdownRequested
-from imumon.devices.vn100.vn100_session import SensorChanged, SessionError, StreamRequest, Vn100Info
-from imumon.pipeline import Monitor
-from imumon.pipeline import MonitorOptions as Watched
-from imumon.recordings import PortError, PortGone, SourceError
-from imumon.samples import SampleBlock, Stream
+from imumon.daemon.run_limits import DataTimeout, Shutdown
+from imumon.daemon.sd_notify import ServiceNotifier, status_line
+from imumon.devices.base import DeviceError, DeviceOptions
+from imumon.devices.device_reader import (
+    DeviceReader,
+    Disconnected,
+    EndOfStream,
+    Items,
+    Opened,
+    OpenFailed,
+    Progress,
+    ReaderEvent,
+    Started,
+)
+from imumon.devices.registry import driver_of
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.samples import (
+    DeviceCounters,
+    DeviceInfo,
+    Gap,
+    Item,
+    Level,
+    Notice,
+    RawBytes,
+    SampleBlock,
+    Stream,
+)
 
-__all__ = ["Daemon", "RunOptions", "RunResult"]
+WAIT_S = 0.1
+"""s that the loop waits for the device before it looks at signals and duties. Not critical."""
+END_S = 5.0
+"""s that the device may take at the end to deliver what has arrived. Not critical."""
+RESTORE_S = 20.0
+"""s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries."""
 
-RETRY_S = 0.5
-GATHER_S, LOOK_S = 0.5, 0.1  # bytes gather so long at most; how often to look whether they still may
-AHEAD_S = 0.01  # before a report is due they are taken in, so that it has them
-TIDY_S, IDLE_S = 5.0, 60.0  # between two times that memory is tidied: after a fit, and else
-INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
-"""Notices of the session behind which a stream without a clock has a gap of unknown length."""
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """What to run, beside the settings.
+
+    Attributes
+    ----------
+    url : of the device, see `imumon.devices.registry.driver_of`; empty: the only one that is found.
+    state_directory : of the accumulated statistics.
+    duration_s : s of the host clock; None: unlimited.
+    fresh : start a new record; the old state is kept under another name.
+    speed : seconds of the sample clock per second of the host clock; other than 1 for an emulator in
+        time-lapse.
+    baseline : an earlier report of the same sensor, to compare with.
+    """
+
+    url: str
+    state_directory: Path
+    duration_s: float | None = None
+    fresh: bool = False
+    speed: float = 1.0
+    baseline: report.Report | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended: the final report, None if no device was ever there, and the signal that ended it."""
+
+    report: report.Report | None
+    signal: int | None
 
 
 class Daemon:
-    """One sensor, read and published until told to stop."""
+    """One device, read and published until the end of the run."""
 
-    def __init__(self, settings: Settings, task: RunOptions) -> None:
-        device = settings.device
-        self.settings, self.task = settings, task
-        self.log = DaemonLog(settings.log.level, settings.log.format)
+    def __init__(self, settings: Settings, options: RunOptions) -> None:
+        self.settings, self.options = settings, options
         self._notifier = ServiceNotifier()
+        driver = driver_of(options.url)
+        self._driver = driver.scheme
+        self._reader = DeviceReader(
+            driver.create(
+                DeviceOptions(
+                    url=options.url,
+                    settings=settings.device,
+                    state_directory=options.state_directory,
+                    speed=options.speed,
+                )
+            )
+        )
         precision = settings.report
-        rate = device.rate_hz or None
-        self._watched = Watched(
+        self._monitor_options = MonitorOptions(
             guarded=settings.guards.enabled,
             precision={"N": precision.precision_n, "B": precision.precision_b, "K": precision.precision_k},
             period_s=precision.period_s,
-            baseline=task.baseline,
+            baseline=options.baseline,
         )
-        self._monitor = Monitor(self._watched, rate_hz=rate)
-        wanted = StreamRequest(
-            stream=device.stream,
-            listen_only=device.listen_only,
-            baud=None if device.baud == "auto" else device.baud,
-            set_baud=device.set_baud or None,
-            rate_hz=rate,
-        )
-        self._link = DeviceConnection(
-            task.path, wanted, self._beat, self._progress, lossless=task.speed != 1.0
-        )
-        self._facts: Vn100Info | None = None
+        self._monitor = self._new_monitor()
+        self._recorder = Recorder(settings.record)
+        self._shutdown = Shutdown(options.duration_s)
+        self._timeout = DataTimeout()
         self._bus: Publisher | None = None
-        self._keeping: Persistence | None = None
-        self._tape = Recorder(settings.record)
-        self._stop = Shutdown(task.duration_s)
-        self._silence = DataTimeout()
-        self._next_report = self._next_save = self._next_alive = 0.0
-        self._tidied, self._tidied_at = 0, 0.0  # renewals at the last tidying, and when that was
-        self._fed_at: float | None = None
-        self._lost_at: float | None = None
-        self._obstacle: str | None = None  # as it was told last
+        self._persistence: Persistence | None = None
+        self._info: DeviceInfo | None = None
+        self._counters = DeviceCounters()
         self._state: report.State = "starting"
-        self._started: str | None = None
+        self._started: str | None = None  # when the record began
+        self._connected = self._ended = False
         self._streams: set[Stream] = set()
-        self._remarked: set[str] = set()
+        self._fed_at: float | None = None  # `uptime_s` of the last samples
+        self._lost_at: float | None = None  # `uptime_s` of the loss
+        self._known_remarks: set[str] = set()
+        self._last_open_error = ""
+        self._next_report = self._next_save = self._next_watchdog = 0.0
 
     def run(self) -> RunResult:
-        """Read until a signal comes or the time is over.
+        """Read until a signal arrives or the duration is over.
 
         Raises
         ------
-        NoSensor, PortError, SessionError : there is no sensor to read at the start (under a service manager
-            it is waited for instead). BusError, StateError : the address or the state is another daemon's.
-        SourceError : what is to be recorded can never be written there.
-        RateNeeded : the stream has no clock and no rate was given.
+        ImumonError : there is no device at the start (a service manager's daemon waits for one), the address or
+            the state belongs to another daemon, the recording cannot be written, or a rate is required.
         """
-        heap.bypass_cache()
         if not self._notifier.listens:
-            self._tape.check()
-        with self._stop.listening():
+            self._recorder.check_file()
+        with self._shutdown.handling_signals():
             try:
-                try:
-                    self._first()
-                    heap.settle()
-                    while True:
-                        self._serve()
-                except ShutdownRequested:
-                    return RunResult(self._end(), self._stop.signal)
+                self._reader.start()
+                while not self._shutdown.requested:
+                    self._step(WAIT_S)
+                return RunResult(self._finish(), self._shutdown.signal)
             except BaseException:
-                self._give_up()
+                self._abort()
                 raise
 
-    # ------------------------------------------------------------------ getting there
+    def _step(self, wait_s: float) -> None:
+        """Handle one event of the device, then what is due."""
+        event = self._reader.get(wait_s)
+        self._handle(event)
+        self._do_duties(time.monotonic())
 
-    def _first(self) -> None:
-        """Wait for the sensor where a service manager started us; else it must be there."""
-        complaint = ""
-        while True:
-            try:
-                self._meet(self._link.open())
-                return
-            except (NoDevice, PortError, PortGone, SessionError) as error:
-                if not self._notifier.listens:
-                    raise
-                self._part()
-                if str(error) != complaint:
-                    complaint = str(error)
-                    self.log.say(f"waiting: {complaint}", "warning")
-                self._notifier.ready()
-                self._notifier.status(f"waiting: {complaint}")
-                self._pause(2.0)
+    def _handle(self, event: ReaderEvent | None) -> None:
+        match event:
+            case None:
+                self._check_timeout(data=False, samples=False)
+            case Items(items):
+                self._on_items(items)
+            case Opened(info):
+                self._on_opened(info)
+            case Started(info, again):
+                (self._on_reconnect if again else self._on_connect)(info)
+            case OpenFailed(error, again):
+                self._on_open_failed(error, again)
+            case Disconnected(error):
+                self._on_disconnect(error)
+            case Progress(text):
+                self._log(text, "debug")
+            case EndOfStream(error):
+                self._ended = True
+                if error is not None:
+                    raise error
 
-    def _meet(self, facts: Vn100Info) -> None:
-        """The sensor is known for the first time: who it is decides the keys and the state."""
-        name = self.settings.device.id or facts.id
+    # ------------------------------------------------------------------ connection
+
+    def _on_opened(self, info: DeviceInfo) -> None:
+        """The device is identified: its name decides the keys and the state. Nothing of it is changed yet."""
+        name = self.settings.device.id or info.id
+        options = self.options
         self._bus = Publisher(name, settings=self.settings.zenoh)
-        self._keeping = Persistence(
-            self.task.state_directory, self._bus.id, facts.id, self._monitor, self.task
+        self._persistence = Persistence(
+            options.state_directory, self._bus.id, self._monitor, fresh=options.fresh, speed=options.speed
         )
-        assert self._link.session is not None
-        self._keeping.remember(self._link.session)
-        self._facts = self._link.session.configure()
-        for text, level in self._keeping.take_up(self._facts):
-            self._tell("state", text, level)
-        self._started = self._keeping.started
-        who = f"{metadata.who(self._facts)} on {self._facts.port}"
-        self.log.say(f"reading {who} at {self._facts.baud} baud")
-        self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
-        self._learn(self._facts)
-        self._tell("connect", who, "debug")
+        self._info = info
+        self._reader.begin()
+
+    def _on_connect(self, info: DeviceInfo) -> None:
+        assert self._bus is not None
+        assert self._persistence is not None
+        for text, level in self._persistence.restore(info):
+            self._event("state", text, level)
+        self._started = self._persistence.started
+        self._connected = True
+        where = f"{info.title} on {info.port}"
+        self._log(f"reading {where}{f' at {info.baud} baud' if info.baud else ''}")
+        self._log(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
+        self._on_info(info)
+        self._event("connect", where, "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
 
-    def _part(self) -> None:
-        """Have not met: the sensor went while it was being set up; another may come in its place."""
-        self._link.close()
-        if self._keeping is not None:
-            self._keeping.close(self._session(), None)
+    def _on_open_failed(self, error: DeviceError, again: bool) -> None:
+        """The device is not there. A service waits for it; a command that was just started fails."""
+        text = str(error)
+        if again:
+            if text != self._last_open_error and error.code != "port_not_found":
+                self._event("waiting", f"the device is there again, but {text}", "warning")
+            self._last_open_error = text
+            return
+        if not self._notifier.listens:
+            raise error
+        self._release_name()
+        if text != self._last_open_error:
+            self._last_open_error = text
+            self._log(f"waiting: {text}", "warning")
+        self._notifier.ready()
+        self._notifier.status(f"waiting: {text}")
+
+    def _release_name(self) -> None:
+        """Give up bus and state: the device went while it was started, and another one may take its place."""
+        if self._persistence is not None:
+            self._persistence.close(self._session(), None)
         if self._bus is not None:
             self._bus.close()
-        self._bus = self._keeping = self._facts = None
+        self._bus = self._persistence = self._info = None
 
-    def _record(self, data: bytes) -> None:
-        """Keep the raw bytes, if that is wanted; it begins when the stream is known, with the first byte."""
-        tape, facts, bus = self._tape, self._facts, self._bus
-        tape.take(data)
-        if facts is not None and bus is not None and tape.waits and (self._monitor.samples or tape.full):
-            tape.begin(metadata.header(bus.id, facts, self._monitor.rate_hz, self._started))
+    def _on_disconnect(self, error: DeviceError) -> None:
+        self._lost_at = self._lost_at or uptime_s()
+        self._last_open_error = ""
+        self._connected = False
+        self._state = "waiting"
+        self._monitor.flush()
+        self._event("disconnect", str(error), "warning")
 
-    # ------------------------------------------------------------------ the loop
+    def _on_reconnect(self, info: DeviceInfo) -> None:
+        assert self._persistence is not None
+        now = uptime_s()
+        away = now - (self._lost_at or now)
+        unfed = now - (self._fed_at or now)  # longer than the connection was away
+        self._lost_at, self._fed_at = None, now
+        self._connected = True
+        self._gap(unfed * self.options.speed)
+        self._streams.clear()
+        if self._persistence.differing(info) and self._monitor.samples:
+            self._start_new_record(info)
+        self._on_info(info)
+        self._event("connect", f"{info.title} is back on {info.port} after {away:.1f} s", "info")
 
-    def _serve(self) -> None:
-        """Bytes to samples to statistics, until the port goes."""
-        session = self._link.session
-        if session is None:
-            self._reconnect()
-            return
-        self._stop.ask()
-        try:
-            data = session.read(self._gathered())
-            self._heard(data, self._take(data))
-            for notice in session.tick():
-                self._tell(notice.kind, notice.text, "warning")
-                if notice.kind in INTERRUPTED:
-                    self._gap(None)
-            self._learn(session.facts())
-        except (PortGone, SensorChanged) as error:
-            self._lose(str(error))
-        self._duties(time.monotonic() + AHEAD_S)
+    def _start_new_record(self, info: DeviceInfo) -> None:
+        """The device is back with other settings."""
+        assert self._persistence is not None
+        self._monitor = self._new_monitor()
+        self._recorder.start_new_record()
+        text = self._persistence.start_new_record(info, self._monitor, self._session())
+        self._event("state", text, "warning")
+        self._started = None
 
-    def _gathered(self) -> float:
-        """Let bytes gather until a report wants them, for each round costs as much as its bytes.
+    def _new_monitor(self) -> Monitor:
+        return Monitor(self._monitor_options, rate_hz=self.settings.device.rate_hz or None)
 
-        Returns
-        -------
-        Seconds to wait for the first of them; a little though it is late, for the reader may be later still.
-        """
-        if self._state == "starting":
-            return min(BEAT_S, self.settings.report.period_s)
-        until = min(self._next_report - AHEAD_S, time.monotonic() + GATHER_S)
-        while not self._link.waits and (left := until - time.monotonic()) > 0.0:
-            self._beat()
-            time.sleep(min(left, LOOK_S))
-        return LOOK_S / 2
+    # ------------------------------------------------------------------ data
 
-    def _heard(self, data: bytes, samples: bool = False) -> None:
-        """Whether the sensor is silent; it is not while the daemon itself is busy."""
-        lack = self._silence.lack(
-            time.monotonic(),
-            data=bool(data),
-            samples=samples,
-            rate_hz=self._monitor.sample_rate_hz,
-            learning=self._state == "starting",
-        )
-        if lack is not None and self._state != "waiting":
-            self._state = "waiting"
-            self._tell("silent", lack, "warning")
-
-    def _learn(self, facts: Vn100Info) -> Vn100Info:
-        """What is known of the sensor by now; remarks are told when they arise, each once."""
-        self._facts = facts
-        for remark in facts.remarks:
-            if remark not in self._remarked:
-                self._remarked.add(remark)
-                self._tell("remark", remark, "warning")
-        return facts
-
-    def _take(self, data: bytes) -> bool:
-        """Whether there are samples in these bytes."""
-        session = self._link.session
-        if not data or session is None:
-            return False
+    def _on_items(self, items: list[Item]) -> None:
         before = self._monitor.samples
-        for item in session.decode(data):
-            if not isinstance(item, SampleBlock):
-                continue
-            if item.stream not in self._streams:
-                self._streams.add(item.stream)
-                facts = self._learn(session.facts())
-                if self._monitor.rate_hz is None:
-                    self._monitor.rate_hz = facts.sample_rate_hz
-            self._feed(item)
-            if self._monitor.refused is not None and self._keeping is not None:
-                self._tell("state", self._keeping.refuse() or "", "warning")
-                self._started = None
-        arrived = self._monitor.samples not in (0, before)
-        if arrived:
-            self._arrived()
-        self._record(data)
-        return arrived
+        for item in items:
+            match item:
+                case SampleBlock():
+                    self._on_samples(item)
+                case RawBytes():
+                    self._recorder.write(item.data)
+                case Gap(length_s):
+                    self._gap(length_s)
+                case Notice(kind, text, level):
+                    self._event(kind, text, level)
+                case DeviceInfo():
+                    self._on_info(item)
+                case DeviceCounters():
+                    self._counters = item
+        samples = self._monitor.samples not in (0, before)
+        if samples:
+            self._on_running()
+        recorder = self._recorder
+        if recorder.needs_header and (self._monitor.samples or recorder.full):
+            self._start_recording()
+        data = any(isinstance(item, RawBytes | SampleBlock) for item in items)
+        self._check_timeout(data=data, samples=samples)
 
-    def _feed(self, block: SampleBlock) -> None:
-        """Hand samples over, with the room's time that has passed; in time-lapse that proves nothing."""
+    def _on_samples(self, block: SampleBlock) -> None:
+        if block.stream not in self._streams:
+            self._streams.add(block.stream)
+            if self._monitor.rate_hz is None and self._info is not None:
+                self._monitor.rate_hz = self._info.sample_rate_hz
         now = uptime_s()
         passed, self._fed_at = now - (self._fed_at or now), now
         before = self._monitor.samples
-        self._monitor.feed(block, room_s=passed if self.task.speed == 1.0 else None)
-        if self._keeping is not None and self._monitor.samples != before:
-            self._keeping.fed_s = now
+        # in time-lapse the host clock proves nothing
+        self._monitor.feed(block, room_s=passed if self.options.speed == 1.0 else None)
+        if self._persistence is None:
+            return
+        if self._monitor.samples != before:
+            self._persistence.fed_s = now
+        if self._monitor.refused is not None:
+            self._event("state", self._persistence.set_aside_rejected() or "", "warning")
+            self._started = None
 
-    def _arrived(self) -> None:
+    def _on_running(self) -> None:
         if self._state != "running":
-            self._next_report = 0.0  # the first numbers are published at once
+            self._next_report = 0.0  # publish the first numbers at once
             self._notifier.ready()
         self._state = "running"
         if self._started is None:
             self._started = report.stamp(datetime.now(UTC))
 
-    def _lose(self, why: str) -> None:
-        self._lost_at = self._lost_at or uptime_s()
-        self._obstacle = self._link.obstacle = None
-        self._state = "waiting"
-        self._link.close()
-        self._monitor.flush()
-        self._tell("disconnect", why, "warning")
+    def _on_info(self, info: DeviceInfo) -> None:
+        """Keep what is known of the device; each new remark is an event."""
+        self._info = info
+        for remark in info.remarks:
+            if remark not in self._known_remarks:
+                self._known_remarks.add(remark)
+                self._event("remark", remark, "warning")
 
-    def _reconnect(self) -> None:
-        """Look for the sensor where it may be back."""
-        facts = self._link.open_again()
-        session = self._link.session
-        if facts is None or session is None or self._keeping is None:
-            if self._link.obstacle not in (None, self._obstacle):
-                self._obstacle = self._link.obstacle
-                self._tell("waiting", f"the port is there again, but {self._obstacle}", "warning")
-            self._pause(RETRY_S)
+    def _gap(self, length_s: float | None) -> None:
+        self._monitor.gap(length_s)
+        self._recorder.gap(length_s)
+
+    def _start_recording(self) -> None:
+        if self._info is not None and self._bus is not None:
+            rate = self._monitor.rate_hz
+            self._recorder.start(
+                metadata.recording_header(self._bus.id, self._driver, self._info, rate, self._started)
+            )
+
+    def _check_timeout(self, *, data: bool, samples: bool) -> None:
+        if not self._connected:
             return
-        try:
-            self._keeping.remember(session)
-            self._facts = session.configure()
-        except (PortGone, SessionError) as error:
-            self._lose(str(error))
-            return
-        assert self._lost_at is not None
-        now = uptime_s()
-        away, self._lost_at = now - self._lost_at, None
-        unfed, self._fed_at = now - (self._fed_at or now), now  # longer than the link was away
-        self._gap(unfed * self.task.speed)
-        self._streams.clear()
-        if self._keeping.differing(self._facts) and self._monitor.samples:
-            self._begin_anew(self._facts)
-        who, where = metadata.who(self._facts), self._facts.port
-        self._tell("connect", f"{who} is back on {where} after {away:.1f} s", "info")
+        problem = self._timeout.update(
+            time.monotonic(),
+            data=data,
+            samples=samples,
+            rate_hz=self._monitor.sample_rate_hz,
+            starting=self._state == "starting",
+        )
+        if problem is not None and self._state != "waiting":
+            self._state = "waiting"
+            self._event("silent", problem, "warning")
 
-    def _gap(self, away_s: float | None) -> None:
-        """The stream was interrupted, s of the sensor's time, None where nobody knows."""
-        self._monitor.gap(away_s)
-        self._tape.lost(away_s)
+    # ------------------------------------------------------------------ duties
 
-    def _begin_anew(self, facts: Vn100Info) -> None:
-        """The sensor came back with other settings: another record."""
-        assert self._keeping is not None
-        self._monitor = Monitor(self._watched, rate_hz=self.settings.device.rate_hz or None)
-        self._tape.begin_anew()
-        self._tell("state", self._keeping.begin_anew(facts, self._monitor, self._session()), "warning")
-        self._started = None
-
-    def _pause(self, seconds: float) -> None:
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
-            self._beat()
-            time.sleep(min(0.05, seconds))
-
-    # ------------------------------------------------------------------ the beat
-
-    def _beat(self) -> None:
-        """What must go on wherever the daemon waits; raises `ShutdownRequested` when it is to stop."""
-        self._stop.ask()
-        self._duties(time.monotonic())
-
-    def _duties(self, now: float) -> None:
-        if self._notifier.watchdog_s is not None and now >= self._next_alive:
+    def _do_duties(self, now: float) -> None:
+        if self._notifier.watchdog_s is not None and now >= self._next_watchdog:
             self._notifier.alive()
-            self._next_alive = now + self._notifier.watchdog_s
+            self._next_watchdog = now + self._notifier.watchdog_s
         if self._bus is not None and now >= self._next_report:
             period = self.settings.report.period_s
             self._next_report += period
-            if self._next_report <= now:  # late is late: no two at once
+            if self._next_report <= now:  # late: do not catch up
                 self._next_report = now + period
             self._publish()
-            heap.give_back()
-        if self._keeping is not None and now >= self._next_save and self._monitor.samples:
+        if self._persistence is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
-            self._keeping.save(self._session(), self._started)
-        idle = self._monitor.renewals == self._tidied
-        if now - self._tidied_at >= (IDLE_S if idle else TIDY_S):
-            self._tidied, self._tidied_at = self._monitor.renewals, now
-            heap.tidy()
+            self._persistence.save(self._session(), self._started)
 
     def _publish(self) -> report.Report:
         assert self._bus is not None
@@ -359,100 +374,90 @@ class Daemon:
             self._notifier.ready()
         made = self._report()
         self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
-        for found in self._monitor.events():
-            self._bus.event(found.stamped(datetime.now(UTC), self._bus.id))
-            self.log.say(found.text, "debug" if found.kind == "gap" else "info", found.kind)
-        for lack in self._tape.complaints():
-            self._tell("recording", lack, "error")
-        for trouble in self._bus.troubles():
-            self._tell("bus", trouble, "warning")
-        if self._keeping is not None and (complaint := self._keeping.complaint()):
-            self._tell("state", complaint, self._keeping.level)
+        for event in self._monitor.events():
+            self._bus.event(event.stamped(datetime.now(UTC), self._bus.id))
+            self._log(event.text, "debug" if event.kind == "gap" else "info", event.kind)
+        for problem in self._recorder.problems():
+            self._event("recording", problem, "error")
+        for problem in self._bus.troubles():
+            self._event("bus", problem, "warning")
+        if self._persistence is not None and (state_problem := self._persistence.problem()):
+            self._event("state", *state_problem)
         self._notifier.status(status_line(made))
         return made
 
     def _report(self) -> report.Report:
         assert self._bus is not None
-        facts = self._facts
         return self._monitor.report(
             datetime.now(UTC),
-            metadata.device(self._bus.id, facts),
+            metadata.description(self._bus.id, self._info),
             self._state,
             self._session(),
-            device_caveats=facts.caveats if facts else (),
-            speed=self.task.speed,
+            device_caveats=self._info.caveats if self._info else (),
+            speed=self.options.speed,
         )
 
     def _session(self) -> report.SessionCounters:
-        """Counters of the link, with those of the runs before."""
-        now = replace(self._link.counted(), started=self._started)
-        return self._keeping.added_up(now) if self._keeping else now
+        """Return the counters of the device, with those of earlier runs."""
+        counters = self._counters
+        now = report.SessionCounters(
+            started=self._started,
+            discarded_bytes=counters.discarded_bytes,
+            bad_checksums=counters.bad_checksums,
+            received_bytes=counters.received_bytes,
+            overruns=counters.overruns,
+            kernel_overruns=counters.kernel_overruns,
+            most_queued_bytes=counters.most_queued_bytes,
+        )
+        return self._persistence.with_earlier_runs(now) if self._persistence else now
 
-    def _tell(self, kind: str, text: str, level: Level = "info") -> None:
-        """An event of the daemon's own, to the bus and the log."""
-        self.log.say(text, level, kind)
+    def _event(self, kind: str, text: str, level: Level = "info") -> None:
+        """Log and publish an event of the daemon itself."""
+        self._log(text, level, kind)
         if self._bus is not None:
             stamp = report.stamp(datetime.now(UTC))
             self._bus.event(report.Event(time=stamp, kind=kind, text=text, device=self._bus.id))
 
-    def _progress(self, text: str) -> None:
-        self.log.say(text, "debug")
+    def _log(self, text: str, level: Level = "info", kind: str = "") -> None:
+        log.log(LEVELS[level], "%s", text, extra={"kind": kind})
 
-    # ------------------------------------------------------------------ the end
+    # ------------------------------------------------------------------ end
 
-    def _end(self) -> report.Report | None:
-        """Leave the sensor as it was, keep the state, say goodbye."""
+    def _finish(self) -> report.Report | None:
+        """Take what has arrived, publish and save the last report; meanwhile the device gets its settings back."""
         self._notifier.stopping()
-        if self._fed_at is not None and self._lost_at is None:  # else it was being set up
-            self._take_the_rest()
-        self._link.decoder.finish()
+        self._reader.stop()
+        end = time.monotonic() + END_S
+        while not self._ended and time.monotonic() < end:
+            self._handle(self._reader.get(WAIT_S))
+        self._reader.stop(discard=True)
         self._monitor.flush()
         final = None
         self._state = "stopped"
         if self._bus is not None:
             with suppress(BusError):
                 final = self._publish()
-        if self._keeping is not None:
-            self._keeping.close(self._session(), self._started)
-            if complaint := self._keeping.complaint():
-                self.log.say(complaint, self._keeping.level)
-        self._put_back()
-        self._tape.close()
-        for lack in self._tape.complaints():
-            self.log.say(lack, "error")
+        if self._persistence is not None:
+            self._persistence.close(self._session(), self._started)
+            if problem := self._persistence.problem():
+                self._log(problem[0], problem[1])
+        self._wait_for_restore()
+        self._recorder.close()
+        for text in self._recorder.problems():
+            self._log(text, "error")
         if self._bus is not None:
             self._bus.close()
         return final
 
-    def _take_the_rest(self) -> None:
-        """What has come by now still counts; a moment is enough, for more may come all the time."""
-        end = time.monotonic() + LOOK_S
-        with suppress(PortGone, SessionError):
-            while self._link.session is not None and time.monotonic() < end:
-                if not (data := self._link.session.read(0.0)):
-                    break
-                self._take(data)
+    def _wait_for_restore(self) -> None:
+        self._reader.join(RESTORE_S)
+        if self._reader.restored is False:
+            text = "the sensor did not accept its own settings again; the next run restores them at its end"
+            self._log(text, "warning")
 
-    def _give_up(self) -> None:
-        """Leave the sensor as it was; what was saved last stays, for samples may be counted by half.
-
-        Nothing is waited for: where memory is out, not even a thread begins.
-        """
+    def _abort(self) -> None:
+        """Restore the device after an error. The last saved state stays: samples may be counted by half."""
         self._notifier.stopping()
         with suppress(Exception):
-            self._put_back()
-
-    def _put_back(self) -> None:
-        """Restore the sensor's settings; a beat would end it at once, so it goes without."""
-        session = self._link.session
-        if session is not None and self._keeping is not None:
-            self._link.still()
-            with suppress(PortGone, SessionError, SourceError):
-                if session.restore():
-                    self._keeping.forget()
-                else:
-                    self.log.say(
-                        "the sensor did not take its settings back; the end of the next run will give them",
-                        "warning",
-                    )
-        self._link.close()
+            self._reader.stop(discard=True)
+            self._reader.join(RESTORE_S)

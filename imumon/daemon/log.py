@@ -9,12 +9,11 @@ from __future__ import annotations
 import json
 import os
 import select
-import socket
 import sys
 from datetime import UTC, datetime
 from typing import Literal, TypeAlias
 
-from imumon.report import Report, stamp
+from imumon.report import stamp
 
 Level: TypeAlias = Literal["error", "warning", "info", "debug"]
 PRIORITY: dict[str, int] = {"error": 3, "warning": 4, "info": 6, "debug": 7}
@@ -82,57 +81,24 @@ def _journal_reads() -> bool:
     return os.environ.get("JOURNAL_STREAM") == f"{ours.st_dev}:{ours.st_ino}"
 
 
-class ServiceNotifier:
-    """The service manager's ear; does nothing where there is none.
+import logging
 
-    Attributes
-    ----------
-    watchdog_s : s, half of the time within which the manager wants a sign of life; None: it wants none.
-    """
-
-    def __init__(self) -> None:
-        self._path = os.environ.get("NOTIFY_SOCKET", "")
-        within = os.environ.get("WATCHDOG_USEC", "")
-        self.watchdog_s = int(within) / 2e6 if within.isdigit() and self._path else None
-        self._ready = False
-        self._status = ""
-
-    @property
-    def listens(self) -> bool:
-        """Whether a service manager started us."""
-        return bool(self._path)
-
-    def ready(self) -> None:
-        """Up: the first valid sample has come, or the first "waiting"."""
-        if not self._ready:
-            self._ready = True
-            self._send("READY=1")
-
-    def status(self, text: str) -> None:
-        if text != self._status:
-            self._status = text
-            self._send(f"STATUS={text}")
-
-    def alive(self) -> None:
-        self._send("WATCHDOG=1")
-
-    def stopping(self) -> None:
-        self._send("STOPPING=1")
-
-    def _send(self, text: str) -> None:
-        if not self._path:
-            return
-        address = "\0" + self._path[1:] if self._path.startswith("@") else self._path
-        try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as ear:
-                ear.sendto(text.encode(), address)
-        except OSError:
-            return  # the manager is gone: nothing depends on being heard
+LEVELS = {"debug": 10, "info": 20, "notice": 25, "warning": 30, "error": 40}
 
 
-def status_line(made: Report) -> str:
-    """One line for the service manager."""
-    if made.state != "running":
-        return f"{made.state}"
-    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
-    return f"running, {', '.join(grades) or 'no grade yet'}, {made.session.samples} samples"
+class _Handler(logging.Handler):
+    def __init__(self, log: DaemonLog) -> None:
+        super().__init__()
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        level = {10: "debug", 20: "info", 25: "info", 30: "warning", 40: "error"}.get(record.levelno, "info")
+        self._log.say(record.getMessage(), level, getattr(record, "kind", ""))  # type: ignore[arg-type]
+
+
+def configure_logging(settings: object) -> None:
+    """Temporary."""
+    logger = logging.getLogger("imumon")
+    logger.handlers = [_Handler(DaemonLog(settings.level, settings.format))]  # type: ignore[attr-defined]
+    logger.setLevel(1)
+    logger.propagate = False

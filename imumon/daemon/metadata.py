@@ -1,4 +1,4 @@
-"""Account of a sensor: what of it stands in a report, in a recording, in the state and in the log."""
+"""Metadata of a device: what of it is in a report, in a recording and in the saved state."""
 
 from __future__ import annotations
 
@@ -6,65 +6,58 @@ from datetime import UTC, datetime
 from typing import Any
 
 from imumon import report
-from imumon.devices.vn100.vn100_session import Vn100Info
+from imumon.samples import DeviceInfo
 
 
-def device(name: str, facts: Vn100Info | None) -> report.DeviceDescription:
-    """Of a report, under the name that the device has on the bus."""
-    if facts is None:
+def description(name: str, info: DeviceInfo | None) -> report.DeviceDescription:
+    """Return the description in a report, under the name that the device has on the bus."""
+    if info is None:
         return report.DeviceDescription(id=name)
     return report.DeviceDescription(
         id=name,
-        model=facts.model,
-        serial=facts.serial,
-        firmware=facts.firmware,
-        port=facts.port,
-        baud=facts.baud,
-        stream=facts.stream,
-        sample_rate_hz=facts.sample_rate_hz,
-        alias_factor=facts.alias_factor,
-        source=facts.source,
-        clock=facts.clock,
-        settings=facts.settings,
-        remarks=facts.remarks,
+        model=info.model,
+        serial=info.serial,
+        firmware=info.firmware,
+        port=info.port,
+        baud=info.baud,
+        stream=info.stream,
+        sample_rate_hz=info.sample_rate_hz,
+        alias_factor=info.alias_factor,
+        source=info.source,
+        clock=info.clock,
+        settings=info.settings,
+        remarks=info.remarks,
     )
 
 
-def header(name: str, facts: Vn100Info, rate_hz: float | None, started: str | None) -> dict[str, Any]:
-    """Of a recording that begins now.
+def recording_header(
+    name: str, driver: str, info: DeviceInfo, rate_hz: float | None, started: str | None
+) -> dict[str, Any]:
+    """Return the header of a recording that starts now.
 
     Parameters
     ----------
-    rate_hz : of a stream without a clock.
-    started : when the record began, which goes on in the next recording after a restart.
+    driver : URL scheme of the device driver, which decodes the recording.
+    rate_hz : Hz, of a stream without a clock.
+    started : when the record began, which continues in the next recording after a restart.
     """
     return {
         "time": report.stamp(datetime.now(UTC)),
         "record": started,
+        "driver": driver,
         "id": name,
-        "model": facts.model,
-        "serial": facts.serial,
-        "firmware": facts.firmware,
-        "stream": facts.stream,
+        "model": info.model,
+        "serial": info.serial,
+        "firmware": info.firmware,
+        "stream": info.stream,
         "rate_hz": rate_hz,
-        "alias_factor": facts.alias_factor,
-        "caveats": facts.caveats,
-        "settings": dict(facts.settings),
+        "alias_factor": info.alias_factor,
+        "caveats": info.caveats,
+        "settings": dict(info.settings),
     }
 
 
-def kept(facts: Vn100Info) -> dict[str, Any]:
-    """Of the state, for a report that is made from it alone."""
+def saved_description(info: DeviceInfo) -> dict[str, Any]:
+    """Return what the saved state holds of the device, for a report that is made from it alone."""
     names = ("model", "serial", "firmware", "port", "baud", "alias_factor")
-    return {name: getattr(facts, name) for name in names} | {"caveats": list(facts.caveats)}
-
-
-def who(facts: Vn100Info | None) -> str:
-    """In a line for people.
-
-    >>> who(Vn100Info(id="vn100-1", model="VN-100T-CR", serial="0100056785")), who(None)
-    ('VN-100T-CR 0100056785', 'the sensor')
-    """
-    if facts is None or facts.model is None:
-        return "the sensor"
-    return f"{facts.model} {facts.serial or ''}".strip()
+    return {name: getattr(info, name) for name in names} | {"caveats": list(info.caveats)}

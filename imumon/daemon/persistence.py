@@ -1,46 +1,27 @@
-"""Keeping: the record's state taken up at the start, saved on the way, set aside where it does not fit.
+"""Persistence: the record is restored at the start, saved regularly, and set aside where it does not fit.
 
-A state belongs to one sensor (serial number), one stream and one set of the registers that change the
-data. One of another is never mixed in and never overwritten: it is set aside under a name that says why.
-Beside it, as long as the sensor's own settings are changed, lies what they were: a daemon that was
-killed leaves that file behind, and the next one puts the sensor back in order at its end.
+A state belongs to one sensor (serial number), one stream and one set of the settings that change the data. A
+state of another one is never mixed in and never overwritten: it is renamed, and its new name says why.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from imumon import __version__
 from imumon.checkpoint import Checkpoint, SavedState
-from imumon.daemon.log import Level
-from imumon.daemon.metadata import kept
-from imumon.devices.vn100.vn100_session import Vn100Info
-from imumon.devices.vn100.vn100_session import Vn100Session as Sensor
+from imumon.daemon.metadata import saved_description
 from imumon.pipeline import Monitor, RecordMismatch
 from imumon.report import SessionCounters, stamp
+from imumon.samples import DeviceInfo, Level
 
 COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
-DATA_REGISTERS = ("23", "25", "26", "35", "43", "44", "82", "84", "85")
-"""Registers, by number, that change what the samples mean. The outputs are not among them: they make
-another stream, which the monitor sees by itself."""
-_BOOT = Path("/proc/sys/kernel/random/boot_id")
-
-
-class Run(Protocol):
-    """What of the task matters here."""
-
-    @property
-    def fresh(self) -> bool: ...
-    @property
-    def speed(self) -> float: ...
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 class Persistence:
@@ -48,115 +29,101 @@ class Persistence:
 
     Parameters
     ----------
-    directory : where the states live; made if it is not there.
+    directory : of the states; created if needed.
     device : name of the device.
-    identity : name of the sensor itself, whatever the device is called.
+    monitor : holds the record.
+    fresh : start a new record; the old state is kept under another name.
+    speed : seconds of the sample clock per second of the host clock.
 
     Attributes
     ----------
-    started : when the record began, None for a new one.
-    fed_s : `uptime_s` of the last samples, from which a hole is counted; None before the first.
+    started : when the record began; None for a new one.
+    fed_s : `uptime_s` of the last samples, from which a gap is counted; None before the first.
 
     Raises
     ------
-    StateError : another daemon holds this device's state.
+    StateError : another daemon uses the state of this device.
     """
 
-    def __init__(self, directory: Path, device: str, identity: str, monitor: Monitor, run: Run) -> None:
+    def __init__(
+        self, directory: Path, device: str, monitor: Monitor, *, fresh: bool = False, speed: float = 1.0
+    ) -> None:
         self._checkpoint = Checkpoint(directory, device)
-        self._found = directory / f"{identity}.found.json"
-        self._noted = False
         self._monitor = monitor
-        self._run = run
+        self._fresh, self._speed = fresh, speed
         self._serial: str | None = None
         self._settings: dict[str, str] = {}
         self._device: dict[str, Any] = {}
         self._before = SessionCounters()
-        self._complained: str | None = None
+        self._reported_problem: str | None = None
         self.started: str | None = None
         self.fed_s: float | None = None
 
-    def take_up(self, facts: Vn100Info) -> list[tuple[str, Level]]:
-        """Have the monitor go on with the kept record, if it is one of this sensor as it is set now.
+    def restore(self, info: DeviceInfo) -> list[tuple[str, Level]]:
+        """Let the monitor continue the saved record, if it is one of this sensor with these settings.
 
         Returns
         -------
-        What had to be decided, in words and by weight: that a record goes on is no warning.
+        What was decided, with the log level.
         """
-        self._serial, self._settings, self._device = facts.serial, data_settings(facts), kept(facts)
-        if self._run.fresh:
+        self._serial, self._settings, self._device = info.serial, data_settings(info), saved_description(info)
+        if self._fresh:
             if not self._checkpoint.there:
                 return []
-            return [(f"started anew; the old state is {self._checkpoint.set_aside('old').name}", "info")]
-        state, complaints = self._checkpoint.load()
-        said: list[tuple[str, Level]] = [(text, "warning") for text in complaints]
+            return [(f"new record; the old state is {self._checkpoint.set_aside('old').name}", "info")]
+        state, problems = self._checkpoint.load()
+        decisions: list[tuple[str, Level]] = [(text, "warning") for text in problems]
         if state is not None:
-            text = self._take_up(state)
-            said.append((text, "warning" if self.started is None else "info"))
-        return said
+            text = self._restore(state)
+            decisions.append((text, "warning" if self.started is None else "info"))
+        return decisions
 
-    def _take_up(self, state: SavedState) -> str:
+    def _restore(self, state: SavedState) -> str:
         meta = state.meta
         if meta.get("serial") != self._serial:
-            return self._refuse("other-sensor", f"of another sensor, {meta.get('serial')}")
+            return self._set_aside("other-sensor", f"of another sensor, {meta.get('serial')}")
         if changed := differing(meta.get("settings", {}), self._settings):
-            return self._refuse("other-settings", f"of other settings, {'; '.join(changed)}")
+            return self._set_aside("other-settings", f"of other settings, {'; '.join(changed)}")
         try:
             counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
             away, saved = _since(meta) + float(meta.get("age_s", 0.0)), meta["saved"]
-            self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
+            self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._speed)
         except RecordMismatch as error:
-            return self._refuse("other-settings", str(error))
+            return self._set_aside("other-settings", str(error))
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
-            return self._refuse(
+            return self._set_aside(
                 "unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}"
             )
         self.started = meta.get("started")
         counted["restarts"] += 1
         self._before = SessionCounters(**counted)
-        return f"the record begun {self.started} goes on, saved {saved}"
+        return f"the record that began {self.started} continues, saved {saved}"
 
-    def _refuse(self, name: str, why: str) -> str:
+    def _set_aside(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
         if not self._checkpoint.there:  # it was never saved
-            return f"the record is {why}: begun anew"
-        return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, begun anew"
+            return f"the record is {why}: a new record starts"
+        return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, a new record starts"
 
-    def refuse(self) -> str | None:
-        """Set aside a record that the stream does not go on with, once that shows; in words."""
+    def set_aside_rejected(self) -> str | None:
+        """Set aside a restored record that the stream does not continue; return what was done."""
         why, self._monitor.refused = self._monitor.refused, None
-        return None if why is None else self._refuse("other-stream", why)
+        return None if why is None else self._set_aside("other-stream", why)
 
-    def differing(self, facts: Vn100Info) -> list[str]:
-        """Settings that are not what the record was made with, in words."""
-        return differing(self._settings, data_settings(facts))
+    def differing(self, info: DeviceInfo) -> list[str]:
+        """Return the settings that differ from those of the record, as text."""
+        return differing(self._settings, data_settings(info))
 
-    def begin_anew(self, facts: Vn100Info, monitor: Monitor, session: SessionCounters) -> str:
-        """Set the record aside as it is and keep another one; what was done, in words."""
+    def start_new_record(self, info: DeviceInfo, monitor: Monitor, session: SessionCounters) -> str:
+        """Set the record aside as it is and start another one; return what was done."""
         self.save(session, self.started)
         self._checkpoint.settle()
-        changed = "; ".join(self.differing(facts))
-        self._monitor, self._settings, self._device = monitor, data_settings(facts), kept(facts)
-        return self._refuse("other-settings", f"of other settings, {changed}")
+        changed = "; ".join(self.differing(info))
+        self._monitor, self._settings, self._device = monitor, data_settings(info), saved_description(info)
+        return self._set_aside("other-settings", f"of other settings, {changed}")
 
-    def remember(self, sensor: Sensor) -> None:
-        """Note the sensor's own settings before they are changed."""
-        found = sensor.remember(noted(self._found))
-        if found:  # nothing of a sensor that is only listened to: what an earlier run noted stays
-            with suppress(OSError):
-                new = self._found.with_suffix(".new")
-                new.write_text(json.dumps(found))
-                os.replace(new, self._found)
-            self._noted = True
-
-    def forget(self) -> None:
-        """The sensor has its settings back."""
-        if self._noted:
-            with suppress(OSError):
-                self._found.unlink(missing_ok=True)
-
-    def added_up(self, session: SessionCounters) -> SessionCounters:
-        """Counters with those of the runs before."""
+    def with_earlier_runs(self, session: SessionCounters) -> SessionCounters:
+        """Return the counters with those of earlier runs added."""
         sums = {name: getattr(session, name) + getattr(self._before, name) for name in COUNTERS}
         return replace(session, **sums)
 
@@ -169,19 +136,14 @@ class Persistence:
         state = self._state(session, started) if self._monitor.samples else None
         self._checkpoint.close(state)
 
-    def complaint(self) -> str | None:
-        """Why the last save failed, or that they succeed again: once per change."""
-        if self._checkpoint.failed == self._complained:
+    def problem(self) -> tuple[str, Level] | None:
+        """Return why the last save failed, or that saving works again: once per change."""
+        if self._checkpoint.failed == self._reported_problem:
             return None
-        self._complained = self._checkpoint.failed
-        if self._complained is None:
-            return "the state is saved again"
-        return f"the state cannot be saved: {self._complained}"
-
-    @property
-    def level(self) -> Level:
-        """Weight of the last complaint."""
-        return "error" if self._complained else "info"
+        self._reported_problem = self._checkpoint.failed
+        if self._reported_problem is None:
+            return "the state is saved again", "info"
+        return f"the state cannot be saved: {self._reported_problem}", "error"
 
     def _state(self, session: SessionCounters, started: str | None) -> SavedState:
         meta, arrays = self._monitor.save()
@@ -192,7 +154,7 @@ class Persistence:
             "device": self._device,
             "started": started,
             "saved": stamp(datetime.now(UTC)),
-            "boot": _boot(),
+            "boot": _boot_id(),
             "uptime_s": uptime_s(),
             "age_s": uptime_s() - self.fed_s if self.fed_s is not None else 0.0,
             "session": {name: getattr(session, name) for name in COUNTERS},
@@ -201,24 +163,13 @@ class Persistence:
         return SavedState(whole, dict(arrays))
 
 
-def noted(path: Path) -> dict[str, str] | None:
-    """Settings that a killed run noted, None where there is no such note or none that can be read."""
-    try:
-        noted = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError):
-        return None
-    if not isinstance(noted, dict) or not all(isinstance(text, str) for text in noted.values()):
-        return None
-    return noted
-
-
-def data_settings(facts: Vn100Info) -> dict[str, str]:
-    """Registers of `DATA_REGISTERS` as far as they are known, ``"85 IMU filtering"`` to its text."""
-    return {name: text for name, text in facts.settings.items() if name.split()[0] in DATA_REGISTERS}
+def data_settings(info: DeviceInfo) -> dict[str, str]:
+    """Return the settings that change the data, as far as they are known."""
+    return {name: info.settings[name] for name in info.data_settings if name in info.settings}
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
-    """Registers that both know and that are not the same, in words.
+    """Return the settings that both know and that differ, as text.
 
     >>> differing({"85 IMU filtering": "0"}, {"85 IMU filtering": "4", "23 magnetometer": "1"})
     ['85 IMU filtering 0, now 4']
@@ -226,21 +177,21 @@ def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
     return [f"{k} {one[k]}, now {other[k]}" for k in one if k in other and one[k] != other[k]]
 
 
-def _boot() -> str | None:
-    """What names this boot of the machine, None where that is hidden."""
+def _boot_id() -> str | None:
+    """Return the id of this boot of the machine; None if it is hidden."""
     try:
-        return _BOOT.read_text().strip()
+        return _BOOT_ID.read_text().strip()
     except OSError:
         return None
 
 
 def uptime_s() -> float:
-    """Seconds since the machine was started, sleep included where the system counts it (Linux does)."""
+    """Return the seconds since the boot, including sleep if the system counts it (Linux does)."""
     return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
 def _since(meta: Mapping[str, Any]) -> float:
-    """Seconds since a state was saved: by a clock that nobody sets, or by the calendar after a reboot."""
-    if meta.get("boot") is not None and meta["boot"] == _boot():
+    """Return the seconds since a state was saved: by the uptime, or by the calendar after a reboot."""
+    if meta.get("boot") is not None and meta["boot"] == _boot_id():
         return uptime_s() - float(meta["uptime_s"])
     return (datetime.now(UTC) - datetime.fromisoformat(meta["saved"])).total_seconds()

@@ -1,7 +1,7 @@
-"""Tape: the raw bytes of the sensor, kept on disk from the first one on, if that is wanted.
+"""Recorder: writes the raw bytes of the device to disk, from the first one on, if the settings name a file.
 
-A recording says in its header what is recorded, and that is known only when the first samples are there: what
-came before waits. A disk that is full ends the recording, not the daemon; that is told once.
+The header of a recording says what is recorded, and that is known only when the first samples are there: bytes
+before that wait in memory. A full disk ends the recording, not the daemon.
 """
 
 from __future__ import annotations
@@ -10,95 +10,96 @@ from collections.abc import Mapping
 from typing import Any
 
 from imumon.config import RecordSettings
-from imumon.recordings import CaptureWriter, SourceError, check_place
+from imumon.errors import ImumonError
+from imumon.recordings import CaptureWriter, check_place
 
 EARLY_BYTES = 1 << 20
-"""Bytes after which a recording begins even though nothing of the stream is known yet."""
+"""Bytes after which a recording starts even if nothing of the stream is known yet. Not critical."""
 
 
 class Recorder:
-    """What is recorded of one sensor.
+    """Recording of one device.
 
     Parameters
     ----------
-    wanted : the settings; nothing is kept where they name no file.
+    settings : without a file name, nothing is recorded.
 
     Attributes
     ----------
-    waits : there is something to keep, and no header for it yet.
+    needs_header : there are bytes to record, and no header for them yet.
     """
 
-    def __init__(self, wanted: RecordSettings) -> None:
-        self._wanted = wanted
+    def __init__(self, settings: RecordSettings) -> None:
+        self._settings = settings
         self._early = bytearray()
-        self._recorder: CaptureWriter | None = None
-        self._ending: list[CaptureWriter] = []  # of earlier records, which may still write what waited
-        self._complaints: list[str] = []
-        self.waits = bool(wanted.file)
+        self._writer: CaptureWriter | None = None
+        self._ending: list[CaptureWriter] = []  # of earlier records, which may still be writing
+        self._problems: list[str] = []
+        self.needs_header = bool(settings.file)
 
-    def check(self) -> None:
-        """Look whether anything can be recorded there, before there is something to record.
+    def check_file(self) -> None:
+        """Check that the file can be written, before there is anything to record.
 
         Raises
         ------
-        SourceError : it is plainly the wrong place.
+        RecordingError : it cannot.
         """
-        if self.waits:
-            check_place(self._wanted.file)
+        if self.needs_header:
+            check_place(self._settings.file)
 
     @property
     def full(self) -> bool:
-        """Whether so much waits that it must be written whatever is known."""
+        """Whether the bytes in memory have to be written, whatever is known."""
         return len(self._early) >= EARLY_BYTES
 
-    def take(self, data: bytes) -> None:
-        """Keep bytes; returns at once."""
-        if self._recorder is not None:
-            self._recorder.write(data)
-        elif self.waits:
+    def write(self, data: bytes) -> None:
+        """Record bytes; returns at once."""
+        if self._writer is not None:
+            self._writer.write(data)
+        elif self.needs_header:
             self._early += data
 
-    def begin(self, header: Mapping[str, Any]) -> None:
-        """What is recorded is known: write it, and what has waited for it."""
-        early, self._early, self.waits = bytes(self._early), bytearray(), False
-        rotate = int(self._wanted.rotate_mb * 1e6)
+    def start(self, header: Mapping[str, Any]) -> None:
+        """Start the recording with its header, and write the bytes that waited for it."""
+        early, self._early, self.needs_header = bytes(self._early), bytearray(), False
+        rotate = int(self._settings.rotate_mb * 1e6)
         try:
-            self._recorder = CaptureWriter(
-                self._wanted.file, header, rotate_bytes=rotate, compress=self._wanted.gzip
+            self._writer = CaptureWriter(
+                self._settings.file, header, rotate_bytes=rotate, compress=self._settings.gzip
             )
-        except SourceError as error:
-            self._complaints.append(str(error))
+        except ImumonError as error:
+            self._problems.append(str(error))
             return
-        self._recorder.write(early)
+        self._writer.write(early)
 
-    def lost(self, away_s: float | None) -> None:
-        """Note that the link was lost, so that a replay has the same gap."""
-        if self._recorder is not None:
-            self._recorder.lost(away_s)
+    def gap(self, length_s: float | None) -> None:
+        """Note that the stream was interrupted, so that a replay has the same gap."""
+        if self._writer is not None:
+            self._writer.lost(length_s)
 
-    def begin_anew(self) -> None:
-        """What comes now belongs to another record: it goes to a recording of its own, if one goes on."""
-        if self._recorder is not None and self._recorder.stopped is None:
-            self._recorder.end()
-            self._ending.append(self._recorder)
-            self._recorder, self.waits = None, True
+    def start_new_record(self) -> None:
+        """Put what follows into a recording of its own: it belongs to another record."""
+        if self._writer is not None and self._writer.stopped is None:
+            self._writer.end()
+            self._ending.append(self._writer)
+            self._writer, self.needs_header = None, True
 
-    def complaints(self) -> list[str]:
-        """Why something is not recorded, each once."""
-        if self._recorder is not None and self._recorder.stopped is not None:
-            self._complaints.append(self._recorder.stopped)
-            self._recorder = None
+    def problems(self) -> list[str]:
+        """Return why something is not recorded, each reason once."""
+        if self._writer is not None and self._writer.stopped is not None:
+            self._problems.append(self._writer.stopped)
+            self._writer = None
         for old in tuple(self._ending):
-            ended = old.ended  # asked first: it may stop meanwhile
+            ended = old.ended  # first: it may stop meanwhile
             if old.stopped is not None:
-                self._complaints.append(old.stopped)
+                self._problems.append(old.stopped)
             if ended or old.stopped is not None:
                 self._ending.remove(old)
-        said, self._complaints = self._complaints, []
-        return said
+        problems, self._problems = self._problems, []
+        return problems
 
     def close(self, wait_s: float = 10.0) -> None:
-        """Write what waits, that of earlier records too, and wait so long for each."""
-        for recorder in (*self._ending, self._recorder):
-            if recorder is not None:
-                recorder.close(wait_s)
+        """Write what waits, also of earlier records; wait at most `wait_s` for each."""
+        for writer in (*self._ending, self._writer):
+            if writer is not None:
+                writer.close(wait_s)

@@ -102,7 +102,8 @@ class DeviceReader:
         self._begin = threading.Event()
         self._stopping = threading.Event()
         self._discarding = False
-        self._started = False
+        self._changed = False  # the device may have to be restored
+        self._streaming = False
         self._thread = threading.Thread(target=self._run, name="imumon-device", daemon=True)
         device.progress = lambda text: self._put(Progress(text))
 
@@ -129,9 +130,9 @@ class DeviceReader:
         discard : nobody takes events any more.
         """
         self._discarding |= discard
-        self._stopping.set()
-        self._begin.set()
-        self._device.interrupt()
+        if not self._stopping.is_set():  # a second interrupt would end the restoring
+            self._stopping.set()
+            self._device.interrupt()
 
     def join(self, timeout_s: float) -> bool:
         """Wait for the end of the thread; return whether it has ended."""
@@ -147,6 +148,7 @@ class DeviceReader:
             self._connect_first()
             while True:
                 lost = self._read_until_lost()
+                self._streaming = False
                 self._device.close()
                 self._put(Disconnected(lost))
                 self._connect_again()
@@ -155,7 +157,7 @@ class DeviceReader:
         except Exception as unexpected:  # a defect, or no memory: the daemon has to know
             error = unexpected
         self._device.interrupted.clear()
-        if self._started and error is None:
+        if self._streaming and error is None:
             with suppress(DeviceError):
                 self._take_rest()
         self._put(EndOfStream(error))
@@ -168,13 +170,14 @@ class DeviceReader:
                 self._begin.clear()
                 self._put(Opened(info))
                 self._wait(None)
-                self._started = True
+                self._changed = True
                 self._put(Started(self._device.start(), again=False))
+                self._streaming = True
                 return
             except DeviceError as error:
                 with suppress(DeviceError):
                     self._device.close()
-                self._started = False
+                self._changed = False
                 self._put(OpenFailed(error, again=False))
             self._wait(FIRST_RETRY_S)
 
@@ -183,6 +186,7 @@ class DeviceReader:
             try:
                 self._device.open()
                 self._put(Started(self._device.start(), again=True))
+                self._streaming = True
                 return
             except DeviceError as error:
                 with suppress(DeviceError):
@@ -202,7 +206,8 @@ class DeviceReader:
     def _wait(self, seconds: float | None) -> None:
         """Wait so long, or for `begin`; raise `Interrupted` at the stop."""
         if seconds is None:
-            self._begin.wait()
+            while not self._begin.wait(0.2) and not self._stopping.is_set():
+                pass
         else:
             self._stopping.wait(seconds)
         if self._stopping.is_set():
@@ -220,7 +225,7 @@ class DeviceReader:
 
     def _leave(self) -> None:
         with suppress(DeviceError, Interrupted):
-            if self._started:
+            if self._changed:
                 self.restored = False
                 self.restored = self._device.restore()
         with suppress(DeviceError):

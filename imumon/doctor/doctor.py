@@ -23,7 +23,7 @@ from imumon.doctor.checks import Check
 from imumon.doctor.observations import BusLook
 from imumon.doctor.probe_device import Unheard, ask_daemon, listen
 from imumon.doctor.probe_zenoh import Network
-from imumon.recordings import find_ports
+from imumon.devices.serial_port import find_ports
 from imumon.report import Report
 
 __all__ = ["Case", "Check", "examine"]

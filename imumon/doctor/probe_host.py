@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from imumon.doctor.observations import PortLook, ServiceLook, StateLook
-from imumon.recordings import find_ports, holders
+from imumon.devices.serial_port import find_ports, holders
 
 
 def look_at_port(path: str, daemon: str | None = None) -> PortLook:

@@ -13,16 +13,6 @@ bag         ROS bags
 kinds       which of them a file is
 """
 
-from imumon.devices.serial_port import (
-    QUEUE_BYTES,
-    PortError,
-    PortGone,
-    PortInfo,
-    SerialPort,
-    find_again,
-    find_ports,
-    holders,
-)
 from imumon.errors import OptionNotApplicable, RateUnknown, SourceError
 from imumon.recordings.detect_format import open_file
 from imumon.recordings.raw_capture import CaptureWriter, LinkLoss, RawCapture, check_place, read_file
@@ -30,23 +20,15 @@ from imumon.recordings.rosbag import RosbagFile
 from imumon.recordings.table import ReadOptions
 
 __all__ = [
-    "QUEUE_BYTES",
     "CaptureWriter",
     "LinkLoss",
     "OptionNotApplicable",
-    "PortError",
-    "PortGone",
-    "PortInfo",
     "RateUnknown",
     "RawCapture",
     "ReadOptions",
     "RosbagFile",
-    "SerialPort",
     "SourceError",
     "check_place",
-    "find_again",
-    "find_ports",
-    "holders",
     "open_file",
     "read_file",
 ]

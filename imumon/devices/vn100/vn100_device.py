@@ -206,7 +206,7 @@ class Vn100Device(Device):
                 continue
             found.append((port.path, f"{port.path} ({info.model or 'listen-only'} {info.serial or ''})"))
             self.close()
-            self._serial = None
+            self._serial, self._path = None, ""
         if len(found) == 1:
             return found[0][0]
         if found:

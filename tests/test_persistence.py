@@ -2,47 +2,29 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imumon.checkpoint import Checkpoint, decode, encode
 from imumon.daemon import persistence
-from imumon.daemon.persistence import Persistence, differing, noted
-from imumon.devices.vn100.vn100_session import Vn100Info
-from imumon.devices.vn100.vn100_session import Vn100Session as Sensor
+from imumon.daemon.persistence import Persistence, differing
 from imumon.pipeline import Monitor
 from imumon.pipeline import MonitorOptions as Watched
 from imumon.report import SessionCounters
-from imumon.samples import SampleBlock, Stream
+from imumon.samples import DeviceInfo, SampleBlock, Stream
 
 FILTER = "85 IMU filtering"
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "gyro/z"))
 
 
-@dataclass
-class Run:
-    fresh: bool = False
-    speed: float = 1.0
-
-
-@dataclass
-class Remembering:
-    """A sensor that remembers what it is told to."""
-
-    originals: dict[str, str]
-
-    def remember(self, saved: object) -> dict[str, str]:
-        return self.originals
-
-
-def facts(serial: str = "0100000001", filtering: str = "0,4,4,4,0") -> Vn100Info:
-    return Vn100Info(id=f"vn100-{serial}", serial=serial, settings={FILTER: filtering})
+def facts(serial: str = "0100000001", filtering: str = "0,4,4,4,0") -> DeviceInfo:
+    return DeviceInfo(
+        id=f"vn100-{serial}", serial=serial, settings={FILTER: filtering}, data_settings=(FILTER,)
+    )
 
 
 def block(first: int, n: int = 200) -> SampleBlock:
@@ -50,10 +32,10 @@ def block(first: int, n: int = 200) -> SampleBlock:
     return SampleBlock(STREAM, values, (first + np.arange(n)) * 10_000_000, np.zeros(n, dtype=np.int64), None)
 
 
-def begun(directory: Path, of: Vn100Info, *, fresh: bool = False) -> tuple[Persistence, Monitor, list[str]]:
+def begun(directory: Path, of: DeviceInfo, *, fresh: bool = False) -> tuple[Persistence, Monitor, list[str]]:
     monitor = Monitor(rate_hz=100.0)
-    kept = Persistence(directory, "lab", of.id, monitor, Run(fresh))
-    return kept, monitor, [text for text, _ in kept.take_up(of)]
+    kept = Persistence(directory, "lab", monitor, fresh=fresh)
+    return kept, monitor, [text for text, _ in kept.restore(of)]
 
 
 def leave(directory: Path) -> None:
@@ -68,35 +50,28 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     kept, monitor, said = begun(tmp_path, facts())
     monitor.feed(block(300))
     assert monitor.samples == 400
-    assert "goes on" in said[0]
-    assert kept.added_up(SessionCounters()).restarts == 1
+    assert "continues" in said[0]
+    assert kept.with_earlier_runs(SessionCounters()).restarts == 1
     kept.close(SessionCounters(), kept.started)
 
 
 def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
     leave(tmp_path)
     for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):
-        kept = Persistence(tmp_path, "lab", of.id, Monitor(rate_hz=100.0), Run(False))
-        assert [weight for _, weight in kept.take_up(of)] == [level]
+        kept = Persistence(tmp_path, "lab", Monitor(rate_hz=100.0))
+        assert [weight for _, weight in kept.restore(of)] == [level]
         kept.close(SessionCounters(), None)
 
 
 def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
     leave(tmp_path)
     bare = Monitor(Watched(guarded=False), rate_hz=100.0)
-    kept = Persistence(tmp_path, "lab", facts().id, bare, Run(False))
-    (text, level), *_ = kept.take_up(facts())
+    kept = Persistence(tmp_path, "lab", bare)
+    (text, level), *_ = kept.restore(facts())
     assert level == "warning"
     assert "guards on" in text
     kept.close(SessionCounters(), None)
     assert (tmp_path / "lab.other-settings-1.state").exists()
-
-
-@pytest.mark.parametrize("note", ["[]", "7", '{"6": 14}', "{", ""])
-def test_a_note_that_cannot_be_read_counts_as_none(tmp_path: Path, note: str) -> None:
-    path = tmp_path / "x.found.json"
-    path.write_text(note)
-    assert noted(path) is None
 
 
 def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> None:
@@ -117,7 +92,7 @@ def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> Non
         (facts(filtering="0,8,4,4,0"), "other-settings", FILTER),
     ],
 )
-def test_another_is_set_aside_whole(tmp_path: Path, other: Vn100Info, name: str, word: str) -> None:
+def test_another_is_set_aside_whole(tmp_path: Path, other: DeviceInfo, name: str, word: str) -> None:
     leave(tmp_path)
     before = (tmp_path / "lab.state").read_bytes()
     kept, monitor, said = begun(tmp_path, other)
@@ -139,13 +114,13 @@ def test_fresh_keeps_the_old_one_even_if_only_a_generation_is_left(tmp_path: Pat
     assert decode((tmp_path / "lab.old-1.state").read_bytes()).meta["serial"] == "0100000001"
 
 
-def test_settings_that_change_while_it_is_away_begin_anew(tmp_path: Path) -> None:
+def test_settings_that_change_while_it_is_away_start_new_record(tmp_path: Path) -> None:
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.feed(block(0))
     changed = facts(filtering="0,8,4,4,0")
     assert kept.differing(changed)
     other = Monitor(rate_hz=100.0)
-    said = kept.begin_anew(changed, other, SessionCounters())
+    said = kept.start_new_record(changed, other, SessionCounters())
     other.feed(block(0, 50))
     kept.close(SessionCounters(), None)
     assert "lab.other-settings-1.state" in said
@@ -157,24 +132,13 @@ def test_what_only_one_side_knows_makes_no_difference() -> None:
     assert differing({}, {FILTER: "1"}) == differing({FILTER: "1"}, {}) == []
 
 
-def test_listening_only_leaves_the_note_of_a_killed_run(tmp_path: Path) -> None:
-    kept, _, _ = begun(tmp_path, facts())
-    kept.remember(cast(Sensor, Remembering({"75": "0,0,0"})))
-    kept.close(SessionCounters(), None)  # killed: the sensor was never put back
-    kept, _, _ = begun(tmp_path, facts())
-    kept.remember(cast(Sensor, Remembering({})))
-    kept.forget()
-    kept.close(SessionCounters(), None)
-    assert json.loads((tmp_path / "vn100-0100000001.found.json").read_text()) == {"75": "0,0,0"}
-
-
 def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Tomorrow(datetime):
         @classmethod
         def now(cls, tz: Any = None) -> Any:
             return datetime.now(UTC) + timedelta(days=1)
 
-    meta = {"boot": persistence._boot(), "saved": "2026-01-01T00:00:00.000Z"}
+    meta = {"boot": persistence._boot_id(), "saved": "2026-01-01T00:00:00.000Z"}
     if meta["boot"] is None:
         pytest.skip("this machine does not tell one boot from another")
     meta["uptime_s"] = persistence.uptime_s() - 5.0
@@ -195,8 +159,8 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     place.mkdir()  # nothing can be written under this name
     kept.save(SessionCounters(), None)
     kept._checkpoint.settle()
-    assert "cannot be saved" in (kept.complaint() or "")
-    assert kept.complaint() is None  # once per change
+    assert (kept.problem() or ("", ""))[1] == "error"
+    assert kept.problem() is None  # once per change
     place.rmdir()
     kept.close(SessionCounters(), None)
     assert Checkpoint(tmp_path, "lab").load()[0] is not None

@@ -1,0 +1,98 @@
+"""Limits of a run: what ends it, and how long a device may be silent."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+TIMEOUT_S = 2.0
+"""s without data after which a device counts as silent. Not critical."""
+TIMEOUT_SAMPLES = 5.0
+"""Sample intervals without data that are needed as well, for slow streams. Not critical."""
+START_TIMEOUT_S = 30.0
+"""s in which bytes must become samples at the start; a service manager waits longer. Not critical."""
+
+
+class Shutdown:
+    """The end of one run: a signal, or the end of its duration.
+
+    Parameters
+    ----------
+    duration_s : s of the host clock, from now on; None: unlimited.
+
+    Attributes
+    ----------
+    signal : the last signal that was received, None before.
+    """
+
+    def __init__(self, duration_s: float | None) -> None:
+        self.signal: int | None = None
+        self._deadline = time.monotonic() + duration_s if duration_s else None
+
+    @property
+    def requested(self) -> bool:
+        """Whether the daemon has to stop."""
+        return self.signal is not None or (self._deadline is not None and time.monotonic() >= self._deadline)
+
+    @contextmanager
+    def handling_signals(self) -> Iterator[None]:
+        """Let signals end the run instead of the process."""
+
+        def handle(number: int, frame: FrameType | None) -> None:
+            self.signal = number
+
+        # what was started with nohup ignores that its terminal closes
+        handled = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+        before = {number: signal.signal(number, handle) for number in handled}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+class DataTimeout:
+    """Whether a device is silent: no data, or no samples, for longer than either may take.
+
+    Bytes without samples are no sign of life, except at the start. The clock is an argument, and it is looked at
+    only when the device was read: a busy daemon is no silence.
+    """
+
+    def __init__(self) -> None:
+        self._no_data_since: float | None = None
+        self._no_samples_since: float | None = None
+
+    def update(
+        self, now: float, *, data: bool, samples: bool, rate_hz: float | None, starting: bool
+    ) -> str | None:
+        """Return what is missing, one line; None while all is well.
+
+        Parameters
+        ----------
+        now : s, monotonic.
+        data, samples : whether data, and samples in them, arrived just now.
+        rate_hz : Hz, of the samples if it is known.
+        starting : no sample has arrived yet.
+        """
+        timeout = timeout_s(rate_hz)
+        self._no_data_since = None if data else self._no_data_since or now
+        self._no_samples_since = None if samples else self._no_samples_since or now
+        if now - (self._no_data_since or now) > timeout:
+            return "nothing arrives from the sensor"
+        if now - (self._no_samples_since or now) > (START_TIMEOUT_S if starting else timeout):
+            return "data arrive, but no samples of the stream"
+        return None
+
+
+def timeout_s(rate_hz: float | None) -> float:
+    """Return the silence that is longer than any sample takes.
+
+    >>> timeout_s(100.0), timeout_s(None), timeout_s(0.5)
+    (2.0, 5.0, 10.0)
+    """
+    return max(TIMEOUT_S, TIMEOUT_SAMPLES / (rate_hz or 1.0))

@@ -1,0 +1,335 @@
+"""Conformance of devices: what the daemon may expect of every device, whatever its transport."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from daemons import free_endpoint
+from fake_device import RATE_HZ, FakeDriver
+
+from imumon.config import Settings
+from imumon.devices import registry
+from imumon.devices.base import (
+    Device,
+    DeviceDriver,
+    DeviceError,
+    DeviceLost,
+    DeviceNotFound,
+    DeviceOptions,
+    Interrupted,
+)
+from imumon.devices.device_reader import DeviceReader, Disconnected, EndOfStream, Items, Opened, Started
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.pipeline import Monitor
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, SampleBlock
+
+TESTS = Path(__file__).parent
+
+
+@dataclass
+class Bench:
+    """A device that can be unplugged."""
+
+    driver: DeviceDriver
+    url: str
+    missing_url: str
+    unplug: Callable[[], object]
+    replug: Callable[[], object]
+    lose_samples: Callable[[], object]
+    state: Path
+
+    def device(self, url: str | None = None) -> Device:
+        options = DeviceOptions(url=url or self.url, settings=Settings().device, state_directory=self.state)
+        return self.driver.create(options)
+
+
+@pytest.fixture(params=["vn100", "fake"])
+def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
+    """Every registered device, and the fake."""
+    path = tmp_path / "device"
+    if request.param == "fake":
+        path.touch()
+        url, missing = f"fake:{path}", f"fake:{tmp_path / 'missing'}"
+        yield Bench(FakeDriver(), url, missing, path.unlink, path.touch, lambda: None, tmp_path)
+        return
+    with spawn(EmulatorSettings(seed=1, link=str(path))) as sensor:
+
+        def ask(command: str) -> Callable[[], object]:
+            return lambda: sensor.ask(command)
+
+        yield Bench(
+            registry.driver("vn100"),
+            str(path),
+            str(tmp_path / "missing"),
+            ask("unplug"),
+            ask("replug"),
+            ask("fault drop=0.05"),
+            tmp_path,
+        )
+
+
+def test_every_registered_device_has_a_bench() -> None:
+    assert set(registry.schemes()) == {"vn100"}
+
+
+def read_for(device: Device, seconds: float, enough: int = 10**9) -> list[Item]:
+    items: list[Item] = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and sum(map(len, blocks(items))) < enough:
+        items += device.read(0.1)
+    return items
+
+
+def blocks(items: list[Item]) -> list[SampleBlock]:
+    return [item for item in items if isinstance(item, SampleBlock)]
+
+
+def test_it_opens_identifies_itself_and_streams(bench: Bench) -> None:
+    device = bench.device()
+    info = device.open()
+    assert info.id
+    assert info.port
+    assert device.start().id == info.id
+    items = read_for(device, 5.0, enough=100)
+    for block in blocks(items):
+        assert block.values.shape == (len(block), len(block.stream.channels))
+        assert np.isfinite(block.values).all()
+        assert block.lost.shape == (len(block),)
+        assert block.stream.clock == "none" or block.time_ns is not None
+    assert sum(map(len, blocks(items))) >= 100
+    assert device.info().id == info.id
+    assert device.restore()
+    device.close()
+    device.close()
+
+
+def test_reading_works_without_start(bench: Bench) -> None:
+    """`imumon doctor` changes nothing."""
+    device = bench.device()
+    device.open()
+    assert read_for(device, 1.0)
+    device.close()
+
+
+def test_a_device_that_is_not_there_is_an_error_with_a_cure(bench: Bench) -> None:
+    device = bench.device(bench.missing_url)
+    with pytest.raises(DeviceNotFound) as missing:
+        device.open()
+    assert missing.value.code
+    assert missing.value.cure
+    device.close()
+
+
+def test_lost_samples_show_in_the_clock(bench: Bench) -> None:
+    device = bench.device()
+    device.open()
+    device.start()
+    items = read_for(device, 3.0, enough=50)
+    bench.lose_samples()
+    items += read_for(device, 4.0)
+    monitor = Monitor()
+    for block in blocks(items):
+        monitor.feed(block)
+    monitor.flush()
+    made = session_of(monitor)
+    assert made.missing > 0
+    assert made.samples == sum(map(len, blocks(items)))
+    rate = monitor.sample_rate_hz
+    assert rate is not None
+    assert round(made.elapsed_s * rate) == made.samples + made.missing
+    device.restore()
+    device.close()
+
+
+def session_of(monitor: Monitor) -> SessionCounters:
+    made = monitor.report(datetime.now(UTC), DeviceDescription(id="x"), "running", SessionCounters())
+    return made.session
+
+
+def test_the_rate_of_the_fake_is_its_own(tmp_path: Path) -> None:
+    (tmp_path / "device").touch()
+    device = FakeDriver().create(DeviceOptions(url=f"fake:{tmp_path / 'device'}"))
+    device.open()
+    monitor = Monitor()
+    for block in blocks(read_for(device, 4.0)):
+        monitor.feed(block)
+    assert monitor.sample_rate_hz == pytest.approx(RATE_HZ, rel=2e-3)
+
+
+def test_a_lost_device_is_an_error_and_comes_back_as_the_same(bench: Bench) -> None:
+    device = bench.device()
+    info = device.open()
+    device.start()
+    read_for(device, 3.0, enough=20)
+    before = device.counters
+    bench.unplug()
+    with pytest.raises(DeviceLost):
+        read_for(device, 5.0)
+    device.close()
+    with pytest.raises(DeviceError):
+        device.open()
+    bench.replug()
+    assert device.open().id == info.id
+    device.start()
+    assert blocks(read_for(device, 5.0, enough=20))
+    assert device.counters.received_bytes >= before.received_bytes
+    device.restore()
+    device.close()
+
+
+def test_an_interrupt_ends_a_wait(bench: Bench) -> None:
+    device = bench.device()
+    device.open()
+    device.start()
+    device.interrupt()
+    begin = time.monotonic()
+    with pytest.raises(Interrupted):
+        for _ in range(100):
+            device.read(10.0)
+    assert time.monotonic() - begin < 2.0
+    device.interrupted.clear()
+    device.restore()
+    device.close()
+
+
+def test_the_reader_runs_it_from_open_to_close(bench: Bench) -> None:
+    reader, events = DeviceReader(bench.device()), []
+    reader.start()
+
+    def until(kind: type, seconds: float = 15.0) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            event = reader.get(0.1)
+            if event is not None:
+                events.append(event)
+                if isinstance(event, kind):
+                    return
+        raise AssertionError(f"no {kind.__name__} among {[type(event).__name__ for event in events]}")
+
+    until(Opened)
+    assert not any(isinstance(event, Started) for event in events)
+    reader.begin()
+    until(Started)
+    until(Items)
+    bench.unplug()
+    until(Disconnected)
+    bench.replug()
+    until(Started)
+    until(Items)
+    reader.stop()
+    until(EndOfStream)
+    assert events[-1].error is None
+    assert reader.join(10.0)
+    assert reader.restored is True
+    kinds = (SampleBlock, DeviceInfo, DeviceCounters, Gap)
+    items = [item for event in events if isinstance(event, Items) for item in event.items]
+    assert any(isinstance(item, kinds) for item in items)
+
+
+def test_a_full_queue_holds_the_reader_and_ends_with_it(bench: Bench) -> None:
+    reader = DeviceReader(bench.device())
+    reader.start()
+    reader.begin()
+    time.sleep(1.0)
+    reader.stop(discard=True)
+    assert reader.join(10.0)
+
+
+@pytest.mark.parametrize("scheme", registry.schemes())
+@pytest.mark.parametrize("chunk", [1, 13, 100_000])
+def test_a_decoder_discards_garbage_to_the_byte(scheme: str, chunk: int) -> None:
+    decoder = registry.driver(scheme).decoder()
+    if decoder is None:
+        pytest.skip("this device has no bytes")
+    data = np.random.default_rng(11).integers(0, 256, 20_000, np.uint8).tobytes()
+    items: list[object] = []
+    for at in range(0, len(data), chunk):
+        items += decoder.feed(data[at : at + chunk])
+        assert decoder.fed == decoder.message_bytes + decoder.discarded + decoder.pending
+        assert decoder.pending < 4096
+    items += decoder.finish()
+    assert not any(isinstance(item, SampleBlock) for item in items)
+    assert (decoder.fed, decoder.messages, decoder.discarded, decoder.pending) == (len(data), 0, len(data), 0)
+
+
+# ---------------------------------------------------------------------- a device of another distribution
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> dict[str, str]:
+    """Environment in which a distribution with the fake device is installed."""
+    site = tmp_path / "site"
+    info = site / "imumon_fake-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: imumon-fake\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[imumon.devices]\nfake = fake_device:FakeDriver\n")
+    (site / "fake_device.py").write_text((TESTS / "fake_device.py").read_text())
+    return {**os.environ, "PYTHONPATH": str(site)}
+
+
+def imumon(*arguments: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "imumon", *arguments],
+        capture_output=True,
+        text=True,
+        env=env,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_run_reads_a_device_of_another_distribution(installed: dict[str, str], tmp_path: Path) -> None:
+    (tmp_path / "device").touch()
+    done = imumon(
+        *("run", "--port", f"fake:{tmp_path / 'device'}", "--duration", "5", "--json"),
+        *("--state", str(tmp_path / "state"), "--listen", free_endpoint()),
+        env=installed,
+    )
+    assert done.returncode == 0, done.stderr
+    made = json.loads(done.stdout)
+    assert made["device"]["id"] == "fake-1"
+    assert made["device"]["baud"] is None
+    assert made["device"]["sample_rate_hz"] == pytest.approx(RATE_HZ, rel=2e-3)
+    session = made["session"]
+    assert session["samples"] > 300
+    assert session["missing"] > 0
+    assert round(session["elapsed_s"] * made["device"]["sample_rate_hz"]) == (
+        session["samples"] + session["missing"]
+    )
+    assert "VN-100" not in done.stderr
+
+
+def test_a_device_that_is_missing_ends_run_with_one_line(installed: dict[str, str], tmp_path: Path) -> None:
+    done = imumon("run", "--port", f"fake:{tmp_path / 'none'}", "--state", str(tmp_path), env=installed)
+    assert done.returncode == 3
+    assert done.stderr.strip() == f"imumon: no file {tmp_path / 'none'}: create it"
+
+
+def test_an_unknown_scheme_ends_run_with_one_line(tmp_path: Path) -> None:
+    done = imumon("run", "--port", "nonsense:x", "--state", str(tmp_path), env=dict(os.environ))
+    assert done.returncode in (1, 2, 3)
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "nonsense" in done.stderr
+
+
+def test_a_broken_driver_disturbs_no_other(installed: dict[str, str], tmp_path: Path) -> None:
+    site = Path(installed["PYTHONPATH"])
+    (site / "fake_device.py").write_text("raise RuntimeError('broken')\n")
+    done = imumon("run", "--port", "fake:x", "--state", str(tmp_path), env=installed)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "broken" in done.stderr
+    with suppress(subprocess.TimeoutExpired):
+        assert imumon("--version", env=installed).returncode == 0
