@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import socket
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -196,8 +199,7 @@ def test_an_interrupt_ends_a_wait(bench: Bench) -> None:
     device.interrupt()
     begin = time.monotonic()
     with pytest.raises(Interrupted):
-        for _ in range(100):
-            device.read(10.0)
+        read_for(device, 10.0)
     assert time.monotonic() - begin < 2.0
     device.interrupted.clear()
     device.restore()
@@ -333,3 +335,45 @@ def test_a_broken_driver_disturbs_no_other(installed: dict[str, str], tmp_path: 
     assert "broken" in done.stderr
     with suppress(subprocess.TimeoutExpired):
         assert imumon("--version", env=installed).returncode == 0
+
+
+def code_block(language: str) -> str:
+    text = (TESTS.parent / "docs" / "DEVICES.md").read_text()
+    found = re.search(rf"```{language}\n(.*?)```", text, re.S)
+    assert found is not None
+    return found[1]
+
+
+def test_the_example_of_the_documentation_runs(tmp_path: Path) -> None:
+    project = tomllib.loads(code_block("toml"))["project"]
+    info = tmp_path / "site" / "imumon_udp-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
+    points = project["entry-points"]["imumon.devices"]
+    lines = [f"{name} = {value}" for name, value in points.items()]
+    (info / "entry_points.txt").write_text("\n".join(["[imumon.devices]", *lines, ""]))
+    (tmp_path / "site" / "imumon_udp.py").write_text(code_block("python"))
+    env = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "imumon", "run", "--port", f"udp:{port}", "--duration", "4", "--json"]
+    command += ["--state", str(tmp_path / "state"), "--listen", free_endpoint()]
+    daemon = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        random = np.random.default_rng(1)
+        begin = time.monotonic()
+        k = 0
+        while daemon.poll() is None and time.monotonic() < begin + 30.0:
+            if k != 300:  # one is lost
+                row = [k / 200.0, *random.normal(0.0, 1e-3, 6)]
+                sender.sendto(" ".join(f"{x:.9g}" for x in row).encode(), ("127.0.0.1", port))
+            k += 1
+            time.sleep(max(0.0, begin + k / 200.0 - time.monotonic()))
+    out, err = daemon.communicate(timeout=20)
+    assert daemon.returncode == 0, err
+    made = json.loads(out)
+    assert made["device"]["id"] == f"udp-{port}"
+    assert made["device"]["sample_rate_hz"] == pytest.approx(200.0, rel=1e-3)
+    assert made["session"]["samples"] > 200
+    assert made["session"]["received_bytes"] > 0
