@@ -1,0 +1,351 @@
+"""Sensitivity of the published numbers to every tuning constant, as Markdown.
+
+    python benchmarks/sensitivity.py                 all constants: about half an hour on two cores
+    python benchmarks/sensitivity.py noise.fit       those of one package
+    python benchmarks/sensitivity.py --list          what the constants say of themselves, without measuring
+
+Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own,
+before the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short
+records that make every part of the pipeline work. A constant is critical if a published number moves by more than
+1 % of itself, or appears or vanishes. Limits and values of N, B and K, means, deviations, counters, events and
+grades count; what only draws (histogram, spectrum, envelope) does not.
+
+A constant whose name says what it is in nature or in a protocol (units, register numbers, formats) is no tuning
+constant: `NOT_TUNING` lists the modules that hold only such ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import math
+import multiprocessing
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("noise", "pipeline", "timebase", "recordings")
+"""Packages whose constants can move a published number. Elsewhere constants are timeouts and sizes of queues."""
+NOT_TUNING = {"column_names.py", "raw_capture.py", "recording_header.py"}
+MOVED = 0.01
+"""Relative change of a published number that makes a constant critical."""
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A number at the top level of a module; `note` is its docstring or comment."""
+
+    module: str
+    name: str
+    value: float
+    note: str
+
+    @property
+    def says_not_critical(self) -> bool:
+        return "not critical" in self.note.lower()
+
+    @property
+    def says_sensitivity(self) -> bool:
+        return "sensitivity:" in self.note.lower()
+
+
+def _number(node: ast.expr | None) -> float | None:
+    """Return the value of a literal number or of an expression of literals; None for anything else."""
+    try:
+        value = eval(compile(ast.Expression(node), "", "eval"), {"__builtins__": {}, "math": math})  # type: ignore[arg-type]
+    except Exception:
+        return None
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def constants(prefix: str = "") -> Iterator[Constant]:
+    """Yield the tuning constants in the order of the files."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / "imumon" / package).rglob("*.py")):
+            if path.name in NOT_TUNING:
+                continue
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            if not module.removeprefix("imumon.").startswith(prefix.removeprefix("imumon.")):
+                continue
+            text = path.read_text("utf-8")
+            lines, body = text.splitlines(), ast.parse(text).body
+            for at, node in enumerate(body):
+                target = _target(node)
+                if target is None or not target.lstrip("_").isupper():
+                    continue
+                value = _number(node.value)  # type: ignore[union-attr,attr-defined]
+                if value is None:
+                    continue
+                note = lines[node.lineno - 1].partition("#")[2].strip()
+                after = body[at + 1] if at + 1 < len(body) else None
+                if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+                    note = f"{note} {after.value.value}".strip()
+                yield Constant(module, target, value, note)
+
+
+def _target(node: ast.stmt) -> str | None:
+    if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
+        return node.targets[0].id
+    if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+        return node.target.id
+    return None
+
+
+# ---------------------------------------------------------------------- one process: change, import, run
+
+
+class _Patch(MetaPathFinder):
+    """Replaces one constant in the source of its module before that is executed."""
+
+    def __init__(self, module: str, name: str, factor: float) -> None:
+        self.module, self.name, self.factor = module, name, factor
+
+    def find_spec(self, fullname: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
+        if fullname != self.module:
+            return None
+        spec = PathFinder.find_spec(fullname, path)
+        if spec is not None and spec.origin is not None:
+            spec.loader = _Loader(fullname, spec.origin, self)
+        return spec
+
+
+class _Loader(SourceFileLoader, Loader):
+    def __init__(self, fullname: str, path: str, patch: _Patch) -> None:
+        super().__init__(fullname, path)
+        self._patch = patch
+
+    def get_code(self, fullname: str) -> Any:
+        tree = ast.parse(Path(self.path).read_text("utf-8"))
+        for node in tree.body:
+            if _target(node) == self._patch.name:
+                value = _number(node.value)  # type: ignore[attr-defined]
+                assert value is not None
+                new = value * self._patch.factor
+                whole = float(value).is_integer() and isinstance(ast.literal_eval(repr(value)), float)
+                literal = ast.unparse(node.value)  # type: ignore[attr-defined]
+                is_int = whole and "." not in literal and "e" not in literal.lower()
+                constant = ast.Constant(max(1, round(new)) if is_int else new)
+                node.value = ast.copy_location(constant, node.value)  # type: ignore[attr-defined]
+        ast.fix_missing_locations(tree)
+        return compile(tree, self.path, "exec")
+
+
+def records() -> dict[str, dict[str, float | str | None]]:
+    """Run the reference records and return the published numbers of each."""
+    import numpy as np
+
+    from imumon.noise import synthesise
+
+    made: dict[str, dict[str, float | str | None]] = {}
+    for name, rate, minutes in (("clean", 100.0, 10.0), ("slow", 10.0, 130.0)):
+        n = int(rate * 60 * minutes)
+        made[name] = _published(_imu(n, rate, seed=1), rate)
+    rate, n = 50.0, 50 * 60 * 20
+    random = np.random.default_rng(2)
+    time_s = np.arange(n) / rate
+
+    knocks = _imu(n, rate, seed=3)
+    for at in random.integers(2000, n - 2000, 12):
+        knocks[at : at + 20] += random.normal(0.0, 0.5, (20, 6)) * [1, 1, 1, 20, 20, 20]
+    knocks[30_000:32_000] += (np.sin(2 * np.pi * 0.7 * time_s[:2000]) * 0.4)[:, None]
+    knocks[40_000:40_400] = knocks[40_000]  # stuck
+    knocks[50_000:50_900, 1] = knocks[50_000, 1]  # one axis
+    made["disturbed"] = _published(knocks, rate, lose=0.002)
+
+    warm = _imu(n, rate, seed=4)
+    warm += (4e-3 * np.exp(-time_s / 120.0))[:, None]
+    temperature = 25.0 - 8.0 * np.exp(-time_s / 120.0) + random.normal(0.0, 0.02, n)
+    made["warm-up"] = _published(np.column_stack((warm, temperature)), rate)
+
+    drift = _imu(n, rate, seed=5)
+    temperature = 25.0 + 4.0 * np.sin(2 * np.pi * time_s / 900.0) + random.normal(0.0, 0.02, n)
+    drift[:, :3] += 1e-4 * (temperature - 25.0)[:, None]
+    made["temperature"] = _published(np.column_stack((drift, temperature)), rate)
+
+    lines = _imu(n, rate, seed=6)
+    lines += (1e-3 * np.sin(2 * np.pi * 17.3 * time_s))[:, None]
+    made["line"] = _published(lines, rate)
+
+    coarse = np.round(_imu(n, rate, seed=7) / 2e-3) * 2e-3
+    made["coarse"] = _published(coarse, rate)
+
+    jittered = _imu(n, rate, seed=8)
+    jittered[n // 2 :, 0] += 2e-4  # a step of the bias
+    jittered[:, 4] = 0.1  # constant
+    made["jittered"] = _published(jittered, rate, jitter_s=1e-3, lose=0.01)
+
+    random_walk = synthesise(n, rate, N=6.1e-5, B=2.4e-5, K=3e-6, seed=9)[:, 0]
+    walk = _imu(n, rate, seed=10)
+    walk[:, 0] = random_walk
+    made["walk"] = _published(walk, rate)
+    made["table"] = _table(_imu(30_000, 97.0, seed=11), 97.0)
+    return made
+
+
+def _imu(n: int, rate: float, seed: int) -> Any:
+    """(n, 6) rad/s and m/s^2, a sensor at rest."""
+    import numpy as np
+
+    from imumon.noise import synthesise
+
+    gyro = synthesise(n, rate, N=[6.1e-5] * 3, B=2.4e-5, seed=2 * seed)
+    accel = synthesise(n, rate, N=[1.3e-3] * 3, B=3e-4, seed=2 * seed + 1)
+    return np.column_stack((gyro, accel)) + [0.0, 0.0, 0.0, 0.0, 0.0, -9.8]
+
+
+def _published(values: Any, rate: float, *, lose: float = 0.0, jitter_s: float = 0.0) -> dict[str, Any]:
+    from datetime import UTC, datetime
+
+    import numpy as np
+
+    from imumon import report
+    from imumon.pipeline import Monitor
+    from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+
+    random = np.random.default_rng(99)
+    names = (*GYRO, *ACCEL, "temperature")[: values.shape[1]]
+    stream = Stream("deltas", names, source="made", clock="startup", tick_s=None if jitter_s else 1.0 / 800.0)
+    keep = random.random(len(values)) >= lose
+    keep[:100] = True
+    time_ns = ((np.arange(len(values)) / rate + random.uniform(-jitter_s, jitter_s, len(values))) * 1e9).astype(
+        np.int64
+    )[keep]
+    values = values[keep]
+    monitor = Monitor()
+    events: list[str] = []
+    session = report.SessionCounters()
+    device = report.DeviceDescription(id="x")
+    size = -(-len(values) // 2)
+    for at in range(0, len(values), size):
+        part = slice(at, at + size)
+        monitor.feed(
+            SampleBlock(stream, values[part], time_ns[part], np.zeros(len(values[part]), dtype=np.int64))
+        )
+        monitor.report(datetime.now(UTC), device, "running", session)
+        events += [event.kind for event in monitor.events()]
+    monitor.flush()
+    made = monitor.report(datetime.now(UTC), device, "stopped", session)
+    events += [event.kind for event in monitor.events()]
+    numbers = _numbers(json.loads(report.to_json(made)))
+    return numbers | {f"events/{kind}": float(events.count(kind)) for kind in sorted(set(events))}
+
+
+def _table(values: Any, rate: float) -> dict[str, Any]:
+    """A CSV file with jittered stamps in milliseconds and missing rows, through `replay`."""
+    import tempfile
+
+    import numpy as np
+
+    from imumon import report
+    from imumon.replay import ReplayOptions, replay
+
+    random = np.random.default_rng(5)
+    stamps = np.round((np.arange(len(values)) / rate + random.normal(0, 5e-4, len(values))) * 1e3)
+    keep = random.random(len(values)) > 0.003
+    with tempfile.NamedTemporaryFile("w", suffix=".csv") as file:
+        file.write("time_ms,gx [rad/s],gy [rad/s],gz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]\n")
+        for stamp, row in zip(stamps[keep], values[keep], strict=True):
+            file.write(f"{stamp:.0f}," + ",".join(f"{x:.9g}" for x in row) + "\n")
+        file.flush()
+        made = replay(ReplayOptions(path=file.name))
+    return _numbers(json.loads(report.to_json(made)))
+
+
+DRAWN = ("histogram", "spectrum", "time", "modes", "aliases_hz", "readable", "limit_curves", "limits")
+"""Parts of a report that are drawn, repeat other numbers, or are no result."""
+
+
+def _numbers(tree: Any, path: str = "") -> dict[str, float | str | None]:
+    """Return the numbers and words of a report by their path."""
+    if isinstance(tree, dict):
+        pairs = [(str(key), value) for key, value in tree.items() if key not in DRAWN]
+    elif isinstance(tree, list):
+        pairs = [(str(index), value) for index, value in enumerate(tree)]
+    else:
+        return {path: tree if isinstance(tree, str) or tree is None else float(tree)}
+    numbers: dict[str, float | str | None] = {}
+    for key, value in pairs:
+        numbers |= _numbers(value, f"{path}/{key}" if path else key)
+    return numbers
+
+
+# ---------------------------------------------------------------------- all processes: compare
+
+
+def measure(constant: Constant, factor: float) -> dict[str, Any] | str:
+    """Return what the records publish with a changed constant; the error, in words, if they fail."""
+    command = [sys.executable, __file__, "--one", constant.module, constant.name, repr(factor)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+    if done.returncode:
+        return (done.stderr.strip().splitlines() or ["no output"])[-1]
+    made: dict[str, Any] = json.loads(done.stdout)
+    return made
+
+
+def difference(base: dict[str, Any], other: dict[str, Any] | str) -> tuple[float, str]:
+    """Return the largest relative change of a published number, and which one that is."""
+    if isinstance(other, str):
+        return math.inf, other[:60]
+    worst, which = 0.0, ""
+    for record, before in base.items():
+        after = other[record]
+        for name in before.keys() | after.keys():
+            one, two = before.get(name), after.get(name)
+            if one == two or isinstance(one, str) and name.endswith(("text", "reason", "remarks/0")):
+                continue
+            both = isinstance(one, float) and isinstance(two, float)
+            scale = max(abs(one), abs(two)) if both else 0.0  # type: ignore[arg-type,type-var]
+            size = abs(one - two) / scale if both and scale else math.inf  # type: ignore[operator]
+            if size > worst:
+                worst, which = size, f"{record}: {name} {_short(one)} → {_short(two)}"
+    return worst, which
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _both(job: tuple[Constant, dict[str, Any]]) -> tuple[Constant, list[tuple[float, str]]]:
+    constant, base = job
+    return constant, [difference(base, measure(constant, factor)) for factor in (0.5, 2.0)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("prefix", nargs="?", default="", help="package or module, such as noise.fit")
+    parser.add_argument("--list", action="store_true", help="what the constants say of themselves")
+    parser.add_argument("--one", nargs=3, metavar=("MODULE", "NAME", "FACTOR"), help=argparse.SUPPRESS)
+    words = parser.parse_args()
+    if words.one is not None:
+        module, name, factor = words.one
+        if float(factor) != 1.0:
+            sys.meta_path.insert(0, _Patch(module, name, float(factor)))
+        json.dump(records(), sys.stdout)
+        return
+    found = list(constants(words.prefix))
+    if words.list:
+        for each in found:
+            says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
+            print(f"{each.module}.{each.name} = {each.value:g}: {says}")
+        return
+    base = measure(Constant("imumon", "NONE", 1.0, ""), 1.0)
+    assert not isinstance(base, str), base
+    print("| constant | value | says | halved | doubled | largest change |\n|---|---:|---|---:|---:|---|")
+    with multiprocessing.Pool(2) as pool:
+        for each, (half, double) in pool.imap(_both, [(constant, base) for constant in found]):
+            says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
+            which = max(half, double)[1] if max(half[0], double[0]) > MOVED else ""
+            name = f"{each.module.removeprefix('imumon.')}.{each.name}"
+            print(f"| {name} | {each.value:g} | {says} | {half[0]:.1%} | {double[0]:.1%} | {which} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
