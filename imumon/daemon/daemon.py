@@ -358,13 +358,13 @@ class Daemon:
         if self._state == "waiting":
             self._notifier.ready()
         made = self._report()
-        self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
+        self._bus.publish(made, self._monitor.signals(self._bus.requested_signals()))
         for found in self._monitor.events():
             self._bus.event(found.stamped(datetime.now(UTC), self._bus.id))
             self.log.say(found.text, "debug" if found.kind == "gap" else "info", found.kind)
         for lack in self._tape.complaints():
             self._tell("recording", lack, "error")
-        for trouble in self._bus.troubles():
+        for trouble in self._bus.status_changes():
             self._tell("bus", trouble, "warning")
         if self._keeping is not None and (complaint := self._keeping.complaint()):
             self._tell("state", complaint, self._keeping.level)
