@@ -194,7 +194,7 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     place = tmp_path / "lab.state.new"
     place.mkdir()  # nothing can be written under this name
     kept.save(SessionCounters(), None)
-    kept._checkpoint.settle()
+    kept._checkpoint.flush()
     assert "cannot be saved" in (kept.complaint() or "")
     assert kept.complaint() is None  # once per change
     place.rmdir()

@@ -85,7 +85,7 @@ class Persistence:
         """
         self._serial, self._settings, self._device = facts.serial, data_settings(facts), kept(facts)
         if self._run.fresh:
-            if not self._checkpoint.there:
+            if not self._checkpoint.exists:
                 return []
             return [(f"started anew; the old state is {self._checkpoint.set_aside('old').name}", "info")]
         state, complaints = self._checkpoint.load()
@@ -118,7 +118,7 @@ class Persistence:
 
     def _refuse(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
-        if not self._checkpoint.there:  # it was never saved
+        if not self._checkpoint.exists:  # it was never saved
             return f"the record is {why}: begun anew"
         return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, begun anew"
 
@@ -134,7 +134,7 @@ class Persistence:
     def begin_anew(self, facts: Vn100Info, monitor: Monitor, session: SessionCounters) -> str:
         """Set the record aside as it is and keep another one; what was done, in words."""
         self.save(session, self.started)
-        self._checkpoint.settle()
+        self._checkpoint.flush()
         changed = "; ".join(self.differing(facts))
         self._monitor, self._settings, self._device = monitor, data_settings(facts), kept(facts)
         return self._refuse("other-settings", f"of other settings, {changed}")
