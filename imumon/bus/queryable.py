@@ -58,7 +58,8 @@ class LastValues:
             yield "event", *value
 
     def requested_signals(self, within_s: float) -> frozenset[str]:
-        """Return the channels whose signal was requested in the last `within_s` seconds; forget the others."""
+        """Return the channels whose signal was requested in the last `within_s` seconds; forget the
+        others."""
         since = time.monotonic() - within_s
         with self._lock:
             self._requests = {channel: at for channel, at in self._requests.items() if at >= since}

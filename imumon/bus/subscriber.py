@@ -1,7 +1,7 @@
 """Subscriber: the client side of the bus.
 
-It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself, and
-keeps the newest report of each device, its last events, which daemons are alive, and the signal of one
+It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself,
+and keeps the newest report of each device, its last events, which daemons are alive, and the signal of one
 selected channel. Reports are stored as bytes and parsed when they are read, so a display that reads twice a
 second parses twice a second. Any peer may publish on these keys: messages that are invalid are counted and
 ignored, and the number of devices is bounded.
@@ -40,7 +40,8 @@ class Subscriber:
     ----------
     connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the default endpoints of
         this machine.
-    settings : `imumon.bus.SessionOptions`, or an object with attributes of the same names; None for the defaults.
+    settings : `imumon.bus.SessionOptions`, or an object with attributes of the same names; None for the
+        defaults.
 
     Attributes
     ----------
@@ -126,7 +127,8 @@ class Subscriber:
         return bool(self._session.info.transports())
 
     def wait_report(self, id: str | None = None, timeout: float = 2.0) -> Report | None:
-        """Wait up to `timeout` seconds for a report of this device (None: of any) and return it, else None."""
+        """Wait up to `timeout` seconds for a report of this device (None: of any) and return it, else
+        None."""
         end = time.monotonic() + timeout
         while True:
             with self._changed:

@@ -170,7 +170,8 @@ def open_session(
 
     Raises
     ------
-    Unreachable : no connection to `connect` (mode ``client`` only; the other modes connect in the background).
+    Unreachable : no connection to `connect` (mode ``client`` only; the other modes connect in the
+        background).
     BusError : an endpoint, a file or an option is invalid or not allowed.
     """
     for endpoint in (*listen, *connect):
