@@ -26,11 +26,15 @@ CHUNKS = (1, 2, 7, 61, 1 << 20)
 
 
 def _vectors() -> list[Any]:
-    found = json.loads((HERE / "data" / "vn100_vectors.json").read_text())
-    foreign = SHARED / "vectors.json"
-    if foreign.exists():
-        found += [v for v in json.loads(foreign.read_text())["vectors"] if not v["own"]]
-    return [pytest.param(v, id=v["id"]) for v in found]
+    """Return own vectors, and those of other sources, which are not part of the project."""
+    own = json.loads((HERE / "data" / "vn100_vectors.json").read_text())
+    parameters = [pytest.param(v, id=v["id"]) for v in own]
+    path = SHARED / "vectors.json"
+    if not path.exists():
+        absent = pytest.mark.skip(reason="no vectors of other sources beside the checkout")
+        return [*parameters, pytest.param({}, id="other-sources", marks=absent)]
+    others = [v for v in json.loads(path.read_text())["vectors"] if not v["own"]]
+    return [*parameters, *(pytest.param(v, id=v["id"]) for v in others)]
 
 
 VECTORS = _vectors()
@@ -158,7 +162,11 @@ def _usable(layout: BinaryLayout, packet: Any) -> bool:
 def _wink() -> list[Any]:
     page = RECORDINGS / "wink.md"
     if not page.exists():
-        return [pytest.param("", 0, 0, id="absent", marks=pytest.mark.skip(reason="no ../shared/recordings"))]
+        return [
+            pytest.param(
+                "", 0, 0, id="absent", marks=pytest.mark.skip(reason="no recordings beside the checkout")
+            )
+        ]
     rows = re.findall(r"^\| (\S+\.bin) \| \d+ \| \d+ \| (\d+) \| \d+ \| (\d+) \|", page.read_text(), re.M)
     assert len(rows) == 12
     return [pytest.param(name, int(packets), int(lines), id=name) for name, packets, lines in rows]
@@ -182,7 +190,7 @@ def test_a_wink_recording_has_the_documented_messages(
         assert decoder.bad_checksums > 0 or lines
 
 
-needs_recordings = pytest.mark.skipif(not RECORDINGS.exists(), reason="no ../shared/recordings")
+needs_recordings = pytest.mark.skipif(not RECORDINGS.exists(), reason="no recordings beside the checkout")
 
 
 @needs_recordings
