@@ -153,8 +153,8 @@ def test_default_endpoints_are_local_and_need_no_configuration() -> None:
         with Subscriber() as subscriber:
             for id in names:
                 assert subscriber.wait_report(id, timeout=5.0)
-        twin = start("daemon", id=names[0]).ready()
-        assert twin.messages[0]["error"] == "name_in_use"
+        duplicate = start("daemon", id=names[0]).ready()
+        assert duplicate.messages[0]["error"] == "name_in_use"
 
 
 def test_messages_published_before_close_arrive() -> None:

@@ -191,8 +191,8 @@ def test_a_router_may_start_late_and_restart() -> None:
             assert neighbour.alive() == {"a"}
             start("router", port=port).ready()
             until(lambda: subscriber.alive() == {"a"})
-            twin = start("daemon", listen=[free_endpoint()], connect=[place])
-            assert twin.ready().messages[0]["error"] == "name_in_use"
+            duplicate = start("daemon", listen=[free_endpoint()], connect=[place])
+            assert duplicate.ready().messages[0]["error"] == "name_in_use"
             with plain_session(place, "peer") as anyone:  # any other tool
                 until(lambda: [r for r in anyone.get("imumon/*/gyro/x") if r.ok])
 
