@@ -1,9 +1,9 @@
-"""Speed of the VN-100 decoder, as ratios to the goals and to a yardstick.
+"""Speed of the VN-100 decoder compared with its goals and with a reference loop.
 
-Three goals: packets of 60 bytes with their CRC checked at 40 MB/s; ``$VNYMR`` with its checksum checked at
-300,000 sentences/s; a live block (a few messages) in 100 µs. The yardstick, in the same run, is a loop that
-reads and checks the same messages with the standard library, told where each begins. Throughputs are the
-best of several rounds, blocks the median: what the machine does besides only makes it slower.
+Goals: packets of 60 bytes with CRC check at 40 MB/s; ``$VNYMR`` with checksum at 300,000 sentences/s; a live
+block (a few messages) in 100 µs. The reference, in the same run, is a loop that parses and checks the same
+messages with the standard library at known positions. Throughput is the best of several rounds, the time of a
+block is the median, because other load on the machine only makes them slower.
 
     python benchmarks/codec.py
 """
@@ -52,7 +52,7 @@ def sentences(count: int) -> bytes:
 
 
 def decode(data: bytes, chunk: int) -> int:
-    """Samples found."""
+    """Return the number of samples."""
     decoder = Vn100Decoder()
     found = 0
     for at in range(0, len(data), chunk):
@@ -62,7 +62,7 @@ def decode(data: bytes, chunk: int) -> int:
 
 
 def one_by_one(data: bytes, size: int) -> int:
-    """The yardstick: the same messages read by the standard library, every one where it is known to stand."""
+    """Return the number of samples by the reference loop: standard library, known positions."""
     found = 0
     for at in range(0, len(data), size):
         if size == 60:
@@ -77,7 +77,7 @@ def one_by_one(data: bytes, size: int) -> int:
 
 
 def live(data: bytes, size: int) -> float:
-    """Median time of a feed of `size` bytes, s."""
+    """Return the median time of a feed of `size` bytes, s."""
     decoder = Vn100Decoder()
     times = []
     for at in range(0, size * 2000, size):
@@ -89,7 +89,7 @@ def live(data: bytes, size: int) -> float:
 
 
 def measure() -> Iterator[Figure]:
-    """Figures, and the yardstick beside them."""
+    """Yield figures with those of the reference loop."""
     count = 20_000
     binary_data, ascii_data = packets(count), sentences(count)
     for work in (lambda d: decode(d, CHUNK), lambda d: one_by_one(d, len(d) // count)):

@@ -55,7 +55,7 @@ def stamps(data: bytes, layout: BinaryLayout) -> tuple[np.ndarray, int]:
     """Time stamps in ns, and how many packets are invalid."""
     start = data.index(layout.header)
     count = (len(data) - start) // layout.length
-    valid = layout.count(data, start, count)
+    valid = layout.count_valid(data, start, count)
     name = next(name for name in layout.fields if name.endswith("timeStartup"))
     return layout.decode(data, start, valid)[name][:, 0].astype(np.int64), count - valid
 

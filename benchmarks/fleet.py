@@ -1,10 +1,10 @@
-"""A fleet: many daemons through one router to one subscriber; what it costs, how late and how complete it is.
+"""Fleet: many daemons, one router, one subscriber; cost, latency and completeness.
 
     python benchmarks/fleet.py [--daemons 20] [--period 1.0] [--seconds 20]
 
-Every daemon is a process of its own, which publishes the report of a day (nine channels, all curves)
-through a router in a process of its own; the subscriber is the viewer of the screen, read as often as it can
-be. Latency is from the call of `publish` to the arrival, on the one clock of this machine.
+Every daemon is a process that publishes the report of a day (nine channels, all curves) through a router in
+another process. The subscriber is read 50 times a second. Latency is from the call of `publish` to the
+arrival, on the monotonic clock of this machine.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ EXAMPLE = Path(__file__).parents[1] / "docs" / "example" / "report.json"
 
 
 def report(id: str) -> Report:
-    """That of a day, with all its curves."""
+    """Return the report of a day, with all its curves."""
     made = from_json(Report, EXAMPLE.read_text())
     return replace(made, device=replace(made.device, id=id))
 
 
-def cost(begun: float) -> dict[str, float]:
-    """CPU share since `begun` (process seconds are counted from the same moment) and memory."""
+def cost(start_s: float) -> dict[str, float]:
+    """Return CPU seconds of the process, seconds since `start_s`, and the largest resident memory."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return {
         "cpu_s": usage.ru_utime + usage.ru_stime,
-        "wall_s": time.monotonic() - begun,
+        "wall_s": time.monotonic() - start_s,
         "rss_mb": usage.ru_maxrss / 1024,
     }
 
 
 def measured(wait: Any) -> dict[str, float]:
-    """Cost of what happens during `wait`, in percent of a core."""
-    begun, before = time.monotonic(), cost(0.0)["cpu_s"]
+    """Return the cost of what happens during `wait`, in percent of a core."""
+    start_s, before = time.monotonic(), cost(0.0)["cpu_s"]
     wait()
-    after = cost(begun)
+    after = cost(start_s)
     return {"cpu_percent": 100 * (after["cpu_s"] - before) / after["wall_s"], "rss_mb": after["rss_mb"]}
 
 
@@ -68,7 +68,7 @@ def play_daemon(id: str, place: str, socket_path: str, period: float, seconds: f
                 time.sleep(max(0.0, start + sent * period - now))
 
         result = measured(loop)
-        time.sleep(1.0)  # the last one is on its way
+        time.sleep(1.0)  # until the last report has arrived
         print(json.dumps({"sent": sent, "replaced": publisher.counts.replaced, **result}), flush=True)
 
 
@@ -87,8 +87,8 @@ def play_router(port: int) -> None:
         print(json.dumps(measured(sys.stdin.readline)), flush=True)
 
 
-def start(*words: object) -> subprocess.Popen[str]:
-    command = [sys.executable, __file__, "--play", *map(str, words)]
+def start(*arguments: object) -> subprocess.Popen[str]:
+    command = [sys.executable, __file__, "--play", *map(str, arguments)]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
@@ -101,7 +101,7 @@ def run(daemons: int, period: float, seconds: float) -> None:
     assert router.stdin
     assert router.stdout
     router.stdout.readline()
-    with tempfile.TemporaryDirectory() as folder, Subscriber([place]) as viewer:
+    with tempfile.TemporaryDirectory() as folder, Subscriber([place]) as subscriber:
         fleet = [
             start("daemon", f"d{n:02}", place, Path(folder) / f"{n}.sock", period, seconds)
             for n in range(daemons)
@@ -112,17 +112,17 @@ def run(daemons: int, period: float, seconds: float) -> None:
         def watch() -> None:
             end = time.monotonic() + seconds - 1.0
             while time.monotonic() < end:
-                collect(viewer, seen, latencies)
+                collect(subscriber, seen, latencies)
 
-        while len(viewer.reports()) < daemons:
-            collect(viewer, seen, latencies)
+        while len(subscriber.reports()) < daemons:
+            collect(subscriber, seen, latencies)
         router.stdin.write("begin\n")
         router.stdin.flush()
         own = measured(watch)
         router.stdin.write("end\n")
         router.stdin.flush()
         while any(p.poll() is None for p in fleet):
-            collect(viewer, seen, latencies)
+            collect(subscriber, seen, latencies)
         ends = [json.loads(p.communicate()[0]) for p in fleet]
         middle = json.loads(router.communicate()[0].splitlines()[-1])
     sent, got = sum(end["sent"] for end in ends), sum(len(numbers) for numbers in seen.values())
@@ -132,20 +132,20 @@ def run(daemons: int, period: float, seconds: float) -> None:
     middle_ms = statistics.median(latencies)
     memory = statistics.mean(end["rss_mb"] for end in ends)
     print(f"{daemons} daemons, a report of {size:.1f} kB every {period:g} s, {os.cpu_count()} cores")
-    print(f"  reports: sent {sent}, seen {got}, lost or overtaken by the next {sent - got}")
+    print(f"  reports: sent {sent}, seen {got}, lost or replaced by the next {sent - got}")
     print(f"  latency, ms: median {middle_ms:.2f}, 99 % {late:.2f}, most {latencies[-1]:.2f}")
     print(f"  CPU, percent of a core: daemon {statistics.mean(share):.2f} (most {max(share):.2f}), ", end="")
-    print(f"router {middle['cpu_percent']:.2f}, viewer {own['cpu_percent']:.2f}")
-    print(f"  memory, MB: daemon {memory:.0f}, router {middle['rss_mb']:.0f}, viewer {own['rss_mb']:.0f}")
+    print(f"router {middle['cpu_percent']:.2f}, subscriber {own['cpu_percent']:.2f}")
+    print(f"  memory, MB: daemon {memory:.0f}, router {middle['rss_mb']:.0f}, subscriber {own['rss_mb']:.0f}")
     idle = [f"tcp/127.0.0.1:{port + n if port < 60000 else port - n}" for n in range(16)]
     with Subscriber(idle):
         waiting = measured(lambda: time.sleep(10.0))
-    print(f"  CPU of a viewer that tries 16 addresses where nobody is: {waiting['cpu_percent']:.2f}")
+    print(f"  CPU of a subscriber that tries 16 endpoints without a daemon: {waiting['cpu_percent']:.2f}")
 
 
-def collect(viewer: Subscriber, seen: dict[str, set[int]], latencies: list[float]) -> None:
+def collect(subscriber: Subscriber, seen: dict[str, set[int]], latencies: list[float]) -> None:
     time.sleep(0.02)
-    for id, (got, arrived) in viewer.reports().items():
+    for id, (got, arrived) in subscriber.reports().items():
         numbers = seen.setdefault(id, set())
         if got.session.samples not in numbers:
             numbers.add(got.session.samples)
@@ -166,8 +166,8 @@ def main() -> None:
     parser.add_argument("--daemons", type=int, default=20)
     parser.add_argument("--period", type=float, default=1.0)
     parser.add_argument("--seconds", type=float, default=20.0)
-    words = parser.parse_args()
-    run(words.daemons, words.period, words.seconds)
+    options = parser.parse_args()
+    run(options.daemons, options.period, options.seconds)
 
 
 if __name__ == "__main__":

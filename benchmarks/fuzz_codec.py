@@ -1,8 +1,8 @@
-"""Coverage-guided fuzzing of the VN-100 decoder against a slow reading of its rules.
+"""Coverage-guided fuzzing of the VN-100 decoder against a simple implementation of its rules.
 
-The fuzzer writes programs for a line: raw bytes, sentences and packets with a right check around whatever
-content, damage, repetition. The decoder must not raise, must conserve bytes, must say the same whatever the
-cuts, and must find exactly what `reference` finds, which knows no arrays, no shapes and no cuts.
+The fuzzer composes streams of random bytes, of sentences and packets with any content and a valid checksum, of
+damage and repetition. The decoder must not raise, must conserve bytes, must give the same result for any chunks,
+and must find exactly what `reference` finds, which has no arrays, no patterns and no chunks.
 
     pip install atheris
     python benchmarks/fuzz_codec.py -max_total_time=600 -max_len=2048
@@ -29,7 +29,7 @@ MESSAGES = [*ascii.MEASUREMENTS, "VNRRG", "VNERR", "VNGPS", "VNXYZ"]
 
 
 def packet_length(data: bytes, at: int) -> int | None:
-    """Length of the packet at `at` by its header; None where there is none, or not all of it."""
+    """Return the length of the packet at `at` by its header; None: no valid or no complete header."""
     try:
         start = at
         byte, at = data[at + 1], at + 2
@@ -59,7 +59,7 @@ def packet_length(data: bytes, at: int) -> int | None:
 
 
 def grammatical(name: str, fields: list[str]) -> list[float] | None:
-    """Numbers of a measurement, T's count last; None where its grammar is wrong."""
+    """Return the numbers of a measurement, with the count of T last; None: its grammar is wrong."""
     fields = fields[:]
     marks: list[str] = []
     while fields and fields[-1][:1] in ("S", "T") and len(marks) < 2:
@@ -77,7 +77,7 @@ def grammatical(name: str, fields: list[str]) -> list[float] | None:
 
 
 def reference(data: bytes) -> list[tuple[bytes, list[float] | None]]:
-    """Valid messages, each with its numbers if it is a measurement in ASCII."""
+    """Return the valid messages, each with its numbers if it is an ASCII measurement."""
     found: list[tuple[bytes, list[float] | None]] = []
     at = 0
     while at < len(data):
@@ -113,7 +113,7 @@ def reference(data: bytes) -> list[tuple[bytes, list[float] | None]]:
 
 
 def program(provider: atheris.FuzzedDataProvider) -> bytes:
-    """What the fuzzer puts on the line."""
+    """Return the stream that the fuzzer composes."""
     line = b""
     while provider.remaining_bytes() and len(line) < 6000:
         act = provider.ConsumeIntInRange(0, 6)
@@ -156,7 +156,7 @@ def program(provider: atheris.FuzzedDataProvider) -> bytes:
 
 
 def decode(line: bytes, cuts: list[int]) -> tuple[Vn100Decoder, list[object]]:
-    """The decoder at its end, and its items with the blocks taken apart."""
+    """Return the decoder after its end, and its items with blocks split into samples."""
     decoder = Vn100Decoder()
     out: list[object] = []
     items = []
@@ -183,7 +183,7 @@ COUNTERS = ("messages", "message_bytes", "discarded", "bad_checksums", "malforme
 
 
 def test_one_input(data: bytes) -> None:
-    """All laws on one program."""
+    """Check all laws on one input."""
     provider = atheris.FuzzedDataProvider(data)
     cuts = [provider.ConsumeIntInRange(0, 400) for _ in range(provider.ConsumeIntInRange(0, 4))]
     line = program(provider)
@@ -197,18 +197,24 @@ def test_one_input(data: bytes) -> None:
     read = []
     for message, numbers in messages:
         if numbers:
-            shape = ascii.shape(message[1 : message.rindex(b"*")])
-            assert shape is not None
-            assert shape.read(message, 0, len(message), 1)[0].tolist() == numbers
-        if message[:1] == b"\xfa" and (layout := binary.layout(message)) is not None:
+            sentence_format = ascii.sentence_format(message[1 : message.rindex(b"*")])
+            assert sentence_format is not None
+            assert sentence_format.read(message, 0, len(message), 1)[0].tolist() == numbers
+        if message[:1] == b"\xfa" and (layout := binary.parse_header(message)) is not None:
             assert layout.length == len(message)
-        recipe = shape.recipe if numbers else layout.recipe if message[:1] == b"\xfa" and layout else None
-        read.append(recipe is not None)
+        converter = (
+            sentence_format.converter
+            if numbers
+            else layout.converter
+            if message[:1] == b"\xfa" and layout
+            else None
+        )
+        read.append(converter is not None)
     assert sum(isinstance(item, tuple) for item in items) == sum(read) - whole.nonfinite
 
 
 def main() -> None:
-    """Fuzz until told to stop."""
+    """Fuzz until interrupted."""
     warnings.simplefilter("error")
     atheris.Setup(sys.argv, test_one_input)
     atheris.Fuzz()

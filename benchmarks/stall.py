@@ -153,7 +153,7 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
             daemon.samples(2000)
             first, at_first, _ = still(sensor, daemon, "silence")
             daemon.wait(lambda r: r.session.samples > at_first.session.samples + 800)
-            stuck = Actor("viewer", connect=[daemon.endpoint]).ready()
+            stuck = Actor("subscriber", connect=[daemon.endpoint]).ready()
             adversity = Adversity(disk, stuck)
             pid, begun = daemon.process.pid, time.monotonic()
             used, resident = cpu_s(pid), resident_kb(pid)

@@ -1,16 +1,16 @@
-"""State on disk: what was accumulated survives a stop, a crash, a power cut and an upgrade.
+"""Checkpoint: the state of a record on disk, which survives restarts, crashes, power failures and upgrades.
 
-One file a device, written whole beside the old one and then put in its place, so that a reader finds either
-the old state or the new one, never a half. The generation before is kept: if the newest file is damaged,
-the one before serves. A file that cannot serve is set aside under another name with a reason, never
-overwritten and never mixed in. Where nothing can be written, what is there is read, every save tries anew,
-and `Checkpoint.failed` says why.
+There is one file per device. A save writes a new file and renames it over the old one, so a reader finds
+either the old state or the new one. The previous generation is kept and is used if the newest file is
+damaged. A file that cannot be used is renamed to a name that contains the reason; it is never overwritten or
+merged. If nothing can be written, the existing state is still read, every save tries again, and
+`Checkpoint.failed` gives the reason.
 
-The file: one line ``imumon-state 2 CRC32 LENGTH`` and then LENGTH bytes of zlib: a line of JSON (``meta``,
-and name, type and shape of every array), and the arrays, of each the first bytes of all its numbers, then all
-second ones and so on, which is how numbers alike in size pack best: a state is written thousands of times a
-day, often to a memory card. Packing and writing go on in a thread of their own: a slow disk must not hold up
-the samples.
+File format: one line ``imumon-state 2 CRC32 LENGTH`` and LENGTH bytes of zlib data. These contain one line of
+JSON (``meta``, and name, type and shape of each array), and the arrays. The bytes of an array are transposed
+(first bytes of all numbers, then second bytes, ...), because similar numbers compress best in this order. A
+state is written thousands of times per day, often to a memory card. A thread compresses and writes, so a slow
+disk does not delay the samples.
 """
 
 from __future__ import annotations
@@ -31,172 +31,205 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from imumon.errors import ImumonError
+
 FORMAT = 2
-LEVEL = 1  # of zlib: the next ones take twice the time for 3 % less
+LEVEL = 1
+"""Compression level of zlib. Higher levels take twice the time for 3 % less. Not critical."""
+
 _MAGIC = "imumon-state"
-_NO_MEMORY = "out of memory: grant more"
+_OUT_OF_MEMORY = "out of memory: grant more"
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
 
-class StateError(Exception):
-    """The state cannot be used; the text says why and what to do."""
+class StateError(ImumonError):
+    """The state cannot be used."""
 
 
-class OtherFormat(StateError):
-    """A state of an earlier or a later version, whole as far as one can tell."""
+class StateVersionError(StateError):
+    """The state has the format of an earlier or later version of imumon."""
 
 
 @dataclass(frozen=True, slots=True)
 class SavedState:
-    """What is kept: `meta` is JSON (identity, counters, small values), `arrays` the accumulators."""
+    """Content of a state file: `meta` is JSON (identity, counters, small values), `arrays` the
+    accumulators."""
 
     meta: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
 
 
 def encode(state: SavedState) -> bytes:
-    """File contents of a state."""
+    """Return the content of the file of a state."""
     arrays = {name: np.asarray(array) for name, array in state.arrays.items()}
     index = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
     head = json.dumps({"meta": state.meta, "arrays": index}, allow_nan=False).encode()
-    whole = b"".join((head, b"\n", *map(_by_bytes, arrays.values())))
-    data = zlib.compress(whole, LEVEL)
+    plain = b"".join((head, b"\n", *map(_transposed_bytes, arrays.values())))
+    data = zlib.compress(plain, LEVEL)
     return f"{_MAGIC} {FORMAT} {zlib.crc32(data):08x} {len(data)}\n".encode() + data
 
 
-def _by_bytes(array: npt.NDArray[Any]) -> bytes:
-    """First bytes of all numbers, then all second ones ..."""
+def _transposed_bytes(array: npt.NDArray[Any]) -> bytes:
+    """Return the first bytes of all numbers, then the second bytes, and so on."""
     flat = np.ascontiguousarray(array).reshape(-1)
     return flat.view(np.uint8).reshape(flat.size, flat.itemsize).T.tobytes()
 
 
-def decode(data: bytes) -> SavedState:
-    """State in the contents of a file.
+def decode(data: bytes, name: str = "the state") -> SavedState:
+    """Return the state in the content of a file.
+
+    Parameters
+    ----------
+    name : what messages call the file.
 
     Raises
     ------
-    OtherFormat : of another version.
-    StateError : not a state, or damaged.
+    StateVersionError : ``state_version``, the format of another version.
+    StateError : ``state_invalid``, not a state file; ``state_damaged``.
     """
     line, _, body = data.partition(b"\n")
-    words = re.fullmatch(
+    header = re.fullmatch(
         rf"{_MAGIC} (\d{{1,9}}) ([0-9a-f]{{8}}) (\d{{1,18}})", line.decode("latin-1"), re.ASCII
     )
-    if words is None:
-        raise StateError("not a state file")
-    if int(words[1]) != FORMAT:
-        raise OtherFormat(f"of another version of imumon (format {words[1]}; this one reads {FORMAT})")
-    if len(body) != int(words[3]) or f"{zlib.crc32(body):08x}" != words[2]:
-        raise StateError("damaged (its checksum does not match)")
+    if header is None:
+        raise StateError("state_invalid", f"{name} is not a state file")
+    if int(header[1]) != FORMAT:
+        raise StateVersionError(
+            "state_version",
+            f"{name} is of another version of imumon (format {header[1]}; this one reads {FORMAT})",
+        )
+    if len(body) != int(header[3]) or f"{zlib.crc32(body):08x}" != header[2]:
+        raise StateError("state_damaged", f"{name} is damaged (its checksum does not match)")
     try:
-        return _unpacked(zlib.decompress(body))
+        return _unpack(zlib.decompress(body))
     except (zlib.error, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise StateError(f"damaged ({error})") from None
+        raise StateError("state_damaged", f"{name} is damaged ({error})") from None
 
 
-def _unpacked(whole: bytes) -> SavedState:
-    head, _, rest = whole.partition(b"\n")
-    told = json.loads(head)
+def _unpack(plain: bytes) -> SavedState:
+    head, _, rest = plain.partition(b"\n")
+    description = json.loads(head)
     arrays, begin = {}, 0
-    for name, kind, shape in told["arrays"]:
+    for name, kind, shape in description["arrays"]:
         dtype, count = np.dtype(kind), math.prod(shape)
         end = begin + count * dtype.itemsize
         numbers = np.frombuffer(rest[begin:end], np.uint8).reshape(dtype.itemsize, count).T
         arrays[name] = np.ascontiguousarray(numbers).reshape(-1).view(dtype).reshape(shape)
         begin = end
-    return SavedState(told["meta"], arrays)
+    return SavedState(description["meta"], arrays)
 
 
 class Checkpoint:
-    """The state file of one device.
+    """State file of one device.
 
     Parameters
     ----------
-    directory : made if it is not there.
-    device : name of the device, already fit for a file name.
+    directory : is created if it does not exist.
+    device : name of the device, valid as a file name.
+
+    Attributes
+    ----------
+    failed : why the last save did not reach the disk; None if it did.
+    saved : number of successful saves.
 
     Raises
     ------
-    StateError : another daemon holds this device's state, or nothing can be locked there.
+    StateError : ``state_locked``, another daemon uses the state of this device; ``state_not_lockable``.
     """
 
     def __init__(self, directory: Path, device: str) -> None:
         self.path = directory / f"{device}.state"
         self.previous = directory / f"{device}.state.1"
-        self.failed: str | None = None  # why the last save did not reach the disk
+        self.failed: str | None = None
         self.saved = 0
         self._device, self._lock = device, -1
-        self._owed: list[tuple[str, Path | None]] = []  # what is to be set aside, once that can be done
+        self._deferred: list[tuple[str, Path | None]] = []  # arguments of `_move` that failed, to try again
         try:
-            self._take_hold()
+            self._acquire_lock()
         except OSError as error:
-            self.failed = self._why(error)
-        self._change = threading.Condition()
+            self.failed = self._reason(error)
+        self._changed = threading.Condition()
         self._next: SavedState | None = None
         self._writing = False
 
-    def _take_hold(self) -> None:
-        """Have the directory and the lock in it.
+    def _acquire_lock(self) -> None:
+        """Create the directory and lock the state of the device.
 
         Raises
         ------
-        OSError : it cannot be made or written.
-        StateError : another daemon has the lock, or nothing can be locked there.
+        OSError : the directory cannot be created or written.
+        StateError : another daemon has the lock, or files cannot be locked there.
         """
         directory = self.path.parent
         directory.mkdir(parents=True, exist_ok=True)
         lock = os.open(directory / f"{self._device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError:
             os.close(lock)
-            if isinstance(error, BlockingIOError):
-                why, cure = f"another imumon keeps the state of {self._device} in {directory}", "stop it or "
-            else:  # a network share, mostly
-                why = f"no file can be locked in {directory} ({(error.strerror or str(error)).lower()})"
-                cure = ""
-            raise StateError(f"{why}; {cure}give another --state") from None
+            raise StateError(
+                "state_locked",
+                f"another imumon uses the state of {self._device} in {directory}",
+                "stop it or choose another --state",
+            ) from None
+        except OSError as error:  # some network file systems have no locks
+            os.close(lock)
+            raise StateError(
+                "state_not_lockable",
+                f"files cannot be locked in {directory} ({_system_message(error)})",
+                "choose another --state",
+            ) from None
         self._lock = lock
 
-    def _holds(self) -> bool:
-        """Whether the lock is ours and still in its place: somebody may have removed the directory."""
+    def _has_lock(self) -> bool:
+        """Return whether this process has the lock and the locked file still exists under its name."""
         if self._lock < 0:
             return False
         try:
-            place = os.stat(self.path.with_name(f"{self._device}.lock"))
+            existing = os.stat(self.path.with_name(f"{self._device}.lock"))
         except FileNotFoundError:
             return False
-        return os.path.samestat(place, os.fstat(self._lock))
+        return os.path.samestat(existing, os.fstat(self._lock))
 
     @property
-    def there(self) -> bool:
-        """Whether there is a state, of either generation."""
+    def exists(self) -> bool:
+        """Whether there is a state of either generation."""
         return self.path.exists() or self.previous.exists()
 
     def load(self) -> tuple[SavedState | None, list[str]]:
-        """Newest state that can be read, and what had to be set aside on the way, in words."""
-        said: list[str] = []
+        """Return the newest state that can be read, and a message for each file that was set aside."""
+        messages: list[str] = []
         for path in (self.path, self.previous):
             try:
-                return decode(path.read_bytes()), said
+                return decode(path.read_bytes(), f"state {path.name}"), messages
             except FileNotFoundError:
                 continue
             except OSError as error:
-                reason, why = "unreadable", f"not to be read ({(error.strerror or str(error)).lower()})"
-            except OtherFormat as error:
-                reason, why = "other-version", str(error)
+                reason, message = (
+                    "unreadable",
+                    f"state {path.name} cannot be read ({_system_message(error)})",
+                )
+            except StateVersionError as error:
+                reason, message = "other-version", error.message
             except StateError as error:
-                reason, why = "damaged", str(error)
-            said.append(f"state {path.name} is {why}; kept as {self.set_aside(reason, path).name}")
-        return None, said
+                reason, message = "damaged", error.message
+            messages.append(f"{message}; kept as {self.set_aside(reason, path).name}")
+        return None, messages
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:
-        """Move the state to a name of its own, ``DEVICE.REASON-N.state``; later, where it cannot be now."""
+        """Rename the state to ``DEVICE.REASON-N.state`` and return its path.
+
+        If that is impossible now, the next save does it first and the path stays.
+
+        Parameters
+        ----------
+        path : file to rename; None: the newest generation, and the older one is deleted.
+        """
         if self._lock >= 0:
             with suppress(OSError):
                 return self._move(reason, path)
-        self._owed.append((reason, path))
+        self._deferred.append((reason, path))
         return path or self._newest
 
     @property
@@ -216,78 +249,76 @@ class Checkpoint:
         return aside
 
     def save(self, state: SavedState) -> None:
-        """Hand over a state to be written soon; a newer one replaces one that still waits."""
-        with self._change:
+        """Write a state in the background; it replaces one that is not being written yet."""
+        with self._changed:
             self._next = state
             if self._writing:
                 return
             self._writing = True
         try:
-            threading.Thread(target=self._write_all, name="checkpoint", daemon=True).start()
+            threading.Thread(target=self._write_pending, name="checkpoint", daemon=True).start()
         except (RuntimeError, MemoryError):
-            self.failed = "no thread can begin: grant more memory, or more threads"
-            self._written()
+            self.failed = "a thread cannot be started: grant more memory or more threads"
+            self._finish_writing()
 
-    def settle(self, timeout_s: float = 5.0) -> bool:
-        """Wait until what was handed over is written, or could not be; False when it takes too long."""
-        with self._change:
-            return self._change.wait_for(lambda: not self._writing, timeout_s)
+    def flush(self, timeout_s: float = 5.0) -> bool:
+        """Wait until every state is written or has failed; return False if that takes longer."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._writing, timeout_s)
 
     def close(self, state: SavedState | None = None, timeout_s: float = 5.0) -> None:
-        """Write the last state, wait for the disk, let go of the lock."""
+        """Write the last state, wait for the disk, release the lock."""
         if state is not None:
             self.save(state)
-        if self.settle(timeout_s):
-            self._write_all()  # where no thread could
-        self._let_go()
+        if self.flush(timeout_s):
+            self._write_pending()  # if no thread could be started
+        self._release_lock()
 
-    def _let_go(self) -> None:
+    def _release_lock(self) -> None:
         if self._lock >= 0:
             os.close(self._lock)
         self._lock = -1
 
-    def _write_all(self) -> None:
-        """Write what waits; then the thread ends, and with it the memory that the C library keeps for it."""
+    def _write_pending(self) -> None:
+        """Write states until none is pending."""
         try:
-            while self._write_next():
-                pass
-        except Exception:  # there is not even memory to say what is wrong
-            self.failed = _NO_MEMORY
-            self._written()
+            while True:
+                with self._changed:
+                    state, self._next = self._next, None
+                    if state is None:
+                        self._finish_writing()
+                        return
+                self._write_state(state)
+        except Exception:  # even the reason of a failure could not be formatted
+            self.failed = _OUT_OF_MEMORY
+            self._finish_writing()
 
-    def _write_next(self) -> bool:
-        """Write the state that waits and let go of it; False: there is none, the next has another thread."""
-        with self._change:
-            state, self._next = self._next, None
-            if state is None:
-                self._written()
-                return False
+    def _write_state(self, state: SavedState) -> None:
         try:
-            if not self._holds():
-                self._let_go()
-                self._take_hold()
-            while self._owed:  # or it would be overwritten
-                self._move(*self._owed[0])
-                self._owed.pop(0)
+            if not self._has_lock():
+                self._release_lock()
+                self._acquire_lock()
+            while self._deferred:  # before the files are overwritten
+                self._move(*self._deferred[0])
+                self._deferred.pop(0)
             self._write(encode(state))
             self.failed, self.saved = None, self.saved + 1
-        except Exception as error:  # whatever it is, the next save gets its chance
-            self.failed = self._why(error)
-        return True
+        except Exception as error:  # no failure may prevent the next save
+            self.failed = self._reason(error)
 
-    def _written(self) -> None:
-        with self._change:
+    def _finish_writing(self) -> None:
+        with self._changed:
             self._writing = False
-            self._change.notify_all()
+            self._changed.notify_all()
 
-    def _why(self, error: Exception) -> str:
-        """What is wrong, and how to mend it."""
+    def _reason(self, error: Exception) -> str:
+        """Return what is wrong and what to do about it."""
         if isinstance(error, StateError):
             return str(error)
         if isinstance(error, MemoryError):
-            return _NO_MEMORY
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        return f"{self.path.parent}: {why or type(error).__name__}; make room there or give another --state"
+            return _OUT_OF_MEMORY
+        message = error.strerror if isinstance(error, OSError) else str(error)
+        return f"{self.path.parent}: {message or type(error).__name__}: free space or choose another --state"
 
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")
@@ -297,7 +328,7 @@ class Checkpoint:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError:
-            new.unlink(missing_ok=True)  # half a file on a full disk helps nobody
+            new.unlink(missing_ok=True)  # frees the space on a full disk
             raise
         if self.path.exists():
             os.replace(self.path, self.previous)
@@ -307,3 +338,7 @@ class Checkpoint:
             os.fsync(directory)
         finally:
             os.close(directory)
+
+
+def _system_message(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

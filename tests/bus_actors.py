@@ -1,7 +1,7 @@
-"""Actors for the tests of the bus: a daemon, a viewer and a router, each in a process of its own.
+"""Processes for the tests of the bus: a daemon, a subscriber, a router and a foreign client.
 
-Run as ``python bus_actors.py ROLE JSON``; an actor prints one JSON object a line, the first when it is ready,
-and obeys the lines it is sent.
+Run as ``python bus_actors.py ROLE JSON``. An actor prints one JSON object per line, the first one when it is
+ready, and executes the lines that it reads.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TIME = "2026-01-02T03:04:05.678Z"
 
 
 def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial") -> Report:
-    """A report of the usual size; `number` is the count of samples, by which it is known again."""
+    """A report of the usual size; `number` is the count of samples, which identifies it."""
     readable = Readable(value=0.2, low=0.1, high=0.3, unit="deg/sqrt(h)")
     noise = Coefficient(
         value=1e-4, low=9e-5, high=2e-4, status="measured", unit="rad/s/sqrt(Hz)", readable=readable
@@ -77,20 +77,20 @@ def view(channel: str, number: int) -> Signal:
     return Signal(channel=channel, unit=UNIT[channel.partition("/")[0]], histogram=shape)
 
 
-def say(**what: Any) -> None:
-    print(json.dumps(what), flush=True)
+def emit(**values: Any) -> None:
+    print(json.dumps(values), flush=True)
 
 
 def daemon(
     id: str, listen: list[str], connect: list[str], period: float, octaves: int, **settings: Any
 ) -> None:
-    """Publishes a report every `period` seconds, or one alone (0), until it is told to stop."""
+    """Publishes a report every `period` seconds, or one alone (0), until it reads `stop`."""
     from imumon.bus import BusError, Publisher, SessionOptions
 
     try:
         publisher = Publisher(id, listen=listen, connect=connect, settings=SessionOptions(**settings))
     except BusError as error:
-        say(error=str(error))
+        emit(error=error.code)
         return
     stop = threading.Event()
     longest, number = 0.0, 0
@@ -110,22 +110,22 @@ def daemon(
 
     thread = threading.Thread(target=loop)
     thread.start()
-    say(ready=True, pid=os.getpid(), endpoints=publisher.endpoints)
+    emit(ready=True, pid=os.getpid(), endpoints=publisher.endpoints)
     for line in sys.stdin:
-        word, _, rest = line.strip().partition(" ")
-        if word == "events":
+        command, _, rest = line.strip().partition(" ")
+        if command == "events":
             for index in range(int(rest)):
                 publisher.event(event(id, index))
-        elif word == "counts":
+        elif command == "counts":
             counts = publisher.counts
-            say(
+            emit(
                 reports=counts.reports,
                 events=counts.events,
                 longest=longest,
                 error=publisher.last_error,
-                uplinks=publisher.uplinks(),
+                uplinks=publisher.uplink_errors(),
             )
-        elif word == "stop":
+        elif command == "stop":
             break
     stop.set()
     thread.join()
@@ -133,15 +133,15 @@ def daemon(
     publish()
     start = time.perf_counter()
     publisher.close()
-    say(closed_s=time.perf_counter() - start, longest=longest)
+    emit(closed_s=time.perf_counter() - start, longest=longest)
 
 
-def viewer(connect: list[str], **settings: Any) -> None:
-    """Prints each report it gets."""
+def subscriber(connect: list[str], **settings: Any) -> None:
+    """Prints the number of each report that it gets."""
     from imumon.bus import SessionOptions, Subscriber
 
     with Subscriber(connect, settings=SessionOptions(**settings)) as reader:
-        say(ready=True, pid=os.getpid())
+        emit(ready=True, pid=os.getpid())
         over = threading.Event()
         threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()
         seen = -1
@@ -149,7 +149,7 @@ def viewer(connect: list[str], **settings: Any) -> None:
             if reader.version != seen:
                 seen = reader.version
                 numbers = {id: got.session.samples for id, (got, _) in reader.reports().items()}
-                say(numbers=numbers, at=time.monotonic())
+                emit(numbers=numbers, at=time.monotonic())
 
 
 def router(port: int) -> None:
@@ -165,12 +165,12 @@ def router(port: int) -> None:
     }.items():
         config.insert_json5(path, json.dumps(value))
     with zenoh.open(config):
-        say(ready=True, pid=os.getpid())
+        emit(ready=True, pid=os.getpid())
         sys.stdin.read()
 
 
-def stranger(connect: str, id: str, count: int, seed: int) -> None:
-    """Publishes random messages on keys of a device and others, asks, and talks nonsense to its port."""
+def foreign_client(connect: str, id: str, count: int, seed: int) -> None:
+    """Publishes random messages on keys of a device and others, queries, and sends random bytes to its port."""
     import numpy as np
     import zenoh
 
@@ -183,7 +183,7 @@ def stranger(connect: str, id: str, count: int, seed: int) -> None:
     asked = [f"imumon/{id}/**", "imumon/*/gyro/*", f"imumon/{id}/signal/accel/y?x=1;y=[", "**", "imumon/none"]
     host, _, port = connect.removeprefix("tcp/").rpartition(":")
     noise, answers = rng.bytes(1 << 16), 0
-    say(ready=True)
+    emit(ready=True)
     with zenoh.open(config) as session:
         chosen, starts = rng.integers(0, len(keys), count), rng.integers(0, 1 << 15, count)
         lengths = rng.geometric(0.01, count)
@@ -193,45 +193,45 @@ def stranger(connect: str, id: str, count: int, seed: int) -> None:
                 answers += sum(1 for _ in session.get(asked[number // 1000 % len(asked)], timeout=1.0))
                 with suppress(OSError), socket.create_connection((host, int(port)), timeout=1.0) as raw:
                     raw.sendall(noise[start : start + 2000])
-    say(put=count, answers=answers)
+    emit(put=count, answers=answers)
 
 
 class Actor:
-    """A process that plays a role; what it says is read on a thread."""
+    """A process with a role; a thread reads what it prints."""
 
-    def __init__(self, role: str, **words: Any) -> None:
+    def __init__(self, role: str, **arguments: Any) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__)), role, json.dumps(words)],
+            [sys.executable, str(Path(__file__)), role, json.dumps(arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             bufsize=1,
         )
-        self.said: list[dict[str, Any]] = []
+        self.messages: list[dict[str, Any]] = []
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
     def _listen(self) -> None:
         assert self.process.stdout
         for line in self.process.stdout:
-            self.said.append(json.loads(line))
+            self.messages.append(json.loads(line))
 
     def ready(self) -> Actor:
-        until(lambda: self.said or self.process.poll() is not None, 20)
-        assert self.said, self.process.stderr.read() if self.process.stderr else ""
+        until(lambda: self.messages or self.process.poll() is not None, 20)
+        assert self.messages, self.process.stderr.read() if self.process.stderr else ""
         return self
 
-    def tell(self, line: str) -> None:
+    def send(self, line: str) -> None:
         assert self.process.stdin
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
-    def ask(self, line: str) -> dict[str, Any]:
-        before = len(self.said)
-        self.tell(line)
-        until(lambda: len(self.said) > before, 20)
-        return self.said[-1]
+    def request(self, line: str) -> dict[str, Any]:
+        before = len(self.messages)
+        self.send(line)
+        until(lambda: len(self.messages) > before, 20)
+        return self.messages[-1]
 
     def kill(self, number: int = signal.SIGKILL) -> None:
         self.process.send_signal(number)
@@ -251,13 +251,13 @@ class Actor:
 
 @contextmanager
 def stage() -> Iterator[Callable[..., Actor]]:
-    """Starts actors by their role; all are gone at the end."""
+    """Yield a function that starts actors by role; all are ended on exit."""
     actors: list[Actor] = []
 
-    def start(role: str, **words: Any) -> Actor:
+    def start(role: str, **arguments: Any) -> Actor:
         if role == "daemon":
-            words = {"id": "a", "listen": [], "connect": [], "period": 0.05, "octaves": 19} | words
-        actors.append(Actor(role, **words))
+            arguments = {"id": "a", "listen": [], "connect": [], "period": 0.05, "octaves": 19} | arguments
+        actors.append(Actor(role, **arguments))
         return actors[-1]
 
     try:
@@ -268,26 +268,26 @@ def stage() -> Iterator[Callable[..., Actor]]:
 
 
 def until(condition: Callable[[], Any], timeout: float = 10.0) -> Any:
-    """What the condition gives as soon as it is true."""
+    """Wait until the condition is true and return its value."""
     end = time.monotonic() + timeout
     while not (value := condition()):
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, f"no result within {timeout:g} s"
         time.sleep(0.005)
     return value
 
 
 def free_port() -> int:
-    """A port that was free just now, away from those of daemons."""
+    """Return a TCP port that is free, outside the default ports."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
-def free() -> str:
+def free_endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
 if __name__ == "__main__":
-    {"daemon": daemon, "viewer": viewer, "router": router, "stranger": stranger}[sys.argv[1]](
-        **json.loads(sys.argv[2])
-    )
+    {"daemon": daemon, "subscriber": subscriber, "router": router, "foreign_client": foreign_client}[
+        sys.argv[1]
+    ](**json.loads(sys.argv[2]))

@@ -1,4 +1,4 @@
-"""docs/ZENOH.md keeps its word: its programs run, its settings are valid, its recipe makes certificates."""
+"""docs/ZENOH.md is correct: its programs run, its settings are valid, its commands make certificates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from bus_actors import free, stage
+from bus_actors import free_endpoint, stage
 
 from imumon.config import load
 
@@ -21,12 +21,12 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("number", range(len(blocks("python"))))
-def test_programs_run(number: int) -> None:
+def test_the_programs_run(number: int) -> None:
     with stage() as start:
-        place = free()
+        place = free_endpoint()
         start("daemon", id="imu-1", listen=[place]).ready()
         code = blocks("python")[number].replace("tcp/127.0.0.1:7448", place)
-        code = code.replace("Viewer()", f"Viewer([{place!r}])")
+        code = code.replace("Subscriber()", f"Subscriber([{place!r}])")
         process = subprocess.Popen(
             [sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
@@ -41,14 +41,14 @@ def test_programs_run(number: int) -> None:
 
 
 @pytest.mark.parametrize("text", blocks("toml"))
-def test_settings_are_valid(text: str, tmp_path: Path) -> None:
+def test_the_settings_are_valid(text: str, tmp_path: Path) -> None:
     file = tmp_path / "config.toml"
     file.write_text(text)
     settings = load(file)
     assert "config.toml" in " ".join(settings.origins.values())
 
 
-def test_the_table_has_every_key() -> None:
+def test_the_table_lists_every_key() -> None:
     keys = re.findall(r"^\| `(imumon/[^`]+)` \|", TEXT, re.MULTILINE)
     assert keys == [
         f"imumon/{{id}}/{name}"
@@ -56,7 +56,7 @@ def test_the_table_has_every_key() -> None:
     ]
 
 
-def test_the_schema_is_json() -> None:
+def test_the_linked_schema_is_json() -> None:
     linked = re.findall(r"\]\(([\w.]+\.json)\)", TEXT)
     for name in linked:
         json.loads((Path(__file__).parents[1] / "docs" / name).read_text("utf-8"))

@@ -116,7 +116,7 @@ def packets(data: bytes, layout: BinaryLayout) -> np.ndarray:
     """Whole packets of a capture that begins and ends anywhere, and holds nothing else."""
     start = data.index(layout.header)
     count = (len(data) - start) // layout.length
-    assert layout.count(data, start, count) == count
+    assert layout.count_valid(data, start, count) == count
     return layout.decode(data, start, count)
 
 

@@ -158,7 +158,7 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     place = tmp_path / "lab.state.new"
     place.mkdir()  # nothing can be written under this name
     kept.save(SessionCounters(), None)
-    kept._checkpoint.settle()
+    kept._checkpoint.flush()
     assert (kept.problem() or ("", ""))[1] == "error"
     assert kept.problem() is None  # once per change
     place.rmdir()

@@ -1,4 +1,4 @@
-"""The VN-100 codec against vectors, recordings and its own tables."""
+"""The VN-100 codec: vectors, recordings, streams and kinds, losses, framing."""
 
 from __future__ import annotations
 
@@ -26,18 +26,22 @@ CHUNKS = (1, 2, 7, 61, 1 << 20)
 
 
 def _vectors() -> list[Any]:
-    found = json.loads((HERE / "data" / "vn100_vectors.json").read_text())
-    foreign = SHARED / "vectors.json"
-    if foreign.exists():
-        found += [v for v in json.loads(foreign.read_text())["vectors"] if not v["own"]]
-    return [pytest.param(v, id=v["id"]) for v in found]
+    """Return own vectors, and those of other sources, which are not part of the project."""
+    own = json.loads((HERE / "data" / "vn100_vectors.json").read_text())
+    parameters = [pytest.param(v, id=v["id"]) for v in own]
+    path = SHARED / "vectors.json"
+    if not path.exists():
+        absent = pytest.mark.skip(reason="no vectors of other sources beside the checkout")
+        return [*parameters, pytest.param({}, id="other-sources", marks=absent)]
+    others = [v for v in json.loads(path.read_text())["vectors"] if not v["own"]]
+    return [*parameters, *(pytest.param(v, id=v["id"]) for v in others)]
 
 
 VECTORS = _vectors()
 
 
 def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[DecodedItem]]:
-    """Decoder and items, conservation checked after every feed."""
+    """Return decoder and items; check the conservation of bytes after every feed."""
     decoder = Vn100Decoder()
     items: list[DecodedItem] = []
     for at in range(0, len(data), chunk):
@@ -58,7 +62,7 @@ def total(items: list[DecodedItem], source: str = "") -> int:
 
 
 def only(data: bytes) -> SampleBlock:
-    """The one block in the data."""
+    """Return the only block in the data."""
     _, items = decode(data)
     (block,) = items
     assert isinstance(block, SampleBlock)
@@ -66,7 +70,7 @@ def only(data: bytes) -> SampleBlock:
 
 
 def flat(values: Any) -> list[float]:
-    """All numbers in nested lists, in order."""
+    """Return all numbers in nested lists, in order."""
     if isinstance(values, dict):
         values = list(values.values())
     return [x for v in values for x in flat(v)] if isinstance(values, list) else [values]
@@ -76,7 +80,7 @@ def flat(values: Any) -> list[float]:
 
 
 @pytest.mark.parametrize("vector", VECTORS)
-def test_vector_in_any_cuts(vector: dict[str, Any]) -> None:
+def test_a_vector_decodes_the_same_in_any_chunks(vector: dict[str, Any]) -> None:
     data = base64.b64decode(vector["b64"]) if "b64" in vector else bytes.fromhex(vector["hex"])
     for chunk in CHUNKS if vector["kind"] == "stream" else range(1, len(data) + 1):
         decoder, items = decode(data, chunk)
@@ -88,7 +92,7 @@ def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items
     if vector["kind"] == "stream":
         assert total(items, "$") == expect["ascii_async"]
         assert total(items, "binary") + decoder.nonfinite == expect["binary"]
-    elif vector["id"] == "own-cmd-xx":  # a host's privilege: a sensor always sends its check
+    elif vector["id"] == "own-cmd-xx":  # only a host may send XX
         assert decoder.messages == 0
         assert ascii.parse(data, bypass=True) == ("VNRRG", ("01",))
     elif not vector["valid"]:
@@ -111,10 +115,10 @@ def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items
 
 
 def _sentence_is(data: bytes, items: list[DecodedItem], expect: dict[str, Any]) -> None:
-    shape = ascii.shape(data[1 : data.rindex(b"*")])
-    assert shape is not None
+    sentence_format = ascii.sentence_format(data[1 : data.rindex(b"*")])
+    assert sentence_format is not None
     want = list(expect["values"].values()) + [expect[k] for k in ("count",) if k in expect]
-    assert shape.read(data, 0, len(data), 1)[0].tolist() == want
+    assert sentence_format.read(data, 0, len(data), 1)[0].tolist() == want
     names = list(expect["values"])
     for block in blocks(items):
         assert (block.stream.clock == "counter") == ("count" in expect)
@@ -135,18 +139,18 @@ def _sentence_is(data: bytes, items: list[DecodedItem], expect: dict[str, Any]) 
 
 
 def _packet_is(data: bytes, items: list[DecodedItem], want: list[float]) -> None:
-    layout = binary.layout(data)
+    layout = binary.parse_header(data)
     assert layout is not None
     packet = layout.decode(data)[0]
     got = [float(x) for name in layout.fields for x in packet[name]]
     assert got == pytest.approx(want, rel=1e-6)
     values = {name: packet[name][None] for name in layout.fields}
     assert layout.encode(values) == data
-    assert (not blocks(items)) == (layout.recipe is None or not _usable(layout, packet))
+    assert (not blocks(items)) == (layout.converter is None or not _usable(layout, packet))
 
 
 def _usable(layout: BinaryLayout, packet: Any) -> bool:
-    if "dt" not in layout.sources or layout.recipe is None or layout.recipe.stream.kind != "deltas":
+    if "dt" not in layout.sources or layout.converter is None or layout.converter.stream.kind != "deltas":
         return True
     name, where = layout.sources["dt"]
     return bool(packet[name][where][0] > 0.0)
@@ -170,7 +174,9 @@ def _wink() -> list[Any]:
 
 @pytest.mark.parametrize("chunk", [97, 4096])
 @pytest.mark.parametrize(("name", "packets", "lines"), _wink())
-def test_wink(name: str, packets: int, lines: int, chunk: int) -> None:
+def test_a_wink_recording_has_the_documented_messages(
+    name: str, packets: int, lines: int, chunk: int
+) -> None:
     decoder, items = decode((RECORDINGS / "wink" / name).read_bytes(), chunk)
     assert (total(items, "binary"), total(items, "$")) == (packets, lines)
     assert decoder.messages == packets + lines
@@ -188,22 +194,22 @@ needs_recordings = pytest.mark.skipif(not RECORDINGS.exists(), reason="no record
 
 
 @needs_recordings
-def test_recordings_of_sentences_hold_what_their_pages_say() -> None:
+def test_recordings_of_sentences_have_the_documented_messages() -> None:
     seen = 0
     for page in sorted(RECORDINGS.glob("*.md")):
-        told = re.search(r"(\d+) valid `\$VNYMR`", page.read_text())
-        if told is None:
+        documented = re.search(r"(\d+) valid `\$VNYMR`", page.read_text())
+        if documented is None:
             continue
         data = gzip.decompress((RECORDINGS / f"{page.stem}.vnymr.txt.gz").read_bytes())
         decoder, items = decode(data, 65536)
-        assert total(items, "$VNYMR") == decoder.messages == int(told[1]), page.stem
+        assert total(items, "$VNYMR") == decoder.messages == int(documented[1]), page.stem
         assert sum(int(block.lost.sum()) for block in blocks(items)) == 0
         seen += 1
     assert seen >= 8
 
 
 @needs_recordings
-def test_only_the_two_cut_sentences_of_a_raw_capture_are_missing() -> None:
+def test_only_the_two_truncated_sentences_of_a_raw_capture_are_missing() -> None:
     data = gzip.decompress((RECORDINGS / "chase_0513.vnymr.txt.gz").read_bytes())
     decoder, _ = decode(data)
     lines = data.split(b"\n")
@@ -212,7 +218,7 @@ def test_only_the_two_cut_sentences_of_a_raw_capture_are_missing() -> None:
 
 
 @needs_recordings
-def test_a_logger_s_text_between_the_packets_is_discarded_and_not_taken_for_lost_packets() -> None:
+def test_text_of_a_logger_between_packets_is_discarded_but_not_counted_as_lost_packets() -> None:
     decoder, items = decode(gzip.decompress((RECORDINGS / "lwi_F00294.raw.bin.gz").read_bytes()), 100)
     assert decoder.messages == total(items) == 99
     assert sum(int(block.lost.sum()) for block in blocks(items)) == 0
@@ -223,7 +229,7 @@ def test_a_logger_s_text_between_the_packets_is_discarded_and_not_taken_for_lost
 
 
 @needs_recordings
-def test_another_message_type() -> None:
+def test_a_recording_of_vnacc_has_the_documented_messages() -> None:
     _, items = decode(gzip.decompress((RECORDINGS / "chase_vnacc.txt.gz").read_bytes()))
     assert total(items, "$VNACC") == 498
     assert blocks(items)[0].stream.channels == ("accel/x", "accel/y", "accel/z")
@@ -258,22 +264,22 @@ def test_another_message_type() -> None:
         ({IMU: 0x0030}, None, "none", ""),
     ],
 )
-def test_the_best_of_a_layout_is_taken(
+def test_the_stream_of_a_layout_uses_its_best_quantities(
     words: dict[int, int], kind: str | None, clock: str, sensors: str
 ) -> None:
-    recipe = BinaryLayout.of(words).recipe
+    converter = BinaryLayout.of(words).converter
     if kind is None:
-        assert recipe is None
+        assert converter is None
         return
-    assert recipe is not None
-    assert (recipe.stream.kind, recipe.stream.clock) == (kind, clock)
-    names = list(dict.fromkeys(channel.partition("/")[0] for channel in recipe.stream.channels))
+    assert converter is not None
+    assert (converter.stream.kind, converter.stream.clock) == (kind, clock)
+    names = list(dict.fromkeys(channel.partition("/")[0] for channel in converter.stream.channels))
     assert names == sensors.split()
 
 
-def test_a_mixed_message_is_called_by_the_worse_and_told_apart_by_channel() -> None:
-    both = BinaryLayout.of({IMU: 0x00C0 | 0x0100}).recipe
-    mixed = BinaryLayout.of({IMU: 0x0044 | 0x0100}).recipe
+def test_a_mixed_message_has_the_worse_kind_and_the_kind_of_each_sensor() -> None:
+    both = BinaryLayout.of({IMU: 0x00C0 | 0x0100}).converter
+    mixed = BinaryLayout.of({IMU: 0x0044 | 0x0100}).converter
     assert both is not None
     assert mixed is not None
     assert both.stream.averaged == (True,) * 6 + (False,) * 3, "the magnetometer has no increments"
@@ -281,7 +287,7 @@ def test_a_mixed_message_is_called_by_the_worse_and_told_apart_by_channel() -> N
     assert (mixed.stream.kind_of("gyro"), mixed.stream.kind_of("accel")) == ("deltas", "uncompensated")
 
 
-def test_joined_blocks_keep_their_flags_where_they_belong() -> None:
+def test_merged_blocks_keep_the_saturation_flags_of_their_samples() -> None:
     stream = Stream("uncompensated", ("gyro/x",), "test", "none")
     silent = SampleBlock(stream, np.zeros((2, 1)), None, np.zeros(2, np.int64), None)
     says = SampleBlock(stream, np.ones((1, 1)), None, np.zeros(1, np.int64), np.array([True]))
@@ -291,7 +297,7 @@ def test_joined_blocks_keep_their_flags_where_they_belong() -> None:
     assert concatenated([silent, silent]).saturated is None
 
 
-def test_increments_become_rates() -> None:
+def test_increments_are_converted_to_rates() -> None:
     layout = BinaryLayout.of({IMU: 0x00C0})
     block = only(layout.encode({"deltaTheta": [[0.01, 1.0, -2.0, 3.0]], "deltaVel": [[0.5, 0.25, -0.0981]]}))
     dt = float(np.float32(0.01))
@@ -301,7 +307,7 @@ def test_increments_become_rates() -> None:
     assert block.time_ns.tolist() == [10_000_000]
 
 
-def test_sensor_s_own_word_on_saturation() -> None:
+def test_the_status_words_of_the_sensor_report_saturation() -> None:
     layout = BinaryLayout.of({IMU: 0x080C, ATTITUDE: 0x0001})
     status = np.array([0, 0x0004, 0x0200, 0x0FFF & ~0x0204, 0])
     block = only(layout.encode({"vpeStatus": status, "sensSat": [0, 0, 0, 0, 1]}))
@@ -309,7 +315,7 @@ def test_sensor_s_own_word_on_saturation() -> None:
     assert block.saturated.tolist() == [False, True, True, False, True]
 
 
-def test_what_is_not_finite_is_a_message_but_no_sample() -> None:
+def test_a_message_with_a_number_that_is_not_finite_is_not_a_sample() -> None:
     layout = BinaryLayout.of({IMU: 0x00C0})
     theta = np.full((6, 4), 0.01)
     theta[0, 1], theta[2, 2], theta[3, 0], theta[5, 0] = np.nan, np.inf, 0.0, -0.01
@@ -318,7 +324,7 @@ def test_what_is_not_finite_is_a_message_but_no_sample() -> None:
     assert blocks(items)[0].lost.tolist() == [0, 2]
 
 
-def test_what_no_sensor_can_measure_is_no_sample() -> None:
+def test_a_message_with_an_implausible_number_is_not_a_sample() -> None:
     layout = BinaryLayout.of({IMU: 0x00C0})
     theta = np.full((5, 4), 0.01)
     theta[1, 2], theta[2, 1], theta[3, 0] = 3e38, -3e38, 1e-40  # the last one is an interval
@@ -347,7 +353,7 @@ def test_damaged_messages_count_before_the_next_sample_of_their_stream() -> None
     assert decoder.bad_checksums == 4
 
 
-def test_messages_cut_short_count_too() -> None:
+def test_truncated_messages_count_as_lost() -> None:
     _, items = decode(_row(0) + _row(1)[:50] + _row(2)[:7] + _row(3) + _row(4)[61:] + _row(5))
     assert blocks(items)[0].lost.tolist() == [0, 2, 0]
     _, items = decode(_row(0) + _row(1)[20:] + _row(2))
@@ -355,7 +361,7 @@ def test_messages_cut_short_count_too() -> None:
 
 
 @pytest.mark.parametrize("kind", ["packets", "sentences", "both"])
-def test_samples_and_lost_add_up_to_what_was_sent(kind: str) -> None:
+def test_samples_and_lost_messages_add_up_to_the_messages_sent(kind: str) -> None:
     layout = BinaryLayout.of({TIME: 0x0001, IMU: 0x00C0})
     theta = np.full((1500, 4), 0.1)
     packets = layout.encode({"timeStartup": np.arange(1500), "deltaTheta": theta})
@@ -374,7 +380,7 @@ def test_samples_and_lost_add_up_to_what_was_sent(kind: str) -> None:
     assert 0.7 * lost <= decoder.bad_checksums <= lost
 
 
-def test_a_character_that_is_none_fails_the_check() -> None:
+def test_a_character_outside_ascii_is_invalid() -> None:
     sentence = _row(1).replace(b"0", b"\x81", 1)
     decoder, items = decode(sentence + _row(2))
     assert (decoder.messages, decoder.bad_checksums, decoder.discarded) == (1, 1, len(sentence))
@@ -383,12 +389,12 @@ def test_a_character_that_is_none_fails_the_check() -> None:
     assert (decoder.messages, decoder.malformed, items) == (0, 1, [])
 
 
-def test_nothing_is_lost_before_the_first_sample() -> None:
+def test_no_loss_is_counted_before_the_first_sample() -> None:
     _, items = decode(_row(0)[30:] + _row(1).replace(b"1", b"2", 1) + _row(2)[:60] + _row(3))
     assert blocks(items)[0].lost.tolist() == [0]
 
 
-def test_what_was_lost_between_two_connections_is_not_guessed() -> None:
+def test_losses_between_two_connections_are_not_estimated() -> None:
     decoder = Vn100Decoder()
     decoder.feed(_row(0) + b"\x85" * 1000 + _row(1)[:60])
     decoder.finish()
@@ -400,7 +406,7 @@ def test_what_was_lost_between_two_connections_is_not_guessed() -> None:
 # --------------------------------------------------------------------------------------- the line
 
 
-def test_blocks_are_joined_only_where_nothing_stands_between() -> None:
+def test_blocks_are_merged_only_without_an_item_between_them() -> None:
     answer = ascii.encode("VNRRG,07,40", "crc")
     _, items = decode(_row(0) + _row(1) + answer + _row(2) + ascii.encode("VNYPR,+1.0,+2.0,+3.0") + _row(3))
     assert [len(i) if isinstance(i, SampleBlock) else i for i in items] == [
@@ -410,14 +416,14 @@ def test_blocks_are_joined_only_where_nothing_stands_between() -> None:
     ]
 
 
-def test_foreign_sentences_with_a_right_check_are_no_messages() -> None:
+def test_valid_sentences_of_other_protocols_are_not_messages() -> None:
     decoder, items = decode(
         ascii.encode("GPRMC,000012.800,V,,,,,0.00,0.00,060180,,,N").replace(b"$VN", b"$GP")
     )
     assert (decoder.messages, items) == (0, [])
 
 
-def test_other_products_measurements_are_stepped_over() -> None:
+def test_measurements_of_other_products_are_skipped() -> None:
     decoder, items = decode(ascii.encode("VNGPS,333733.000159,1694,3,05") + _row(0))
     assert (decoder.messages, decoder.discarded, total(items)) == (2, 0, 1)
 
@@ -433,12 +439,12 @@ def test_other_products_measurements_are_stepped_over() -> None:
         "VNERR", "VNERR,XY", "VNERR,003", "VNERR,1,2",
     ],
 )  # fmt: skip
-def test_right_check_but_wrong_grammar_is_refused(body: str) -> None:
+def test_a_valid_checksum_with_invalid_grammar_is_refused(body: str) -> None:
     decoder, items = decode(ascii.encode(body))
     assert (decoder.messages, decoder.malformed, decoder.bad_checksums, items) == (0, 1, 0, [])
 
 
-def test_an_overlong_line_does_not_hold_the_stream_up() -> None:
+def test_an_overlong_line_does_not_block_the_stream() -> None:
     decoder = Vn100Decoder()
     decoder.feed(b"$VNRRG," + b"9" * 10_000)
     assert decoder.pending == 0
@@ -448,7 +454,7 @@ def test_an_overlong_line_does_not_hold_the_stream_up() -> None:
 @pytest.mark.parametrize(
     "header", [b"\xfa\x81\x00\x08\x00", b"\xfa\x01\x08\x80\x00\x00", b"\xfa\x81\x00\x08\x80\x00\x00"]
 )
-def test_extension_bits_without_a_field_behind_them_are_stepped_over(header: bytes) -> None:
+def test_extension_words_without_a_field_are_skipped(header: bytes) -> None:
     packet = header + bytes(range(12))
     packet += checksum.crc16(packet[1:]).to_bytes(2, "big")
     decoder, _ = decode(packet + _row(0), 1)
@@ -472,7 +478,7 @@ def test_fields_of_unknown_size_are_refused(header: bytes) -> None:
     assert decoder.pending == 0
 
 
-def test_every_field_is_stepped_over_by_its_size() -> None:
+def test_every_field_has_its_size() -> None:
     for group, fields in binary.GROUPS.items():
         for bit, field in fields.items():
             layout = BinaryLayout.of({group: 1 << bit})
@@ -481,7 +487,7 @@ def test_every_field_is_stepped_over_by_its_size() -> None:
             assert (decoder.messages, decoder.discarded) == (2, 0)
 
 
-def test_all_groups_at_once() -> None:
+def test_a_packet_with_all_groups_and_fields_decodes() -> None:
     layout = BinaryLayout.of(
         {group: sum(1 << bit for bit in fields) for group, fields in binary.GROUPS.items()}
     )

@@ -1,4 +1,4 @@
-"""Laws of the VN-100 decoder on streams that are whole, damaged, mixed and cut anywhere."""
+"""Laws of the VN-100 decoder on intact, damaged and mixed streams in any chunks."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ laws = settings(derandomize=True, deadline=None, max_examples=150)
 
 @dataclass(frozen=True)
 class Piece:
-    """Bytes on the line; `tag` is the gyro/x of the sample in them, None where none may be found."""
+    """Bytes of a stream; `tag` is the gyro/x of the sample in them, None if they must not give a sample."""
 
     data: bytes
     tag: float | None
 
 
 def message(kind: int, serial: int, check: str, end: bytes, tail: str) -> Piece:
-    """A valid measurement whose gyro/x is unique."""
+    """Return a valid measurement whose gyro/x is unique."""
     x = serial * 1e-3
     if kind < len(LAYOUTS):
         layout = LAYOUTS[kind]
@@ -79,7 +79,7 @@ DAMAGE = st.sampled_from(["none", "none", "none", "none", "flip", "head", "tail"
 
 @st.composite
 def lines(draw: st.DrawFn) -> list[Piece]:
-    """What a line may carry: runs of messages, some damaged, with answers, text and garbage between them."""
+    """Draw a stream: runs of messages, some damaged, with responses, text and random bytes between them."""
     pieces: list[Piece] = []
     for serial in range(1, draw(st.integers(1, 6))):
         kind, check, end, tail = draw(KINDS), draw(CHECKS), draw(ENDS), draw(TAILS)
@@ -91,7 +91,7 @@ def lines(draw: st.DrawFn) -> list[Piece]:
                 # bit 0 of a byte: every check finds one flipped bit
                 data = data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
             elif damage == "head":
-                # so much is missing, here and of a tail, that nothing beside it makes it whole again
+                # more than half is missing, so that two fragments cannot form a message
                 data = data[: min(place, len(data) // 2)] + b"\n"
             elif damage == "tail":
                 data = data[max(place, len(data) // 2) :]
@@ -106,7 +106,7 @@ def lines(draw: st.DrawFn) -> list[Piece]:
 
 
 def run(data: bytes, cuts: list[int]) -> tuple[list[DecodedItem], list[int], Vn100Decoder]:
-    """Items, the counters before the end is told, and the decoder."""
+    """Return the items, the counters before `finish`, and the decoder."""
     decoder = Vn100Decoder()
     items: list[DecodedItem] = []
     for start, end in zip([0, *cuts], [*cuts, len(data)], strict=True):
@@ -122,7 +122,7 @@ def run(data: bytes, cuts: list[int]) -> tuple[list[DecodedItem], list[int], Vn1
 
 
 def rows(items: list[DecodedItem]) -> list[Any]:
-    """Items with blocks taken apart, so that their joining does not matter."""
+    """Return the items with blocks split into samples, so that merging makes no difference."""
     out: list[Any] = []
     for item in items:
         if not isinstance(item, SampleBlock):
@@ -144,7 +144,7 @@ def found(items: list[DecodedItem]) -> list[float]:
 
 @laws
 @given(lines(), st.data())
-def test_any_cuts_give_the_same(pieces: list[Piece], data: st.DataObject) -> None:
+def test_any_chunks_give_the_same_items_and_counters(pieces: list[Piece], data: st.DataObject) -> None:
     line = b"".join(piece.data for piece in pieces)
     whole, counters, _ = run(line, [])
     single, counters_single, _ = run(line, list(range(1, len(line))))
@@ -156,7 +156,7 @@ def test_any_cuts_give_the_same(pieces: list[Piece], data: st.DataObject) -> Non
 
 @laws
 @given(lines())
-def test_all_that_came_whole_is_found_and_nothing_else(pieces: list[Piece]) -> None:
+def test_exactly_the_intact_messages_give_samples(pieces: list[Piece]) -> None:
     items, _, _ = run(b"".join(piece.data for piece in pieces), [])
     want = [piece.tag for piece in pieces if piece.tag is not None]
     assert len(found(items)) == len(want)
@@ -170,15 +170,15 @@ def test_all_that_came_whole_is_found_and_nothing_else(pieces: list[Piece]) -> N
 @example(b"$VNYMR," * 500)
 @example(b"\xfa\x77\xff\x7f" * 1000)
 @example(b"\xfa\xff\xff\xff\xff" * 1000)
-def test_garbage_makes_no_sample(data: bytes) -> None:
+def test_random_bytes_give_no_sample_and_no_exception(data: bytes) -> None:
     items, _, _ = run(data, [])
     assert found(items) == []
 
 
 @pytest.mark.parametrize("kind", range(len(LAYOUTS) + len(MESSAGES)))
 @pytest.mark.parametrize("check", ["xor", "crc"])
-def test_no_flipped_bit_changes_a_sample(kind: int, check: str) -> None:
-    """A flipped bit may only turn a digit of the check from capital to small, which is the same digit."""
+def test_a_flipped_bit_never_changes_a_sample(kind: int, check: str) -> None:
+    """The only harmless bit is the one that changes a hexadecimal digit from upper to lower case."""
     piece = message(kind, 77, check, b"\r\n", "")
     after = message(kind, 78, check, b"\r\n", "")
     for bit in range(len(piece.data) * 8):
@@ -197,7 +197,7 @@ NUMBERS = st.from_regex(r"[+-]?[0-9]{1,9}(\.[0-9]{1,6})?", fullmatch=True)
 @laws
 @given(st.lists(NUMBERS, min_size=3, max_size=3), st.integers(1, 40))
 @example(["-0.000", "+00.0", "-999999999.999999"], 3)
-def test_numbers_are_read_to_the_last_bit(fields: list[str], count: int) -> None:
+def test_numbers_are_parsed_exactly_as_float_does(fields: list[str], count: int) -> None:
     data = ascii.encode(",".join(["VNGYR", *fields])) * count
     (block,) = Vn100Decoder().feed(data)
     assert isinstance(block, SampleBlock)
@@ -207,7 +207,9 @@ def test_numbers_are_read_to_the_last_bit(fields: list[str], count: int) -> None
 
 @laws
 @given(st.integers(0, 2**32), st.sampled_from(MESSAGES[:4]), CHECKS, st.integers(2, 60))
-def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, check: str, count: int) -> None:
+def test_runs_of_sentences_decode_the_same_as_single_sentences(
+    seed: int, name: str, check: str, count: int
+) -> None:
     rng = np.random.default_rng(seed)
     width = sum(ascii.WIDTHS[q] for q in ascii.MEASUREMENTS[name])
     values = rng.uniform(0.01, 0.99, (count, width)) * (
@@ -226,7 +228,7 @@ def test_runs_of_equal_sentences_are_read_as_one_by_one(seed: int, name: str, ch
 
 @laws
 @given(st.lists(st.sampled_from(LAYOUTS[:3]), min_size=1, max_size=3), st.integers(0, 2**32))
-def test_packets_come_back_as_they_were_sent(layouts: list[BinaryLayout], seed: int) -> None:
+def test_encoded_packets_decode_to_the_same_fields(layouts: list[BinaryLayout], seed: int) -> None:
     rng = np.random.default_rng(seed)
     for layout in layouts:
         words = rng.integers(0, 256, (5, layout.length), np.uint8).tobytes()
@@ -238,7 +240,7 @@ def test_packets_come_back_as_they_were_sent(layouts: list[BinaryLayout], seed: 
 
 @laws
 @given(st.binary(min_size=1, max_size=80))
-def test_checksums(data: bytes) -> None:
+def test_checksums_match_the_bitwise_definition(data: bytes) -> None:
     assert checksum.xor8(data) == reduce(xor, data)
     crc = 0
     for byte in data:
@@ -251,34 +253,34 @@ def test_checksums(data: bytes) -> None:
 
 @laws
 @given(st.binary(min_size=120, max_size=120), st.integers(1, 10), st.integers(0, 0xFFFF))
-def test_checksums_of_rows_are_those_of_each(data: bytes, half: int, begun: int) -> None:
+def test_checksums_of_rows_equal_those_of_each_row(data: bytes, half: int, initial: int) -> None:
     width = 2 * half
     rows = np.frombuffer(data[: 120 // width * width], np.uint8).reshape(-1, width)
-    want = [checksum.crc16(row.tobytes(), begun) for row in rows]
-    assert checksum.crc16_rows(rows, begun).tolist() == want
+    want = [checksum.crc16(row.tobytes(), initial) for row in rows]
+    assert checksum.crc16_rows(rows, initial).tolist() == want
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("where", [0, 127, 128, 129, 640, 641, 2500, 2999])
-def test_long_runs_end_at_the_first_damage(layout: BinaryLayout, where: int) -> None:
-    """One flipped bit in a run that is checked as an array, in the header, the payload or the check."""
+def test_a_long_run_ends_at_the_first_damaged_packet(layout: BinaryLayout, where: int) -> None:
+    """A flipped bit in header, payload or CRC, also in packets that are checked as an array."""
     rows = np.random.default_rng(3).normal(size=(3000, 3))
     data = layout.encode(
         {name: rows for name in layout.fields if layout.dtype[name].shape == (3,)}
         or {"timeStartup": np.arange(3000)}
     )
-    assert layout.count(data, 0, 3000) == 3000
+    assert layout.count_valid(data, 0, 3000) == 3000
     for byte in (0, len(layout.header) - 1, layout.length // 2, layout.length - 1):
         damaged = bytearray(data)
         damaged[where * layout.length + byte] ^= 0x10
-        assert layout.count(bytes(damaged), 0, 3000) == where
+        assert layout.count_valid(bytes(damaged), 0, 3000) == where
 
 
 @laws
 @given(
     st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters="$*"), max_size=60), CHECKS
 )
-def test_sentences_come_back_as_they_were_sent(text: str, check: str) -> None:
+def test_encoded_sentences_parse_to_the_same_fields(text: str, check: str) -> None:
     line = ascii.encode(f"VNRRG,00,{text}", "crc" if check == "crc" else "xor")
     assert ascii.parse(line) == ascii.parse(line.lower().replace(b"$vnrrg", b"$VNRRG")) or re.search(
         "[A-Z]", text

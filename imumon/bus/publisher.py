@@ -1,10 +1,9 @@
-"""Publisher: the daemon's end of the bus.
+"""Publisher: the daemon's side of the bus.
 
-Nothing here ever waits for a subscriber: `publish` puts the newest report into a slot and returns, a thread
-of this file's own sends it, and Zenoh drops rather than blocks when a link is stuck. Events queue up,
-bounded and counted. The last value of every key is kept: late subscribers get it from the cache, anybody may
-also ask with a plain ``get``. Signals (strips, for drawing) are large and looked at by few, so they are sent
-only when asked for.
+The caller never waits for the bus: `Publisher.publish` stores the newest report and returns, a thread sends
+it, and Zenoh drops messages of a congested link. Events are queued; the queue is bounded and what it drops is
+counted. Late subscribers get the last values from Zenoh's cache or by a ``get``. Signals (minimum and maximum
+per time column) are large and rarely used, so they are sent only in reply to a ``get``.
 """
 
 from __future__ import annotations
@@ -12,15 +11,13 @@ from __future__ import annotations
 import atexit
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
 
 import zenoh
 
 from imumon.bus.queryable import LastValues
-from imumon.bus.texts import Texts
 from imumon.bus.uplink import Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import (
     RETRY_S,
@@ -30,18 +27,30 @@ from imumon.bus.zenoh_session import (
     check_endpoint,
     clean_id,
 )
-from imumon.report import Event, Report, Signal, to_json
+from imumon.report import Channel, Event, Report, Signal, to_json
 
-_EVENTS_QUEUED = 1000
-_FIRST_ATTEMPT_S = 3.0  # a router that drops packets must not hold up the start for longer
-_REASONS = 20  # that are told
-_CLOSE_S = 0.7  # a link that is stuck would hold `close` for seconds
+CURVES = ("allan", "histogram", "spectrum")
+"""Fields of a channel that only the report contains; the key of the channel leaves them out."""
+
+_CHANNEL_FIELDS = tuple(field.name for field in fields(Channel) if field.name not in CURVES)
+_MAX_QUEUED_EVENTS = 1000  # events. Not critical
+_FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets. Not critical
+_MAX_REPORTED_ERRORS = 20  # different texts in `Publisher.status_changes`. Not critical
+_CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link. Not critical
 
 
 @dataclass(frozen=True, slots=True)
-class Counts:
-    """What the bus did: reports sent, reports replaced by a newer one before they were sent, events sent,
-    events that did not fit into the queue, and messages that could not be made or sent."""
+class PublisherCounts:
+    """Messages of a publisher.
+
+    Attributes
+    ----------
+    reports : sent.
+    replaced : reports that a newer one replaced before they were sent.
+    events : sent.
+    events_dropped : did not fit into the queue.
+    errors : messages that could not be serialised or sent.
+    """
 
     reports: int = 0
     replaced: int = 0
@@ -55,19 +64,19 @@ class Publisher:
 
     Parameters
     ----------
-    id : name of the device; made fit for a key.
-    listen : endpoints; none: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
-    connect : endpoints of routers, which may come and go; None: those of `settings`.
-    settings : `SessionOptions`, or anything with attributes of the same names; None for the defaults.
+    id : name of the device; `clean_id` converts it for keys.
+    listen : endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
+    connect : endpoints of routers, which may be absent; None: those of `settings`.
+    settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
 
     Attributes
     ----------
     endpoints : where this session listens.
-    last_error : why the last message could not be sent, None when it could.
+    last_error : why the last message could not be sent; None if it was sent.
 
     Raises
     ------
-    BusError : an address is taken or refused, or a living daemon has this name already.
+    BusError : an endpoint cannot be used, or another running daemon has this name.
     """
 
     def __init__(
@@ -86,36 +95,37 @@ class Publisher:
         self.last_error: str | None = None
         for endpoint in connect:
             check_endpoint(endpoint)
-        self._wake = threading.Condition()
-        self._slot: tuple[Report, Mapping[str, Signal] | None] | None = None
-        self._queue: deque[Event] = deque()
+        self._changed = threading.Condition()
+        self._newest: tuple[Report, Mapping[str, Signal] | None] | None = None
+        self._events: deque[Event] = deque()
         self._closing = False
         self._reports = self._replaced = self._sent_events = self._dropped = self._errors = 0
-        self._answers = LastValues(self._root)
-        self._texts = Texts()
-        self._grade: str | None = None
-        self._over = threading.Event()
-        self._faults: dict[str, str] = {}
+        self._last_values = LastValues(self._root)
+        self._last_grade: str | None = None
+        self._stop_connecting = threading.Event()
+        self._connect_errors: dict[str, str] = {}
         self._uplinks: dict[str, Uplink] = {}
-        self._told: dict[str, str | None] = {}  # of the connections
-        self._unsent: set[str] = set()  # reasons that were told
-        router = options.mode == "router"  # routers find their way among one another in one session
+        self._reported_uplinks: dict[str, str | None] = {}
+        self._reported_errors: set[str] = set()
+        router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
-        self._stamp = self._session.new_timestamp
-        self._sending = threading.Lock()  # a link that is added gets everything, each message once
-        self._links = [Uplink(self._session, self._root, self._answer)]
+        self._timestamp = self._session.new_timestamp
+        self._sending = threading.Lock()  # a new uplink gets every message exactly once
+        self._links = [Uplink(self._session, self._root, self._reply)]
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
         self._connect(options, () if router else connect)
 
     def _connect(self, options: SessionOptions, endpoints: Sequence[str]) -> None:
-        """Connect to routers; those that are not there now are tried again for ever."""
+        """Start to connect to routers; unreachable ones are tried until the publisher closes."""
         attempts: list[Future[None]] = []
         for endpoint in endpoints:
             attempts.append(Future())
-            words = (options, endpoint, attempts[-1])
-            threading.Thread(target=self._link_up, args=words, name="imumon-uplink", daemon=True).start()
+            arguments = (options, endpoint, attempts[-1])
+            threading.Thread(
+                target=self._connect_uplink, args=arguments, name="imumon-uplink", daemon=True
+            ).start()
         try:
             for attempt in wait(attempts, _FIRST_ATTEMPT_S).done:
                 attempt.result()
@@ -124,71 +134,77 @@ class Publisher:
             raise
 
     def publish(self, report: Report, signals: Mapping[str, Signal] | None = None) -> None:
-        """Hand over the newest report, and by channel what a signal view draws; returns at once."""
-        with self._wake:
-            self._replaced += self._slot is not None
-            self._slot = (report, signals)
-            self._wake.notify()
+        """Send the newest report, and the signals by channel to those who asked; return at once."""
+        with self._changed:
+            self._replaced += self._newest is not None
+            self._newest = (report, signals)
+            self._changed.notify()
 
     def event(self, event: Event) -> None:
-        """Hand over an event; returns at once."""
-        with self._wake:
-            if len(self._queue) >= _EVENTS_QUEUED:
-                self._queue.popleft()
+        """Send an event; return at once."""
+        with self._changed:
+            if len(self._events) >= _MAX_QUEUED_EVENTS:
+                self._events.popleft()
                 self._dropped += 1
-            self._queue.append(event)
-            self._wake.notify()
+            self._events.append(event)
+            self._changed.notify()
 
-    def wanted(self, within_s: float = 5.0) -> frozenset[str]:
-        """Channels whose signal somebody asked for lately: only these are worth making."""
-        return self._answers.wanted(within_s)
+    def requested_signals(self, within_s: float = 5.0) -> frozenset[str]:
+        """Return the channels whose signal was requested in the last `within_s` seconds."""
+        return self._last_values.requested_signals(within_s)
 
     @property
-    def counts(self) -> Counts:
-        with self._wake:
-            return Counts(self._reports, self._replaced, self._sent_events, self._dropped, self._errors)
+    def counts(self) -> PublisherCounts:
+        with self._changed:
+            return PublisherCounts(
+                self._reports, self._replaced, self._sent_events, self._dropped, self._errors
+            )
 
-    def uplinks(self) -> dict[str, str | None]:
-        """Why there is no connection to a router, by its endpoint; None where there is one."""
-        lost = {
+    def uplink_errors(self) -> dict[str, str | None]:
+        """Return why there is no connection to a router, by its endpoint; None: there is one."""
+        connected = {
             endpoint: None if link.session.info.transports() else f"{endpoint}: connection lost; trying again"
-            for endpoint, link in dict(self._uplinks).items()  # a thread adds to it
+            for endpoint, link in dict(self._uplinks).items()  # a copy: threads add to it
         }
-        return {**self._faults, **lost}
+        return {**self._connect_errors, **connected}
 
-    def troubles(self) -> list[str]:
-        """What has become of the connections to routers, once per change, and why something could not be
-        sent, each reason once."""
-        said, uplinks = [], self.uplinks()
-        for endpoint, why in uplinks.items():
-            if why != self._told.get(endpoint):
-                said.append(why or f"{endpoint}: connected")
-        self._told = uplinks
-        error = self.last_error
-        if error is not None and error not in self._unsent and len(self._unsent) < _REASONS:
-            self._unsent.add(error)
-            said.append(f"something could not be published: {error}")
-        return said
+    def status_changes(self) -> list[str]:
+        """Return messages for the log: each change of a connection to a router once, and each reason why a
+        message could not be sent once."""
+        messages, uplinks = [], self.uplink_errors()
+        for endpoint, error in uplinks.items():
+            if error != self._reported_uplinks.get(endpoint):
+                messages.append(error or f"{endpoint}: connected")
+        self._reported_uplinks = uplinks
+        reason = self.last_error
+        if (
+            reason is not None
+            and reason not in self._reported_errors
+            and len(self._reported_errors) < _MAX_REPORTED_ERRORS
+        ):
+            self._reported_errors.add(reason)
+            messages.append(f"a message could not be published: {reason}")
+        return messages
 
     def close(self) -> None:
-        """Send what is pending and leave the bus; takes 1.4 s at most."""
-        with self._wake:
+        """Send what is queued and close the sessions, within 1.4 s."""
+        with self._changed:
             if self._closing:
                 return
             self._closing = True
-            self._wake.notify()
-        self._over.set()
+            self._changed.notify()
+        self._stop_connecting.set()
         atexit.unregister(self.close)
         self._thread.join(_CLOSE_S)
-        leave = threading.Thread(target=self._leave, name="imumon-bus-close", daemon=True)
-        leave.start()
-        leave.join(_CLOSE_S)
+        closing = threading.Thread(target=self._close_links, name="imumon-bus-close", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_S)
 
-    def _leave(self) -> None:
+    def _close_links(self) -> None:
         with self._sending:
             links, self._links = self._links, []
-        for link in links:  # all of them before the first that is stuck
-            link.say_goodbye()
+        for link in links:  # all tokens before the first session whose link may be congested
+            link.undeclare_token()
         for link in links:
             link.close()
 
@@ -199,89 +215,86 @@ class Publisher:
         self.close()
 
     def _run(self) -> None:
-        while self._send_next():
-            pass
+        """Send what is queued until the publisher closes and the queue is empty."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._newest or self._events or self._closing)
+                newest, self._newest = self._newest, None
+                events, self._events = self._events, deque()
+                if self._closing and not newest and not events:
+                    return
+            for event in events:
+                self._attempt(lambda event=event: self._send_event(event))  # type: ignore[misc]
+            if newest:
+                self._attempt(lambda newest=newest: self._send_report(*newest))  # type: ignore[misc]
 
-    def _send_next(self) -> bool:
-        """Wait for something to send and send it, and hold it no longer; False when all is sent and over."""
-        with self._wake:
-            self._wake.wait_for(lambda: self._slot or self._queue or self._closing)
-            slot, self._slot = self._slot, None
-            events, self._queue = self._queue, deque()
-            if self._closing and not slot and not events:
-                return False
-        for event in events:
-            self._attempt(self._send_event, event)
-        if slot:
-            self._attempt(self._send_report, *slot)
-        return True
-
-    def _attempt(self, send: Any, *what: Any) -> None:
-        """Send; a report that cannot be sent must not end the thread that sends the next one."""
+    def _attempt(self, send: Callable[[], None]) -> None:
+        """Send; a message that cannot be sent must not end the thread."""
         try:
-            send(*what)
+            send()
             self.last_error = None
         except Exception as error:
             self.last_error = f"{type(error).__name__}: {error}"
-            with self._wake:
+            with self._changed:
                 self._errors += 1
 
     def _send_event(self, event: Event) -> None:
         self._put("event", to_json(event))
-        with self._wake:
+        with self._changed:
             self._sent_events += 1
 
     def _send_report(self, report: Report, signals: Mapping[str, Signal] | None) -> None:
-        self._texts.write(report)
-        self._answers.show(signals or {})
-        self._put("report", self._texts.report)
-        for name, text in self._texts.channels.items():
-            self._put(name, text)
+        whole = to_json(report)
+        self._last_values.set_signals(signals or {})
+        self._put("report", whole)
+        for name, channel in report.channels.items():
+            self._put(name, to_json({field: getattr(channel, field) for field in _CHANNEL_FIELDS}))
         grade = to_json(report.grade)
-        if grade != self._grade:
+        if grade != self._last_grade:
             self._put("grade", grade)
-            self._grade = grade
-        with self._wake:
+            self._last_grade = grade
+        with self._changed:
             self._reports += 1
 
     def _put(self, name: str, text: str) -> None:
-        stamp = self._stamp()
+        timestamp = self._timestamp()
         with self._sending:
-            self._answers.keep(name, text, stamp)
+            self._last_values.store(name, text, timestamp)
             for link in self._links:
-                link.put(name, text, stamp)
+                link.put(name, text, timestamp)
 
-    def _link_up(self, options: SessionOptions, endpoint: str, first: Future[None]) -> None:
-        """Connect to a router as soon as it is there; lost again, Zenoh comes back by itself."""
-        while not self._over.is_set():
+    def _connect_uplink(self, options: SessionOptions, endpoint: str, first: Future[None]) -> None:
+        """Connect to a router as soon as it is reachable. Zenoh itself restores a lost connection."""
+        while not self._stop_connecting.is_set():
             try:
                 session = open_uplink(options, endpoint, self.id)
             except BusError as error:
-                self._faults[endpoint] = str(error)
+                self._connect_errors[endpoint] = str(error)
                 if not first.done() and not isinstance(error, Unreachable):
                     first.set_exception(error)
                     return
             else:
-                self._add(endpoint, Uplink(session, self._root, self._answer))
+                self._add_uplink(endpoint, Uplink(session, self._root, self._reply))
             if not first.done():
                 first.set_result(None)
             if endpoint in self._uplinks:
                 return
-            self._over.wait(RETRY_S)
+            self._stop_connecting.wait(RETRY_S)
 
-    def _add(self, endpoint: str, link: Uplink) -> None:
-        """Take a link in; what was published before is known there too."""
+    def _add_uplink(self, endpoint: str, link: Uplink) -> None:
+        """Add a link and send it the last value of every key."""
         with self._sending:
-            for name, text, stamp in self._answers.known():
-                link.put(name, text, stamp)
+            for name, text, timestamp in self._last_values.messages():
+                link.put(name, text, timestamp)
             self._uplinks[endpoint] = link
-            if self._over.is_set():
+            if self._stop_connecting.is_set():
                 link.close()
             else:
                 self._links.append(link)
 
-    def _answer(self, query: zenoh.Query) -> None:
+    def _reply(self, query: zenoh.Query) -> None:
+        """Reply to a query; one that fails must not end the thread."""
         try:
-            self._answers.answer(query)
-        except Exception as error:  # a question must not end the thread that answers the next one
+            self._last_values.reply(query)
+        except Exception as error:
             self.last_error = f"{type(error).__name__}: {error}"

@@ -1,6 +1,7 @@
-"""Answers: the last value of every key, for those who ask with a plain ``get``.
+"""Last value of every key of a device, as the reply to a ``get``.
 
-Signals are large and made only for those who ask, so the first question for one waits for the next report.
+Signals are large, so the publisher computes only those that were requested lately: the first query for one
+waits for the next report.
 """
 
 from __future__ import annotations
@@ -17,12 +18,16 @@ from imumon.report import Signal, to_json
 
 JSON = "application/json"
 EVENTS_KEPT = 100
-_PATIENCE_S = 3.0  # for a signal that nobody makes
-_MOST_PENDING = 256
+"""Events that are replied to a ``get`` and cached for advanced subscribers."""
+
+_SIGNAL_WAIT_S = (
+    3.0  # s; a query for a signal that does not come within this time gets no reply. Not critical
+)
+_MAX_PENDING = 256  # queries that wait for a signal; the oldest gets no reply. Not critical
 
 
 class LastValues:
-    """Keeps what is published below `root`, and answers questions; for any thread."""
+    """Stores the last message of each key below `root` and replies to queries. Thread-safe."""
 
     def __init__(self, root: str) -> None:
         self._root = root
@@ -30,19 +35,21 @@ class LastValues:
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
         self._signals: Mapping[str, Signal] = {}
-        self._asked: dict[str, float] = {}  # channel to when its signal was last asked for
-        self._pending: deque[tuple[zenoh.Query, float]] = deque(maxlen=_MOST_PENDING)
+        self._requests: dict[
+            str, float
+        ] = {}  # channel to the monotonic time of the last query for its signal
+        self._pending: deque[tuple[zenoh.Query, float]] = deque(maxlen=_MAX_PENDING)
 
-    def keep(self, name: str, text: str, stamp: zenoh.Timestamp) -> None:
-        """A message that was published."""
+    def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
+        """Store a message that is being published under `name`."""
         with self._lock:
             if name == "event":
-                self._events.append((text, stamp))
+                self._events.append((text, timestamp))
             else:
-                self._last[name] = (text, stamp)
+                self._last[name] = (text, timestamp)
 
-    def known(self) -> Iterator[tuple[str, str, zenoh.Timestamp]]:
-        """Everything kept, as name, text and time."""
+    def messages(self) -> Iterator[tuple[str, str, zenoh.Timestamp]]:
+        """Yield name, text and timestamp of every stored message."""
         with self._lock:
             last, events = dict(self._last), list(self._events)
         for name, value in last.items():
@@ -50,52 +57,53 @@ class LastValues:
         for value in events:
             yield "event", *value
 
-    def wanted(self, within_s: float) -> frozenset[str]:
-        """Channels whose signal was asked for in the last seconds; older questions are forgotten."""
+    def requested_signals(self, within_s: float) -> frozenset[str]:
+        """Return the channels whose signal was requested in the last `within_s` seconds; forget the
+        others."""
         since = time.monotonic() - within_s
         with self._lock:
-            self._asked = {channel: moment for channel, moment in self._asked.items() if moment >= since}
-            return frozenset(self._asked)
+            self._requests = {channel: at for channel, at in self._requests.items() if at >= since}
+            return frozenset(self._requests)
 
-    def show(self, signals: Mapping[str, Signal]) -> None:
-        """Newest signals; questions that waited for them are answered."""
+    def set_signals(self, signals: Mapping[str, Signal]) -> None:
+        """Store the newest signals and reply to the queries that wait for them."""
         now = time.monotonic()
         with self._lock:
             self._signals = dict(signals)
             pending = list(self._pending)
             self._pending.clear()
             for query, since in pending:
-                if not self._met(query) and now - since < _PATIENCE_S:
+                if not self._has_signal(query) and now - since < _SIGNAL_WAIT_S:
                     self._pending.append((query, since))
                     continue
-                with suppress(zenoh.ZError):  # who asked is gone
+                with suppress(zenoh.ZError):  # the querier may have gone
                     self._reply_signals(query)
                 query.drop()
 
-    def answer(self, query: zenoh.Query) -> None:
-        """Answer a question for any key, wildcards included."""
-        for name, text, stamp in self.known():
+    def reply(self, query: zenoh.Query) -> None:
+        """Reply to a query for any key, also with wildcards."""
+        for name, text, timestamp in self.messages():
             key = f"{self._root}/{name}"
             if query.key_expr.intersects(key):
-                query.reply(key, text, encoding=JSON, timestamp=stamp)
+                query.reply(key, text, encoding=JSON, timestamp=timestamp)
         with self._lock:
-            self._note(query)
-            if self._met(query):
+            self._record_request(query)
+            if self._has_signal(query):
                 self._reply_signals(query)
                 query.drop()
             else:
                 self._pending.append((query, time.monotonic()))
 
-    def _note(self, query: zenoh.Query) -> None:
-        """Remember whose signal is asked for; the wildcards of those who ask for everything do not count."""
-        prefix, asked = f"{self._root}/signal/", str(query.key_expr)
-        if "/signal/" in asked:
-            named = asked.removeprefix(prefix)
-            channels = [n for n in self._last if query.key_expr.intersects(prefix + n)] or [named]
-            self._asked.update(dict.fromkeys(channels, time.monotonic()))
+    def _record_request(self, query: zenoh.Query) -> None:
+        """Record the channels whose signal is requested; a wildcard for all keys is no request."""
+        prefix, expression = f"{self._root}/signal/", str(query.key_expr)
+        if "/signal/" in expression:
+            name = expression.removeprefix(prefix)
+            channels = [n for n in self._last if query.key_expr.intersects(prefix + n)] or [name]
+            self._requests.update(dict.fromkeys(channels, time.monotonic()))
 
-    def _met(self, query: zenoh.Query) -> bool:
-        """Whether there is a signal for the question, if it is for one."""
+    def _has_signal(self, query: zenoh.Query) -> bool:
+        """Return whether a query for a signal can be replied to now; True for any other query."""
         prefix = f"{self._root}/signal/"
         if "/signal/" not in str(query.key_expr):
             return True

@@ -1,9 +1,10 @@
-"""Viewer: the reading end of the bus, for screens and questions.
+"""Subscriber: the client side of the bus.
 
-It connects to every endpoint it is given (or to all where a daemon of this machine may be), comes back by
-itself, and keeps the newest report of each device, the last events, who is alive, and the signal of one
-channel that is watched. What arrives is kept as bytes and read when asked for: a screen that looks twice a
-second reads twice a second. Whatever is not a report is counted and passed over: strangers share the bus.
+It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself,
+and keeps the newest report of each device, its last events, which daemons are alive, and the signal of one
+selected channel. Reports are stored as bytes and parsed when they are read, so a display that reads twice a
+second parses twice a second. Any peer may publish on these keys: messages that are invalid are counted and
+ignored, and the number of devices is bounded.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
-from imumon.bus.zenoh_session import SessionOptions, listener, local_endpoints, open_session
+from imumon.bus.zenoh_session import SessionOptions, local_endpoints, open_session, start_listener
 from imumon.report import Event, Report, Signal, from_json
 
-_EVENTS_KEPT = 100
-_MOST_DEVICES = 1000  # a stranger may invent names; memory is finite
-_WAITING = 1024  # messages that may wait to be taken; the oldest give way
+_MAX_EVENTS = 100  # events of a device. Not critical
+_MAX_DEVICES = 1000  # devices; bounds the memory that invented names can take. Not critical
+_MAX_QUEUED = 1024  # messages in a queue; the oldest is dropped. Not critical
+_SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal. Not critical
 
 T = TypeVar("T", Report, Event, Signal)
 
@@ -36,116 +38,118 @@ class Subscriber:
 
     Parameters
     ----------
-    connect : endpoints; None takes those of `settings` (where daemons connect to or listen), else all where a
-        daemon of this machine may be.
-    settings : `imumon.bus.SessionOptions`, or anything with attributes of the same names; None for the defaults.
+    connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the default endpoints of
+        this machine.
+    settings : `imumon.bus.SessionOptions`, or an object with attributes of the same names; None for the
+        defaults.
 
     Attributes
     ----------
-    version : grows with everything that arrives.
-    malformed : messages on our keys that were none of ours.
+    version : grows with every valid message.
+    malformed : number of invalid messages.
     """
 
     def __init__(self, connect: Sequence[str] | None = None, *, settings: object | None = None) -> None:
         options = SessionOptions.of(settings)
         options = replace(options, mode="peer", users_file="")
-        given = tuple(connect or ()) or options.connect or tuple(_reachable(e) for e in options.listen)
-        self.endpoints = given or local_endpoints()
+        configured = tuple(connect or ()) or options.connect or tuple(map(_loopback, options.listen))
+        self.endpoints = configured or local_endpoints()
         self.version = 0
         self.malformed = 0
-        self._news = threading.Condition()
-        self._fresh: dict[str, tuple[bytes, float]] = {}  # arrived, not yet read
+        self._changed = threading.Condition()
+        self._unread: dict[str, tuple[bytes, float]] = {}  # not yet parsed
         self._reports: dict[str, tuple[Report, float]] = {}
         self._alive: set[str] = set()
         self._events: dict[str, deque[Event]] = {}
-        self._watched: tuple[str, str] | None = None
+        self._selected: tuple[str, str] | None = None
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
-        self._ask = threading.Event()
-        self._session = open_session(options, (), self.endpoints, guarded=False)
+        self._signal_due = threading.Event()
+        self._session = open_session(options, (), self.endpoints, access_control=False)
         alive = self._session.liveliness().declare_subscriber(
-            "imumon/*/alive", RingChannel(_WAITING), history=True
+            "imumon/*/alive", RingChannel(_MAX_QUEUED), history=True
         )
         self._threads = (
-            listener(alive, self._on_alive),
-            listener(self._subscribe("report", 1), self._on_report),
-            listener(self._subscribe("event", _EVENTS_KEPT), self._on_event),
-            threading.Thread(target=self._follow, name="imumon-signal", daemon=True),
+            start_listener(alive, self._on_alive),
+            start_listener(self._subscribe("report", 1), self._on_report),
+            start_listener(self._subscribe("event", _MAX_EVENTS), self._on_event),
+            threading.Thread(target=self._request_signals, name="imumon-signal", daemon=True),
         )
         self._threads[-1].start()
         atexit.register(self.close)
 
     def _subscribe(self, name: str, kept: int) -> Any:
-        """Subscription to one key of all devices, with the last that were published before."""
+        """Subscribe to one key of all devices, with its last `kept` messages from the cache."""
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=kept)
         key = f"imumon/*/{name}"
-        channel: RingChannel[Any] = RingChannel(_WAITING)
+        channel: RingChannel[Any] = RingChannel(_MAX_QUEUED)
         return ext.declare_advanced_subscriber(
             self._session, key, channel, history=history, allowed_origin=zenoh.Locality.REMOTE
         )
 
     def reports(self) -> dict[str, tuple[Report, float]]:
-        """Newest report of each device by its name, with the monotonic time of its arrival in seconds."""
-        with self._news:
-            fresh, self._fresh = self._fresh, {}
-        read = {id: (self._read(Report, data), moment) for id, (data, moment) in fresh.items()}
-        with self._news:
+        """Return the newest report of each device by its name, with its arrival, s of the monotonic clock."""
+        with self._changed:
+            unread, self._unread = self._unread, {}
+        parsed = {id: (self._parse(Report, data), arrival) for id, (data, arrival) in unread.items()}
+        with self._changed:
             self._reports.update(
-                {id: (report, at) for id, (report, at) in read.items() if report is not None}
+                {id: (report, arrival) for id, (report, arrival) in parsed.items() if report is not None}
             )
             return dict(self._reports)
 
     def alive(self) -> set[str]:
-        """Names of the devices whose daemon lives; how old its data is says only the report."""
-        with self._news:
+        """Return the names of the devices whose daemon is running; `reports` shows the age of the data."""
+        with self._changed:
             return set(self._alive)
 
     def events(self, id: str) -> list[Event]:
-        """Last events of a device, newest last."""
-        with self._news:
+        """Return the last events of a device, newest last."""
+        with self._changed:
             return list(self._events.get(id, ()))
 
     def watch(self, id: str, channel: str | None) -> None:
-        """Follow the signal of one channel; None: of none."""
-        with self._news:
-            watched = (id, channel) if channel else None
-            if watched == self._watched:
+        """Select the channel whose signal is requested with every report; None: no channel."""
+        with self._changed:
+            selected = (id, channel) if channel else None
+            if selected == self._selected:
                 return
-            self._watched, self._signal = watched, None
-        self._ask.set()
+            self._selected, self._signal = selected, None
+        self._signal_due.set()
 
     def signal(self) -> tuple[Signal, float] | None:
-        """Newest signal of the channel that is watched, with the monotonic time of its arrival."""
-        with self._news:
+        """Return the newest signal of the selected channel with its arrival, s of the monotonic clock."""
+        with self._changed:
             return self._signal
 
     def connected(self) -> bool:
-        """Whether there is a link to anybody."""
+        """Return whether there is a link to any daemon or router."""
         return bool(self._session.info.transports())
 
     def wait_report(self, id: str | None = None, timeout: float = 2.0) -> Report | None:
-        """First report of this device (None: of any), waiting so many seconds for it; None without one."""
+        """Wait up to `timeout` seconds for a report of this device (None: of any) and return it, else
+        None."""
         end = time.monotonic() + timeout
         while True:
-            with self._news:
-                seen = self.version
+            with self._changed:
+                version = self.version
             reports = self.reports()
-            found = next(iter(reports.values()), None) if id is None else reports.get(id)
-            if found:
-                return found[0]
-            with self._news:
-                left = end - time.monotonic()
-                if left <= 0 or not self._moved(seen, left):
+            newest = next(iter(reports.values()), None) if id is None else reports.get(id)
+            if newest:
+                return newest[0]
+            with self._changed:
+                remaining = end - time.monotonic()
+                if remaining <= 0 or not self._wait_for_change(version, remaining):
                     return None
 
-    def _moved(self, seen: int, timeout: float) -> bool:
-        """Wait until something has arrived since version `seen`; the lock is held."""
-        return self._news.wait_for(lambda: self.version != seen, timeout)
+    def _wait_for_change(self, version: int, timeout: float) -> bool:
+        """Wait until `version` is outdated; the lock is held."""
+        return self._changed.wait_for(lambda: self.version != version, timeout)
 
     def close(self) -> None:
         atexit.unregister(self.close)
         self._closed = True
-        self._ask.set()
+        self._signal_due.set()
         self._session.close()
         for thread in self._threads:
             thread.join(1.0)
@@ -156,80 +160,83 @@ class Subscriber:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _read(self, cls: type[T], data: bytes) -> T | None:
+    def _parse(self, cls: type[T], data: bytes) -> T | None:
         try:
             return from_json(cls, data)
         except ValueError:
-            with self._news:
+            with self._changed:
                 self.malformed += 1
             return None
 
-    def _changed(self) -> None:
+    def _notify(self) -> None:
         self.version += 1
-        self._news.notify_all()
+        self._changed.notify_all()
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         id = _device(sample)
-        with self._news:
+        with self._changed:
             if sample.kind == zenoh.SampleKind.DELETE:
                 self._alive.discard(id)
-            elif len(self._alive) < _MOST_DEVICES:
+            elif len(self._alive) < _MAX_DEVICES:
                 self._alive.add(id)
-            self._changed()
+            self._notify()
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         id = _device(sample)
-        with self._news:
-            known = id in self._reports or id in self._fresh
-            if not known and len(self._reports) + len(self._fresh) >= _MOST_DEVICES:
+        with self._changed:
+            known = id in self._reports or id in self._unread
+            if not known and len(self._reports) + len(self._unread) >= _MAX_DEVICES:
                 return
-            self._fresh[id] = (sample.payload.to_bytes(), time.monotonic())
-            watched = self._watched is not None and self._watched[0] == id
-            self._changed()
-        if watched:
-            self._ask.set()
+            self._unread[id] = (sample.payload.to_bytes(), time.monotonic())
+            selected = self._selected is not None and self._selected[0] == id
+            self._notify()
+        if selected:
+            self._signal_due.set()
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         id = _device(sample)
-        event = self._read(Event, sample.payload.to_bytes())
-        with self._news:
-            if event is None or (id not in self._events and len(self._events) >= _MOST_DEVICES):
+        event = self._parse(Event, sample.payload.to_bytes())
+        with self._changed:
+            if event is None or (id not in self._events and len(self._events) >= _MAX_DEVICES):
                 return
-            kept = self._events.setdefault(id, deque(maxlen=_EVENTS_KEPT))
-            if event not in kept:  # after a reconnection the history comes again
+            kept = self._events.setdefault(id, deque(maxlen=_MAX_EVENTS))
+            if event not in kept:  # a reconnection repeats the cached events
                 kept.append(event)
-                self._changed()
+                self._notify()
 
-    def _follow(self) -> None:
-        """Ask for the signal that is watched, as often as its device reports."""
+    def _request_signals(self) -> None:
+        """Request the signal of the selected channel whenever its device publishes a report."""
         while True:
-            self._ask.wait()
-            self._ask.clear()
+            self._signal_due.wait()
+            self._signal_due.clear()
             if self._closed:
                 return
-            with self._news:
-                watched = self._watched
-            if watched is not None:
+            with self._changed:
+                selected = self._selected
+            if selected is not None:
                 with suppress(zenoh.ZError):
-                    for reply in self._session.get("imumon/{}/signal/{}".format(*watched), timeout=2.0):
-                        self._on_signal(watched, reply)
+                    for reply in self._session.get(
+                        "imumon/{}/signal/{}".format(*selected), timeout=_SIGNAL_TIMEOUT_S
+                    ):
+                        self._on_signal(selected, reply)
 
-    def _on_signal(self, watched: tuple[str, str], reply: zenoh.Reply) -> None:
-        signal = self._read(Signal, reply.ok.payload.to_bytes()) if reply.ok else None
-        with self._news:
-            if signal is not None and watched == self._watched:
+    def _on_signal(self, selected: tuple[str, str], reply: zenoh.Reply) -> None:
+        signal = self._parse(Signal, reply.ok.payload.to_bytes()) if reply.ok else None
+        with self._changed:
+            if signal is not None and selected == self._selected:
                 self._signal = (signal, time.monotonic())
-                self._changed()
+                self._notify()
 
 
 def _device(sample: zenoh.Sample) -> str:
+    """Return the name of the device in a key."""
     return str(sample.key_expr).split("/")[1]
 
 
-def _reachable(endpoint: str) -> str:
-    """Where to connect to for a daemon that listens on `endpoint` of this machine.
+def _loopback(endpoint: str) -> str:
+    """Return the endpoint to connect to for a daemon of this machine that listens on `endpoint`.
 
-    >>> _reachable("tcp/0.0.0.0:7448"), _reachable("tls/[::]:7448")
+    >>> _loopback("tcp/0.0.0.0:7448"), _loopback("tls/[::]:7448")
     ('tcp/127.0.0.1:7448', 'tls/[::1]:7448')
     """
     return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")

@@ -1,7 +1,7 @@
-"""Link: one session of a daemon and what is declared on it.
+"""Uplink: one Zenoh session of a daemon, and what is declared on it.
 
-A daemon has one session that listens, and one for every router it connects to. To the router it is a client:
-between two peers that are connected to it a router passes on nothing, it expects them to meet by themselves.
+A daemon has one session that listens, and one for each router that it connects to. It is a client of the
+router: a router does not forward between two of its peers, because it expects them to connect directly.
 """
 
 from __future__ import annotations
@@ -19,23 +19,26 @@ from imumon.bus.zenoh_session import (
     LEASE_S,
     BusError,
     SessionOptions,
-    listener,
     local_endpoints,
     open_session,
+    start_listener,
 )
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
 _BY_NUMBER = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
-"""Subscribers order messages by number. By time, those whose clock is behind ours would hear one alone."""
+"""Makes subscribers order messages by sequence number. Ordered by time, a subscriber whose clock is behind
+the daemon's would get only one message."""
 
-_QUESTIONS = 256  # that may wait; the oldest goes unanswered
+_MAX_QUERIES = 256  # queries in the queue; the oldest gets no reply. Not critical
+_FIND_S = 0.15  # s; time in which a liveliness token of a local daemon arrives. Not critical
+_LEASE_MARGIN_S = 0.5  # s after the lease. Not critical
 
 
 class Uplink:
-    """Publishers of the keys below `root`, a queryable for all of them, and a token of liveliness."""
+    """Publishers of the keys below `root`, a queryable for all of them, and a liveliness token."""
 
-    def __init__(self, session: zenoh.Session, root: str, answer: Callable[[zenoh.Query], None]) -> None:
+    def __init__(self, session: zenoh.Session, root: str, reply: Callable[[zenoh.Query], None]) -> None:
         self.session = session
         self._root = root
         self._publishers: dict[str, ext.AdvancedPublisher | zenoh.Publisher] = {
@@ -50,83 +53,96 @@ class Uplink:
             )
             for name, kept in _CACHED.items()
         }
-        self._answering = listener(session.declare_queryable(f"{root}/**", RingChannel(_QUESTIONS)), answer)
+        self._listener = start_listener(
+            session.declare_queryable(f"{root}/**", RingChannel(_MAX_QUERIES)), reply
+        )
         self._token = session.liveliness().declare_token(f"{root}/alive")
 
-    def put(self, name: str, text: str, stamp: zenoh.Timestamp) -> None:
+    def put(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
         publisher = self._publishers.get(name)
         if publisher is None:
             publisher = self._publishers[name] = self.session.declare_publisher(
                 f"{self._root}/{name}", encoding=JSON, congestion_control=_DROP
             )
-        publisher.put(text, timestamp=stamp)
+        publisher.put(text, timestamp=timestamp)
 
-    def say_goodbye(self) -> None:
-        """Be alive no more; the session closes in its own time."""
+    def undeclare_token(self) -> None:
+        """Tell subscribers that the daemon ends."""
         self._token.undeclare()
 
     def close(self) -> None:
-        self._publishers.clear()  # one with a cache that outlives its session is never freed
+        self._publishers.clear()  # Zenoh leaks an advanced publisher that outlives its session
         self.session.close()
-        self._answering.join()
+        self._listener.join()
 
 
 def open_local(
     options: SessionOptions, listen: Sequence[str], connect: Sequence[str], id: str
 ) -> tuple[zenoh.Session, tuple[str, ...]]:
-    """Session that listens, and where: as told, or on the first free of the usual ports.
+    """Open the session that listens: on `listen`, or if that is empty on the first free default port.
+
+    Returns
+    -------
+    The session and its endpoints.
 
     Raises
     ------
-    BusError : no address can be had, or a living daemon has the name already.
+    BusError : no endpoint can be used, or another running daemon has this name.
     """
     if listen:
-        return open_session(options, listen, connect, guarded=True), tuple(listen)
-    taken: list[str] = []
+        return open_session(options, listen, connect, access_control=True), tuple(listen)
+    in_use: list[str] = []
     for endpoint in local_endpoints():
         try:
-            session = open_session(options, [endpoint], connect, guarded=True)
+            session = open_session(options, [endpoint], connect, access_control=True)
         except BusError as error:
-            if "taken" not in str(error):
+            if error.code != "address_in_use":
                 raise
-            taken.append(endpoint)
+            in_use.append(endpoint)
             continue
         try:
-            refuse_twins(replace(options, mode="peer"), taken, id)
+            check_name_is_free(replace(options, mode="peer"), in_use, id)
         except BusError:
             session.close()
             raise
         return session, (endpoint,)
-    raise BusError("all of tcp/127.0.0.1:7448 to 7463 are taken; choose another with --listen")
+    raise BusError(
+        "no_free_port", "all of tcp/127.0.0.1:7448 to 7463 are taken", "choose another with --listen"
+    )
 
 
 def open_uplink(options: SessionOptions, endpoint: str, id: str) -> zenoh.Session:
-    """Session to a router or another peer.
+    """Open a session to a router or another peer.
 
     Raises
     ------
-    imumon.bus.zenoh_session.Unreachable : nobody answers there now.
-    BusError : it cannot be had, or a living daemon has the name there already.
+    imumon.bus.zenoh_session.Unreachable : no connection now.
+    BusError : the endpoint cannot be used, or another running daemon has this name there.
     """
     options = replace(options, mode="client")
-    refuse_twins(options, [endpoint], id)
-    return open_session(options, (), [endpoint], guarded=True)
+    check_name_is_free(options, [endpoint], id)
+    return open_session(options, (), [endpoint], access_control=True)
 
 
-def refuse_twins(options: SessionOptions, endpoints: Iterable[str], id: str) -> None:
-    """Refuse a name that a living daemon on these endpoints has.
+def check_name_is_free(options: SessionOptions, endpoints: Iterable[str], id: str) -> None:
+    """Raise `BusError` (``name_in_use``) if a running daemon on these endpoints has this name.
 
-    One that just died may be remembered until its lease is over, so a twin is watched for longer than that.
+    The token of a daemon that was killed disappears only after its lease. Therefore a token counts if it is
+    still there after that time.
     """
     endpoints = tuple(endpoints)
     if not endpoints:
         return
-    with open_session(options, (), endpoints, guarded=False) as session:
-        news = session.liveliness().declare_subscriber(f"imumon/{id}/alive", RingChannel(8), history=True)
+    with open_session(options, (), endpoints, access_control=False) as session:
+        tokens = session.liveliness().declare_subscriber(f"imumon/{id}/alive", RingChannel(8), history=True)
         alive, start = False, time.monotonic()
-        while time.monotonic() - start < (LEASE_S + 0.5 if alive else 0.15):
-            while sample := news.try_recv():
+        while time.monotonic() - start < (LEASE_S + _LEASE_MARGIN_S if alive else _FIND_S):
+            while sample := tokens.try_recv():
                 alive = sample.kind == zenoh.SampleKind.PUT
             time.sleep(0.01)
         if alive:
-            raise BusError(f'a daemon named "{id}" is running already; stop it or choose another with --id')
+            raise BusError(
+                "name_in_use",
+                f'a daemon named "{id}" is running already',
+                "stop it or choose another with --id",
+            )

@@ -137,7 +137,7 @@ def _of_state(path: Path) -> Any:
     from imumon.report import DeviceDescription, SessionCounters
 
     try:
-        state = decode(path.read_bytes())
+        state = decode(path.read_bytes(), f"the state {path}")
         meta = state.meta
         monitor = Monitor(MonitorOptions(guarded=bool(meta["monitor"]["guarded"])))
         monitor.resume(meta["monitor"], state.arrays, 0.0)
@@ -152,7 +152,7 @@ def _of_state(path: Path) -> Any:
         saved = datetime.fromisoformat(meta["saved"])
         return monitor.report(saved, device, "stopped", session, device_caveats=caveats)
     except StateError as error:
-        raise CommandError(f"the state {path} is {error}") from None
+        raise CommandError(str(error)) from None
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
         raise CommandError(f"the state {path} is of another version of imumon") from None
 

@@ -373,13 +373,13 @@ class Daemon:
         if self._state == "waiting":
             self._notifier.ready()
         made = self._report()
-        self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
+        self._bus.publish(made, self._monitor.signals(self._bus.requested_signals()))
         for event in self._monitor.events():
             self._bus.event(event.stamped(datetime.now(UTC), self._bus.id))
             self._log(event.text, "debug" if event.kind == "gap" else "info", event.kind)
         for problem in self._recorder.problems():
             self._event("recording", problem, "error")
-        for problem in self._bus.troubles():
+        for problem in self._bus.status_changes():
             self._event("bus", problem, "warning")
         if self._persistence is not None and (state_problem := self._persistence.problem()):
             self._event("state", *state_problem)

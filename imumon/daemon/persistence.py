@@ -68,7 +68,7 @@ class Persistence:
         """
         self._serial, self._settings, self._device = info.serial, data_settings(info), saved_description(info)
         if self._fresh:
-            if not self._checkpoint.there:
+            if not self._checkpoint.exists:
                 return []
             return [(f"new record; the old state is {self._checkpoint.set_aside('old').name}", "info")]
         state, problems = self._checkpoint.load()
@@ -101,7 +101,7 @@ class Persistence:
 
     def _set_aside(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
-        if not self._checkpoint.there:  # it was never saved
+        if not self._checkpoint.exists:  # it was never saved
             return f"the record is {why}: a new record starts"
         return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, a new record starts"
 
@@ -117,7 +117,7 @@ class Persistence:
     def start_new_record(self, info: DeviceInfo, monitor: Monitor, session: SessionCounters) -> str:
         """Set the record aside as it is and start another one; return what was done."""
         self.save(session, self.started)
-        self._checkpoint.settle()
+        self._checkpoint.flush()
         changed = "; ".join(self.differing(info))
         self._monitor, self._settings, self._device = monitor, data_settings(info), saved_description(info)
         return self._set_aside("other-settings", f"of other settings, {changed}")

@@ -64,10 +64,10 @@ class Network:
         fault = None
         for endpoint in self._options.listen or local_endpoints():
             try:
-                open_session(self._options, [endpoint], (), guarded=True).close()
+                open_session(self._options, [endpoint], (), access_control=True).close()
             except BusError as error:
                 fault = str(error)
-                if self._options.listen or "taken" not in fault:
+                if self._options.listen or error.code != "address_in_use":
                     break
             else:
                 if not self._options.listen or endpoint == self._options.listen[-1]:
@@ -79,7 +79,7 @@ class Network:
         silent = []
         for endpoint in self._options.connect:
             try:
-                open_session(client, (), [endpoint], guarded=False).close()
+                open_session(client, (), [endpoint], access_control=False).close()
             except Unreachable:
                 silent.append(endpoint)
         return tuple(silent)

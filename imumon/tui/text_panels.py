@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.devices.vn100.register_text import meaning
+from imumon.devices.vn100.register_text import describe_setting
 from imumon.messages import CLOCKS, cut_by, follows, told
 from imumon.report import Channel, Drift, Event, Report
 from imumon.tui.channel_table import GRADED
@@ -93,7 +93,7 @@ def _settings(report: Report, width: int) -> list[Line]:
         return [*lines, [("  not read from the sensor", "faint")]]
     wide = min(max(map(len, settings)), max(width // 2 - 6, 1))
     for name, value in settings.items():
-        said = meaning(name, value)
+        said = describe_setting(name, value)
         line: Line = [(f"  {name[:wide]:<{wide}}   ", "muted"), (said or value, "text")]
         raw: Line = [(f"   {value}", "faint")] if said else []
         lines.append(fitted([line, raw], width))

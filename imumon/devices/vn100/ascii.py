@@ -1,14 +1,12 @@
-"""ASCII sentences of the VN-100: ``$VNYMR,...*65`` and their kin, read and written.
+"""ASCII sentences of the VN-100, such as ``$VNYMR,...*65``: parse and format.
 
-A sentence is ``$``, a body of printable characters, ``*``, the check (two hexadecimal digits are the
-XOR of the body, four its CRC16), then LF or CR LF. Numbers are fixed width in one firmware and other
-widths in the next: they are read by field. To read them fast, sentences are sorted by *shape*: the
-body with every digit made 0 and every minus made plus. Sentences of one shape share their grammar, so it is
-checked once a shape, and their digits stand in the same columns: times their place values and summed, they
-are all numbers of all rows. A number of up to 15 digits is below 2^53 and its power of ten exact, so the one
-division rounds correctly: the result is the same float64 that reading the text gives.
-
-This file knows neither where bytes come from nor what is done with samples.
+A sentence is ``$``, a body of printable characters, ``*``, a checksum (two hexadecimal digits: XOR of the
+body; four: its CRC16), then LF or CR LF. The width of a number differs between firmware versions, so numbers
+are parsed by field. To parse many sentences at once, they are grouped by *pattern*: the body with every digit
+replaced by 0 and every minus by plus. Sentences of one pattern have the same grammar, which is checked once
+per pattern, and their digits are in the same columns: the sum of digits times place values gives all numbers
+of all rows. An integer of up to 15 digits is below 2^53 and its power of ten is exact, so the one division
+rounds correctly: the result is the same float64 as that of `float`.
 """
 
 from __future__ import annotations
@@ -23,18 +21,18 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.devices.vn100.checksum import crc16, xor8
-from imumon.devices.vn100.measurements import WIDTHS, Recipe, recipe
+from imumon.devices.vn100.measurements import WIDTHS, SampleConverter, sample_converter
 from imumon.samples import Floats
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Answer of the sensor to a command.
+    """Response of the sensor to a command.
 
     Attributes
     ----------
     command : five letters, such as ``VNRRG``.
-    fields : the comma-separated fields behind it, as sent.
+    fields : the comma-separated fields after it, as sent.
     """
 
     command: str
@@ -43,22 +41,22 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class SensorError:
-    """Error message of the sensor: its code and what it means."""
+    """Error message of the sensor: code and meaning."""
 
     code: int
     text: str
 
 
-LIMIT = 256
-"""Longest sentence, bytes; a candidate beyond it is none."""
+MAX_SENTENCE_BYTES = 256
+"""Bytes; longer candidates are not sentences. A VN-100 sends at most 155 in a measurement. Not critical."""
 
-FORMS = {
+NUMBER_FORMATS = {
     "ypr": "%+08.3f", "quat": "%+09.6f", "mag": "%+08.4f", "accel": "%+07.3f", "linaccel": "%+07.3f",
     "gyro": "%+010.6f", "temp": "%+05.1f", "pres": "%+08.3f", "dt": "%+09.6f", "dtheta": "%+08.3f",
     "dvel": "%+08.3f", "umag": "%+08.4f", "uaccel": "%+07.3f", "ugyro": "%+010.6f", "dcm": "%+09.6f",
     "heave": "%+08.3f",
 }  # fmt: skip
-"""printf form of a number by its quantity, as firmware 2 and 3 write it; ``dcm``, ``heave`` are guesses."""
+"""printf format of a number by its quantity in firmware 2 and 3; ``dcm`` and ``heave`` are assumptions."""
 
 MEASUREMENTS: dict[str, tuple[str, ...]] = {
     "VNYPR": ("ypr",),
@@ -76,13 +74,13 @@ MEASUREMENTS: dict[str, tuple[str, ...]] = {
     "VNDTV": ("dt", "dtheta", "dvel"),
     "VNHVE": ("heave",),
 }
-"""Quantities of an asynchronous message, in the order of its fields."""
+"""Quantities of an asynchronous message in the order of its fields."""
 
-SAMPLED = frozenset(message.encode() for message in MEASUREMENTS)
-"""Headers of the measurements, as they stand on the line."""
+MEASUREMENT_HEADERS = frozenset(message.encode() for message in MEASUREMENTS)
+"""Headers of the measurements as bytes."""
 
-FOREIGN = frozenset({"VNGPS", "VNGPE", "VNINS", "VNINE", "VNISL", "VNISE", "VNG2S", "VNG2E", "VNRTK"})
-"""Asynchronous messages of the VN-200 and VN-300: valid, but nothing in them is sampled here."""
+OTHER_PRODUCTS = frozenset({"VNGPS", "VNGPE", "VNINS", "VNINE", "VNISL", "VNISE", "VNG2S", "VNG2E", "VNRTK"})
+"""Asynchronous messages of the VN-200 and VN-300: valid, but not decoded."""
 
 ERRORS = {
     0x01: "hard fault", 0x02: "serial input buffer overflow", 0x03: "invalid checksum",
@@ -91,38 +89,38 @@ ERRORS = {
     0x0A: "watchdog reset", 0x0B: "serial output buffer overflow",
     0x0C: "baud rate too low for the requested output", 0xFF: "error buffer overflow",
 }  # fmt: skip
-"""Meaning of the code of ``VNERR``."""
+"""Meaning of the codes of ``VNERR``."""
 
 SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[^$\r\n\xfa]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
-"""Frame of a sentence. A beginning of another message ends it, so a cut one never swallows the next; what
-else the line has made of its characters is for the check to find."""
+"""Frame of a sentence. The start of another message ends it, so a truncated sentence never includes the next
+one. The checksum detects other damaged characters."""
 
-_BEGUN = re.compile(rb"\$(?:V(?:N(?:[A-Z0-9]{1,2}|[A-Z0-9]{3}(?:[,*][^$\r\n\xfa]*\r?)?)?)?)?")
+_PREFIX = re.compile(rb"\$(?:V(?:N(?:[A-Z0-9]{1,2}|[A-Z0-9]{3}(?:[,*][^$\r\n\xfa]*\r?)?)?)?)?")
 _LINE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[ -#%-~]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|XXXX|XX)\r?\n?")
 
 PRINTABLE = re.compile(rb"[ -~]*")
-"""Characters of a body."""
+"""Body of printable characters."""
 
-_SHAPE = bytes.maketrans(b"-123456789", b"+000000000")
+_TO_PATTERN = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
 _APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")
-_MAX_DIGITS = 15
-_FEW = 8
+_MAX_DIGITS = 15  # digits; 10^15 < 2^53, so the integer is exact. Required, not tuned
+_MIN_ARRAY = 8  # sentences; fewer are checked one by one. Sets the speed only. Not critical
 _HEX = np.array([list(b"%02X" % value) for value in range(256)], np.uint8)
 
 
-def begun(data: bytes, at: int) -> bool:
-    """Whether everything from `at` to the end may be the beginning of a sentence."""
-    return len(data) - at < LIMIT and _BEGUN.fullmatch(data, at) is not None
+def is_prefix(data: bytes, at: int) -> bool:
+    """Return whether the bytes from `at` to the end may be the beginning of a sentence."""
+    return len(data) - at < MAX_SENTENCE_BYTES and _PREFIX.fullmatch(data, at) is not None
 
 
 def intact(body: bytes, check: bytes) -> bool:
-    """Whether the check, two or four hexadecimal digits, is the body's."""
+    """Return whether the checksum, two or four hexadecimal digits, matches the body."""
     return int(check, 16) == (xor8(body) if len(check) == 2 else crc16(body))
 
 
 def encode(body: str | bytes, check: Literal["xor", "crc"] = "xor") -> bytes:
-    """Sentence with its frame and check, ready for the line.
+    """Return the sentence of a body: with frame and checksum.
 
     >>> encode("VNRRG,01")
     b'$VNRRG,01*72\\r\\n'
@@ -133,40 +131,42 @@ def encode(body: str | bytes, check: Literal["xor", "crc"] = "xor") -> bytes:
 
 
 def parse(line: bytes, *, bypass: bool = False) -> tuple[str, tuple[str, ...]] | None:
-    """Five letters and fields of one line; None when it is no sentence or its check is wrong.
+    """Return header and fields of a line; None if it is not a sentence or its checksum is wrong.
 
-    A host may write ``XX`` for the check, a sensor may not: `bypass` takes it.
+    Parameters
+    ----------
+    bypass : whether ``XX`` counts as a checksum, which only a host may send.
 
     >>> parse(b"$VNWRG,07,40*59\\n"), parse(b"$VNRRG,01*XX"), parse(b"$VNRRG,01*XX", bypass=True)
     (('VNWRG', ('07', '40')), None, ('VNRRG', ('01',)))
     """
-    found = _LINE.fullmatch(line)
-    if found is None:
+    match = _LINE.fullmatch(line)
+    if match is None:
         return None
-    body, check = found.groups()
+    body, check = match.groups()
     if not (bypass if check[:1] == b"X" else intact(body, check)):
         return None
     return split(body)
 
 
 def split(body: bytes) -> tuple[str, tuple[str, ...]]:
-    """Five letters and the fields behind them, of a body in ASCII."""
+    """Return header and fields of a body in ASCII."""
     command, *fields = body.decode("ascii").split(",")
     return command, tuple(fields)
 
 
 def numbers(message: str, values: Sequence[float]) -> list[str]:
-    """Fields of a measurement as the sensor prints them.
+    """Return the fields of a measurement as the sensor prints them.
 
     >>> numbers("VNACC", (0.02, -0.0921, -9.683))
     ['+00.020', '-00.092', '-09.683']
     """
-    forms = [FORMS[q] for q in MEASUREMENTS[message] for _ in range(WIDTHS[q])]
-    return [form % value for form, value in zip(forms, values, strict=True)]
+    formats = [NUMBER_FORMATS[q] for q in MEASUREMENTS[message] for _ in range(WIDTHS[q])]
+    return [number_format % value for number_format, value in zip(formats, values, strict=True)]
 
 
 def sentence(message: str, values: Sequence[float], *appended: str) -> str:
-    """Body of a measurement, for `encode`; `appended` are fields such as ``T0000000543``.
+    """Return the body of a measurement for `encode`; `appended` are fields such as ``T0000000543``.
 
     >>> sentence("VNACC", (0.02, -0.0921, -9.683), "T0000000543")
     'VNACC,+00.020,-00.092,-09.683,T0000000543'
@@ -174,8 +174,8 @@ def sentence(message: str, values: Sequence[float], *appended: str) -> str:
     return ",".join((message, *numbers(message, values), *appended))
 
 
-def error(fields: tuple[str, ...]) -> SensorError | None:
-    """What the fields of ``VNERR`` say; None when they are no code."""
+def parse_error(fields: tuple[str, ...]) -> SensorError | None:
+    """Return the error in the fields of ``VNERR``; None if they are not an error code."""
     if len(fields) != 1 or not re.fullmatch("[0-9A-Fa-f]{1,2}", fields[0]):
         return None
     code = int(fields[0], 16)
@@ -184,91 +184,98 @@ def error(fields: tuple[str, ...]) -> SensorError | None:
 
 @dataclass(frozen=True, slots=True)
 class SentenceFormat:
-    """Grammar of all measurement sentences whose digits stand in the same columns.
+    """Grammar of all measurement sentences of one pattern.
 
     Attributes
     ----------
-    body : b characters, every digit 0 and every sign plus.
-    place : (b,) place value of each column's digit in its number; 0 where no number's digit stands.
-    start : (f,) first column of each of the f numbers; the column of its sign if it has one.
-    divisor : (f,) power of ten that puts the decimal point.
-    columns : where each quantity's numbers stand among the f.
-    recipe : what they become; None when the message has no sensor in it.
+    pattern : b characters, every digit 0 and every sign plus.
+    place_value : (b,) place value of the digit in each column; 0 where there is no digit of a number.
+    start : (f,) first column of each of the f numbers: the column of its sign if it has one.
+    divisor : (f,) power of ten for the decimal point.
+    columns : indices of the numbers of each quantity.
+    converter : converts the quantities to samples; None if the message has no sensor data.
     """
 
-    body: bytes
-    place: Floats
+    pattern: bytes
+    place_value: Floats
     start: npt.NDArray[np.intp]
     divisor: Floats
     columns: dict[str, slice]
-    recipe: Recipe | None
+    converter: SampleConverter | None
 
-    def run(self, data: bytes, at: int, check: int, end: int, most: int) -> int:
-        """How many valid sentences of this shape follow one another from `at` on.
+    def count_valid(self, data: bytes, at: int, check: int, end: int, limit: int) -> int:
+        """Return the number of consecutive valid sentences of this pattern from `at`, at most `limit`.
 
-        `check` and `end` are the numbers of check digits and of line end characters; the first one is known
-        to be valid. Few are looked at one by one, many in arrays that double as long as all are good.
+        The first one must be valid. A few are checked one by one, more in arrays whose size doubles as long
+        as all are valid.
+
+        Parameters
+        ----------
+        check, end : number of characters of the checksum and of the line end.
         """
-        size = len(self.body) + 2 + check + end
-        count, step = 1, _FEW
-        while count < most and count < _FEW:
-            if not self._valid(data, at + count * size, size):
+        size = len(self.pattern) + 2 + check + end
+        count, step = 1, _MIN_ARRAY
+        while count < limit and count < _MIN_ARRAY:
+            if not self._is_valid(data, at + count * size, size):
                 return count
             count += 1
-        while count < most:
-            step = min(2 * step, most - count)
-            good = self._equal(data[at + count * size : at + (count + step) * size], check, end, step)
-            count += good
-            if good < step:
+        while count < limit:
+            step = min(2 * step, limit - count)
+            valid = self._count_valid_rows(
+                data[at + count * size : at + (count + step) * size], check, end, step
+            )
+            count += valid
+            if valid < step:
                 break
         return count
 
-    def _valid(self, data: bytes, at: int, size: int) -> bool:
-        found = SENTENCE.match(data, at, at + size)
+    def _is_valid(self, data: bytes, at: int, size: int) -> bool:
+        match = SENTENCE.match(data, at, at + size)
         return (
-            found is not None
-            and found.end() == at + size
-            and found[1].translate(_SHAPE) == self.body
-            and intact(found[1], found[2])
+            match is not None
+            and match.end() == at + size
+            and match[1].translate(_TO_PATTERN) == self.pattern
+            and intact(match[1], match[2])
         )
 
-    def _equal(self, data: bytes, check: int, end: int, count: int) -> int:
-        """Of `count` sentences that fill `data`, those before one that is not valid or not of this shape."""
-        body = len(self.body)
-        pattern = np.frombuffer(b"$%s*" % self.body, np.uint8)
+    def _count_valid_rows(self, data: bytes, check: int, end: int, count: int) -> int:
+        """Return how many of `count` sentences in `data` precede one that is invalid or of another
+        pattern."""
+        body = len(self.pattern)
+        pattern = np.frombuffer(b"$%s*" % self.pattern, np.uint8)
         rows = np.frombuffer(data, np.uint8).reshape(count, -1)
-        shapes = np.frombuffer(data.translate(_SHAPE), np.uint8).reshape(count, -1)
-        good = (shapes[:, : body + 2] == pattern).all(axis=1)
-        good &= (rows[:, -end:] == list(b"\r\n"[-end:])).all(axis=1)
+        patterns = np.frombuffer(data.translate(_TO_PATTERN), np.uint8).reshape(count, -1)
+        valid = (patterns[:, : body + 2] == pattern).all(axis=1)
+        valid &= (rows[:, -end:] == list(b"\r\n"[-end:])).all(axis=1)
         if check == 2:
-            sums = _HEX[np.bitwise_xor.reduce(rows[:, 1 : body + 1], axis=1)]
+            expected = _HEX[np.bitwise_xor.reduce(rows[:, 1 : body + 1], axis=1)]
         else:
             crcs = (crc16(data[i + 1 : i + 1 + body]) for i in range(0, len(data), rows.shape[1]))
-            sums = np.frombuffer(b"".join(b"%04X" % crc for crc in crcs), np.uint8).reshape(count, 4)
-        good &= (rows[:, body + 2 : -end] == sums).all(axis=1)
-        return count if good.all() else int(good.argmin())
+            expected = np.frombuffer(b"".join(b"%04X" % crc for crc in crcs), np.uint8).reshape(count, 4)
+        valid &= (rows[:, body + 2 : -end] == expected).all(axis=1)
+        return count if valid.all() else int(valid.argmin())
 
     def read(self, data: bytes, at: int, size: int, count: int) -> Floats:
-        """Numbers of `count` sentences of `size` bytes each, (count, f)."""
-        body = len(self.body)
+        """Return the numbers of `count` sentences of `size` bytes each, (count, f)."""
+        body = len(self.pattern)
         rows = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)[:, 1 : body + 1]
-        digits = (rows - np.uint8(ord("0"))) * self.place
-        read: Floats = np.add.reduceat(digits, self.start, axis=1) / self.divisor
-        np.negative(read, out=read, where=rows.take(self.start, axis=1) == ord("-"))
-        return read
+        digits = (rows - np.uint8(ord("0"))) * self.place_value
+        values: Floats = np.add.reduceat(digits, self.start, axis=1) / self.divisor
+        np.negative(values, out=values, where=rows.take(self.start, axis=1) == ord("-"))
+        return values
 
     def quantity(self, values: Floats, name: str) -> npt.NDArray[Any]:
-        """One quantity of what `read` gave."""
+        """Return one quantity of the result of `read`."""
         return values[:, self.columns[name]]
 
 
-def shape(body: bytes) -> SentenceFormat | None:
-    """Shape of a measurement's body; None when it does not obey the message's grammar."""
-    return _shape(body.translate(_SHAPE))
+def sentence_format(body: bytes) -> SentenceFormat | None:
+    """Return the format of the body of a measurement; None if it violates the grammar of the message."""
+    return _format_of_pattern(body.translate(_TO_PATTERN))
 
 
 @lru_cache(maxsize=64)
-def _shape(body: bytes) -> SentenceFormat | None:
+def _format_of_pattern(body: bytes) -> SentenceFormat | None:
     message = body[:5].decode("ascii")
     quantities = MEASUREMENTS[message]
     fields = body[6:].split(b",")
@@ -297,5 +304,5 @@ def _shape(body: bytes) -> SentenceFormat | None:
         digits = [start + i for i, byte in enumerate(text) if byte == ord("0")]
         place[digits] = [float(10**power) for power in reversed(range(len(digits)))]
         divisor[number] = float(10 ** len(text.partition(b".")[2]))
-    found = recipe(frozenset(columns), "$" + message)
-    return SentenceFormat(body, place, np.array(starts), divisor, columns, found)
+    converter = sample_converter(frozenset(columns), "$" + message)
+    return SentenceFormat(body, place, np.array(starts), divisor, columns, converter)

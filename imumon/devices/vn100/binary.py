@@ -1,12 +1,12 @@
-"""Binary packets of the VN-100: layouts, read and written.
+"""Binary packets of the VN-100: layouts, decode and encode.
 
 A packet is ``FA``, the group byte, one 16-bit field word for each group that is set, the payload without
-padding, little endian, and the CRC16 big endian. Its length is not sent: it follows from the words. A set
-bit 7 of a group byte, or bit 15 of a field word, says that another one follows. What is not known by its
-size cannot be stepped over, so a header that names such a field is refused.
+padding in little endian, and the CRC16 in big endian. The length is not sent; it follows from the words. Bit
+7 of a group byte, or bit 15 of a field word, means that another one follows. A field of unknown size cannot
+be skipped, so a header that contains one is refused.
 
-Groups 4, 6 and 7 belong to the VN-200 and VN-300: sizes only. Names are the field's own in the
-manual's manner, with its group in front: ``2.timeStartup``.
+Groups 4, 6 and 7 belong to the VN-200 and VN-300: only their sizes are known. The name of a field is that of
+the manual after the number of its group: ``2.timeStartup``.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.devices.vn100.checksum import crc16, crc16_rows
-from imumon.devices.vn100.measurements import Recipe, recipe
+from imumon.devices.vn100.measurements import SampleConverter, sample_converter
 
 SYNC = 0xFA
-_FEW = 128
-"""Packets that are checked one by one; those behind them by the array."""
+_MIN_ARRAY = 128
+"""Packets; the first ones are checked one by one, the following ones as arrays. Sets the speed only. Not
+critical."""
 
 COMMON, TIME, IMU, ATTITUDE = 1, 2, 3, 5
 
@@ -36,141 +37,163 @@ class BinaryField:
 
     Attributes
     ----------
-    code : numpy's type of its components, little endian.
+    code : numpy type of its components, little endian.
     width : number of components.
-    parts : quantities in it, as (first, last + 1) of its components.
+    quantities : quantities that it contains, each with (first, last + 1) of its components.
     """
 
     name: str
     code: str
     width: int
-    parts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    quantities: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
-def _f(name: str, code: str = "<f4", width: int = 3, **parts: tuple[int, int]) -> BinaryField:
-    return BinaryField(name, code, width, parts)
+def _field(name: str, code: str = "<f4", width: int = 3, **quantities: tuple[int, int]) -> BinaryField:
+    return BinaryField(name, code, width, quantities)
 
 
 _XYZ = (0, 3)
 _ONE = (0, 1)
-_TIME_STARTUP = _f("timeStartup", "<u8", 1, startup=_ONE)
-_VPE_STATUS = _f("vpeStatus", "<u2", 1, vpe=_ONE)
+_TIME_STARTUP = _field("timeStartup", "<u8", 1, startup=_ONE)
+_VPE_STATUS = _field("vpeStatus", "<u2", 1, vpe=_ONE)
 _GNSS = {
-    0: _f("utc", "u1", 8), 1: _f("tow", "<u8", 1), 2: _f("week", "<u2", 1), 3: _f("numSats", "u1", 1),
-    4: _f("fix", "u1", 1), 5: _f("posLla", "<f8"), 6: _f("posEcef", "<f8"), 7: _f("velNed"), 8: _f("velEcef"),
-    9: _f("posU"), 10: _f("velU", width=1), 11: _f("timeU", width=1),
-}  # fmt: skip
+    0: _field("utc", "u1", 8),
+    1: _field("tow", "<u8", 1),
+    2: _field("week", "<u2", 1),
+    3: _field("numSats", "u1", 1),
+    4: _field("fix", "u1", 1),
+    5: _field("posLla", "<f8"),
+    6: _field("posEcef", "<f8"),
+    7: _field("velNed"),
+    8: _field("velEcef"),
+    9: _field("posU"),
+    10: _field("velU", width=1),
+    11: _field("timeU", width=1),
+}
 
 GROUPS: dict[int, dict[int, BinaryField]] = {
     COMMON: {
         0: _TIME_STARTUP,
-        1: _f("timeGps", "<u8", 1),
-        2: _f("timeSyncIn", "<u8", 1),
-        3: _f("ypr"),
-        4: _f("quat", width=4),
-        5: _f("angularRate", gyro=_XYZ),
-        6: _f("posLla", "<f8"),
-        7: _f("velNed"),
-        8: _f("accel", accel=_XYZ),
-        9: _f("imu", width=6, uaccel=_XYZ, ugyro=(3, 6)),
-        10: _f("magPres", width=5, mag=_XYZ, temp=(3, 4), pres=(4, 5)),
-        11: _f("deltas", width=7, dt=_ONE, dtheta=(1, 4), dvel=(4, 7)),
+        1: _field("timeGps", "<u8", 1),
+        2: _field("timeSyncIn", "<u8", 1),
+        3: _field("ypr"),
+        4: _field("quat", width=4),
+        5: _field("angularRate", gyro=_XYZ),
+        6: _field("posLla", "<f8"),
+        7: _field("velNed"),
+        8: _field("accel", accel=_XYZ),
+        9: _field("imu", width=6, uaccel=_XYZ, ugyro=(3, 6)),
+        10: _field("magPres", width=5, mag=_XYZ, temp=(3, 4), pres=(4, 5)),
+        11: _field("deltas", width=7, dt=_ONE, dtheta=(1, 4), dvel=(4, 7)),
         12: _VPE_STATUS,
-        13: _f("syncInCnt", "<u4", 1),
-        14: _f("timeGpsPps", "<u8", 1),
+        13: _field("syncInCnt", "<u4", 1),
+        14: _field("timeGpsPps", "<u8", 1),
     },
     TIME: {
         0: _TIME_STARTUP,
-        1: _f("timeGps", "<u8", 1),
-        2: _f("gpsTow", "<u8", 1),
-        3: _f("gpsWeek", "<u2", 1),
-        4: _f("timeSyncIn", "<u8", 1),
-        5: _f("gpsPps", "<u8", 1),
-        6: _f("utc", "u1", 8),
-        7: _f("syncInCnt", "<u4", 1),
-        8: _f("syncOutCnt", "<u4", 1),
-        9: _f("timeStatus", "u1", 1),
+        1: _field("timeGps", "<u8", 1),
+        2: _field("gpsTow", "<u8", 1),
+        3: _field("gpsWeek", "<u2", 1),
+        4: _field("timeSyncIn", "<u8", 1),
+        5: _field("gpsPps", "<u8", 1),
+        6: _field("utc", "u1", 8),
+        7: _field("syncInCnt", "<u4", 1),
+        8: _field("syncOutCnt", "<u4", 1),
+        9: _field("timeStatus", "u1", 1),
     },
     IMU: {
-        0: _f("imuStatus", "<u2", 1),
-        1: _f("uncompMag", umag=_XYZ),
-        2: _f("uncompAccel", uaccel=_XYZ),
-        3: _f("uncompGyro", ugyro=_XYZ),
-        4: _f("temp", width=1, temp=_ONE),
-        5: _f("pres", width=1, pres=_ONE),
-        6: _f("deltaTheta", width=4, dt=_ONE, dtheta=(1, 4)),
-        7: _f("deltaVel", dvel=_XYZ),
-        8: _f("mag", mag=_XYZ),
-        9: _f("accel", accel=_XYZ),
-        10: _f("angularRate", gyro=_XYZ),
-        11: _f("sensSat", "<u2", 1, sat=_ONE),
+        0: _field("imuStatus", "<u2", 1),
+        1: _field("uncompMag", umag=_XYZ),
+        2: _field("uncompAccel", uaccel=_XYZ),
+        3: _field("uncompGyro", ugyro=_XYZ),
+        4: _field("temp", width=1, temp=_ONE),
+        5: _field("pres", width=1, pres=_ONE),
+        6: _field("deltaTheta", width=4, dt=_ONE, dtheta=(1, 4)),
+        7: _field("deltaVel", dvel=_XYZ),
+        8: _field("mag", mag=_XYZ),
+        9: _field("accel", accel=_XYZ),
+        10: _field("angularRate", gyro=_XYZ),
+        11: _field("sensSat", "<u2", 1, sat=_ONE),
     },
     4: _GNSS,
     ATTITUDE: {
         0: _VPE_STATUS,
-        1: _f("ypr"),
-        2: _f("quat", width=4),
-        3: _f("dcm", width=9),
-        4: _f("magNed"),
-        5: _f("accelNed"),
-        6: _f("linAccelBody"),
-        7: _f("linAccelNed"),
-        8: _f("yprU"),
-        12: _f("heave"),
-        13: _f("attU", width=1),
+        1: _field("ypr"),
+        2: _field("quat", width=4),
+        3: _field("dcm", width=9),
+        4: _field("magNed"),
+        5: _field("accelNed"),
+        6: _field("linAccelBody"),
+        7: _field("linAccelNed"),
+        8: _field("yprU"),
+        12: _field("heave"),
+        13: _field("attU", width=1),
     },
     6: {
-        0: _f("insStatus", "<u2", 1), 1: _f("posLla", "<f8"), 2: _f("posEcef", "<f8"), 3: _f("velBody"),
-        4: _f("velNed"), 5: _f("velEcef"), 6: _f("magEcef"), 7: _f("accelEcef"), 8: _f("linAccelEcef"),
-        9: _f("posU", width=1), 10: _f("velU", width=1),
+        0: _field("insStatus", "<u2", 1),
+        1: _field("posLla", "<f8"),
+        2: _field("posEcef", "<f8"),
+        3: _field("velBody"),
+        4: _field("velNed"),
+        5: _field("velEcef"),
+        6: _field("magEcef"),
+        7: _field("accelEcef"),
+        8: _field("linAccelEcef"),
+        9: _field("posU", width=1),
+        10: _field("velU", width=1),
     },
     7: _GNSS,
-}  # fmt: skip
-"""Fields by group and bit. Matrices are column by column; dt (s) is the first component of an increment."""
+}
+"""Fields by group and bit. Matrices are in column-major order; dt (s) is the first component of an
+increment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinaryLayout:
-    """One make of packet.
+    """Layout of one type of packet.
 
     Attributes
     ----------
-    header : sync byte, group byte(s) and field words as they stand on the line.
-    length : bytes of the whole packet.
-    dtype : of one whole packet, every field a vector named ``group.name``; ``header`` and ``crc`` frame it.
+    header : sync byte, group bytes and field words as bytes.
+    length : bytes of a packet.
+    dtype : type of a packet; each field is a vector named ``group.name``, between ``header`` and ``crc``.
     sources : field and components of each quantity.
-    recipe : what becomes samples; None when there is no sensor in it.
+    converter : converts the quantities to samples; None if the packet has no sensor data.
     """
 
     header: bytes
     length: int
     dtype: np.dtype[np.void]
     sources: dict[str, tuple[str, slice]]
-    recipe: Recipe | None
+    converter: SampleConverter | None
 
     @staticmethod
     def of(words: Mapping[int, int]) -> BinaryLayout:
-        """Layout by field word of each group.
+        """Return the layout with these field words by group.
+
+        Raises
+        ------
+        ValueError : a group or a field of unknown size, or no field.
 
         >>> BinaryLayout.of({TIME: 0x0001, IMU: 0x00C0}).length
         44
         """
-        if any(word & ~_KNOWN.get(group, 0) for group, word in words.items()):
-            raise ValueError("no such binary output: a group or field whose size is not known")
+        if any(word & ~_KNOWN_BITS.get(group, 0) for group, word in words.items()):
+            raise ValueError("no such binary output: a group or a field of unknown size")
         groups = sum(1 << (group - 1) for group in words)
         header = bytes((SYNC, groups)) + b"".join(words[g].to_bytes(2, "little") for g in sorted(words))
-        made = layout(header)
-        if made is None:
+        layout = parse_header(header)
+        if layout is None:
             raise ValueError("no such binary output: no group, or a group without a field")
-        return made
+        return layout
 
     def encode(self, values: Mapping[str, npt.ArrayLike]) -> bytes:
-        """Packets, one after the other, one for each row.
+        """Return the bytes of packets, one for each row.
 
         Parameters
         ----------
-        values : fields by name, with or without the group in front (then in all groups that have it);
-            (n, k) or, for k = 1, (n,). A field that is not given is zero.
+        values : fields by name, with or without the number of the group (then in all groups that have it);
+            (n, k) or, for k = 1, (n,). Missing fields are zero.
         """
         arrays = {name: np.asarray(value) for name, value in values.items()}
         packets = np.zeros(max(len(a) for a in arrays.values()), self.dtype)
@@ -185,113 +208,113 @@ class BinaryLayout:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Names of the payload's fields, in their order."""
+        """Names of the fields of the payload in their order."""
         return tuple(name for name in self.dtype.names or () if "." in name)
 
     def decode(self, data: bytes, at: int = 0, count: int = 1) -> npt.NDArray[np.void]:
-        """(count,) packets as a structured array; their CRC is taken on trust."""
+        """Return (count,) packets as a structured array, without a check of their CRC."""
         return np.frombuffer(data, self.dtype, count, at)
 
     def quantity(self, packets: npt.NDArray[np.void], name: str) -> npt.NDArray[Any]:
-        """(count, k) one quantity of what `decode` gave."""
-        of, components = self.sources[name]
-        vectors: npt.NDArray[Any] = packets[of]
+        """Return (count, k), one quantity of the result of `decode`."""
+        source, components = self.sources[name]
+        vectors: npt.NDArray[Any] = packets[source]
         return vectors[:, components]
 
-    def count(self, data: bytes, at: int, most: int) -> int:
-        """How many valid packets of this layout follow one another from `at` on."""
-        good = self._one_by_one(data, at, min(most, _FEW))
-        size = _FEW
-        # many at once only behind many good ones: a damaged line is not looked at over and over
-        while good >= size and good < most:
-            size = min(4 * size, most - good)
-            rows = np.frombuffer(data, np.uint8, size * self.length, at + good * self.length)
-            bad = self._invalid(rows.reshape(size, self.length))
-            first = int(bad.argmax())
-            if bad[first]:
-                return good + first
-            good += size
-        return good
+    def count_valid(self, data: bytes, at: int, limit: int) -> int:
+        """Return the number of consecutive valid packets of this layout from `at`, at most `limit`."""
+        count = self._count_valid_singly(data, at, min(limit, _MIN_ARRAY))
+        size = _MIN_ARRAY
+        # arrays only after many valid packets, so that damaged data are not checked again and again
+        while count >= size and count < limit:
+            size = min(4 * size, limit - count)
+            rows = np.frombuffer(data, np.uint8, size * self.length, at + count * self.length)
+            invalid = self._is_invalid(rows.reshape(size, self.length))
+            first = int(invalid.argmax())
+            if invalid[first]:
+                return count + first
+            count += size
+        return count
 
-    def _one_by_one(self, data: bytes, at: int, most: int) -> int:
-        """As `count`, for a few."""
-        header, begun = self.header, crc16(self.header[1:])
-        span = memoryview(data)[at : at + most * self.length]
+    def _count_valid_singly(self, data: bytes, at: int, limit: int) -> int:
+        """Return the same as `count_valid`, packet by packet."""
+        header, header_crc = self.header, crc16(self.header[1:])
+        span = memoryview(data)[at : at + limit * self.length]
         packets = iter_unpack(f"{len(header)}s{self.length - len(header)}s", span)
-        for good, (head, rest) in enumerate(packets):
-            if head != header or crc16(rest, begun):
-                return good
-        return most
+        for count, (head, rest) in enumerate(packets):
+            if head != header or crc16(rest, header_crc):
+                return count
+        return limit
 
-    def _invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-        """Which rows are no valid packets of this layout."""
+    def _is_invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+        """Return for each row of bytes whether it is not a valid packet of this layout."""
         begin = len(self.header) - (self.length - len(self.header)) % 2
-        bad = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
+        invalid = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
         for column, byte in enumerate(self.header):
-            bad |= packets[:, column] != byte
-        return bad
+            invalid |= packets[:, column] != byte
+        return invalid
 
 
-class Incomplete(Exception):
-    """The header ends beyond the bytes there are."""
+class IncompleteHeader(Exception):
+    """The data end within the header."""
 
 
-def layout(data: bytes, at: int = 0) -> BinaryLayout | None:
-    """Layout of the packet that begins at `at`; None where no packet can begin.
+def parse_header(data: bytes, at: int = 0) -> BinaryLayout | None:
+    """Return the layout of the packet that begins at `at`; None if no packet can begin there.
 
     Raises
     ------
-    Incomplete
-        As long as the header may yet become one.
+    IncompleteHeader : the data end within a header that may be valid.
     """
-    byte, end = _word(data, at + 1, 1)
+    byte, end = _read_word(data, at + 1, 1)
     groups = [bit + 1 for bit in range(7) if byte >> bit & 1]
     if not groups:
         return None
     if byte & 0x80:
-        beyond, end = _word(data, end, 1)
-        if beyond:
+        extension, end = _read_word(data, end, 1)
+        if extension:
             return None
     for group in groups:
-        word, end = _word(data, end, 2)
-        if word & 0x7FFF & ~_KNOWN[group] or not word & 0x7FFF:
+        word, end = _read_word(data, end, 2)
+        if word & 0x7FFF & ~_KNOWN_BITS[group] or not word & 0x7FFF:
             return None
         if word & 0x8000:
-            beyond, end = _word(data, end, 2)
-            if beyond:
+            extension, end = _read_word(data, end, 2)
+            if extension:
                 return None
-    return _layout(data[at:end])
+    return _layout_of_header(data[at:end])
 
 
-def _word(data: bytes, at: int, size: int) -> tuple[int, int]:
-    """Little-endian number and where it ends."""
+def _read_word(data: bytes, at: int, size: int) -> tuple[int, int]:
+    """Return a little-endian number and the position after it."""
     if at + size > len(data):
-        raise Incomplete
+        raise IncompleteHeader
     return int.from_bytes(data[at : at + size], "little"), at + size
 
 
-_KNOWN = {group: sum(1 << bit for bit in fields) for group, fields in GROUPS.items()}
+_KNOWN_BITS = {group: sum(1 << bit for bit in fields) for group, fields in GROUPS.items()}
 
 
 @lru_cache(maxsize=64)
-def _layout(header: bytes) -> BinaryLayout:
-    """Layout of a header that is known to be good."""
+def _layout_of_header(header: bytes) -> BinaryLayout:
+    """Return the layout of a valid header."""
     names: list[str] = ["header"]
     formats: list[tuple[str, tuple[int, ...]]] = [("u1", (len(header),))]
     sources: dict[str, tuple[str, slice]] = {}
     words: list[int] = []
     at = 3 if header[1] & 0x80 else 2
     for group in (bit + 1 for bit in range(7) if header[1] >> bit & 1):
-        word, at = _word(header, at, 2)
+        word, at = _read_word(header, at, 2)
         at += 2 if word & 0x8000 else 0
         words.append(word)
         for item in (item for bit, item in GROUPS[group].items() if word >> bit & 1):
             names.append(f"{group}.{item.name}")
             formats.append((item.code, (item.width,)))
-            for part, (first, end) in item.parts.items():
-                sources.setdefault(part, (names[-1], slice(first, end)))
+            for quantity, (first, end) in item.quantities.items():
+                sources.setdefault(quantity, (names[-1], slice(first, end)))
     names.append("crc")
     formats.append(("u1", (2,)))
     dtype = np.dtype({"names": names, "formats": formats})
     source = f"binary {header[1]:02X}:{','.join(f'{word:04X}' for word in words)}"
-    return BinaryLayout(header, dtype.itemsize, dtype, sources, recipe(frozenset(sources), source))
+    converter = sample_converter(frozenset(sources), source)
+    return BinaryLayout(header, dtype.itemsize, dtype, sources, converter)

@@ -1,18 +1,18 @@
-"""Decoder of what a VN-100 sends: bytes in any cuts in, samples and answers out.
+"""Decoder of the VN-100: bytes in any chunks to samples, responses and errors.
 
-The rules, which do not depend on how the bytes are cut:
+Rules, which do not depend on the chunks:
 
-- A message begins at ``$`` or at FA; every other byte in between is discarded.
-- Where the bytes there are may yet become a message, they wait. Where they cannot, or where the check is
-  wrong, **one** byte is discarded and the search goes on behind it: FA, ``$``, CR and LF all occur
-  inside payloads, and a damaged message must not take its neighbour along.
-- A message is valid when its frame, its check and its grammar are right. Then it is counted, all its
-  bytes with it. Not every valid message is a sample: its numbers may not be finite.
-- A binary packet whose CRC is wrong counts as a bad checksum only where the line has shown its header before,
-  or none at all: in the payload of a damaged packet chance makes headers, too.
+- A message begins at ``$`` or at FA; every other byte between messages is discarded.
+- Bytes that may become a message are kept until more bytes decide. If they cannot become one, or if the
+  checksum is wrong, **one** byte is discarded and the search continues after it: FA, ``$``, CR and LF all
+  occur inside payloads, and a damaged message must not take its neighbour with it.
+- A message is valid if its frame, its checksum and its grammar are valid. Then it is counted with all its
+  bytes. Not every valid message is a sample: its numbers may not be finite.
+- A binary packet with a wrong CRC counts as a bad checksum only if its header occurred in a valid packet
+  before, or if there was no valid packet yet: the payload of a damaged packet contains random headers, too.
 
-So: fed = message_bytes + discarded + pending. Runs of equal messages are decoded as one array, which
-changes the speed alone. What was lost on the way is estimated by `Ledger`.
+Therefore fed = message_bytes + discarded + pending. Consecutive messages of one type are decoded as arrays,
+which changes only the speed. `LossCounter` estimates the number of lost messages.
 """
 
 from __future__ import annotations
@@ -26,83 +26,82 @@ import numpy as np
 
 from imumon.devices.vn100 import ascii, binary
 from imumon.devices.vn100.ascii import Response, SensorError
-from imumon.devices.vn100.measurements import Batch, Recipe
+from imumon.devices.vn100.measurements import ConvertedSamples, SampleConverter
 from imumon.samples import Ints, SampleBlock, concatenated
 
 _START = re.compile(rb"[$\xfa]")
 _TEXT = bytes(range(0x20, 0x7F)) + b"\r\n\t"
-_RUN = 8192
-"""Most messages decoded as one array: what is read at once has about as many."""
+_MAX_RUN = 8192
+"""Messages; most that are decoded as one array, about as many as one read delivers. Not critical."""
 
 
 DecodedItem: TypeAlias = SampleBlock | Response | SensorError
 
 
-class Ledger:
-    """Account of messages that were damaged on the line, by the name of their stream.
+class LossCounter:
+    """Estimates how many messages were damaged or lost, by the name of their stream.
 
-    A message that was recognised but came to no good counts for its own stream. Discarded bytes beyond those
-    count one for each message length of the stream they look like: pure text is a stream of sentences', all
-    else is a stream of packets', where the line has one; of several, the one with the most bytes.
-    Text between packets on a line without sentences is nobody's. Nothing counts before a
-    stream's first message.
+    A message that was recognised but is invalid counts for its own stream. Other discarded bytes count as one
+    message per message length of the stream that they resemble: text resembles sentences, other bytes
+    resemble packets; of several streams, the one with the most bytes. Text between packets counts for no
+    stream if there are no sentences. Nothing counts before the first message of a stream.
     """
 
     def __init__(self) -> None:
-        self._size: dict[bytes, int] = {}
-        self._share: dict[bytes, int] = {}
-        self._owed: dict[bytes, int] = {}
-        self._gap = 0
-        self._text = True
+        self._message_size: dict[bytes, int] = {}
+        self._total_bytes: dict[bytes, int] = {}
+        self._lost: dict[bytes, int] = {}
+        self._gap_bytes = 0
+        self._gap_is_text = True
 
-    def knows(self, name: bytes) -> bool:
-        """Whether a valid message of this name has come."""
-        return name in self._size
+    def has_seen(self, name: bytes) -> bool:
+        """Return whether there was a valid message of this name."""
+        return name in self._message_size
 
-    def discarded(self, data: bytes) -> None:
-        """These bytes belong to no message."""
-        self._gap += len(data)
-        self._text = self._text and not data.translate(None, _TEXT)
+    def add_discarded(self, data: bytes) -> None:
+        """Count bytes that belong to no valid message."""
+        self._gap_bytes += len(data)
+        self._gap_is_text = self._gap_is_text and not data.translate(None, _TEXT)
 
-    def damaged(self, name: bytes) -> None:
-        """A message of this name was recognised, but is not valid."""
-        if name in self._size:
-            self._owed[name] = self._owed.get(name, 0) + 1
-            self._gap -= self._size[name]
+    def add_damaged(self, name: bytes) -> None:
+        """Count a message of this name that was recognised but is invalid."""
+        if name in self._message_size:
+            self._lost[name] = self._lost.get(name, 0) + 1
+            self._gap_bytes -= self._message_size[name]
 
-    def owe(self, name: bytes, count: int) -> None:
-        """So many messages of this name are to be counted with its next."""
+    def add_lost(self, name: bytes, count: int) -> None:
+        """Count lost messages of this name."""
         if count:
-            self._owed[name] = self._owed.get(name, 0) + count
+            self._lost[name] = self._lost.get(name, 0) + count
 
-    def close(self) -> None:
-        """A valid message ends the gap, if there is one."""
-        if self._gap > 0:
-            packets = [name for name in self._share if name[0] == binary.SYNC]
-            sentences = [name for name in self._share if name[0] != binary.SYNC]
-            candidates = sentences if self._text or not packets else packets
+    def end_gap(self) -> None:
+        """Assign the discarded bytes before a valid message to a stream."""
+        if self._gap_bytes > 0:
+            packets = [name for name in self._total_bytes if name[0] == binary.SYNC]
+            sentences = [name for name in self._total_bytes if name[0] != binary.SYNC]
+            candidates = sentences if self._gap_is_text or not packets else packets
             if candidates:
-                name = max(candidates, key=self._share.__getitem__)
-                self.owe(name, round(self._gap / self._size[name]))
-        self._gap = 0
-        self._text = True
+                name = max(candidates, key=self._total_bytes.__getitem__)
+                self.add_lost(name, round(self._gap_bytes / self._message_size[name]))
+        self._gap_bytes = 0
+        self._gap_is_text = True
 
-    def valid(self, name: bytes, size: int, count: int) -> int:
-        """`count` valid messages of `size` bytes; answers how many were lost directly before."""
-        self.close()
-        self._size[name] = size
-        self._share[name] = self._share.get(name, 0) + size * count
-        return self._owed.pop(name, 0)
+    def add_valid(self, name: bytes, size: int, count: int) -> int:
+        """Count `count` valid messages of `size` bytes; return how many were lost directly before them."""
+        self.end_gap()
+        self._message_size[name] = size
+        self._total_bytes[name] = self._total_bytes.get(name, 0) + size * count
+        return self._lost.pop(name, 0)
 
 
 class Vn100Decoder:
-    """Push bytes, get items; see `sensors.contract.Decoder`.
+    """Feed bytes, get items; see `imumon.devices.base.RawDecoder`.
 
     Attributes
     ----------
-    malformed : sentences whose check was right, but whose fields were not.
-    nonfinite : valid messages that are no samples: a number not finite or beyond any that can be, an
-        interval not positive.
+    malformed : sentences with a valid checksum but invalid fields.
+    nonfinite : valid messages that are no samples: a number is not finite or not plausible, or an interval is
+        not positive.
 
     >>> decoder = Vn100Decoder()
     >>> decoder.feed(b"noise$VNRRG,07,40*5C\\r\\n$VNE"), decoder.pending
@@ -117,33 +116,33 @@ class Vn100Decoder:
         self.bad_checksums = 0
         self.malformed = 0
         self.nonfinite = 0
-        self._rest = b""
-        self._ledger = Ledger()
-        self._sampled: set[bytes] = set()
-        self._packets = False
+        self._buffer = b""
+        self._losses = LossCounter()
+        self._started_streams: set[bytes] = set()
+        self._seen_packet = False
         self._items: list[DecodedItem] = []
 
     @property
     def pending(self) -> int:
-        """Bytes held back until more come."""
-        return len(self._rest)
+        """Bytes kept until more bytes decide whether they are a message."""
+        return len(self._buffer)
 
     def feed(self, data: bytes) -> list[DecodedItem]:
-        """Items completed by `data`, in the order they ended."""
+        """Return the items that `data` completes, in the order of their last bytes."""
         self.fed += len(data)
-        return self._scan(self._rest + data, final=False)
+        return self._scan(self._buffer + data, final=False)
 
     def finish(self) -> list[DecodedItem]:
-        """Items among what is pending, now that nothing more will complete its beginning.
+        """Return the items in the pending bytes at the end of the stream.
 
-        What follows, if anything, is another connection: nothing is known of what was lost in between.
+        Bytes that are fed later belong to another connection; losses between the two are not estimated.
         """
-        items = self._scan(self._rest, final=True)
-        self._ledger = Ledger()
-        self._sampled.clear()
+        items = self._scan(self._buffer, final=True)
+        self._losses = LossCounter()
+        self._started_streams.clear()
         return items
 
-    @np.errstate(all="ignore")  # what is not finite is taken out afterwards
+    @np.errstate(all="ignore")  # rows that are not finite are removed later
     def _scan(self, data: bytes, final: bool) -> list[DecodedItem]:
         at, end = 0, len(data)
         while at < end:
@@ -153,134 +152,138 @@ class Vn100Decoder:
             at = begin
             if at == end:
                 break
-            taken = self._packet(data, at) if data[at] == binary.SYNC else self._sentence(data, at)
-            if taken is None:
+            size = self._packet(data, at) if data[at] == binary.SYNC else self._sentence(data, at)
+            if size is None:
                 if not final:
                     break
-                taken = 0
-            if taken == 0:
+                size = 0
+            if size == 0:
                 self._discard(data[at : at + 1])
-                taken = 1
-            at += taken
-        self._rest = data[at:]
+                size = 1
+            at += size
+        self._buffer = data[at:]
         items, self._items = self._items, []
-        return _joined(items)
+        return _merge_blocks(items)
 
     def _discard(self, data: bytes) -> None:
         if data:
             self.discarded += len(data)
-            self._ledger.discarded(data)
+            self._losses.add_discarded(data)
 
     def _packet(self, data: bytes, at: int) -> int | None:
-        """Bytes of the valid packets that begin here; 0 for none, None when more bytes must tell."""
+        """Return the bytes of the valid packets that begin here; 0: none, None: more bytes are needed."""
         try:
-            layout = binary.layout(data, at)
-        except binary.Incomplete:
+            layout = binary.parse_header(data, at)
+        except binary.IncompleteHeader:
             return None
         if layout is None:
             return 0
-        room = (len(data) - at) // layout.length
-        if room == 0:
+        complete = (len(data) - at) // layout.length
+        if complete == 0:
             return None
-        count = layout.count(data, at, min(room, _RUN))
+        count = layout.count_valid(data, at, min(complete, _MAX_RUN))
         if count == 0:
-            if self._ledger.knows(layout.header) or not self._packets:
+            if self._losses.has_seen(layout.header) or not self._seen_packet:
                 self.bad_checksums += 1
-            self._ledger.damaged(layout.header)
+            self._losses.add_damaged(layout.header)
             return 0
-        self._packets = True
+        self._seen_packet = True
         self._count(layout.length, count)
-        lost = self._ledger.valid(layout.header, layout.length, count)
-        if layout.recipe is not None:
+        lost = self._losses.add_valid(layout.header, layout.length, count)
+        if layout.converter is not None:
             packets = layout.decode(data, at, count)
-            batch = layout.recipe.batch(partial(layout.quantity, packets), count)
-            self._emit(layout.header, layout.recipe, batch, lost)
+            samples = layout.converter.convert(partial(layout.quantity, packets), count)
+            self._emit(layout.header, layout.converter, samples, lost)
         return layout.length * count
 
     def _sentence(self, data: bytes, at: int) -> int | None:
-        """As `_packet`, for sentences."""
-        found = ascii.SENTENCE.match(data, at, at + ascii.LIMIT)
-        if found is None:
-            if ascii.begun(data, at):
+        """Return the same as `_packet`, for sentences."""
+        match = ascii.SENTENCE.match(data, at, at + ascii.MAX_SENTENCE_BYTES)
+        if match is None:
+            if ascii.is_prefix(data, at):
                 return None
-            self._ledger.damaged(data[at + 1 : at + 6])
+            self._losses.add_damaged(data[at + 1 : at + 6])
             return 0
-        body, check = found.groups()
+        body, check = match.groups()
         if not ascii.intact(body, check):
             self.bad_checksums += 1
-            self._ledger.damaged(body[:5])
+            self._losses.add_damaged(body[:5])
             return 0
-        size = found.end() - at
-        if body[:5] in ascii.SAMPLED:
+        size = match.end() - at
+        if body[:5] in ascii.MEASUREMENT_HEADERS:
             return self._measurements(data, at, body, size, len(check))
-        answer = self._answer(body)
-        if answer is None:
+        items = self._parse_response(body)
+        if items is None:
             self.malformed += 1
             return 0
-        self._items += answer
-        self._ledger.close()
+        self._items += items
+        self._losses.end_gap()
         self._count(size, 1)
         return size
 
     @staticmethod
-    def _answer(body: bytes) -> list[DecodedItem] | None:
-        """Response or error in a sentence that is no measurement, if any; None when its grammar is wrong."""
+    def _parse_response(body: bytes) -> list[DecodedItem] | None:
+        """Return the response or error in a sentence that is not a measurement; None: its grammar is
+        wrong."""
         if ascii.PRINTABLE.fullmatch(body) is None:
             return None
         command, fields = ascii.split(body)
         if command == "VNERR":
-            error = ascii.error(fields)
+            error = ascii.parse_error(fields)
             return None if error is None else [error]
-        return [] if command in ascii.FOREIGN else [Response(command, fields)]
+        return [] if command in ascii.OTHER_PRODUCTS else [Response(command, fields)]
 
     def _measurements(self, data: bytes, at: int, body: bytes, size: int, check: int) -> int:
-        """Bytes of the valid sentences of one shape that begin with this one; 0 when its grammar is wrong."""
+        """Return the bytes of the valid sentences of one format from here; 0: the grammar is wrong."""
         name = body[:5]
-        shape = ascii.shape(body)
-        if shape is None:
+        sentence_format = ascii.sentence_format(body)
+        if sentence_format is None:
             self.malformed += 1
-            self._ledger.damaged(name)
+            self._losses.add_damaged(name)
             return 0
-        most = min((len(data) - at) // size, _RUN)
-        count = shape.run(data, at, check, size - len(body) - check - 2, most)
+        limit = min((len(data) - at) // size, _MAX_RUN)
+        count = sentence_format.count_valid(data, at, check, size - len(body) - check - 2, limit)
         self._count(size, count)
-        lost = self._ledger.valid(name, size, count)
-        if shape.recipe is not None:
-            values = shape.read(data, at, size, count)
-            self._emit(name, shape.recipe, shape.recipe.batch(partial(shape.quantity, values), count), lost)
+        lost = self._losses.add_valid(name, size, count)
+        converter = sentence_format.converter
+        if converter is not None:
+            values = sentence_format.read(data, at, size, count)
+            samples = converter.convert(partial(sentence_format.quantity, values), count)
+            self._emit(name, converter, samples, lost)
         return size * count
 
     def _count(self, size: int, count: int) -> None:
         self.messages += count
         self.message_bytes += size * count
 
-    def _emit(self, name: bytes, recipe: Recipe, batch: Batch, lost: int) -> None:
-        """Make a block of the usable samples of a batch; the others count as lost."""
-        total = len(batch.values)
+    def _emit(self, name: bytes, converter: SampleConverter, samples: ConvertedSamples, lost: int) -> None:
+        """Add a block of the valid samples; invalid ones count as lost."""
+        total = len(samples.values)
         before: Ints = np.zeros(total, np.int64)
-        if batch.usable is not None:
-            kept = np.flatnonzero(batch.usable)
-            self.nonfinite += total - len(kept)
-            if len(kept) == 0:
-                self._ledger.owe(name, lost + total)
+        if samples.valid is not None:
+            rows = np.flatnonzero(samples.valid)
+            self.nonfinite += total - len(rows)
+            if len(rows) == 0:
+                self._losses.add_lost(name, lost + total)
                 return
-            before = np.diff(kept, prepend=-1) - 1
-            self._ledger.owe(name, total - 1 - int(kept[-1]))
-            batch = batch.rows(kept)
+            before = np.diff(rows, prepend=-1) - 1
+            self._losses.add_lost(name, total - 1 - int(rows[-1]))
+            samples = samples.select(rows)
         before[0] += lost
-        if name not in self._sampled:
-            self._sampled.add(name)
+        if name not in self._started_streams:
+            self._started_streams.add(name)
             before[0] = 0
-        self._items.append(SampleBlock(recipe.stream, batch.values, batch.time_ns, before, batch.saturated))
+        block = SampleBlock(converter.stream, samples.values, samples.time_ns, before, samples.saturated)
+        self._items.append(block)
 
 
-def _joined(items: list[DecodedItem]) -> list[DecodedItem]:
-    """Blocks of one stream that follow one another, made one."""
-    joined: list[DecodedItem] = []
+def _merge_blocks(items: list[DecodedItem]) -> list[DecodedItem]:
+    """Return the items with consecutive blocks of one stream merged."""
+    merged: list[DecodedItem] = []
     for stream, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
         if stream is None:
-            joined += group
+            merged += group
             continue
         blocks = [block for block in group if isinstance(block, SampleBlock)]
-        joined.append(concatenated(blocks))
-    return joined
+        merged.append(concatenated(blocks))
+    return merged

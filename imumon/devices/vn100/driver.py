@@ -47,9 +47,9 @@ class Vn100Driver(DeviceDriver):
         return {}
 
     def setting_text(self, name: str, value: str) -> str | None:
-        from imumon.devices.vn100.register_text import meaning
+        from imumon.devices.vn100.register_text import describe_setting
 
-        return meaning(name, value)
+        return describe_setting(name, value)
 
     def add_run_options(self, parser: argparse.ArgumentParser) -> None:
         add = parser.add_argument

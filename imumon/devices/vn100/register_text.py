@@ -1,8 +1,8 @@
-"""Meanings: what the settings of a VN-100 do to its data, for people.
+"""Register text: what the settings of a VN-100 do to its data.
 
-A report carries register values as they stand on the wire, ``"85 IMU filtering": "0,4,4,4,0,0,3,3,3,0"``:
-that is what one compares and writes back. Here each is put into words. What is not known by its number
-or its form has no words, and is shown as it is.
+A report contains register values as sent, such as ``"85 IMU filtering": "0,4,4,4,0,0,3,3,3,0"``: this form is
+compared and written back. This module describes each value in a few words. Unknown registers and invalid
+values have no description and are shown unchanged.
 """
 
 from __future__ import annotations
@@ -34,72 +34,72 @@ from imumon.devices.vn100.registers import (
 Values = dict[str, Value]
 
 
-def meaning(name: str, text: str) -> str | None:
-    """What a setting does, in a few words; None where that is not known.
+def describe_setting(name: str, value: str) -> str | None:
+    """Return what a setting does, in a few words; None if it is unknown.
 
     Parameters
     ----------
-    name, text : register by number and name, and its value, as in a report.
+    name, value : number and name of the register, and its value, as in a report.
 
-    >>> meaning("85 IMU filtering", "0,4,4,4,0,0,3,3,3,0")
+    >>> describe_setting("85 IMU filtering", "0,4,4,4,0,0,3,3,3,0")
     'accel, gyro and temperature averaged over 4 samples (5 ms)'
-    >>> meaning("82 delta theta and delta velocity", "0,0,0,0,0")
-    'in the body frame, bias left in'
+    >>> describe_setting("82 delta theta and delta velocity", "0,0,0,0,0")
+    'in the body frame, bias not removed'
     """
     number = name.split()[0] if name else ""
-    if not number.isdigit() or int(number) not in _MEANINGS:
+    if not number.isdigit() or int(number) not in _DESCRIPTIONS:
         return None
     try:
-        values = REGISTERS[int(number)].parse(text.split(","))
-        return _MEANINGS[int(number)](values)
+        values = REGISTERS[int(number)].parse(value.split(","))
+        return _DESCRIPTIONS[int(number)](values)
     except (RegisterError, KeyError, IndexError):
         return None
 
 
-def _listed(words: Sequence[str]) -> str:
-    """Words with commas and an and.
+def _join(items: Sequence[str]) -> str:
+    """Return the items joined by commas and "and".
 
-    >>> _listed(["mag"]), _listed(["mag", "accel", "gyro"])
+    >>> _join(["mag"]), _join(["mag", "accel", "gyro"])
     ('mag', 'mag, accel and gyro')
     """
-    return " and ".join([*([", ".join(words[:-1])] if words[:-1] else []), *words[-1:]])
+    return " and ".join([*([", ".join(items[:-1])] if items[:-1] else []), *items[-1:]])
 
 
 def _calibration(values: Values) -> str:
-    """Registers 23, 84 and 25: out = C (in - b)."""
+    """Describe registers 23, 84 and 25: out = C (in - b)."""
     numbers = list(values.values())
     matrix, bias = numbers[:9], numbers[9:]
     changed = [
         *(["scale or axes"] if matrix != [1, 0, 0, 0, 1, 0, 0, 0, 1] else []),
         *(["bias"] if any(bias) else []),
     ]
-    return f"{_listed(changed)} changed by its user" if changed else "none but the manufacturer's"
+    return f"{_join(changed)} changed by the user" if changed else "factory calibration only"
 
 
 def _rotation(values: Values) -> str:
-    turned = list(values.values()) != [1, 0, 0, 0, 1, 0, 0, 0, 1]
-    return "axes are turned" if turned else "none: the axes of the housing"
+    rotated = list(values.values()) != [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    return "axes are rotated" if rotated else "none: the axes of the housing"
 
 
 def _filter(values: Values) -> str:
-    """Boxcar averages: who, over how many samples of the loop, and on which outputs."""
+    """Describe the boxcar averages: sensors, number of samples of the loop, and outputs."""
     by_window: dict[tuple[int, int], list[str]] = {}
     for sensor in ("mag", "accel", "gyro", "temperature", "pressure"):
         window, mode = int(values[f"{sensor}_window"]), int(values[f"{sensor}_mode"])
         if window > 1 and mode:
             by_window.setdefault((window, mode), []).append(sensor)
-    where = {1: ", uncompensated outputs alone", 2: ", compensated outputs alone", 3: ""}
+    where = {1: ", uncompensated outputs only", 2: ", compensated outputs only", 3: ""}
     parts = [
-        f"{_listed(sensors)} averaged over {window} samples ({1e3 * window / LOOP_RATE:g} ms){where[mode]}"
+        f"{_join(sensors)} averaged over {window} samples ({1e3 * window / LOOP_RATE:g} ms){where[mode]}"
         for (window, mode), sensors in by_window.items()
     ]
-    return "; ".join(parts) or "nothing is averaged"
+    return "; ".join(parts) or "no averages"
 
 
 def _delta(values: Values) -> str:
     frame = "north, east and down" if values["frame"] else "the body frame"
-    taken = [s for s in ("gyro", "accel") if values[f"{s}_compensation"]]
-    return f"in {frame}, bias {f'of {_listed(taken)} taken out' if taken else 'left in'}"
+    removed = [s for s in ("gyro", "accel") if values[f"{s}_compensation"]]
+    return f"in {frame}, bias {f'of {_join(removed)} removed' if removed else 'not removed'}"
 
 
 def _vpe(values: Values) -> str:
@@ -116,7 +116,7 @@ def _bias(values: Values) -> str:
 
 def _iron(values: Values) -> str:
     mode = {0: "off", 1: "on", 2: "reset"}[int(values["mode"])]
-    return f"hard and soft iron: {mode}, {'not used' if values['output'] == 1 else 'used'}"
+    return f"hard and soft iron: {mode}, {'not applied' if values['output'] == 1 else 'applied'}"
 
 
 def _protocol(values: Values) -> str:
@@ -124,7 +124,7 @@ def _protocol(values: Values) -> str:
     count = {1: "SyncIn count", 2: "SyncIn time", 3: "SyncOut count", 4: "time of the PPS"}
     added = [count[int(values["serial_count"])]] if values["serial_count"] else []
     added += ["status"] if values["serial_status"] else []
-    return f"{check}, {_listed(added) or 'nothing'} appended"
+    return f"{check}, {_join(added) or 'nothing'} appended"
 
 
 def _sync(values: Values) -> str:
@@ -146,7 +146,7 @@ def _type(values: Values) -> str:
     return f"${OUTPUT_TYPES[kind]}" if kind else "none"
 
 
-_MEANINGS: dict[int, Callable[[Values], str]] = {
+_DESCRIPTIONS: dict[int, Callable[[Values], str]] = {
     BAUD: lambda values: f"{values['baud']:,}",
     OUTPUT_TYPE: _type,
     OUTPUT_RATE: lambda values: f"{values['rate']} Hz",

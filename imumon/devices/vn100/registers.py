@@ -1,13 +1,11 @@
-"""Registers of the VN-100: their fields, factory values and what may be written.
+"""Registers of the VN-100: fields, factory values and allowed values.
 
-A register is a number and a list of comma-separated fields. This table is the one place that knows
-them; the session asks it what to read and how, the emulator what to answer and what to refuse.
-Values stay text, as on the wire, so that a register written back exactly as read is the same
-register; `Register.parse` turns them into numbers for those who reckon with them.
+A register has a number and comma-separated fields. The session uses this table to read and write registers,
+the emulator to answer and to refuse. Values are kept as text, as sent, so that a register that is written
+back exactly as read does not change; `Register.parse` converts them to numbers.
 
-Firmware generations 2 (2.0, 2.1) and 3 (3.1) differ in few places: register 44 (hard and soft iron
-estimation on in 2, off in 3), 74, 101, 102 and 206, and two ASCII output types.
-This file knows neither checksums nor messages.
+Firmware generations 2 (2.0, 2.1) and 3 (3.1) differ in register 44 (hard and soft iron estimation: on in 2,
+off in 3), registers 74, 101, 102 and 206, and two ASCII output types.
 """
 
 from __future__ import annotations
@@ -24,22 +22,22 @@ Value: TypeAlias = int | float | str
 BAUDS = (9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600)
 FACTORY_BAUD = 115200
 ASCII_RATES = (1, 2, 4, 5, 10, 20, 25, 40, 50, 100, 200)
-"""Rates in Hz that register 7 takes; firmware 3 takes 0 as well."""
+"""Hz; rates that register 7 accepts. Firmware 3 accepts 0 as well."""
 LOOP_RATE = 800
-"""Rate in Hz of the internal loop, by which the divisors of the binary outputs and the windows of
-register 85 are counted."""
+"""Hz; rate of the internal loop, the unit of the divisors of binary outputs and of the windows of register
+85."""
 
 OUTPUT_TYPES = {
     1: "VNYPR", 2: "VNQTN", 8: "VNQMR", 9: "VNDCM", 10: "VNMAG", 11: "VNACC", 12: "VNGYR", 13: "VNMAR",
     14: "VNYMR", 16: "VNYBA", 17: "VNYIA", 19: "VNIMU", 30: "VNDTV", 34: "VNHVE",
 }  # fmt: skip
-"""Message by the value of register 6; 0 is none. VNDCM is firmware 2's, VNHVE firmware 3's."""
+"""Message by the value of register 6; 0 is none. Only firmware 2 has VNDCM, only firmware 3 has VNHVE."""
 
 MEASUREMENTS = {
     8: "VNYPR", 9: "VNQTN", 15: "VNQMR", 17: "VNMAG", 18: "VNACC", 19: "VNGYR", 20: "VNMAR", 27: "VNYMR",
     54: "VNIMU", 80: "VNDTV", 115: "VNHVE", 239: "VNYBA", 240: "VNYIA",
 }  # fmt: skip
-"""Message whose fields a measurement register answers."""
+"""Message with the same fields as the response of a measurement register."""
 
 BAUD, OUTPUT_TYPE, OUTPUT_RATE = 5, 6, 7
 PROTOCOL, SYNC_CONTROL, SYNC_STATUS = 30, 32, 33
@@ -53,7 +51,7 @@ BAD_PARAMETER, BAD_REGISTER, NOT_ALLOWED, BAUD_TOO_LOW = 0x07, 0x08, 0x09, 0x0C
 
 
 class RegisterError(ValueError):
-    """A register or its fields are refused; `code` is the sensor's own error code."""
+    """A register or its fields are refused; `code` is the error code of the sensor."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -66,12 +64,12 @@ class RegisterField:
 
     Attributes
     ----------
-    name : as in the manual's table, snake case.
-    kind : how its text is read.
-    form : printf form of the text when it is stored; "" keeps integers plain and reals short.
-    low, high : limits, both allowed.
-    choices : allowed values instead of limits; empty: the limits hold.
-    only : values that just one firmware generation has.
+    name : as in the table of the manual, in snake case.
+    kind : type of its value.
+    form : printf format of the stored text; empty: plain integers, and reals with up to 7 digits.
+    low, high : smallest and largest allowed value; for text, `high` is the largest length.
+    choices : allowed values, which replace the limits; empty: the limits apply.
+    only : values that only one firmware generation has.
     """
 
     name: str
@@ -83,12 +81,11 @@ class RegisterField:
     only: dict[int, Generation] = field(default_factory=dict)
 
     def parse(self, text: str) -> Value:
-        """Value of the field's text.
+        """Return the value of a text.
 
         Raises
         ------
-        RegisterError
-            The text is no value of this kind (07).
+        RegisterError : 07, the text is not a value of this kind.
         """
         if self.kind == "text":
             return text
@@ -97,17 +94,17 @@ class RegisterField:
                 return int(text.strip(), 16)
             number = float(text)
         except ValueError:
-            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is no {self.kind}") from None
+            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}") from None
         if self.kind == "integer":
             if not number.is_integer():
-                raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is no integer")
+                raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not an integer")
             return int(number)
         if not math.isfinite(number):
             raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not finite")
         return number
 
     def normalise(self, text: str, generation: Generation) -> str:
-        """Text as the sensor keeps it, once its value is found to be allowed."""
+        """Return the text as the sensor stores it; refuse values that are not allowed."""
         value = self.parse(text)
         if isinstance(value, str):
             if len(value) > self.high:
@@ -119,10 +116,10 @@ class RegisterField:
         return self.format(value)
 
     def format(self, value: Value) -> str:
-        """Text of a value.
+        """Return the text of a value.
 
-        >>> RegisterField("bias", "real", "%+010.6f").format(0.0), RegisterField("word", "hex", "%04X").format(0x321)
-        ('+00.000000', '0321')
+        >>> RegisterField("bias", "real", "%+010.6f").format(0.0)
+        '+00.000000'
         """
         if isinstance(value, str):
             return value
@@ -135,13 +132,13 @@ class Register:
 
     Attributes
     ----------
-    id : its number.
-    name : as in the manual, in words.
-    fields : in the order on the wire. Registers 75-77 repeat the last one once for each set group.
-    factory : factory values as on the wire, by firmware generation; a generation that has no entry
-        lacks the register. Measurements have empty ones.
-    access : ``setting`` can be written, ``fixed`` is for reading, ``measurement`` is live.
-    ports : a port number may follow the value (registers 5-7), each port with its own value.
+    id : number.
+    name : as in the manual.
+    fields : in the order of transmission. Registers 75-77 repeat the last one for each set group.
+    factory : factory values as sent, by firmware generation. A generation without an entry does not have the
+        register. Those of measurements are empty.
+    access : ``setting`` can be written, ``fixed`` is read-only, ``measurement`` is read-only and live.
+    ports : whether a port number may follow the value (registers 5-7); each port has its own value.
     """
 
     id: int
@@ -155,7 +152,7 @@ class Register:
         return generation in self.factory
 
     def factory_values(self, generation: Generation) -> tuple[str, ...]:
-        """Fields as a new sensor of this firmware generation answers them.
+        """Return the fields of a new sensor of this firmware generation.
 
         >>> REGISTERS[85].factory_values(3)
         ('0', '4', '4', '4', '0', '0', '3', '3', '3', '0')
@@ -163,7 +160,7 @@ class Register:
         return tuple(self.factory[generation].split(","))
 
     def parse(self, values: Sequence[str]) -> dict[str, Value]:
-        """Values by field name; a repeated last field (registers 75-77) is numbered from 1.
+        """Return values by field name; a repeated last field (registers 75-77) is numbered from 1.
 
         >>> REGISTERS[75].parse(["1", "8", "05", "0001", "00C0"])
         {'async_mode': 1, 'divisor': 8, 'groups': 5, 'word1': 1, 'word2': 192}
@@ -171,16 +168,15 @@ class Register:
         layout = self._layout(values)
         if len(values) != len(layout):
             code = TOO_FEW if len(values) < len(layout) else TOO_MANY
-            raise RegisterError(code, f"register {self.id} takes {len(layout)} fields, not {len(values)}")
+            raise RegisterError(code, f"register {self.id} has {len(layout)} fields, not {len(values)}")
         return {entry.name: entry.parse(text) for entry, text in zip(layout, values, strict=True)}
 
     def normalise(self, values: Sequence[str], generation: Generation = 3) -> tuple[str, ...]:
-        """Fields as the sensor keeps them after they were written.
+        """Return the fields as the sensor stores them when they are written.
 
         Raises
         ------
-        RegisterError
-            05 too few fields, 06 too many, 07 a value that is not allowed, 09 not to be written.
+        RegisterError : 05 too few fields, 06 too many, 07 a value is not allowed, 09 read-only.
         """
         if self.access != "setting":
             raise RegisterError(NOT_ALLOWED, f"register {self.id} cannot be written")
@@ -188,7 +184,7 @@ class Register:
         if len(values) < len(layout):
             raise RegisterError(TOO_FEW, f"register {self.id} needs {len(layout)} fields")
         if len(values) > len(layout):
-            raise RegisterError(TOO_MANY, f"register {self.id} takes {len(layout)} fields")
+            raise RegisterError(TOO_MANY, f"register {self.id} has {len(layout)} fields")
         return tuple(entry.normalise(text, generation) for entry, text in zip(layout, values, strict=True))
 
     def _layout(self, values: Sequence[str]) -> tuple[RegisterField, ...]:
@@ -197,7 +193,7 @@ class Register:
         groups = self.fields[2].parse(values[2])
         count = int(groups).bit_count() if not isinstance(groups, str) else 0
         if len(values) != 3 + count:
-            raise RegisterError(BAD_PARAMETER, f"register {self.id}: one field word for each set group")
+            raise RegisterError(BAD_PARAMETER, f"register {self.id}: needs one field word for each set group")
         word = self.fields[3]
         words = (
             RegisterField(f"word{i + 1}", word.kind, word.form, word.low, word.high) for i in range(count)
@@ -230,7 +226,7 @@ _NMEA = (
     RegisterField("receiver", choices=(0, 1)),
     RegisterField("messages", "hex", "%08X", 0, 0xFFFFFFFF),
 )
-# A VN-100 has neither GNSS nor INS, but takes their groups (4, 6, 7), and fields, and fills them with zeros.
+# A VN-100 has neither GNSS nor INS, but accepts their groups (4, 6, 7) and fields and sends zeros for them.
 _BINARY = (
     RegisterField("async_mode", choices=(0, 1, 2, 3)),
     RegisterField("divisor", low=0, high=65535),
@@ -355,7 +351,7 @@ def _readings() -> Iterable[Register]:
 REGISTERS: dict[int, Register] = {
     register.id: register for register in sorted((*_settings(), *_readings()), key=lambda r: r.id)
 }
-"""Every register of a VN-100, of either firmware generation, by its number."""
+"""Every register of a VN-100 of either firmware generation, by number."""
 
 CHANGE_THE_DATA = (26, 35, 43, 44, 82, 85, 23, 25, 84, 30, 32, 5, 6, 7, 75, 76, 77)
-"""Registers whose setting changes what the samples mean, so a record of samples keeps them too."""
+"""Registers whose value changes the meaning of the samples; the report contains them."""
