@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100 import ascii
 from imumon.devices.vn100.binary import GROUPS, BinaryLayout
 from imumon.devices.vn100.checksum import crc16
@@ -344,10 +345,12 @@ def test_the_lowest_baud_that_carries_the_rate_is_chosen(rate: int) -> None:
 
 
 def test_impossible_rates_are_rejected() -> None:
-    with pytest.raises(ValueError, match="divided by a whole number"):
+    with pytest.raises(InvalidOption) as divided:
         EmulatorSettings(rate=300)
-    with pytest.raises(ValueError, match="give a higher baud"):
+    assert divided.value.code == "rate_invalid"
+    with pytest.raises(InvalidOption) as unfit:
         make(rate=100, baud=115200)
+    assert unfit.value.code == "rate_does_not_fit"
 
 
 def test_settings_survive_a_round_trip_through_the_command_line() -> None:

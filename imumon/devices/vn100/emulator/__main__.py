@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator import from_command_line, run
 
 if __name__ == "__main__":
     try:
         settings = from_command_line(sys.argv[1:])
-    except ValueError as error:
+    except InvalidOption as error:
         sys.exit(f"imumon sim: {error}")
     sys.exit(run(settings))

@@ -11,6 +11,7 @@ from math import inf
 
 import numpy as np
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.faults import Faults, ForeignDevice
@@ -45,7 +46,7 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
 
     Raises
     ------
-    ValueError
+    InvalidOption
         The rate does not fit the baud.
     """
     device = CommandHandler(settings, SensorModel(settings))
@@ -62,8 +63,10 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
             device.set_register(OUTPUT_TYPE, "0")
         if device.outputs.bytes_per_second() <= baud / 10:
             return device
-    raise ValueError(
-        f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}: give a higher baud or a lower rate"
+    raise InvalidOption(
+        "rate_does_not_fit",
+        f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}",
+        "give a higher baud or a lower rate",
     )
 
 
@@ -73,6 +76,10 @@ class Emulator:
     Parameters
     ----------
     now : s, host clock at the start.
+
+    Raises
+    ------
+    InvalidOption : the rate does not fit the baud, or the link cannot be created.
 
     Attributes
     ----------

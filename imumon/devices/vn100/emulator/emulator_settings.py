@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.faults import FOREIGN_DEVICES, Faults
 from imumon.devices.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE, Generation
 
@@ -37,6 +38,9 @@ class Noise:
 def _equal(n: float, b: float, k: float) -> Noise:
     return Noise((n, n, n), (b, b, b), (k, k, k))
 
+
+FASTEST = 1e4
+"""Largest time-lapse factor. Not critical."""
 
 GYRO = _equal(6.1e-5, 2.4e-5, 1e-6)
 ACCEL = _equal(1.37e-3, 2e-4, 1e-5)
@@ -87,15 +91,16 @@ class EmulatorSettings:
 
     def __post_init__(self) -> None:
         if self.rate != 0 and (self.rate < 0 or LOOP_RATE % self.rate):
-            raise ValueError(
-                f"--rate {self.rate:g}: a VN-100 sends at {LOOP_RATE} Hz divided by a whole number"
-            )
-        if not 0 < self.speed <= 1e4:
-            raise ValueError(f"--speed {self.speed:g}: give a number above 0, up to 10000")
+            cure = f"a VN-100 sends at {LOOP_RATE} Hz divided by a whole number"
+            raise InvalidOption("rate_invalid", f"--rate {self.rate:g}", cure)
+        if not 0 < self.speed <= FASTEST:
+            cure = f"give a number above 0, up to {FASTEST:.0f}"
+            raise InvalidOption("speed_invalid", f"--speed {self.speed:g}", cure)
         if self.seed is not None and self.seed < 0:
-            raise ValueError(f"--seed {self.seed}: give 0 or a positive whole number")
+            raise InvalidOption("seed_invalid", f"--seed {self.seed}", "give 0 or a positive whole number")
         if self.generation not in (2, 3):
-            raise ValueError(f"--firmware {self.firmware}: give a 2.x or 3.x version, such as 3.1.0.0")
+            cure = "give a 2.x or 3.x version, such as 3.1.0.0"
+            raise InvalidOption("firmware_invalid", f"--firmware {self.firmware}", cure)
 
     @property
     def generation(self) -> Generation:
@@ -226,7 +231,7 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
 
     Raises
     ------
-    ValueError
+    InvalidOption
         A value that no VN-100 can have.
     """
     values: dict[str, Any] = {

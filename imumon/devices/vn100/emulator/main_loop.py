@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.control import Control
 from imumon.devices.vn100.emulator.emulator import IDLE_S, Emulator
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
@@ -45,7 +46,7 @@ def run(settings: EmulatorSettings) -> int:
         signal.signal(number, lambda received, _: stop.append(received))
     try:
         emulator = Emulator(settings, time.monotonic())
-    except ValueError as error:
+    except InvalidOption as error:
         return _usage_error(str(error))
     except OSError as error:
         return _usage_error(f"--link {settings.link}: {error.strerror}")

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 
 _STOP_S = 2.0
@@ -26,6 +27,11 @@ class EmulatorProcess:
     ----------
     path : of the pseudo-terminal, as it was at the start.
     pid : of the process.
+
+    Raises
+    ------
+    InvalidOption
+        The emulator did not start.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -38,7 +44,7 @@ class EmulatorProcess:
         self.path = self._process.stdout.readline().strip()
         if not self.path:
             self.close()
-            raise ValueError("the emulator did not start; its own message says why")
+            raise InvalidOption("emulator_not_started", "the emulator did not start", "see its own message")
 
     def ask(self, command: str) -> dict[str, Any]:
         """Execute a command of the control channel; return the counters.

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.pty_clients import PtyClients
 
 OUTPUT_BUFFER = 2048
@@ -110,11 +111,11 @@ class PseudoTerminal:
     def _open(self, baud: int) -> None:
         link = Path(self._link) if self._link else None
         if link is not None and link.exists():  # checked first: openpty may return the name it points to
-            is_link = link.is_symlink()
-            problem = (
-                f"{link.readlink()} is in use: end its emulator" if is_link else "another file has this name"
-            )
-            raise ValueError(f"--link {link}: {problem}, or give another path")
+            if link.is_symlink():
+                problem, cure = f"{link.readlink()} is in use", "end its emulator, or give another path"
+            else:
+                problem, cure = "another file has this name", "give another path"
+            raise InvalidOption("link_in_use", f"--link {link}: {problem}", cure)
         self.master, self._slave = os.openpty()
         os.set_blocking(self.master, False)
         tty.setraw(self._slave)
