@@ -90,7 +90,7 @@ def _compensation(info: DeviceInfo) -> Iterator[Check]:
         text = f"the deltas are compensated, register {DELTA_CONTROL} is {control}"
         yield Check("compensation", "warning", text, "imumon run sets it to 0 while it runs")
     elif info.stream == "compensated":
-        text = f"the onboard filter has removed the bias from {info.source}: B and K would be those of the filter"
+        text = f"the onboard filter removes the bias from {info.source}: B and K would be those of the filter"
         yield Check("compensation", "warning", text, "imumon run uses the uncompensated deltas")
 
 

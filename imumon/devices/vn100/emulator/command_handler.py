@@ -1,9 +1,9 @@
 """Emulated VN-100 device: its commands, without a port or a clock.
 
-`CommandHandler.receive` takes bytes from the host, `replies` returns the replies that are due, `advance` runs the
-sensor. A reply has the same kind of checksum as its command. Register numbers may be unpadded and are answered
-with two digits. A port number other than 1 or 2 is error 07; output that does not fit the baud is error 0C. A
-reset is echoed; then the device is silent, then it starts with the saved registers.
+`CommandHandler.receive` takes bytes from the host, `replies` returns the replies that are due, `advance` runs
+the sensor. A reply has the same kind of checksum as its command. Register numbers may be unpadded and are
+answered with two digits. A port number other than 1 or 2 is error 07; output that does not fit the baud is
+error 0C. A reset is echoed; then the device is silent, then it starts with the saved registers.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Emulator process: starts the emulator and sends commands to it.
 
-The child reads commands from its standard input and exits at its end, so that it exits with its parent, however
-the parent ends.
+The child reads commands from its standard input and exits at its end, so that it exits with its parent,
+however the parent ends.
 """
 
 from __future__ import annotations

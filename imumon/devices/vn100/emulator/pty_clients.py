@@ -1,7 +1,7 @@
 """Clients of a pseudo-terminal: whether any process has it open.
 
-Bytes on a serial line that nobody reads are lost; a pseudo-terminal keeps kilobytes of them, and delivers them
-to the next client as if they were new. Linux reports every opening and closing of a file, also of a terminal
+Bytes on a serial line without a reader are lost; a pseudo-terminal keeps kilobytes of them, and delivers
+them to the next client as if they were new. Linux reports every opening and closing of a file, also of a terminal
 (inotify(7)). Where that is not available, a client is always assumed.
 """
 

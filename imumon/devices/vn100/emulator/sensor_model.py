@@ -36,7 +36,7 @@ JITTER_S = 4.7e-6
 
 
 def _tap(bandwidth: float) -> float:
-    """Return the outer tap a of [a, 1 - 2a, a], whose gain 1 - 2a (1 - cos w) is 1/sqrt(2) at the bandwidth in Hz."""
+    """Return a of the taps [a, 1 - 2a, a], whose gain 1 - 2a (1 - cos w) is 1/sqrt(2) at the bandwidth in Hz."""
     return (1.0 - sqrt(0.5)) / (2.0 * (1.0 - cos(2.0 * pi * bandwidth / LOOP_RATE)))
 
 
@@ -106,7 +106,7 @@ class SensorModel:
         return np.asarray(readings[:, reading - before])
 
     def integral(self, ticks: Ints, columns: slice) -> Floats:
-        """Return the sum over all ticks before each of `ticks`, divided by the rate, (n, k) channel unit * s."""
+        """Return the sum over all ticks before each of `ticks` divided by the rate, (n, k) channel unit * s."""
         total = self._sums[columns][:, ticks - self._first].T + CONSTANT[columns] * ticks[:, None]
         return np.asarray(total / LOOP_RATE)
 
