@@ -8,27 +8,18 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import reports
 from daemons import Daemon, free_endpoint
+from fake_device import FakeDriver
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
 from imumon.devices import registry
-from imumon.devices.base import (
-    Check,
-    Device,
-    DeviceDriver,
-    DeviceError,
-    DeviceLost,
-    DeviceOptions,
-    Observation,
-)
+from imumon.devices.base import Check, DeviceOptions, Observation
 from imumon.devices.registry import driver
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
@@ -43,7 +34,7 @@ from imumon.doctor.observations import (
 from imumon.doctor.probe_device import observe_device
 from imumon.doctor.probe_host import observe_port, observe_state, with_latency
 from imumon.errors import ImumonError
-from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock, Stream
+from imumon.samples import DeviceInfo
 
 
 @pytest.fixture
@@ -268,83 +259,34 @@ def test_ports_are_observed_without_opening_them(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------------- devices of other distributions
 
-STREAM = Stream("compensated", ("gyro/x",), "fake", "startup")
-
-
-class FakeDevice(Device):
-    """100 Hz samples with a sample clock, without bytes, registers or a serial port."""
-
-    def __init__(self, url: str) -> None:
-        super().__init__()
-        self._url = url
-        self._sent, self._start = 0, 0.0
-        self.closed = False
-
-    def open(self) -> DeviceInfo:
-        if self._url.endswith("absent"):
-            raise DeviceError("fake_absent", "there is no fake device", "create one")
-        self._start = time.monotonic()
-        return self.info()
-
-    def start(self) -> DeviceInfo:
-        raise AssertionError("the doctor starts no device")
-
-    def info(self) -> DeviceInfo:
-        return DeviceInfo(
-            id="fake", kind="fake", model="F-1", stream="compensated", source="fake", sample_rate_hz=100.0
-        )
-
-    def read(self, timeout_s: float) -> list[Item]:
-        time.sleep(min(timeout_s, 0.05))
-        if self._url.endswith("lost") and time.monotonic() > self._start + 0.3:
-            raise DeviceLost("fake_lost", "the fake device is gone")
-        due = int((time.monotonic() - self._start) * 100.0)
-        ticks, self._sent = np.arange(self._sent, due), due
-        values, lost = np.zeros((len(ticks), 1)), np.zeros(len(ticks), np.int64)
-        return [SampleBlock(STREAM, values, ticks * 10_000_000, lost)] if len(ticks) else []
-
-    @property
-    def counters(self) -> DeviceCounters:
-        return DeviceCounters()
-
-    def close(self) -> None:
-        self.closed = True
-
-
-class FakeDriver(DeviceDriver):
-    scheme = "fake"
-    title = "Fake"
-
-    def __init__(self) -> None:
-        self.devices: list[FakeDevice] = []
-
-    def create(self, options: DeviceOptions) -> Device:
-        self.devices.append(FakeDevice(options.url))
-        return self.devices[-1]
-
 
 @pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> FakeDriver:
-    fake, load = FakeDriver(), registry._load
-    monkeypatch.setattr(registry, "_load", lambda scheme: fake if scheme == "fake" else load(scheme))
-    return fake
+def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """URL of a device without bytes, registers and serial port."""
+    load = registry._load
+    monkeypatch.setattr(registry, "_load", lambda scheme: FakeDriver() if scheme == "fake" else load(scheme))
+    (tmp_path / "device").touch()
+    return f"fake:{tmp_path / 'device'}"
 
 
-def test_the_generic_checks_apply_to_any_device(case: Case, fake: FakeDriver) -> None:
-    found = by_name(case, "fake:a?rate=100")
+def test_the_generic_checks_apply_to_any_device(case: Case, fake: str) -> None:
+    found = by_name(case, fake)
     names = [name for name in found if name not in ("config", "zenoh", "state", "service")]
     assert names == ["port", "identity", "stream", "aliasing", "compensation", "rate", "clock"]
-    assert {name for name in names if found[name].status != "ok"} == {"aliasing", "compensation"}
-    assert "F-1" in found["identity"].text
-    assert [device.closed for device in fake.devices] == [True]
+    # its filter and its rate are unknown, and every 50th of its samples is missing
+    assert {name for name in names if found[name].status != "ok"} == {"aliasing", "rate"}
+    assert "missing" in found["rate"].text
 
 
-def test_a_device_that_is_absent_or_lost(case: Case, fake: FakeDriver) -> None:
-    absent = by_name(case, "fake:absent")
+def test_a_device_that_is_absent_or_lost(case: Case, fake: str, tmp_path: Path) -> None:
+    threading.Timer(0.5, (tmp_path / "device").unlink).start()
+    lost = by_name(case, fake)
+    assert failed(lost) == {"sensor"}
+    assert lost["stream"].status == "ok"
+    absent = by_name(case, fake)
     assert failed(absent) == {"sensor"}
-    assert (absent["sensor"].text, absent["sensor"].cure) == ("there is no fake device", "create one")
-    assert failed(by_name(case, "fake:lost")) == {"sensor"}
-    assert [device.closed for device in fake.devices] == [True, True]
+    assert "identity" not in absent
+    assert absent["sensor"].cure
 
 
 def test_an_unknown_scheme_is_one_failed_check(case: Case) -> None:

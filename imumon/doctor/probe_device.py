@@ -84,7 +84,11 @@ def observe_device(device: Device, seconds: float) -> Observation:
         lost=lost,
     )
     stream = streams.get(info.stream) if info.stream else next(iter(streams.values()), None)
-    return _with_samples(observation, stream) if stream else observation
+    if stream is None:
+        return observation
+    if info.stream is None:  # the device leaves it to its samples
+        info = replace(info, stream=stream.stream.kind, source=stream.stream.source)
+    return _with_samples(replace(observation, info=info), stream)
 
 
 def _with_samples(observation: Observation, stream: _StreamStatistics) -> Observation:
