@@ -1,11 +1,11 @@
-"""Benchmark of the emulator: its share of a core, its punctuality, and how fast time-lapse runs.
+"""Benchmark of the emulator: its share of a core, its timing, and the speed of time-lapse.
 
     python benchmarks/emulator.py [--seconds 10]
 
-Each row is a sensor on its pseudo-terminal, streaming to a reader that takes what there is. `lost` counts
-packets that are missing or invalid by their own time stamps; `late` is the time between two reads, a median
-and a 95 % quantile; `drift` is the sensor's clock against the room's over the run. For time-lapse, `x` is
-sensor time over processor time of the emulator: what one core could do that does nothing else.
+Each row is an emulator on its pseudo-terminal, streaming to a reader. `lost` counts packets that are missing
+according to their time stamps, or invalid; `late` is the time between two reads, median and 95 % quantile;
+`drift` is that of the sensor clock against the host clock over the run. For time-lapse, `x` is sensor time
+per processor time of the emulator: the speed at which one core is fully used.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ LAPSE = ("1,8,05,0001,00F2", BinaryLayout.of({1: 0x0001, 3: 0x00F2}))
 
 
 def processor_time(pid: int) -> float:
-    """Seconds of processor time that a process has taken."""
+    """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def stream(sensor: EmulatorProcess, baud: int, output: str, seconds: float) -> tuple[bytes, np.ndarray]:
-    """What a reader hears, and when it was given something (s)."""
+    """Return what a reader receives, and when each read returned (s)."""
     with serial.Serial(sensor.path, baud, timeout=1.0) as port:
         for command in ("VNASY,0", "VNWRG,06,0", f"VNWRG,75,{output}", "VNASY,1"):
             port.write(f"${command}*XX\r\n".encode())
             time.sleep(0.05)
         port.reset_input_buffer()
-        heard, times, end = [], [], time.monotonic() + seconds
+        received, times, end = [], [], time.monotonic() + seconds
         while time.monotonic() < end:
             select.select([port.fileno()], [], [], 1.0)
-            heard.append(os.read(port.fileno(), 1 << 16))
+            received.append(os.read(port.fileno(), 1 << 16))
             times.append(time.monotonic())
-    return b"".join(heard), np.array(times)
+    return b"".join(received), np.array(times)
 
 
 def stamps(data: bytes, layout: BinaryLayout) -> tuple[np.ndarray, int]:
-    """Time stamps in ns, and how many packets are invalid."""
+    """Return the time stamps in ns, and the number of invalid packets."""
     start = data.index(layout.header)
     count = (len(data) - start) // layout.length
     valid = layout.count_valid(data, start, count)

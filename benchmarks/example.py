@@ -96,8 +96,8 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
         baud=settings.baud,
         settings={
             "75 binary output 1": ",".join(OUTPUT),
-            "82 delta theta and delta velocity": ",".join(sensor.memory.read(82)),
-            "85 IMU filtering": ",".join(sensor.memory.read(85)),
+            "82 delta theta and delta velocity": ",".join(sensor.registers.read(82)),
+            "85 IMU filtering": ",".join(sensor.registers.read(85)),
         },
     )
     session = SessionCounters(

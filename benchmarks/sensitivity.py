@@ -198,7 +198,7 @@ def _imu(n: int, rate: float, seed: int) -> Any:
 
     gyro = synthesise(n, rate, N=[6.1e-5] * 3, B=2.4e-5, seed=2 * seed)
     accel = synthesise(n, rate, N=[1.3e-3] * 3, B=3e-4, seed=2 * seed + 1)
-    return np.column_stack((gyro, accel)) + [0.0, 0.0, 0.0, 0.0, 0.0, -9.8]
+    return np.column_stack((gyro, accel)) + np.array([0.0, 0.0, 0.0, 0.0, 0.0, -9.8])
 
 
 def _published(values: Any, rate: float, *, lose: float = 0.0, jitter_s: float = 0.0) -> dict[str, Any]:
@@ -215,9 +215,9 @@ def _published(values: Any, rate: float, *, lose: float = 0.0, jitter_s: float =
     stream = Stream("deltas", names, source="made", clock="startup", tick_s=None if jitter_s else 1.0 / 800.0)
     keep = random.random(len(values)) >= lose
     keep[:100] = True
-    time_ns = ((np.arange(len(values)) / rate + random.uniform(-jitter_s, jitter_s, len(values))) * 1e9).astype(
-        np.int64
-    )[keep]
+    time_ns = (
+        (np.arange(len(values)) / rate + random.uniform(-jitter_s, jitter_s, len(values))) * 1e9
+    ).astype(np.int64)[keep]
     values = values[keep]
     monitor = Monitor()
     events: list[str] = []
@@ -299,7 +299,7 @@ def difference(base: dict[str, Any], other: dict[str, Any] | str) -> tuple[float
         after = other[record]
         for name in before.keys() | after.keys():
             one, two = before.get(name), after.get(name)
-            if one == two or isinstance(one, str) and name.endswith(("text", "reason", "remarks/0")):
+            if one == two or (isinstance(one, str) and name.endswith(("text", "reason", "remarks/0"))):
                 continue
             both = isinstance(one, float) and isinstance(two, float)
             scale = max(abs(one), abs(two)) if both else 0.0  # type: ignore[arg-type,type-var]
@@ -344,7 +344,10 @@ def main() -> None:
             says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
             which = max(half, double)[1] if max(half[0], double[0]) > MOVED else ""
             name = f"{each.module.removeprefix('imumon.')}.{each.name}"
-            print(f"| {name} | {each.value:g} | {says} | {half[0]:.1%} | {double[0]:.1%} | {which} |", flush=True)
+            print(
+                f"| {name} | {each.value:g} | {says} | {half[0]:.1%} | {double[0]:.1%} | {which} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -1,17 +1,17 @@
-"""Reading never stalls: an hour at 800 Hz and 921600 baud with everything against it, and no sample is lost.
+"""Benchmark of reading under load: an hour at 800 Hz and 921600 baud must lose no sample.
 
     python benchmarks/stall.py [--minutes 60]
 
 A real emulator (`sim --baud`), a real daemon (`run --set-baud 921600`) and at the same time
-- a fit going on: a report is asked for ten times a second, and limits are renewed as they always are;
+- fits: ten reports per second, with the limits computed as usual;
 - a slow disk under the state (saved every 5 s) and the recording: a write takes 50 ms, an fsync or a rename
-  two seconds, and once a minute the disk answers nothing for ten seconds (`slow_disk.c`, beneath the real
+  two seconds, and once a minute the disk does not respond for ten seconds (`slow_disk.c`, preloaded into the
   daemon);
-- a stuck subscriber: a viewer that is stopped (SIGSTOP) for 20 s of every 25, so that its link fills up and
-  is cut again and again, beside a healthy one.
+- a stopped subscriber (SIGSTOP for 20 s of every 25), so that its link fills up and is closed repeatedly,
+  beside a running one.
 
-Counted against the emulator's own counters, which know every message it made; at the start and at the end it
-keeps still for a moment, so that both sides count the same. Exit code 1 if a sample was lost.
+The counters of the emulator, which include every message it made, are the reference; at the start and at the
+end it pauses for a moment, so that both sides count the same. Exit code 1 if a sample was lost.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ CONFIG = "[report]\nperiod_s = 0.1\n[state]\nsave_period_s = 5\n"
 
 @contextmanager
 def slow_disk(scratch: Path) -> Iterator[tuple[Path, dict[str, str]]]:
-    """Directory on a slow disk, and the environment of a process that sees it so."""
+    """Yield a directory on a slow disk, and the environment of a process for which it is slow."""
     compiler = shutil.which("cc")
     if compiler is None:
         raise SystemExit("stall.py makes a slow disk with a C compiler: install gcc")
@@ -64,8 +64,8 @@ def slow_disk(scratch: Path) -> Iterator[tuple[Path, dict[str, str]]]:
     Path(f"{directory}.hang").unlink(missing_ok=True)
 
 
-class Stillness(NamedTuple):
-    """Both sides with nothing on the way.
+class Pause(NamedTuple):
+    """Both sides while no message is in transit.
 
     Attributes
     ----------
@@ -79,29 +79,29 @@ class Stillness(NamedTuple):
     resident_kb: int
 
 
-def still(sensor: EmulatorProcess, daemon: Daemon, word: str) -> Stillness:
-    """For a moment the sensor is told to keep still.
+def pause(sensor: EmulatorProcess, daemon: Daemon, command: str) -> Pause:
+    """Pause the output of the emulator and return the counters of both sides.
 
-    With ``silence`` what it makes meanwhile is lost, with ``stall`` it waits, and so does what it answers.
+    With ``silence`` its output during the pause is lost; with ``stall`` it waits, and so do its replies.
     """
-    begun = stamp(datetime.now(UTC) + timedelta(seconds=0.5))
-    replies = sensor.ask(f"{word} 600")["replies"]
-    said: list[Report] = []
+    start = stamp(datetime.now(UTC) + timedelta(seconds=0.5))
+    replies = sensor.ask(f"{command} 600")["replies"]
+    reports: list[Report] = []
 
     def newer(report: Report) -> bool:
-        return report.time > (said[-1].time if said else begun)
+        return report.time > (reports[-1].time if reports else start)
 
-    while len(said) < 2 or said[-1].session.samples != said[-2].session.samples:
-        said.append(daemon.wait(newer))
+    while len(reports) < 2 or reports[-1].session.samples != reports[-2].session.samples:
+        reports.append(daemon.wait(newer))
     counted = sensor.ask("counters")
-    time.sleep(0.1)  # what the report took is given back
+    time.sleep(0.1)  # the memory of the report is freed
     memory = resident_kb(daemon.process.pid)
-    sensor.ask(f"{word} 0")
-    return Stillness(counted | {"replies": replies}, said[-1], memory)
+    sensor.ask(f"{command} 0")
+    return Pause(counted | {"replies": replies}, reports[-1], memory)
 
 
-class Adversity:
-    """The disk that hangs and the subscriber that is stuck, each at its times."""
+class Faults:
+    """The disk and the subscriber, each of which is stopped periodically."""
 
     def __init__(self, directory: Path, stuck: Actor) -> None:
         self._hang = Path(f"{directory}.hang")
@@ -110,7 +110,7 @@ class Adversity:
         self.hangs = self.stops = 0
         self._stopped = False
 
-    def go_on(self) -> None:
+    def update(self) -> None:
         passed = time.monotonic() - self._begun
         hangs = passed % HANG_EVERY_S > HANG_EVERY_S - HANG_S
         if hangs and not self._hang.exists():
@@ -129,11 +129,11 @@ class Adversity:
         self._stuck.kill(signal.SIGCONT)
 
 
-def watch(daemon: Daemon, adversity: Adversity, until: float) -> float:
-    """Longest time between two reports at the healthy subscriber, s."""
+def watch(daemon: Daemon, faults: Faults, until: float) -> float:
+    """Return the longest time between two reports at the running subscriber, s."""
     longest, arrived, version = 0.0, time.monotonic(), -1
     while (now := time.monotonic()) < until and daemon.process.poll() is None:
-        adversity.go_on()
+        faults.update()
         if daemon.viewer.version != version:
             version = daemon.viewer.version
             newest = max(at for _, at in daemon.viewer.reports().values())
@@ -143,25 +143,25 @@ def watch(daemon: Daemon, adversity: Adversity, until: float) -> float:
 
 
 def run(minutes: float, scratch: Path) -> dict[str, Any]:
-    """What was counted, by what it is."""
+    """Return the results by their names."""
     (scratch / "config.toml").write_text(CONFIG)
     with spawn(EmulatorSettings(seed=1, baud=BAUD)) as sensor, slow_disk(scratch) as (disk, environment):
         config, recording = str(scratch / "config.toml"), str(disk / "run.bin")
-        words = ["--set-baud", str(BAUD), "--config", config, "--record", recording]
-        words += ["--json", "--duration", "1e6"]
-        with Daemon(sensor.path, disk / "state", *words, environment=environment) as daemon:
+        options = ["--set-baud", str(BAUD), "--config", config, "--record", recording]
+        options += ["--json", "--duration", "1e6"]
+        with Daemon(sensor.path, disk / "state", *options, environment=environment) as daemon:
             daemon.samples(2000)
-            first, at_first, _ = still(sensor, daemon, "silence")
+            first, at_first, _ = pause(sensor, daemon, "silence")
             daemon.wait(lambda r: r.session.samples > at_first.session.samples + 800)
-            stuck = Actor("subscriber", connect=[daemon.endpoint]).ready()
-            adversity = Adversity(disk, stuck)
+            stuck = Actor("viewer", connect=[daemon.endpoint]).ready()
+            faults = Faults(disk, stuck)
             pid, begun = daemon.process.pid, time.monotonic()
             used, resident = cpu_s(pid), resident_kb(pid)
-            longest = watch(daemon, adversity, begun + 60.0 * minutes)
+            longest = watch(daemon, faults, begun + 60.0 * minutes)
             cpu = 100.0 * (cpu_s(pid) - used) / (time.monotonic() - begun)
             ended = resident_kb(pid)
-            adversity.end()
-            last, at_last, _ = still(sensor, daemon, "stall")
+            faults.end()
+            last, at_last, _ = pause(sensor, daemon, "stall")
             daemon.process.send_signal(signal.SIGTERM)
             out, err = daemon.ended(60)
             stuck.end()
@@ -176,21 +176,21 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
         "baud": at_last.device.baud,
         "samples sent by the emulator": sent,
         "samples received": received,
-        "missing, by the sensor's clock": session.missing - last["lost"],
+        "missing, by the sensor clock": session.missing - last["lost"],
         "dropped at a full terminal": last["dropped"] + last["overflowed"],
         "overruns of the queue": session.overruns - (session.kernel_overruns or 0),
         "overruns of the kernel": session.kernel_overruns,
-        "queue's high water, bytes": session.most_queued_bytes,
+        "most bytes queued": session.most_queued_bytes,
         "longest gap between reports, s": round(longest, 2),
-        "disk hung, times": adversity.hangs,
-        "subscriber stuck, times": adversity.stops,
+        "disk stopped, times": faults.hangs,
+        "subscriber stopped, times": faults.stops,
         "samples at the end": final.session.samples,
         "samples in the recording": again.session.samples,
         "CPU, percent of a core": round(cpu, 1),
         "resident at first, MB": round(resident / 1024, 1),
         "resident at the end, MB": round(ended / 1024, 1),
         "load average of the machine": " ".join(f"{load:.1f}" for load in os.getloadavg()),
-        "said": [line for line in err.splitlines() if "error" in line or "warning" in line],
+        "messages": [line for line in err.splitlines() if "error" in line or "warning" in line],
     }
 
 
@@ -200,21 +200,21 @@ def main() -> int:
     )
     parser.add_argument("--minutes", type=float, default=2.0)
     parser.add_argument("--json", action="store_true")
-    words = parser.parse_args()
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="imumon-stall-") as scratch:
-        found = run(words.minutes, Path(scratch))
-    if words.json:
-        print(json.dumps(found, indent=1))
+        results = run(arguments.minutes, Path(scratch))
+    if arguments.json:
+        print(json.dumps(results, indent=1))
     else:
-        found["overruns of the kernel"] = found["overruns of the kernel"] or (
-            0 if found["overruns of the kernel"] == 0 else "None: a pseudo-terminal has no TIOCGICOUNT"
+        results["overruns of the kernel"] = results["overruns of the kernel"] or (
+            0 if results["overruns of the kernel"] == 0 else "None: a pseudo-terminal has no TIOCGICOUNT"
         )
-        for name, value in found.items():
+        for name, value in results.items():
             print(f"{name:32} {value:,}" if isinstance(value, int) else f"{name:32} {value}")
-    lost = found["samples sent by the emulator"] - found["samples received"]
-    lost += found["missing, by the sensor's clock"]
-    whole = found["samples in the recording"] == found["samples at the end"]
-    print(f"{lost} samples lost{'' if whole else '; the recording is not whole'}", file=sys.stderr)
+    lost = results["samples sent by the emulator"] - results["samples received"]
+    lost += results["missing, by the sensor clock"]
+    whole = results["samples in the recording"] == results["samples at the end"]
+    print(f"{lost} samples lost{'' if whole else '; the recording is incomplete'}", file=sys.stderr)
     return 0 if lost == 0 and whole else 1
 
 

@@ -209,6 +209,7 @@ class DeviceCounters:
     Attributes
     ----------
     received_bytes : bytes that reached the decoder; 0 for devices without bytes.
+    messages : valid messages of any type; 0 for devices without bytes.
     discarded_bytes : bytes that belong to no valid message.
     bad_checksums : messages that were framed correctly and failed their check.
     overruns : times that data were lost on this side, in the kernel or at a full queue.
@@ -217,6 +218,7 @@ class DeviceCounters:
     """
 
     received_bytes: int = 0
+    messages: int = 0
     discarded_bytes: int = 0
     bad_checksums: int = 0
     overruns: int = 0

@@ -114,7 +114,9 @@ def test_only_a_device_package_imports_itself() -> None:
             if path.parts[:2] == ("devices", device):
                 continue
             assert not [found for found in imports(tree) if found.startswith(name)], path
-            texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+            texts = [
+                n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)
+            ]
             assert not [text for text in texts if name in text or f"devices.{device}" in text], path
 
 
@@ -126,7 +128,8 @@ PURE_MODULES = [
     or path.name == "braille_canvas.py"
     or (
         path.parts[:2] == ("devices", "vn100")
-        and path.name in ("decoder.py", "ascii.py", "binary.py", "measurements.py", "checksum.py", "registers.py")
+        and path.name
+        in ("decoder.py", "ascii.py", "binary.py", "measurements.py", "checksum.py", "registers.py")
     )
 ]
 IMPURE = {

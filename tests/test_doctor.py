@@ -1,4 +1,4 @@
-"""`imumon doctor`: every fault is found and named, nothing is changed, a running daemon is left alone."""
+"""`imumon doctor` names every fault, changes nothing, and does not disturb a running daemon."""
 
 from __future__ import annotations
 
@@ -8,30 +8,46 @@ import socket
 import subprocess
 import sys
 import threading
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import reports
 from daemons import Daemon, free_endpoint
+from fake_device import FakeDriver
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
-from imumon.devices.vn100.device_info import Vn100Info
+from imumon.devices import registry
+from imumon.devices.base import Check, DeviceOptions, Observation
+from imumon.devices.registry import driver
+from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.doctor import Case, Check, _candidates, checks, examine
-from imumon.doctor.observations import BusLook, Heard, PortLook, ServiceLook, StateLook
-from imumon.doctor.probe_device import listen
-from imumon.doctor.probe_host import look_at_port, look_at_state, with_latency
-from imumon.recordings import SerialPort
+from imumon.doctor import Case, checks, examine
+from imumon.doctor.doctor import candidate_ports
+from imumon.doctor.observations import (
+    PortObservation,
+    ServiceObservation,
+    StateObservation,
+    ZenohObservation,
+)
+from imumon.doctor.probe_device import observe_device
+from imumon.doctor.probe_host import observe_port, observe_state, with_latency
+from imumon.errors import ImumonError
+from imumon.samples import DeviceInfo
 
 
 @pytest.fixture
 def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
-    """An examination that meets nobody else on this machine's bus."""
-    place = free_endpoint()
-    monkeypatch.setattr("imumon.doctor.probe_zenoh.HEAR_S", 0.05)
-    settings = Settings(zenoh=ZenohSettings(listen=(place,)))
-    return Case(settings=settings, state_directory=tmp_path / "state", connect=(place,), seconds=1.0)
+    """A case without any daemon on the bus."""
+    endpoint = free_endpoint()
+    monkeypatch.setattr("imumon.doctor.probe_zenoh.ANSWER_S", 0.05)
+    settings = Settings(zenoh=ZenohSettings(listen=(endpoint,)))
+    return Case(settings=settings, state_directory=tmp_path / "state", connect=(endpoint,), seconds=1.0)
+
+
+def with_device(case: Case, device: DeviceSettings) -> Case:
+    return replace(case, settings=Settings(zenoh=case.settings.zenoh, device=device))
 
 
 def by_name(case: Case, port: str) -> dict[str, Check]:
@@ -42,10 +58,10 @@ def failed(found: dict[str, Check]) -> set[str]:
     return {name for name, check in found.items() if check.status == "failed"}
 
 
-# ---------------------------------------------------------------------- a sensor, and all that can ail it
+# ---------------------------------------------------------------------- a sensor and its faults
 
 
-def test_a_factory_sensor_is_well_and_its_traps_are_told(case: Case) -> None:
+def test_a_factory_sensor_has_two_warnings(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         found = by_name(case, sensor.path)
     assert not failed(found)
@@ -59,29 +75,35 @@ def test_a_factory_sensor_is_well_and_its_traps_are_told(case: Case) -> None:
     assert set(found) >= {"config", "port", "permission", "holder", "bandwidth", "checksums", "rate", "zenoh"}
 
 
-def test_the_sensor_is_left_as_it_was() -> None:
+def observe(path: str) -> Observation:
+    device = driver().create(DeviceOptions(url=path, settings=DeviceSettings()))
+    with closing(device):
+        device.open()
+        return observe_device(device, 0.3)
+
+
+def test_the_sensor_is_not_changed() -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        one, _ = listen(PortLook(path=sensor.path), False, 0.3)
-        other, _ = listen(PortLook(path=sensor.path), False, 0.3)
-        assert one.facts == other.facts
-        assert other.samples > 5  # it streams as before
+        first, second = observe(sensor.path), observe(sensor.path)
+    assert first.info == second.info
+    assert second.samples > 5  # it streams as before
 
 
 CLOCKED = EmulatorSettings(seed=1, rate=160.0)
-"""In binary, with the sensor's clock, and within the factory baud."""
+"""Binary, with a sample clock, and within the factory baud."""
 
 
 @pytest.mark.parametrize("fault", ["crc=0.2", "corrupt=0.005", "cut=0.2"])
-def test_damage_on_the_line_is_found(case: Case, fault: str) -> None:
+def test_damaged_messages_are_found(case: Case, fault: str) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask(f"fault {fault}")
-        found = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are hit for certain
+        found = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are certainly damaged
     assert found["checksums"].status == "failed", found
     assert found["checksums"].cure
 
 
 @pytest.mark.parametrize("fault", ["drop=0.25", "duplicate=0.5"])
-def test_a_stream_without_a_clock_is_counted(case: Case, fault: str) -> None:
+def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         sensor.ask(f"fault {fault}")
         found = by_name(replace(case, seconds=2.0), sensor.path)
@@ -89,7 +111,7 @@ def test_a_stream_without_a_clock_is_counted(case: Case, fault: str) -> None:
     assert found["rate"].cure
 
 
-def test_a_stream_with_a_clock_counts_what_is_missing(case: Case) -> None:
+def test_missing_samples_of_a_stream_with_a_clock_are_counted(case: Case) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask("fault drop=0.08")
         found = by_name(case, sensor.path)
@@ -98,61 +120,59 @@ def test_a_stream_with_a_clock_counts_what_is_missing(case: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "name", "status", "says"),
+    ("command", "name", "status", "text"),
     [
-        ("jump 5000", "clock", "failed", "leapt"),
-        ("jump -5", "clock", "failed", "leapt"),
-        ("stall 1.3", "stream", "warning", "nothing came"),
-        ("silence 1.3", "stream", "warning", "nothing came"),
+        ("jump 5000", "clock", "failed", "jumped"),
+        ("jump -5", "clock", "failed", "jumped"),
+        ("stall 1.3", "stream", "warning", "no data"),
+        ("silence 1.3", "stream", "warning", "no data"),
         ("unplug", "sensor", "failed", "unplugged"),
         ("reboot", "sensor", "failed", ""),
     ],
 )
-def test_what_happens_while_it_listens_is_told(
-    case: Case, command: str, name: str, status: str, says: str
+def test_events_during_the_observation_are_found(
+    case: Case, command: str, name: str, status: str, text: str
 ) -> None:
     with spawn(CLOCKED) as sensor:
-        heard: list[str] = []
+        answers: list[str] = []
 
-        def act(text: str) -> None:
-            if text.startswith("listening"):
-                threading.Timer(0.15, lambda: heard.append(str(sensor.ask(command)))).start()
+        def act(step: str) -> None:
+            if step.startswith("observing"):
+                threading.Timer(0.15, lambda: answers.append(str(sensor.ask(command)))).start()
 
         found = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=1.5), act)}
-    assert heard
-    if command == "reboot":  # it comes back with its sentences: either shows
+    assert answers
+    if command == "reboot":  # it sends its factory stream again: one of the two shows
         assert found["stream"].status == "warning" or failed(found), found
     else:
         assert found[name].status == status, found
-        assert says in found[name].text
+        assert text in found[name].text
 
 
-def test_another_device_is_told_apart(case: Case) -> None:
+def test_a_foreign_device_is_recognised(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, impostor="nmea")) as sensor:
         found = by_name(case, sensor.path)
     assert failed(found) == {"sensor"}
-    assert "NMEA" in found["sensor"].text
-    assert "GNSS" in str(found["sensor"].cure)
+    assert "GNSS" in found["sensor"].text
+    assert found["sensor"].cure
 
 
-def test_another_model_is_told(case: Case) -> None:
+def test_another_model_is_a_warning(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, model="VN-200T-CR")) as sensor:
         found = by_name(case, sensor.path)
     assert found["identity"].status == "warning"
 
 
-def test_a_wrong_baud_in_the_settings_is_told(case: Case) -> None:
-    settings = replace(case.settings, device=DeviceSettings(baud=9600))
+def test_a_wrong_baud_in_the_settings_is_found(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = by_name(replace(case, settings=settings), sensor.path)
+        found = by_name(with_device(case, DeviceSettings(baud=9600)), sensor.path)
     assert failed(found) == {"baud"}
     assert "115200" in found["baud"].text
 
 
-def test_listen_only_asks_nothing(case: Case) -> None:
-    settings = replace(case.settings, device=DeviceSettings(listen_only=True))
+def test_listen_only_sends_no_command(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = by_name(replace(case, settings=settings), sensor.path)
+        found = by_name(with_device(case, DeviceSettings(listen_only=True)), sensor.path)
         assert sensor.ask("counters")["replies"] == 0
     assert found["identity"].status == "warning"
     assert found["aliasing"].status == "warning"
@@ -161,28 +181,28 @@ def test_listen_only_asks_nothing(case: Case) -> None:
 # ---------------------------------------------------------------------- ports
 
 
-def test_a_port_that_is_none(case: Case, tmp_path: Path) -> None:
+def test_a_path_that_is_no_port(case: Case, tmp_path: Path) -> None:
     file = tmp_path / "capture.bin"
     file.write_bytes(b"x")
     assert "no port" in by_name(case, str(tmp_path / "nothing"))["port"].text
     assert "imumon replay" in str(by_name(case, str(file))["port"].cure)
 
 
-def test_a_port_in_use_by_another_program_is_left_alone(case: Case) -> None:
+def test_a_port_in_use_by_another_program_is_not_read(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, SerialPort(sensor.path):
         found = by_name(case, sensor.path)
     assert failed(found) == {"sensor"}
     assert "in use" in found["sensor"].text
 
 
-@pytest.mark.parametrize(("rubbish", "says"), [(b"", "silent"), (b"\x5a\x81" * 99, "nothing valid")])
-def test_silence_and_rubbish_are_told_apart(case: Case, rubbish: bytes, says: str) -> None:
+@pytest.mark.parametrize(("data", "text"), [(b"", "silent"), (b"\x5a\x81" * 99, "no valid message")])
+def test_silence_and_garbage_are_distinguished(case: Case, data: bytes, text: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def send() -> None:
             with server.accept()[0] as client:
-                client.sendall(rubbish)
-                client.recv(1000)  # until it is asked something
+                client.sendall(data)
+                client.recv(1000)  # until a command arrives
 
         sender = threading.Thread(target=send)
         sender.start()
@@ -190,162 +210,216 @@ def test_silence_and_rubbish_are_told_apart(case: Case, rubbish: bytes, says: st
         sender.join()
     assert found["port"].status == "ok"
     assert failed(found) == {"sensor"}
-    assert says in found["sensor"].text or "gone" in found["sensor"].text
+    assert text in found["sensor"].text or "gone" in found["sensor"].text
 
 
 def test_no_port_at_all(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.doctor.find_ports", list)
+    monkeypatch.setattr("imumon.doctor.doctor.find_ports", list)
     found = {check.name: check for check in examine(case)}
     assert found["port"] == checks.NO_PORT
 
 
-PORT = PortLook(path="/dev/ttyUSB0", group="dialout", user="ada")
+PORT = PortObservation(path="/dev/ttyUSB0", group="dialout", user="ada")
 
 
 @pytest.mark.parametrize(
-    ("look", "cure"),
+    ("port", "cure"),
     [
         (replace(PORT, accessible=False), "sudo usermod -aG dialout ada, then log in again"),
-        (replace(PORT, accessible=False, member=True), "log out and in again: the group is new"),
+        (replace(PORT, accessible=False, group_member=True), "log out and in again: the group is new"),
         (replace(PORT, accessible=False, group="root"), "udev"),
         (replace(PORT, holders=("ModemManager (7)",)), "systemctl disable --now ModemManager"),
         (replace(PORT, holders=("minicom (7)",)), "end that program first"),
         (replace(PORT, holders=("imumon (7)",)), "--connect"),
     ],
 )
-def test_a_port_that_may_not_be_used(look: PortLook, cure: str) -> None:
-    bad = [check for check in checks.port(look) if check.status == "failed"]
+def test_a_port_that_may_not_be_used(port: PortObservation, cure: str) -> None:
+    bad = [check for check in checks.port(port) if check.status == "failed"]
     assert len(bad) == 1
     assert cure in str(bad[0].cure)
 
 
-def test_the_latency_timer_is_read_where_there_is_one(tmp_path: Path) -> None:
+def test_the_latency_timer_is_read_if_there_is_one(tmp_path: Path) -> None:
     timer = tmp_path / "ttyUSB0" / "device" / "latency_timer"
     timer.parent.mkdir(parents=True)
     timer.write_text("16\n")
-    look = with_latency(PORT, tmp_path)
-    (slow,) = checks.latency(look)
-    assert (slow.status, look.latency_ms) == ("warning", 16)
+    port = with_latency(PORT, tmp_path)
+    (slow,) = checks.latency(port)
+    assert (slow.status, port.latency_ms) == ("warning", 16)
     assert "latency_timer" in str(slow.cure)
-    (good,) = checks.latency(replace(look, latency_ms=1))
+    (good,) = checks.latency(replace(port, latency_ms=1))
     assert good.status == "ok"
     assert list(checks.latency(with_latency(PORT, tmp_path / "none"))) == []
 
 
-def test_a_port_without_permission_is_seen(tmp_path: Path) -> None:
-    assert look_at_port("/dev/null").accessible
-    assert not look_at_port(str(tmp_path / "none")).exists
+def test_ports_are_observed_without_opening_them(tmp_path: Path) -> None:
+    assert observe_port("/dev/null").accessible
+    assert not observe_port(str(tmp_path / "none")).exists
+
+
+# ---------------------------------------------------------------------- devices of other distributions
+
+
+@pytest.fixture
+def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """URL of a device without bytes, registers and serial port."""
+    load = registry._load
+    monkeypatch.setattr(registry, "_load", lambda scheme: FakeDriver() if scheme == "fake" else load(scheme))
+    (tmp_path / "device").touch()
+    return f"fake:{tmp_path / 'device'}"
+
+
+def test_the_generic_checks_apply_to_any_device(case: Case, fake: str) -> None:
+    found = by_name(case, fake)
+    names = [name for name in found if name not in ("config", "zenoh", "state", "service")]
+    assert names == ["port", "identity", "stream", "aliasing", "compensation", "rate", "clock"]
+    # its filter and its rate are unknown, and every 50th of its samples is missing
+    assert {name for name in names if found[name].status != "ok"} == {"aliasing", "rate"}
+    assert "missing" in found["rate"].text
+
+
+def test_a_device_that_is_absent_or_lost(case: Case, fake: str, tmp_path: Path) -> None:
+    threading.Timer(0.5, (tmp_path / "device").unlink).start()
+    lost = by_name(case, fake)
+    assert failed(lost) == {"sensor"}
+    assert lost["stream"].status == "ok"
+    absent = by_name(case, fake)
+    assert failed(absent) == {"sensor"}
+    assert "identity" not in absent
+    assert absent["sensor"].cure
+
+
+def test_an_unknown_scheme_is_one_failed_check(case: Case) -> None:
+    assert failed(by_name(case, "nonsense:a")) == {"sensor"}
+
+
+def test_checks_of_the_driver_replace_generic_ones_and_keep_the_order() -> None:
+    observation = Observation(info=DeviceInfo(id="x", model="m", stream="deltas"), seconds=1.0, samples=9)
+    generic = checks.device(observation, ())
+    own = Check("identity", "warning", "of the driver"), Check("antenna", "ok", "up"), Check("baud", "ok", "")
+    names = [check.name for check in checks.device(observation, own)]
+    assert names == ["baud", *(check.name for check in generic), "antenna"]
+    assert next(c for c in checks.device(observation, own) if c.name == "identity") == own[0]
 
 
 # ---------------------------------------------------------------------- the other checks
 
 
-HEARD = Heard(facts=Vn100Info(id="x", baud=115200, stream="deltas", sample_rate_hz=100.0), seconds=3.0)
-
-
-@pytest.mark.parametrize(
-    ("bytes_a_second", "status"), [(5000, "ok"), (10_000, "warning"), (11_300, "failed")]
+OBSERVATION = Observation(
+    info=DeviceInfo(id="x", baud=115200, stream="deltas", sample_rate_hz=100.0), seconds=3.0
 )
-def test_a_full_line_is_told(bytes_a_second: int, status: str) -> None:
-    heard = replace(HEARD, bytes=3 * bytes_a_second, messages=9)
-    found = {check.name: check for check in checks.sensor(heard, Settings())}
+
+
+def device_checks(observation: Observation) -> dict[str, Check]:
+    """Checks of a VN-100 by name."""
+    specific = driver().checks(observation, DeviceSettings())
+    return {check.name: check for check in checks.device(observation, specific)}
+
+
+@pytest.mark.parametrize(("bytes_per_s", "status"), [(5000, "ok"), (10_000, "warning"), (11_300, "failed")])
+def test_a_full_line_is_found(bytes_per_s: int, status: str) -> None:
+    found = device_checks(replace(OBSERVATION, bytes=3 * bytes_per_s, messages=9))
     assert found["bandwidth"].status == status
 
 
-def test_a_slow_baud_is_told() -> None:
-    heard = replace(HEARD, facts=replace(HEARD.facts, baud=9600))
-    found = {check.name: check for check in checks.sensor(heard, Settings())}
+def test_a_slow_baud_is_a_warning() -> None:
+    found = device_checks(replace(OBSERVATION, info=replace(OBSERVATION.info, baud=9600)))
     assert found["baud"].status == "warning"
     assert "--set-baud" in str(found["baud"].cure)
 
 
-def test_compensated_deltas_are_told() -> None:
-    facts = replace(HEARD.facts, settings={"82 delta control": "0,1,0,0,0"}, alias_factor=1.0)
-    found = {check.name: check for check in checks.sensor(replace(HEARD, facts=facts), Settings())}
+def test_compensated_deltas_are_a_warning() -> None:
+    info = replace(OBSERVATION.info, settings={"82 delta control": "0,1,0,0,0"}, alias_factor=1.0)
+    found = device_checks(replace(OBSERVATION, info=info))
     assert found["compensation"].status == "warning"
     assert found["aliasing"].status == "ok"
 
 
 @pytest.mark.parametrize(("ratio", "status"), [(1.0, "ok"), (0.99, "ok"), (1.2, "warning"), (0.5, "warning")])
-def test_a_clock_that_runs_wrong_is_told(ratio: float, status: str) -> None:
-    heard = replace(HEARD, samples=300, rate_hz=100.0, clock_ratio=ratio)
-    found = {check.name: check for check in checks.sensor(heard, Settings())}
+def test_a_wrong_sample_clock_is_a_warning(ratio: float, status: str) -> None:
+    found = device_checks(replace(OBSERVATION, samples=300, rate_hz=100.0, clock_ratio=ratio))
     assert found["clock"].status == status
 
 
 @pytest.mark.parametrize(
-    ("look", "status"),
+    ("zenoh", "status"),
     [
-        (BusLook(free="tcp/127.0.0.1:7448"), "ok"),
-        (BusLook(reports=(reports.report(),)), "ok"),
-        (BusLook(fault="tcp/127.0.0.1:7448: is taken; choose another with --listen"), "failed"),
-        (BusLook(free="tcp/0.0.0.0:7448", exposed=("tcp/0.0.0.0:7448",)), "warning"),
-        (BusLook(free="tcp/127.0.0.1:7448", unreachable=("tcp/10.0.0.9:7447",)), "warning"),
-        (BusLook(free="tcp/127.0.0.1:7448", reports=(reports.report(state="waiting"),)), "warning"),
+        (ZenohObservation(free="tcp/127.0.0.1:7448"), "ok"),
+        (ZenohObservation(reports=(reports.report(),)), "ok"),
+        (ZenohObservation(error=ImumonError("address_in_use", "it is taken", "choose another")), "failed"),
+        (ZenohObservation(free="tcp/0.0.0.0:7448", exposed=("tcp/0.0.0.0:7448",)), "warning"),
+        (ZenohObservation(free="tcp/127.0.0.1:7448", unreachable=("tcp/10.0.0.9:7447",)), "warning"),
+        (ZenohObservation(free="tcp/127.0.0.1:7448", reports=(reports.report(state="waiting"),)), "warning"),
     ],
 )
-def test_the_bus(look: BusLook, status: str) -> None:
-    check = checks.zenoh(look)
+def test_zenoh(zenoh: ZenohObservation, status: str) -> None:
+    check = checks.zenoh(zenoh)
     assert check.status == status
     assert (check.cure is None) == (status == "ok")
 
 
-def test_a_sensor_that_its_daemon_has_lost_is_what_is_examined() -> None:
+def test_the_port_that_a_daemon_waits_for_is_examined() -> None:
     lost = reports.report(state="waiting")
-    look = BusLook(reports=(lost,))
-    assert _candidates(look) == [lost.device.port]  # and not what else is plugged in
-    told = f"{lost.device.id} answers, but waits for its sensor on {lost.device.port}"
-    assert checks.zenoh(look).text == told
+    zenoh = ZenohObservation(reports=(lost,))
+    assert candidate_ports(zenoh) == [lost.device.port]  # not the other ports
+    text = f"{lost.device.id} answers, but waits for its sensor on {lost.device.port}"
+    assert checks.zenoh(zenoh).text == text
     other = reports.report(id="other")
-    assert checks.zenoh(BusLook(reports=(other, lost))).text == f"{told}; other answers too"
+    assert checks.zenoh(ZenohObservation(reports=(other, lost))).text == f"{text}; other answers too"
     (check,) = checks.port(replace(PORT, exists=False, daemon=lost.device.id))
     assert check.status == "failed"
     assert f"{lost.device.id} waits for it" in check.text
     assert "plug" in str(check.cure)
 
 
-def test_an_endpoint_that_is_taken_and_one_that_is_none(case: Case) -> None:
+def test_an_endpoint_in_use_and_an_invalid_endpoint(case: Case) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         taken = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         for listen_at in (taken, "nonsense"):
-            settings = replace(case.settings, zenoh=ZenohSettings(listen=(listen_at,)))
+            settings = Settings(zenoh=ZenohSettings(listen=(listen_at,)))
             found = {c.name: c for c in examine(replace(case, settings=settings, port="/dev/null0"))}
             assert found["zenoh"].status == "failed"
             assert found["zenoh"].cure
 
 
 def test_the_state_directory(tmp_path: Path) -> None:
-    assert checks.state(look_at_state(tmp_path / "new" / "one")).status == "ok"
+    assert checks.state(observe_state(tmp_path / "new" / "one")).status == "ok"
     assert list(tmp_path.iterdir()) == []
     file = tmp_path / "file"
     file.write_text("")
-    assert checks.state(look_at_state(file / "below")).status == "failed"
-    assert checks.state(StateLook(path=tmp_path, writable=True, free_bytes=1000)).status == "warning"
+    assert checks.state(observe_state(file / "below")).status == "failed"
+    assert checks.state(StateObservation(path=tmp_path, writable=True, free_bytes=1000)).status == "warning"
     if os.getuid():
         tmp_path.chmod(0o500)
-        assert checks.state(look_at_state(tmp_path)).status == "failed"
+        assert checks.state(observe_state(tmp_path)).status == "failed"
         tmp_path.chmod(0o700)
 
 
 @pytest.mark.parametrize(
-    ("look", "status"),
+    ("service", "status"),
     [
-        (ServiceLook(running=False), "ok"),
-        (ServiceLook(running=True), "ok"),
-        (ServiceLook(running=True, installed=True), "warning"),
-        (ServiceLook(running=True, installed=True, units=(("imumon@ttyUSB0.service", "active"),)), "ok"),
-        (ServiceLook(running=True, installed=True, units=(("imumon@ttyUSB0.service", "failed"),)), "failed"),
+        (ServiceObservation(running=False), "ok"),
+        (ServiceObservation(running=True), "ok"),
+        (ServiceObservation(running=True, installed=True), "warning"),
+        (
+            ServiceObservation(running=True, installed=True, units=(("imumon@ttyUSB0.service", "active"),)),
+            "ok",
+        ),
+        (
+            ServiceObservation(running=True, installed=True, units=(("imumon@ttyUSB0.service", "failed"),)),
+            "failed",
+        ),
     ],
 )
-def test_the_service(look: ServiceLook, status: str) -> None:
-    assert checks.service(look).status == status
+def test_the_service(service: ServiceObservation, status: str) -> None:
+    assert checks.service(service).status == status
 
 
 # ---------------------------------------------------------------------- the command
 
 
-def doctor(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "imumon", "doctor", *words]
+def doctor(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "imumon", "doctor", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, cwd=cwd)
 
 
@@ -355,10 +429,10 @@ def test_a_running_daemon_is_asked_and_not_disturbed(tmp_path: Path) -> None:
         done = doctor("--port", sensor.path, "--connect", daemon.endpoint, "--json", cwd=tmp_path)
         after = daemon.wait(lambda r: r.session.samples > before.session.samples + 50)
         daemon.stop()
-    told = json.loads(done.stdout)
-    found = {check["name"]: check for check in told["checks"]}
+    output = json.loads(done.stdout)
+    found = {check["name"]: check for check in output["checks"]}
     assert done.returncode == 0, done.stdout
-    assert told["schema"] == "imumon.doctor/1"
+    assert output["schema"] == "imumon.doctor/1"
     assert "asked instead" in found["holder"]["text"]
     assert found["rate"]["status"] == "ok"
     assert found["compensation"]["status"] == "ok"
@@ -372,7 +446,7 @@ def bad_config(tmp_path: Path) -> Path:
     return file
 
 
-def test_faults_of_the_settings_are_one_check_of_many(bad_config: Path) -> None:
+def test_faults_of_the_settings_are_one_check(bad_config: Path) -> None:
     done = doctor("--port", "/dev/none", cwd=bad_config.parent)
     lines = done.stdout.splitlines()
     assert done.returncode == 1
@@ -382,11 +456,13 @@ def test_faults_of_the_settings_are_one_check_of_many(bad_config: Path) -> None:
     assert all(line.split()[0] in ("ok", "warning", "failed") for line in lines)
 
 
-def test_config_shows_origins_and_tells_faults(bad_config: Path, tmp_path: Path) -> None:
+def test_config_shows_origins_and_faults(bad_config: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "imumon", "config"]
 
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([*command, *words], capture_output=True, text=True, check=False, cwd=tmp_path)
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*command, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
 
     wrong = run("check")
     assert wrong.returncode == 2
@@ -399,4 +475,4 @@ def test_config_shows_origins_and_tells_faults(bad_config: Path, tmp_path: Path)
     assert "default" in shown
     assert "secret" not in shown
     (tmp_path / "shown.toml").write_text(shown)
-    assert load(tmp_path / "shown.toml").zenoh.user == "ada"  # what is shown is itself a file of settings
+    assert load(tmp_path / "shown.toml").zenoh.user == "ada"  # the output is a valid settings file

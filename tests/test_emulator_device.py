@@ -1,4 +1,4 @@
-"""The emulated device without a port: registers, commands, streams and the signals behind them."""
+"""Emulated device without a port: registers, commands, output streams and signals."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100 import ascii
 from imumon.devices.vn100.binary import GROUPS, BinaryLayout
 from imumon.devices.vn100.checksum import crc16
 from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise
+from imumon.devices.vn100.emulator import EmulatorSettings, Noise, from_command_line
 from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S, CommandHandler
+from imumon.devices.vn100.emulator.emulator import make_device
 from imumon.devices.vn100.emulator.faults import Faults
-from imumon.devices.vn100.emulator.main_loop import make_device
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import (
     ASCII_RATES,
@@ -31,14 +32,14 @@ from imumon.samples import Floats, SampleBlock
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 
 
-def make(**words: object) -> CommandHandler:
-    """Device with white noise only, which is made quickly, unless told otherwise."""
+def make(**options: object) -> CommandHandler:
+    """Device with white noise only, which is quick to generate, unless `options` say otherwise."""
     quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
-    return make_device(EmulatorSettings(**{**quick, **words}))  # type: ignore[arg-type]
+    return make_device(EmulatorSettings(**{**quick, **options}))  # type: ignore[arg-type]
 
 
 def ask(device: CommandHandler, body: str, check: str = "crc", now: float = 0.0) -> str:
-    """Answer to one command without its frame."""
+    """Reply to one command without its frame."""
     device.receive(ascii.encode(body, check), now)  # type: ignore[arg-type]
     replies = device.replies(now)
     assert len(replies) == 1, replies
@@ -60,9 +61,10 @@ def blocks(messages: list[tuple[int, bytes]]) -> list[SampleBlock]:
 
 def columns(messages: list[tuple[int, bytes]], sensor: str) -> Floats:
     """(n, 3) samples of one sensor in these messages."""
-    found = blocks(messages)
-    index = [i for i, name in enumerate(found[0].stream.channels) if name.startswith(sensor)]
-    return np.concatenate([block.values[:, index] for block in found])
+    sample_blocks = blocks(messages)
+    channels = sample_blocks[0].stream.channels
+    index = [i for i, name in enumerate(channels) if name.startswith(sensor)]
+    return np.concatenate([block.values[:, index] for block in sample_blocks])
 
 
 # ---------------------------------------------------------------- registers
@@ -71,15 +73,15 @@ def columns(messages: list[tuple[int, bytes]], sensor: str) -> Floats:
 @pytest.mark.parametrize("firmware", ["2.1.0.0", "3.1.0.0"])
 def test_every_register_can_be_written_back_exactly_as_read(firmware: str) -> None:
     device = make(firmware=firmware)
-    seen = 0
+    existing = 0
     for number in range(256):
         answer = ask(device, f"VNRRG,{number}")
         register = REGISTERS.get(number)
-        if register is None or not register.in_generation(device.memory.generation):
+        if register is None or not register.in_generation(device.registers.generation):
             assert answer == "VNERR,08"
             continue
         assert answer.startswith(f"VNRRG,{number:02d},")
-        seen += 1
+        existing += 1
         written = ask(device, "VNWRG" + answer[5:])
         if register.access == "setting":
             assert written == "VNWRG" + answer[5:]
@@ -87,7 +89,7 @@ def test_every_register_can_be_written_back_exactly_as_read(firmware: str) -> No
                 assert ask(device, f"VNRRG,{number}") == answer
         else:
             assert written == "VNERR,09"
-    assert seen >= 44
+    assert existing >= 44
 
 
 @pytest.mark.parametrize(
@@ -119,7 +121,7 @@ def test_identity() -> None:
     ]
 
 
-def test_measurement_registers_answer_as_their_messages_do() -> None:
+def test_measurement_registers_have_the_fields_of_their_messages() -> None:
     device = make()
     device.advance(1600)
     for number, message in MEASUREMENTS.items():
@@ -188,11 +190,11 @@ def test_measurement_registers_answer_as_their_messages_do() -> None:
         ("VNWNV,1", "VNERR,06"),
     ],
 )
-def test_answers(command: str, answer: str) -> None:
+def test_replies(command: str, answer: str) -> None:
     assert ask(make(), command) == answer
 
 
-def test_firmware_two_tares_and_knows_no_heading() -> None:
+def test_firmware_2_has_tare_and_no_set_heading() -> None:
     device = make(firmware="2.1.0.0")
     assert ask(device, "VNTAR") == "VNTAR"
     assert ask(device, "VNSIH,1") == "VNERR,04"
@@ -215,13 +217,13 @@ def test_firmware_two_tares_and_knows_no_heading() -> None:
         (b"$VNRRG,01*7\r\n", b"$VNERR,03*72\r\n"),
         (b"$VNRRG,01\r\n", b"$VNERR,03*72\r\n"),
         (b"$VNRRG,01*0000\r\n", ascii.encode("VNERR,03", "crc")),
-        (b"rubbish $VNRR$VNRRG,01*72\r\n", b"$VNRRG,01,VN-100T-CR*32\r\n"),
+        (b"garbage $VNRR$VNRRG,01*72\r\n", b"$VNRRG,01,VN-100T-CR*32\r\n"),
         (b"x" * 300 + b"\r\n", b"$VNERR,02*73\r\n"),
         (b"no dollar\r\n", b""),
         (b"$VNRRG,01*72", b""),
     ],
 )  # fmt: skip
-def test_frames_are_taken_and_mirrored(line: bytes, reply: bytes) -> None:
+def test_framing_of_commands_and_replies(line: bytes, reply: bytes) -> None:
     for size in (1, 7, len(line)):
         device = make()
         for at in range(0, len(line), size):
@@ -254,9 +256,7 @@ COMMAND = st.sampled_from(
     commands=st.lists(st.tuples(COMMAND, st.lists(FIELD, max_size=14)), max_size=8),
     noise=st.binary(max_size=40),
 )
-def test_whatever_the_host_sends_the_answers_are_sentences(
-    commands: list[tuple[str, list[str]]], noise: bytes
-) -> None:
+def test_any_input_is_answered_by_valid_messages(commands: list[tuple[str, list[str]]], noise: bytes) -> None:
     device = make(baud=921600, rate=100)
     device.receive(noise + b"\r\n", 0.0)
     for command, fields in commands:
@@ -264,24 +264,24 @@ def test_whatever_the_host_sends_the_answers_are_sentences(
     for reply in device.replies(0.0):
         parsed = ascii.parse(reply)
         assert reply[:1] == b"\xfa" or parsed is not None
-    assert device.sensor.load() <= device.baud / 10
-    device.advance(device.sensor.tick + 40)
+    assert device.outputs.bytes_per_second() <= device.baud / 10
+    device.advance(device.outputs.tick + 40)
 
 
-# ---------------------------------------------------------------- memory and resets
+# ---------------------------------------------------------------- register file and resets
 
 
-def test_saving_takes_half_a_second_and_survives_impatient_hosts() -> None:
+def test_saving_takes_half_a_second_and_repeated_commands_are_answered() -> None:
     device = make()
     ask(device, "VNWRG,07,20")
     for now in (0.0, 0.2, 0.4):
         device.receive(b"$VNWNV*57\r\n", now)
         assert device.replies(now) == []
-    assert device.due() == SAVING_S
+    assert device.next_reply() == SAVING_S
     assert device.replies(SAVING_S) == [b"$VNWNV*57\r\n"] * 3
 
 
-def test_a_reset_forgets_what_was_not_saved() -> None:
+def test_a_reset_loses_what_was_not_saved() -> None:
     device = make()
     ask(device, "VNWRG,00,kept")
     save(device, 1.0)
@@ -300,7 +300,7 @@ def test_a_reset_forgets_what_was_not_saved() -> None:
     assert ask(device, "VNRRG,00", now=7.0) == "VNRRG,00,"
 
 
-def test_a_reset_starts_the_clock_anew() -> None:
+def test_a_reset_restarts_the_sensor_clock() -> None:
     device = make(rate=400, baud=921600)
     before = blocks(device.advance(1600))[0].time_ns
     device.restart(2.0)
@@ -311,7 +311,7 @@ def test_a_reset_starts_the_clock_anew() -> None:
     assert before[-1] > 2_000_000_000 > after[0]
 
 
-# ---------------------------------------------------------------- the line
+# ---------------------------------------------------------------- serial line
 
 
 @pytest.mark.parametrize(
@@ -332,41 +332,41 @@ def test_a_reset_starts_the_clock_anew() -> None:
         (460800, ["VNWRG,06,0", "VNWRG,75,1,1,06,0001,00C0"], "VNWRG,75,1,1,06,0001,00C0"),
     ],
 )
-def test_what_does_not_fit_the_baud_is_refused(baud: int, commands: list[str], last: str) -> None:
+def test_output_that_does_not_fit_the_baud_is_refused(baud: int, commands: list[str], last: str) -> None:
     device = make(baud=baud)
     assert [ask(device, command) for command in commands][-1] == last
 
 
 @pytest.mark.parametrize("rate", ASCII_RATES)
-def test_the_lowest_baud_that_carries_the_rate(rate: int) -> None:
+def test_the_lowest_baud_that_carries_the_rate_is_chosen(rate: int) -> None:
     device = make(rate=rate)
     assert device.baud == (115200 if rate <= 50 else 230400 if rate <= 100 else 460800)
     assert len(device.advance(2 * LOOP_RATE)) == 2 * rate
 
 
-def test_a_rate_that_cannot_be() -> None:
-    with pytest.raises(ValueError, match="divided by a whole number"):
+def test_impossible_rates_are_rejected() -> None:
+    with pytest.raises(InvalidOption) as divided:
         EmulatorSettings(rate=300)
-    with pytest.raises(ValueError, match="give a higher baud"):
+    assert divided.value.code == "rate_invalid"
+    with pytest.raises(InvalidOption) as unfit:
         make(rate=100, baud=115200)
+    assert unfit.value.code == "rate_does_not_fit"
 
 
-def test_settings_survive_the_command_line() -> None:
-    from imumon.devices.vn100.emulator import from_words
-
-    told = EmulatorSettings(
+def test_settings_survive_a_round_trip_through_the_command_line() -> None:
+    settings = EmulatorSettings(
         rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,
         hum=0.01, model="VN-200", impostor="nmea", faults=Faults.parse("drop=0.25,crc=1e-3"),
     )  # fmt: skip
-    assert from_words(told.arguments()) == told
-    assert from_words([]) == EmulatorSettings()
+    assert from_command_line(settings.arguments()) == settings
+    assert from_command_line([]) == EmulatorSettings()
 
 
 # ---------------------------------------------------------------- streams
 
 
 @pytest.mark.parametrize("kind", [k for k in OUTPUT_TYPES if k != 9])
-def test_every_sentence_is_valid_and_at_its_rate(kind: int) -> None:
+def test_every_sentence_is_valid_and_has_its_rate(kind: int) -> None:
     device = make(baud=921600)
     ask(device, f"VNWRG,06,{kind}")
     messages = device.advance(LOOP_RATE)
@@ -387,7 +387,7 @@ def test_every_binary_field_is_sent(group: int) -> None:
     for bit, entry in GROUPS[group].items():
         assert ask(device, f"VNWRG,76,1,80,{1 << (group - 1):02X},{1 << bit:04X}").startswith("VNWRG,76")
         layout = BinaryLayout.of({group: 1 << bit})
-        messages = device.advance(device.sensor.tick + 800)
+        messages = device.advance(device.outputs.tick + 800)
         assert len(messages) == 10
         packets = layout.decode(b"".join(message for _, message in messages), count=10)
         assert layout.count_valid(b"".join(message for _, message in messages), 0, 10) == 10
@@ -395,7 +395,7 @@ def test_every_binary_field_is_sent(group: int) -> None:
         assert group not in (4, 6, 7) or not packets[f"{group}.{entry.name}"].any()
 
 
-def test_streams_share_the_line_at_message_boundaries_and_in_time() -> None:
+def test_streams_interleave_at_message_boundaries_in_order() -> None:
     device = make(baud=921600, rate=200)
     ask(device, "VNWRG,75,1,4,01,0739")
     messages = device.advance(800)
@@ -404,7 +404,7 @@ def test_streams_share_the_line_at_message_boundaries_and_in_time() -> None:
     assert (kinds.count(b"$"), kinds.count(b"\xfa")) == (200, 200)
 
 
-def test_how_the_sensor_is_run_does_not_change_what_it_says() -> None:
+def test_the_output_does_not_depend_on_the_step_size() -> None:
     def output(steps: list[int]) -> bytes:
         device = make(baud=921600, rate=50)
         ask(device, "VNWRG,75,1,3,07,0021,0001,00C1")
@@ -426,7 +426,7 @@ def test_pausing_stops_ascii_and_binary() -> None:
     assert len(device.advance(1600)) == 140
 
 
-def test_the_other_port_is_not_ours() -> None:
+def test_the_other_serial_port_has_its_own_outputs() -> None:
     device = make(rate=0, baud=921600, serial_port=2)
     assert ask(device, "VNRRG,05,?") == "VNRRG,05,921600,2"
     ask(device, "VNWRG,75,1,40,01,0001")
@@ -458,7 +458,7 @@ def test_appended_fields_and_checks() -> None:
     assert {len(message) for message in messages} == {122 + 12 + 6 + 2}
     ask(device, "VNWRG,33,0,0,0")
     assert ask(device, "VNRRG,33") == "VNRRG,33,0,0,0"
-    device.advance(device.sensor.tick + 100)
+    device.advance(device.outputs.tick + 100)
     assert ask(device, "VNRRG,33") == "VNRRG,33,0,0,100"
 
 
@@ -470,25 +470,25 @@ def relative(sigma: Floats, truth: float, count: int) -> float:
     return float((sigma.mean() / truth - 1.0) * math.sqrt(2.0 * 3.0 * count))
 
 
-def test_the_boxcar_aliases_and_the_increments_do_not() -> None:
-    still = {"warm_up": 0.0}
-    uncompensated = make(rate=40, **still)
+def test_the_moving_average_aliases_and_the_increments_do_not() -> None:
+    constant = {"warm_up": 0.0}
+    uncompensated = make(rate=40, **constant)
     ask(uncompensated, "VNWRG,06,19")
     gyro = columns(uncompensated.advance(600 * LOOP_RATE), "gyro")
-    # The element's own band limit takes a part of the 5 ms average's variance.
+    # The bandwidth of the element removes a part of the variance of the 5 ms average.
     a = (1.0 - math.sqrt(0.5)) / (2.0 * (1.0 - math.cos(2.0 * math.pi * 256.0 / LOOP_RATE)))
-    kept = np.convolve([a, 1 - 2 * a, a], np.full(4, 0.25))
-    seen = 6.1e-5 * math.sqrt(LOOP_RATE * float(np.sum(kept**2)))
-    assert abs(relative(gyro.std(axis=0), seen, len(gyro))) < 4.0
-    assert seen / math.sqrt(40) / 6.1e-5 == pytest.approx(math.sqrt(5), rel=0.06)
+    taps = np.convolve([a, 1 - 2 * a, a], np.full(4, 0.25))
+    measured = 6.1e-5 * math.sqrt(LOOP_RATE * float(np.sum(taps**2)))
+    assert abs(relative(gyro.std(axis=0), measured, len(gyro))) < 4.0
+    assert measured / math.sqrt(40) / 6.1e-5 == pytest.approx(math.sqrt(5), rel=0.06)
 
-    deltas = make(rate=0, **still)
+    deltas = make(rate=0, **constant)
     ask(deltas, "VNWRG,75,1,20,06,0001,00C0")
     gyro = columns(deltas.advance(600 * LOOP_RATE), "gyro")[1:]
     assert abs(relative(gyro.std(axis=0), 6.1e-5 * math.sqrt(40), len(gyro))) < 4.0
 
 
-def test_a_matched_window_cures_the_aliasing() -> None:
+def test_a_matched_window_removes_the_aliasing() -> None:
     device = make(rate=40, warm_up=0.0)
     ask(device, "VNWRG,06,19")
     ask(device, "VNWRG,85,0,20,20,4,0,0,3,3,3,0")
@@ -501,8 +501,8 @@ def test_a_matched_window_cures_the_aliasing() -> None:
     assert abs(relative(gyro.std(axis=0), unfiltered, len(gyro))) < 4.0
 
 
-def test_increments_add_up_whatever_resets_them() -> None:
-    def turned(*outputs: str) -> Floats:
+def test_increments_add_up_with_any_reset() -> None:
+    def total(*outputs: str) -> Floats:
         device = make(rate=0, baud=921600)
         for command in outputs:
             ask(device, command)
@@ -513,13 +513,13 @@ def test_increments_add_up_whatever_resets_them() -> None:
             np.concatenate((packets["3.deltaTheta"], packets["3.deltaVel"]), axis=1).astype(float).sum(axis=0)
         )
 
-    slow = turned("VNWRG,75,1,50,04,00C0")
-    fast = turned("VNWRG,75,1,10,04,00C0")
+    slow = total("VNWRG,75,1,50,04,00C0")
+    fast = total("VNWRG,75,1,10,04,00C0")
     # The last slow packet ends at tick 7950, the last fast one 40 ticks later.
     assert slow[0] == pytest.approx(7951 / LOOP_RATE, rel=1e-6)
     assert fast[0] == pytest.approx(7991 / LOOP_RATE, rel=1e-6)
     assert fast[6] - slow[6] == pytest.approx(-9.793746 * 40 / LOOP_RATE, rel=0.01)
-    two = turned("VNWRG,75,1,50,04,00C0", "VNWRG,76,1,10,04,00C0")
+    two = total("VNWRG,75,1,50,04,00C0", "VNWRG,76,1,10,04,00C0")
     assert two[0] == pytest.approx(7991 / LOOP_RATE + 160 * 10 / LOOP_RATE, rel=0.01)
 
 
@@ -531,7 +531,7 @@ def test_polling_the_increments_resets_them() -> None:
     assert float(ask(device, "VNRRG,80").split(",")[2]) == pytest.approx(0.1, abs=0.002)
 
 
-def test_the_compensated_rate_has_lost_its_bias() -> None:
+def test_the_bias_is_subtracted_from_the_compensated_rate() -> None:
     device = make(rate=0, baud=921600)
     ask(device, "VNWRG,75,1,4,05,0020,0008")
     layout = BinaryLayout.of({1: 0x20, 3: 0x08})
@@ -545,7 +545,7 @@ def test_the_compensated_rate_has_lost_its_bias() -> None:
     assert spread == pytest.approx(np.ones(3), abs=0.01)
 
 
-def test_the_magnetometer_holds_its_readings_and_hums() -> None:
+def test_the_magnetometer_repeats_its_readings_and_has_mains_hum() -> None:
     device = make(rate=0, baud=921600, hum=0.02, hum_hz=50.0)
     ask(device, "VNWRG,75,1,1,04,0002")
     layout = BinaryLayout.of({3: 0x02})
@@ -556,13 +556,13 @@ def test_the_magnetometer_holds_its_readings_and_hums() -> None:
     assert np.fft.rfftfreq(8000, 1 / 800)[spectrum.argmax()] == pytest.approx(50.0)
 
 
-def test_calibrations_act_on_uncompensated_outputs_too() -> None:
+def test_calibrations_apply_to_uncompensated_outputs_too() -> None:
     device = make(rate=0, baud=921600, warm_up=0.0)
     ask(device, "VNWRG,75,1,8,04,00CE")
     layout = BinaryLayout.of({3: 0xCE})
 
     def means(seconds: int) -> dict[str, Floats]:
-        data = b"".join(message for _, message in device.advance(device.sensor.tick + seconds * LOOP_RATE))
+        data = b"".join(message for _, message in device.advance(device.outputs.tick + seconds * LOOP_RATE))
         packets = layout.decode(data, count=len(data) // layout.length)[1:]
         return {name: packets[name].astype(float).mean(axis=0) for name in layout.fields}
 
@@ -573,13 +573,13 @@ def test_calibrations_act_on_uncompensated_outputs_too() -> None:
     means(1)
     after = means(20)
     assert after["3.uncompGyro"][0] - before["3.uncompGyro"][0] == pytest.approx(-0.5, abs=1e-4)
-    turn = after["3.deltaTheta"][1] - before["3.deltaTheta"][1]
-    assert turn == pytest.approx(math.degrees(-0.5) * 0.01, rel=1e-3)
+    rotation = after["3.deltaTheta"][1] - before["3.deltaTheta"][1]
+    assert rotation == pytest.approx(math.degrees(-0.5) * 0.01, rel=1e-3)
     assert after["3.uncompAccel"][1] == pytest.approx(2 * before["3.uncompAccel"][1], abs=5e-3)
     assert after["3.uncompMag"][:2] == pytest.approx(before["3.uncompMag"][1::-1], abs=2e-3)
 
 
-def test_the_reference_frame_turns_after_saving_and_a_reset() -> None:
+def test_the_reference_frame_changes_after_saving_and_a_reset() -> None:
     device = make()
     ask(device, "VNWRG,26,1,0,0,0,-1,0,0,0,-1")
     device.advance(800)
@@ -591,35 +591,35 @@ def test_the_reference_frame_turns_after_saving_and_a_reset() -> None:
     assert float(ask(device, "VNRRG,18", now=3.0).split(",")[4]) > 9
 
 
-def test_warming_up_moves_the_bias() -> None:
+def test_the_warm_up_changes_the_bias() -> None:
     device = make(rate=0, warm_up=10.0, warm_up_s=60.0, gyro_thermal=1e-4)
     ask(device, "VNWRG,75,1,8,04,0018")
     layout = BinaryLayout.of({3: 0x18})
     data = b"".join(message for _, message in device.advance(300 * LOOP_RATE))
     packets = layout.decode(data, count=len(data) // layout.length)
-    warmth = packets["3.temp"].astype(float).ravel()
-    assert warmth[-100:].mean() - warmth[:10].mean() == pytest.approx(10.0, abs=0.2)
+    temperature = packets["3.temp"].astype(float).ravel()
+    assert temperature[-100:].mean() - temperature[:10].mean() == pytest.approx(10.0, abs=0.2)
     rate = packets["3.uncompGyro"].astype(float)
     assert rate[-2000:].mean(axis=0) - rate[:200].mean(axis=0) == pytest.approx(np.full(3, 1e-3), rel=0.1)
 
 
-def test_the_startup_bias_is_kept_on_command() -> None:
+def test_the_startup_bias_is_saved_on_command() -> None:
     device = make()
     device.advance(60 * LOOP_RATE)
     ask(device, "VNSGB")
-    kept = [float(field) for field in ask(device, "VNRRG,43").split(",")[2:]]
-    assert kept == pytest.approx([0.0152, -0.0113, -0.0064], abs=2e-4)
+    saved = [float(field) for field in ask(device, "VNRRG,43").split(",")[2:]]
+    assert saved == pytest.approx([0.0152, -0.0113, -0.0064], abs=2e-4)
 
 
-def test_time_stamps_are_microseconds_and_jitter() -> None:
+def test_time_stamps_are_whole_microseconds_with_jitter() -> None:
     device = make(rate=800, baud=921600)
     time = np.concatenate([b.time_ns for b in blocks(device.advance(8000)) if b.time_ns is not None])
     assert (time % 1000 == 0).all()
-    off = np.diff(time) - 1_250_000
-    assert off.std() / 1000 == pytest.approx(4.7 * math.sqrt(2), rel=0.05)
+    error = np.diff(time) - 1_250_000
+    assert error.std() / 1000 == pytest.approx(4.7 * math.sqrt(2), rel=0.05)
 
 
-def test_the_same_seed_is_the_same_sensor() -> None:
+def test_the_same_seed_gives_the_same_output() -> None:
     one, two, other = (
         CommandHandler(EmulatorSettings(seed=s), SensorModel(EmulatorSettings(seed=s))) for s in (1, 1, 2)
     )
@@ -628,9 +628,9 @@ def test_the_same_seed_is_the_same_sensor() -> None:
     assert first != other.advance(4000)
 
 
-def test_a_full_set_of_outputs_is_refused_before_it_is_sent() -> None:
+def test_too_many_outputs_are_refused() -> None:
     device = make(baud=9600, rate=5)
     for number in BINARY_OUTPUTS:
         answer = ask(device, f"VNWRG,{number},1,400,01,0739")
         assert answer.startswith(("VNWRG", "VNERR,0C"))
-    assert device.sensor.load() <= 960
+    assert device.outputs.bytes_per_second() <= 960

@@ -1,4 +1,4 @@
-"""The emulator on its pseudo-terminal, as clients meet it."""
+"""The emulator on its pseudo-terminal, as clients see it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def shared() -> Iterator[EmulatorProcess]:
 
 @pytest.fixture
 def sensor(shared: EmulatorProcess) -> Iterator[EmulatorProcess]:
-    """A sensor as it comes from the factory, but at 50 Hz; put back afterwards."""
+    """A sensor with factory settings, but at 50 Hz; restored afterwards."""
     yield shared
     shared.ask("fault")
     with Client(shared.path) as client:
@@ -59,11 +59,11 @@ def sensor(shared: EmulatorProcess) -> Iterator[EmulatorProcess]:
 
 
 class Client:
-    """A client as simple as they come: it sends lines and takes as reply what stands behind the last ``$``.
+    """A minimal client: it sends lines and searches the input for the reply.
 
     Parameters
     ----------
-    check : how it checks its own commands: two digits, four, or none.
+    check : checksum of its commands: ``xor``, ``crc`` or none (``XX``).
     """
 
     def __init__(self, path: str, baud: int = 115200, check: str = "xor") -> None:
@@ -81,7 +81,7 @@ class Client:
         self.port.write(line)
 
     def ask(self, body: str, timeout: float = 1.0) -> str:
-        """Reply to a command, without its frame; whatever else comes meanwhile is thrown away."""
+        """Reply to a command, without its frame; other input is discarded."""
         self.send(body)
         answer = self.wait_for(
             re.compile(rb"\$(%s(?:,[^*$]*)?|VNERR,..)\*\w+\r\n" % body[:5].encode()), timeout
@@ -89,22 +89,22 @@ class Client:
         return answer.group(1).decode()
 
     def wait_for(self, pattern: re.Pattern[bytes], timeout: float) -> re.Match[bytes]:
-        heard, end = b"", time.monotonic() + timeout
+        received, end = b"", time.monotonic() + timeout
         while time.monotonic() < end:
-            heard += self.port.read(max(1, self.port.in_waiting))
-            found = pattern.search(heard)
+            received += self.port.read(max(1, self.port.in_waiting))
+            found = pattern.search(received)
             if found:
                 return found
-        raise AssertionError(f"no answer in {timeout} s; heard {heard[-200:]!r}")
+        raise AssertionError(f"no answer in {timeout} s; received {received[-200:]!r}")
 
     def collect(self, seconds: float) -> bytes:
-        heard, end = [], time.monotonic() + seconds
+        received, end = [], time.monotonic() + seconds
         while time.monotonic() < end:
-            heard.append(self.port.read(max(1, self.port.in_waiting)))
-        return b"".join(heard)
+            received.append(self.port.read(max(1, self.port.in_waiting)))
+        return b"".join(received)
 
     def stream(self, *commands: str) -> None:
-        """Switch the ASCII output off and do what else is asked for; what was on the way is thrown away."""
+        """Switch the ASCII output off and send `commands`; discard the input before."""
         for command in ("VNASY,0", "VNWRG,06,0", *commands):
             assert not self.ask(command).startswith("VNERR")
         time.sleep(0.02)
@@ -113,7 +113,7 @@ class Client:
 
 
 def packets(data: bytes, layout: BinaryLayout) -> np.ndarray:
-    """Whole packets of a capture that begins and ends anywhere, and holds nothing else."""
+    """Whole packets of a capture that begins and ends at any byte and contains nothing else."""
     start = data.index(layout.header)
     count = (len(data) - start) // layout.length
     assert layout.count_valid(data, start, count) == count
@@ -121,16 +121,16 @@ def packets(data: bytes, layout: BinaryLayout) -> np.ndarray:
 
 
 def conserved(counters: dict[str, object]) -> bool:
-    came = sum(int(counters[name]) for name in ("made", "replies", "duplicated"))  # type: ignore[call-overload]
-    went = ("sent", "lost", "dropped", "unheard", "overflowed", "queued")
-    return came == sum(int(counters[name]) for name in went)  # type: ignore[call-overload]
+    produced = sum(int(counters[name]) for name in ("made", "replies", "duplicated"))  # type: ignore[call-overload]
+    accounted = ("sent", "lost", "dropped", "unheard", "overflowed", "queued")
+    return produced == sum(int(counters[name]) for name in accounted)  # type: ignore[call-overload]
 
 
-# ---------------------------------------------------------------- clients that nobody here wrote
+# ---------------------------------------------------------------- behaviour of other client software
 
 
 def test_a_client_that_scans_and_writes_back_every_register(sensor: EmulatorProcess) -> None:
-    # It sends unpadded ids with CRC16, has the streams paused, and counts the ports of registers 5-7 up until
+    # It sends unpadded ids with CRC16, pauses the streams, and increments the port of registers 5-7 until
     # error 07.
     with Client(sensor.path, check="crc") as client:
         assert client.ask("VNASY,0") == "VNASY,0"
@@ -149,7 +149,7 @@ def test_a_client_that_scans_and_writes_back_every_register(sensor: EmulatorProc
         assert conserved(sensor.ask("counters"))
 
 
-def test_a_client_that_does_not_know_the_baud_and_waits_for_its_bytes() -> None:
+def test_a_client_scans_the_bauds_and_bytes_take_their_time() -> None:
     with emulator(baud=9600, rate=0) as sensor, Client(sensor.path) as client:
         found = None
         for guess in (115200, 57600, 9600):
@@ -166,7 +166,7 @@ def test_a_client_that_does_not_know_the_baud_and_waits_for_its_bytes() -> None:
         assert time.monotonic() - start > 5 * 120 * 10 / 9600
 
 
-def test_another_baud_hears_garbage(sensor: EmulatorProcess) -> None:
+def test_a_client_at_another_baud_reads_garbage(sensor: EmulatorProcess) -> None:
     with Client(sensor.path, 57600) as client:
         data = client.collect(0.3)
         assert data
@@ -178,7 +178,7 @@ def test_another_baud_hears_garbage(sensor: EmulatorProcess) -> None:
         assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
 
 
-def test_changing_the_baud_answers_at_the_old_one() -> None:
+def test_a_change_of_the_baud_is_answered_at_the_old_one() -> None:
     with emulator() as sensor, Client(sensor.path) as client:
         assert client.ask("VNWRG,05,921600") == "VNWRG,05,921600"
         time.sleep(0.05)
@@ -194,7 +194,7 @@ def test_changing_the_baud_answers_at_the_old_one() -> None:
         ("VNWRG,75,1,8,1,C01", TIME_MAGPRES_DELTAS, 100),
     ],
 )
-def test_not_one_packet_is_lost_at_115200(
+def test_no_packet_is_lost_at_115200(
     sensor: EmulatorProcess, output: str, layout: BinaryLayout, rate: int
 ) -> None:
     with Client(sensor.path, check="XX") as client:
@@ -210,7 +210,7 @@ def test_not_one_packet_is_lost_at_115200(
         assert (before["dropped"], before["overflowed"]) == (after["dropped"], after["overflowed"])
 
 
-def test_replies_stand_between_messages_and_come_soon(sensor: EmulatorProcess) -> None:
+def test_replies_are_sent_promptly_between_messages(sensor: EmulatorProcess) -> None:
     with Client(sensor.path) as client:
         client.stream("VNWRG,75,1,4,06,0001,00C0")
         captured = b""
@@ -223,17 +223,17 @@ def test_replies_stand_between_messages_and_come_soon(sensor: EmulatorProcess) -
         assert captured.count(b"$VNRRG,85,0,4,4,4,0,0,3,3,3,0*") == 20
 
 
-def test_the_older_library_asks_again_and_is_answered_twice(sensor: EmulatorProcess) -> None:
+def test_a_repeated_command_is_answered_twice(sensor: EmulatorProcess) -> None:
     with Client(sensor.path) as client:
         client.send("VNRRG,01")
         client.send("VNRRG,01")
         client.wait_for(re.compile(rb"\$VNRRG,01,.*\r\n.*\$VNRRG,01,[^\n]*\r\n", re.DOTALL), 0.5)
 
 
-# ---------------------------------------------------------------- clients that come and go
+# ---------------------------------------------------------------- connecting and disconnecting
 
 
-def test_clients_may_vanish_and_come_back(sensor: EmulatorProcess) -> None:
+def test_clients_may_disconnect_and_reconnect(sensor: EmulatorProcess) -> None:
     for _ in range(3):
         fd = os.open(sensor.path, os.O_RDWR | os.O_NOCTTY)
         fcntl.ioctl(fd, termios.TIOCEXCL)
@@ -252,24 +252,24 @@ def test_a_client_that_does_not_read_loses_messages_and_nothing_hangs() -> None:
         assert conserved(sensor.ask("counters"))
 
 
-def test_an_emulator_that_was_kept_from_running_loses_nothing_and_catches_up() -> None:
+def test_a_stopped_emulator_loses_nothing_and_catches_up() -> None:
     with emulator(rate=400, baud=460800) as sensor, Client(sensor.path, 460800) as client:
         client.stream("VNWRG,75,1,2,06,0001,00C0")
-        began = time.monotonic()
-        heard = client.collect(0.3)
+        started = time.monotonic()
+        received = client.collect(0.3)
         os.kill(sensor.pid, signal.SIGSTOP)
-        time.sleep(2.0)  # 800 messages of 44 bytes, more than the terminal and what is staged hold
+        time.sleep(2.0)  # 800 messages of 44 bytes, more than the terminal and the pending buffer hold
         os.kill(sensor.pid, signal.SIGCONT)
-        soon, later = client.collect(0.5), client.collect(2.5)
-        passed, counted = time.monotonic() - began, sensor.ask("counters")
-    clock = packets(heard + soon + later, TIME_AND_DELTAS)["2.timeStartup"][:, 0].astype(np.int64)
+        first, rest = client.collect(0.5), client.collect(2.5)
+        passed, counted = time.monotonic() - started, sensor.ask("counters")
+    clock = packets(received + first + rest, TIME_AND_DELTAS)["2.timeStartup"][:, 0].astype(np.int64)
     assert counted["dropped"] == counted["overflowed"] == 0
     assert (np.abs(np.diff(clock) - 2_500_000) < 100_000).all()
-    assert len(soon) < 0.8 * CATCH_UP * 400 * 44
+    assert len(first) < 0.8 * CATCH_UP * 400 * 44
     assert len(clock) / 400 == pytest.approx(passed, abs=0.2)
 
 
-def test_a_silent_emulator_that_was_kept_from_running_catches_up_too() -> None:
+def test_a_stopped_emulator_without_output_catches_up() -> None:
     def ahead(sensor: EmulatorProcess) -> float:
         return float(sensor.ask("counters")["ticks"]) / 800 - time.monotonic()
 
@@ -281,21 +281,21 @@ def test_a_silent_emulator_that_was_kept_from_running_catches_up_too() -> None:
         until(lambda: ahead(sensor) > before - 0.1)
 
 
-def test_a_new_client_hears_nothing_old() -> None:
+def test_a_new_client_reads_no_old_bytes() -> None:
     with emulator(baud=460800, rate=400) as sensor:
         until(lambda: sensor.ask("counters")["unheard"] > 100)
-        for _ in range(2):  # the first leaves while bytes come; the second hears none of them
+        for _ in range(2):  # the first closes while bytes arrive; the second reads none of them
             age = sensor.ask("counters")["ticks"] / 800
             fd = os.open(sensor.path, os.O_RDWR | os.O_NOCTTY)
-            heard = b""
-            while len(heard) < 1000:
-                heard += os.read(fd, 4096)
+            received = b""
+            while len(received) < 1000:
+                received += os.read(fd, 4096)
             os.close(fd)
-            assert packets(heard, TIME_AND_DELTAS)["2.timeStartup"][0, 0] / 1e9 > age + 0.5
+            assert packets(received, TIME_AND_DELTAS)["2.timeStartup"][0, 0] / 1e9 > age + 0.5
             time.sleep(0.2)
 
 
-def test_the_sensor_keeps_the_rooms_time() -> None:
+def test_the_sensor_clock_follows_the_host_clock() -> None:
     with emulator(rate=800, baud=921600) as sensor:
         before, start = sensor.ask("counters")["ticks"], time.monotonic()
         time.sleep(0.8)
@@ -303,7 +303,7 @@ def test_the_sensor_keeps_the_rooms_time() -> None:
         assert (after - before) / 800 == pytest.approx(end - start, abs=0.1)
 
 
-def test_it_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
+def test_the_emulator_exits_with_its_parent(tmp_path: Path) -> None:
     code = "import time; from imumon.devices.vn100.emulator import spawn; print(spawn().pid, flush=True); "
     code += "time.sleep(60)"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
@@ -326,7 +326,7 @@ def until(condition: Callable[[], bool], timeout: float = 5.0) -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
-def test_signals_end_it_and_the_link_goes(number: int, code: int, tmp_path: Path) -> None:
+def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tmp_path: Path) -> None:
     link = tmp_path / "vn100"
     command = [
         sys.executable,
@@ -360,12 +360,12 @@ def _lines(control: socket.socket, count: int) -> list[dict[str, object]]:
     return [json.loads(line) for line in held.splitlines()]
 
 
-def test_a_link_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
+def test_a_link_replaces_no_other_file(tmp_path: Path) -> None:
     kept = tmp_path / "kept"
     kept.write_text("mine")
     (tmp_path / "linked").symlink_to(kept)
-    for words in (["--link", str(kept)], ["--link", str(tmp_path / "linked")], ["--control", str(kept)]):
-        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *words]
+    for arguments in (["--link", str(kept)], ["--link", str(tmp_path / "linked")], ["--control", str(kept)]):
+        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 2
         assert str(kept) in done.stderr
@@ -373,7 +373,7 @@ def test_a_link_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
     assert kept.read_text() == "mine"
 
 
-def test_a_link_to_a_living_terminal_is_left_and_one_to_a_dead_one_is_taken(tmp_path: Path) -> None:
+def test_a_link_to_a_used_terminal_is_kept_and_a_stale_one_is_replaced(tmp_path: Path) -> None:
     link = tmp_path / "vn100"
     command = [sys.executable, "-m", "imumon.devices.vn100.emulator", "--link", str(link)]
     with spawn(EmulatorSettings(seed=1, link=str(link))) as sensor:
@@ -385,19 +385,19 @@ def test_a_link_to_a_living_terminal_is_left_and_one_to_a_dead_one_is_taken(tmp_
         os.kill(sensor.pid, signal.SIGKILL)
         until(lambda: not link.exists())
         assert link.is_symlink()
-        with spawn(EmulatorSettings(seed=1, link=str(link))) as heir:
-            assert os.readlink(link) == heir.path
+        with spawn(EmulatorSettings(seed=1, link=str(link))) as successor:
+            assert os.readlink(link) == successor.path
             link.unlink()
             link.symlink_to("elsewhere")
     assert os.readlink(link) == "elsewhere"
 
 
-def test_wrong_words_are_told_in_one_line() -> None:
-    for words in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
-        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *words]
+def test_usage_errors_are_one_line() -> None:
+    for arguments in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
+        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode != 0
-        assert done.stderr.startswith(f"imumon sim: --rate {words[1]}")
+        assert done.stderr.startswith(f"imumon sim: --rate {arguments[1]}")
         assert done.stderr.count("\n") == 1
         assert done.stdout == ""
 
@@ -408,7 +408,7 @@ def test_wrong_words_are_told_in_one_line() -> None:
 def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
     with emulator(speed=200, rate=0) as sensor, Client(sensor.path) as client:
         client.stream("VNWRG,75,1,8,06,0001,00C0")
-        time.sleep(0.4)  # the reader is away: the sensor's clock stands still once the terminal is full
+        time.sleep(0.4)  # nothing reads: the sensor clock stops when the terminal is full
         data = client.collect(0.6)
         found = packets(data, TIME_AND_DELTAS)
         steps = np.diff(found["2.timeStartup"][:, 0].astype(np.int64))
@@ -423,7 +423,7 @@ def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
 # ---------------------------------------------------------------- faults
 
 
-def test_faults_take_what_they_say() -> None:
+def test_faults_have_their_probabilities() -> None:
     rng = np.random.default_rng(5)
     message = ascii.encode("VNYPR,+000.000,+000.000,+000.000")
     count = 5_000
@@ -435,11 +435,11 @@ def test_faults_take_what_they_say() -> None:
     assert len(arriving(duplicate=0.1)) == pytest.approx(1.1 * count, abs=5 * (0.09 * count) ** 0.5)
     assert all(ascii.parse(each) is None for each in arriving(crc=1.0))
     assert {len(each) for each in arriving(cut=1.0)} == {len(message) // 2}
-    spoilt = sum(a != b for each in arriving(corrupt=0.01) for a, b in zip(each, message, strict=True))
-    assert spoilt == pytest.approx(0.01 * count * len(message), rel=0.05)
+    changed = sum(a != b for each in arriving(corrupt=0.01) for a, b in zip(each, message, strict=True))
+    assert changed == pytest.approx(0.01 * count * len(message), rel=0.05)
 
 
-def test_a_damaged_line_gives_no_wrong_sample_and_conserves_messages() -> None:
+def test_damaged_messages_give_no_wrong_sample_and_are_counted() -> None:
     faults = Faults(drop=0.02, duplicate=0.02, cut=0.02, crc=0.02, corrupt=1e-4)
     with emulator(rate=50, faults=faults, speed=60) as sensor, Client(sensor.path) as client:
         data = client.collect(0.5)
@@ -458,7 +458,7 @@ def test_a_damaged_line_gives_no_wrong_sample_and_conserves_messages() -> None:
             assert block.values[:, accel] == pytest.approx(-9.79, abs=0.3)
 
 
-def test_every_check_wrong_for_a_while(sensor: EmulatorProcess) -> None:
+def test_wrong_checksums_for_some_time(sensor: EmulatorProcess) -> None:
     with Client(sensor.path) as client:
         sensor.ask("fault crc=1")
         client.port.reset_input_buffer()
@@ -475,7 +475,7 @@ def startup_times(client: Client, seconds: float) -> np.ndarray:
     return packets(client.collect(seconds), TIME_AND_DELTAS)["2.timeStartup"][:, 0].astype(np.int64)
 
 
-def test_a_silence_a_stall_a_leap_and_a_reboot() -> None:
+def test_silence_stall_clock_jump_and_reboot() -> None:
     with emulator(rate=100, baud=460800) as sensor, Client(sensor.path, 460800) as client:
         client.stream("VNWRG,75,1,8,06,0001,00C0")
         time.sleep(0.1)
@@ -496,7 +496,7 @@ def test_a_silence_a_stall_a_leap_and_a_reboot() -> None:
         assert sensor.ask("counters")["restarts"] == 1
 
 
-def test_a_message_cut_in_its_middle(sensor: EmulatorProcess) -> None:
+def test_a_truncated_message(sensor: EmulatorProcess) -> None:
     with Client(sensor.path) as client:
         client.collect(0.1)
         sensor.ask("cut")
@@ -505,7 +505,7 @@ def test_a_message_cut_in_its_middle(sensor: EmulatorProcess) -> None:
         assert decoder.discarded >= 61
 
 
-def test_the_cable_is_pulled_and_put_back_under_another_name(tmp_path: Path) -> None:
+def test_unplug_and_replug_under_another_name(tmp_path: Path) -> None:
     link = tmp_path / "vn100"
     with emulator(link=str(link)) as sensor, Client(sensor.path) as client:
         client.collect(0.05)
@@ -522,7 +522,7 @@ def test_the_cable_is_pulled_and_put_back_under_another_name(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("kind", "pattern"), [("nmea", rb"\$GPGGA,"), ("garbage", rb"."), ("silent", None)])
-def test_what_is_no_vn100(kind: str, pattern: bytes | None) -> None:
+def test_foreign_devices(kind: str, pattern: bytes | None) -> None:
     with emulator(impostor=kind) as sensor, Client(sensor.path) as client:
         client.send("VNRRG,01")
         data = client.collect(0.4)
@@ -531,24 +531,24 @@ def test_what_is_no_vn100(kind: str, pattern: bytes | None) -> None:
         assert pattern is None or re.search(pattern, data)
 
 
-# ---------------------------------------------------------------- the transmitter
+# ---------------------------------------------------------------- transmitter
 
 
 @pytest.mark.parametrize("baud", BAUDS)
-def test_a_message_has_left_when_its_bits_have(baud: int) -> None:
+def test_a_message_takes_ten_bits_per_byte(baud: int) -> None:
     uart = Uart(baud)
-    uart.put(b"x" * 100, 0.0)
-    uart.put(b"y" * 50, 0.0)
+    uart.queue(b"x" * 100, 0.0)
+    uart.queue(b"y" * 50, 0.0)
     one, both = 1000 / baud, 1500 / baud
-    assert uart.due(one * 0.999) == []
-    assert [message[:1] for message, _ in uart.due(one * 1.001)] == [b"x"]
-    assert uart.next() == pytest.approx(both)
-    assert [message[:1] for message, _ in uart.due(both * 1.001)] == [b"y"]
+    assert uart.transmitted(one * 0.999) == []
+    assert [message[:1] for message, _ in uart.transmitted(one * 1.001)] == [b"x"]
+    assert uart.next_transmitted() == pytest.approx(both)
+    assert [message[:1] for message, _ in uart.transmitted(both * 1.001)] == [b"y"]
 
 
-def test_the_transmitter_holds_two_kilobytes() -> None:
+def test_the_transmitter_buffers_two_kilobytes() -> None:
     uart = Uart(9600)
     for _ in range(100):
-        uart.put(b"z" * 100, 1.0)
+        uart.queue(b"z" * 100, 1.0)
     assert uart.overflowed == 100 - len(uart)
     assert len(uart) * 100 == pytest.approx(OUTPUT_BUFFER, abs=100)

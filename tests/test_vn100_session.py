@@ -24,8 +24,8 @@ from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.commands import BAUD_RATES, NotAVn100, OtherSensor
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
-from imumon.devices.vn100.emulator.foreign_device import ForeignDevice
-from imumon.devices.vn100.emulator.main_loop import make_device
+from imumon.devices.vn100.emulator.emulator import make_device
+from imumon.devices.vn100.emulator.faults import ForeignDevice
 from imumon.devices.vn100.registers import REGISTERS
 from imumon.devices.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
 from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
@@ -52,7 +52,7 @@ class Bench:
         self, device: CommandHandler | None = None, *, baud: int = 115200, **settings: object
     ) -> None:
         self.device = device or make_device(EmulatorSettings(seed=1, **settings))  # type: ignore[arg-type]
-        self.now = self.device.sensor.tick / 800
+        self.now = self.device.outputs.tick / 800
         self.baud = baud
         self.written: list[bytes] = []
         self.adapter_can = set(BAUD_RATES)
@@ -131,7 +131,7 @@ class Bench:
 
     def registers(self) -> dict[tuple[int, int], tuple[str, ...]]:
         """Everything the sensor has been set to, on either of its ports."""
-        memory = self.device.memory
+        memory = self.device.registers
         return {(r, p): memory.read(r, p) for r in REGISTERS if r in memory for p in (1, 2)}
 
     def session(self, wanted: StreamRequest = StreamRequest(), **more: object) -> Vn100Session:  # noqa: B008
@@ -251,16 +251,16 @@ def test_either_port_of_the_sensor_will_do(serial_port: int) -> None:
     bench = Bench(serial_port=serial_port)
     samples, _ = bench.run(bench.streaming(), 1.0)
     assert samples >= 95
-    assert bench.device.memory.read(75)[0] == str(serial_port)
+    assert bench.device.registers.read(75)[0] == str(serial_port)
 
 
 def test_the_other_port_keeps_its_stream() -> None:
     bench = Bench()
-    bench.device.set(76, "3", "80", "01", "0001")
+    bench.device.set_register(76, "3", "80", "01", "0001")
     session = bench.streaming()
-    assert bench.device.memory.read(76) == ("2", "80", "01", "0001")
+    assert bench.device.registers.read(76) == ("2", "80", "01", "0001")
     assert session.restore()
-    assert bench.device.memory.read(76) == ("3", "80", "01", "0001")
+    assert bench.device.registers.read(76) == ("3", "80", "01", "0001")
 
 
 def test_another_model_is_taken_and_said() -> None:
@@ -339,7 +339,7 @@ def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> No
     assert facts.alias_factor == 1.0
     assert facts.sample_rate_hz == {9600: 8.0, 115200: 100.0, 921600: 800.0}[baud]
     assert (facts.caveats == ("compensated",)) == (stream == "compensated")
-    assert int(bench.device.memory.read(85)[1]) == 800 / facts.sample_rate_hz
+    assert int(bench.device.registers.read(85)[1]) == 800 / facts.sample_rate_hz
     samples, notices = bench.run(session, 1.0)
     assert samples >= facts.sample_rate_hz - 3
     assert notices == []
@@ -347,11 +347,11 @@ def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> No
 
 def test_compensated_deltas_are_switched_to_uncompensated() -> None:
     bench = Bench()
-    bench.device.set(82, "0", "1", "1", "0", "0")
+    bench.device.set_register(82, "0", "1", "1", "0", "0")
     session = bench.streaming()
-    assert bench.device.memory.read(82) == ("0", "0", "0", "0", "0")
+    assert bench.device.registers.read(82) == ("0", "0", "0", "0", "0")
     assert session.restore()
-    assert bench.device.memory.read(82) == ("0", "1", "1", "0", "0")
+    assert bench.device.registers.read(82) == ("0", "1", "1", "0", "0")
 
 
 def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
@@ -379,7 +379,7 @@ def test_too_little_bandwidth_lowers_the_rate_and_says_so(monkeypatch: pytest.Mo
 def test_without_binary_outputs_the_sentences_are_taken() -> None:
     for before, source in (("14", "$VNYMR"), ("0", "$VNIMU")):
         bench = Bench()
-        bench.device.set(6, before)
+        bench.device.set_register(6, before)
         bench.refuses = b"$VNWRG,75,1"
         session = bench.streaming()
         samples, _ = bench.run(session, 1.0)
@@ -398,7 +398,7 @@ def test_listening_writes_nothing_and_knows_what_it_does_not_know(
 ) -> None:
     bench = Bench()
     if binary is not None:
-        bench.device.set(75, *binary)
+        bench.device.set_register(75, *binary)
     before = bench.registers()
     session = bench.session(StreamRequest(listen_only=True, rate_hz=40.0 if binary is None else None))
     assert session.connect().model is None
@@ -420,9 +420,9 @@ def test_listening_writes_nothing_and_knows_what_it_does_not_know(
 def listening(*binary: str, register: tuple[str, ...] = (), **wanted: object) -> DeviceInfo:
     """What is known after a second of listening to a stream, or with settings read as they were left."""
     bench = Bench()
-    bench.device.set(75, *binary)
+    bench.device.set_register(75, *binary)
     if register:
-        bench.device.set(82, *register)
+        bench.device.set_register(82, *register)
     session = bench.session(StreamRequest(listen_only=not register, **wanted))  # type: ignore[arg-type]
     session.connect()
     bench.run(session, 1.0)
@@ -489,7 +489,7 @@ def test_a_restarted_sensor_is_set_up_again() -> None:
     assert samples >= 95
     assert notices == []
     assert session.restore()
-    assert bench.device.memory.read(6) == ("14",)
+    assert bench.device.registers.read(6) == ("14",)
 
 
 def test_a_restarted_sensor_whose_flash_sends_our_stream_is_set_up_again_all_the_same() -> None:
@@ -502,7 +502,7 @@ def test_a_restarted_sensor_whose_flash_sends_our_stream_is_set_up_again_all_the
     bench.power_cut()
     _, notices = bench.run(session, 3.0)
     assert kinds(notices) == ["reconfigured"]
-    assert bench.device.memory.read(82) == ("0", "0", "0", "0", "0"), "else its deltas are others"
+    assert bench.device.registers.read(82) == ("0", "0", "0", "0", "0"), "else its deltas are others"
     assert bench.run(session, 1.0)[1] == []
 
 
@@ -628,10 +628,10 @@ def _owners_settings(dice: random.Random) -> CommandHandler:
     """A device that its owner has set up in some way."""
     baud = dice.choice((115200, 230400, 921600))
     device = make_device(EmulatorSettings(seed=1, baud=baud, serial_port=dice.choice((1, 2))))
-    device.set(6, dice.choice(("0", "14", "19", "1")))
-    device.set(7, dice.choice(("1", "20", "40")))
-    device.set(82, "0", dice.choice("01"), dice.choice("01"), "0", "0")
-    device.set(
+    device.set_register(6, dice.choice(("0", "14", "19", "1")))
+    device.set_register(7, dice.choice(("1", "20", "40")))
+    device.set_register(82, "0", dice.choice("01"), dice.choice("01"), "0", "0")
+    device.set_register(
         85,
         "0",
         *(dice.choice(("0", "1", "4", "20")) for _ in range(4)),
@@ -639,7 +639,7 @@ def _owners_settings(dice: random.Random) -> CommandHandler:
     )
     for register in (75, 76, 77):
         if dice.random() < 0.4:
-            device.set(register, dice.choice("0123"), dice.choice(("80", "40")), "01", "0129")
+            device.set_register(register, dice.choice("0123"), dice.choice(("80", "40")), "01", "0129")
     return device
 
 
@@ -711,7 +711,7 @@ def test_an_old_note_does_not_undo_what_the_owner_has_changed_since() -> None:
         "75": "1,80,01,0129",
         "85": "0,9,9,9,0,0,3,3,3,0",
     }
-    bench.device.set(85, "0", "3", "5", "4", "0", "0", "3", "3", "3", "0")
+    bench.device.set_register(85, "0", "3", "5", "4", "0", "0", "3", "3", "3", "0")
     before = bench.registers()
     session = bench.session()
     session.connect()

@@ -24,24 +24,22 @@ def doctor(words: argparse.Namespace) -> int:
     from pathlib import Path
 
     from imumon.config import ConfigError, Settings, load
+    from imumon.devices.registry import driver
     from imumon.doctor import Case, examine
 
-    faults, made = "", Settings()
+    faults: tuple[str, ...] = ()
+    made = Settings()
     try:
         made = load(words.config)
     except ConfigError as error:
-        faults = str(error)
+        faults = tuple(map(str, error.faults))
     port = words.port or made.device.port or None
-    emulator: Any = nullcontext()
-    if port == "sim":
-        from imumon.devices.vn100.emulator import spawn
-
-        emulator = spawn()
-    with emulator as sensor:
+    emulator: Any = driver().emulator() if port == "sim" else nullcontext(port)
+    with emulator as port:
         case = Case(
             settings=made,
             faults=faults,
-            port=sensor.path if sensor is not None else port,
+            port=port,
             state_directory=Path(state_directory(made)),
             connect=tuple(words.connect or ()),
         )

@@ -59,9 +59,9 @@ def add_demo(parser: Parser) -> None:
 
 
 def add_sim(parser: Parser) -> None:
-    from imumon.devices.vn100.emulator import add_arguments
+    from imumon.devices.registry import driver
 
-    add_arguments(parser)
+    driver().add_emulator_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -77,9 +77,9 @@ def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
     """Run on an emulator, with a temporary state unless a directory is given."""
     from pathlib import Path
 
-    with _emulator(arguments.speed, arguments.seed) as sensor, _scratch() as scratch:
+    with _emulator(arguments.speed, arguments.seed) as path, _scratch() as scratch:
         directory = Path(settings.state.directory or scratch)
-        return _run_daemon(arguments, settings, sensor.path, directory)
+        return _run_daemon(arguments, settings, path, directory)
 
 
 def _scratch() -> Any:
@@ -170,15 +170,13 @@ def _run_daemon(arguments: argparse.Namespace, settings: Any, url: str, director
 
 
 def _emulator(speed: float, seed: int | None) -> Any:
-    """Emulator in a process of its own, a context that gives it."""
-    from dataclasses import replace
-
-    from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+    """Return a running emulator as a context that gives its port."""
+    from imumon.devices.base import InvalidOption
+    from imumon.devices.registry import driver
 
     try:
-        settings = EmulatorSettings(speed=speed)
-        return spawn(settings if seed is None else replace(settings, seed=seed))
-    except ValueError as error:
+        return driver().emulator(speed=speed, seed=seed)
+    except InvalidOption as error:
         raise CommandError(str(error), USAGE) from None
 
 
@@ -227,12 +225,11 @@ def demo(words: argparse.Namespace) -> int:
 
 
 def sim(words: argparse.Namespace) -> int:
-    from imumon.devices.vn100 import emulator
+    """Run the emulator alone."""
+    from imumon.devices.base import InvalidOption
+    from imumon.devices.registry import driver
 
     try:
-        settings = emulator.from_arguments(words)
-    except ValueError as error:
+        return driver().run_emulator(words)
+    except InvalidOption as error:
         raise CommandError(str(error), USAGE) from None
-    if settings.rate == 0:
-        raise CommandError("--rate 0: a sensor that sends nothing; give a rate, such as 40", USAGE)
-    return emulator.run(settings)

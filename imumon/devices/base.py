@@ -37,6 +37,10 @@ class DeviceLost(DeviceError):
     """The device was there and is gone."""
 
 
+class InvalidOption(DeviceError):
+    """An option has a value that the device, or its emulator, cannot have."""
+
+
 class Interrupted(Exception):
     """`Device.interrupt` was called: the call ends early. Not an error, and never shown."""
 
@@ -273,7 +277,14 @@ class DeviceDriver(ABC):
         return None
 
     def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
-        """Yield the checks of `imumon doctor` that only this kind of device has."""
+        """Yield the checks of `imumon doctor` that only this kind of device has.
+
+        A check replaces the generic one of the same name.
+
+        Parameters
+        ----------
+        settings : the table ``[device]``, see `DeviceOptions`.
+        """
         yield from ()
 
     def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
@@ -292,5 +303,23 @@ class DeviceDriver(ABC):
         return {}
 
     def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str] | None:
-        """Return a running emulator as a context that gives its port; None if there is none."""
+        """Return a running emulator as a context that gives its port; None if there is none.
+
+        Raises
+        ------
+        InvalidOption : the emulator cannot run at this speed or with this seed.
+        """
         return None
+
+    def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:  # noqa: B027
+        """Add the options of `imumon sim`."""
+
+    def run_emulator(self, arguments: argparse.Namespace) -> int:
+        """Run the emulator until a signal ends it; return the exit code.
+
+        Raises
+        ------
+        DeviceError : there is no emulator.
+        InvalidOption : an option has an invalid value.
+        """
+        raise DeviceError("no_emulator", f"there is no emulator of {self.title}")

@@ -1,13 +1,5 @@
-"""Doctor: checks of the port, the device, Zenoh, the state and the service."""
+"""Doctor: checks of the settings, port, device, Zenoh, state and service."""
 
-from imumon.doctor.doctor import (
-    Case,
-    Check,
-    examine,
-)
+from imumon.doctor.doctor import Case, examine
 
-__all__ = [
-    "Case",
-    "Check",
-    "examine",
-]
+__all__ = ["Case", "examine"]

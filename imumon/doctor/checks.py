@@ -1,43 +1,65 @@
-"""Judge: facts in, checks out, purely: what was seen is `ok`, a `warning`, or `failed`, with the cure.
+"""Checks: observations to lines with a status and a cure, as pure functions.
 
-`failed` is what keeps `imumon run` from working or spoils its figures, a `warning` what a user should know.
+`failed` prevents `imumon run` from working or falsifies its figures; a `warning` is what a user should know.
+The checks of a device apply to any kind; its driver replaces or adds those that need more knowledge.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 from imumon.config import Settings
-from imumon.devices.vn100.registers import DELTA_CONTROL, IMU_FILTER, LOOP_RATE
-from imumon.devices.vn100.stream_settings import divisors
-from imumon.doctor.observations import BusLook, Heard, PortLook, ServiceLook, StateLook
+from imumon.devices.base import Check, CheckStatus, DeviceError, Observation
+from imumon.doctor.observations import (
+    PortObservation,
+    ServiceObservation,
+    StateObservation,
+    ZenohObservation,
+)
 
-Status: TypeAlias = Literal["ok", "warning", "failed"]
+MAX_DAMAGED = 0.01
+"""Share of damaged messages, or of bytes of no message, above which a line is unusable."""
 
-MANY = 0.01
-"""Share of damaged or lost messages above which a line is no good."""
-LATENCY_MS = 2
-FULL, OVERFULL = 0.8, 0.955
-"""Share of the baud in use that is much, and that a VN-100 is known to carry."""
-ROOM_BYTES = 10_000_000
-SLOW_HZ = 40.0
-"""Below this rate of the deltas another baud is worth it."""
+MAX_MISSING = 0.1
+"""Share of missing samples, or relative deficit of the rate, above which a line is unusable."""
 
+RATE_TOLERANCE = 0.02
+"""Relative difference of the rate, and of the sample clock, from the host clock that needs no warning."""
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One line: `name` is one word, `text` what was seen, `cure` how to mend it where that is needed."""
+RATE_TOLERANCE_SAMPLES = 3.0
+"""Samples by which a correct rate may be off because of the ends of the observation."""
 
-    name: str
-    status: Status
-    text: str
-    cure: str | None = None
+CLOCK_TOLERANCE_S = 0.1
+"""s by which the sample clock may be off because data arrive in batches."""
 
+MAX_PAUSE_S = 1.0
+"""s without data that need no warning. Not critical."""
 
-COME_BACK = "check the sensor's plug, cable and power; the daemon goes on by itself when it is back"
+MAX_LATENCY_MS = 2
+"""ms, latency timer of an adapter that needs no warning. Not critical."""
+
+MIN_FREE_BYTES = 10_000_000
+"""bytes on the file system of the state directory: ten states. Not critical."""
+
+ALIASED = 1.001
+"""Alias factor above which N counts as inflated: rounding errors lie below. Not critical."""
+
+DEVICE_CHECKS = (
+    "sensor",
+    "baud",
+    "identity",
+    "stream",
+    "aliasing",
+    "compensation",
+    "bandwidth",
+    "checksums",
+    "rate",
+    "clock",
+)
+"""Order of the checks of a device; others follow."""
+
+RECONNECT_CURE = "check the plug, cable and power of the sensor; the daemon reconnects by itself"
 NO_PORT = Check(
     "port",
     "failed",
@@ -47,292 +69,265 @@ NO_PORT = Check(
 )
 
 
-def config(settings: Settings, faults: str) -> Check:
-    """Whether the settings can be used."""
+def config(settings: Settings, faults: tuple[str, ...]) -> Check:
+    """Check whether the settings can be used."""
     if faults:
-        first, *others = faults.splitlines()
-        more = f" (and {len(others)} more)" if others else ""
-        return Check("config", "failed", first + more, "imumon config check tells them all")
-    return Check("config", "ok", str(settings.path) if settings.path else "no file, the defaults hold")
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        return Check("config", "failed", faults[0] + more, "imumon config check shows all of them")
+    return Check("config", "ok", str(settings.path) if settings.path else "no file: the defaults apply")
 
 
-def passed_over(path: str, checks: Iterable[Check]) -> Check:
-    """A port on which no sensor was found while there are others to try."""
-    why = next((check.text for check in checks if check.status == "failed"), "no sensor")
-    return Check("port", "warning", f"{path} passed over: {why}")
+# ---------------------------------------------------------------------- port
 
 
-def port(look: PortLook) -> Iterator[Check]:
-    """Whether the port is there, may be used, and is free."""
-    if look.is_url:
-        yield Check("port", "ok", look.path)
-        return
-    if not look.exists and look.daemon is not None:
-        yield Check("port", "failed", f"no port {look.path}: {look.daemon} waits for it", COME_BACK)
-        return
-    if not look.exists:
-        there = f"there is {', '.join(look.others)}" if look.others else "is the sensor plugged in?"
-        yield Check("port", "failed", f"no port {look.path}", there)
-        return
-    if not look.character:
-        cure = f"to read a recording: imumon replay {look.path}"
-        yield Check("port", "failed", f"{look.path} is not a serial port", cure)
-        return
-    yield Check("port", "ok", f"{look.path} {look.described}".strip())
-    yield _permission(look)
-    yield _holder(look)
+def skipped_port(path: str, found: Iterable[Check]) -> Check:
+    """Return the check of a port without a device while there are others to try."""
+    reason = next((check.text for check in found if check.status == "failed"), "no sensor")
+    return Check("port", "warning", f"{path} skipped: {reason}")
 
 
-def _permission(look: PortLook) -> Check:
-    if look.accessible:
-        return Check("permission", "ok", f"{look.user} may read and write it")
-    if look.group is None or look.group == "root":
-        cure = "a udev rule gives it to a group: see docs/SENSOR.md"
-    elif look.member:
+def port(port: PortObservation) -> Iterator[Check]:
+    """Check whether the port exists, is accessible, and is free. Nothing is known of a URL."""
+    if port.is_url:
+        yield Check("port", "ok", port.path)
+    elif not port.exists and port.daemon is not None:
+        yield Check("port", "failed", f"no port {port.path}: {port.daemon} waits for it", RECONNECT_CURE)
+    elif not port.exists:
+        others = f"there is {', '.join(port.other_ports)}" if port.other_ports else "plug the sensor in"
+        yield Check("port", "failed", f"no port {port.path}", others)
+    elif not port.is_character_device:
+        cure = f"to read a recording: imumon replay {port.path}"
+        yield Check("port", "failed", f"{port.path} is not a serial port", cure)
+    else:
+        yield Check("port", "ok", f"{port.path} {port.description}".strip())
+        yield _permission(port)
+        yield _holder(port)
+
+
+def _permission(port: PortObservation) -> Check:
+    if port.accessible:
+        return Check("permission", "ok", f"{port.user} may read and write it")
+    if port.group is None or port.group == "root":
+        cure = "give it to a group by a udev rule: see docs/SENSOR.md"
+    elif port.group_member:
         cure = "log out and in again: the group is new"
     else:
-        cure = f"sudo usermod -aG {look.group} {look.user}, then log in again"
-    return Check("permission", "failed", f"{look.user} may not read and write {look.path}", cure)
+        cure = f"sudo usermod -aG {port.group} {port.user}, then log in again"
+    return Check("permission", "failed", f"{port.user} may not read and write {port.path}", cure)
 
 
-def _holder(look: PortLook) -> Check:
-    if look.daemon is not None:
-        return Check("holder", "ok", f"the daemon {look.daemon} reads it and is asked instead")
-    if not look.holders:
+def _holder(port: PortObservation) -> Check:
+    if port.daemon is not None:
+        return Check("holder", "ok", f"the daemon {port.daemon} reads it and is asked instead")
+    if not port.holders:
         return Check("holder", "ok", "no other program has it open")
-    who = ", ".join(look.holders)
-    ours = any(name.startswith(("imumon", "python")) for name in look.holders)
-    cure = "end that program first" + ("; a daemon of ours: name its endpoint with --connect" if ours else "")
-    if any(name.startswith("ModemManager") for name in look.holders):
+    cure = "end that program first"
+    if any(name.startswith(("imumon", "python")) for name in port.holders):
+        cure += "; if it is a daemon of imumon, give its endpoint with --connect"
+    if any(name.startswith("ModemManager") for name in port.holders):
         cure = "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1"
-    return Check("holder", "failed", f"{look.path} is in use by {who}", cure)
+    return Check("holder", "failed", f"{port.path} is in use by {', '.join(port.holders)}", cure)
 
 
-def latency(look: PortLook) -> Iterator[Check]:
-    """The FTDI adapter's timer, where there is one."""
-    if look.latency_ms is None:
+def latency(port: PortObservation) -> Iterator[Check]:
+    """Check the latency timer of an FTDI adapter, if there is one."""
+    if port.latency_ms is None:
         return
-    text = f"the adapter hands bytes over every {look.latency_ms} ms"
-    if look.latency_ms <= LATENCY_MS:
+    text = f"the adapter delivers bytes every {port.latency_ms} ms"
+    if port.latency_ms <= MAX_LATENCY_MS:
         yield Check("latency", "ok", text)
     else:
-        name = os.path.basename(os.path.realpath(look.path))
+        name = os.path.basename(os.path.realpath(port.path))
         cure = (
-            f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; N, B and K do not suffer, "
-            "time is the sensor's own"
+            f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; N, B and K are not "
+            "affected, they use the clock of the sensor"
         )
         yield Check("latency", "warning", text, cure)
 
 
-def unheard(why: str) -> Check:
-    """No sensor could be heard; the reason holds the cure behind its first colon."""
-    text, _, cure = why.partition(": ")
-    return Check("sensor", "failed", text, cure or None)
+# ---------------------------------------------------------------------- device
 
 
-def sensor(heard: Heard, settings: Settings) -> Iterator[Check]:
-    """Everything about a sensor that was heard."""
-    if heard.gone is not None:
-        yield Check("sensor", "failed", heard.gone, "check the plug and the cable's strain relief")
-    yield _baud(heard, settings)
-    yield _identity(heard)
-    yield _stream(heard)
-    if heard.facts.stream is not None:
-        yield _aliasing(heard)
-        yield _compensation(heard)
-    if heard.messages:
-        yield _bandwidth(heard)
-        yield _checksums(heard)
-    if heard.samples:
-        yield _rate(heard)
-        yield from _clock(heard)
+def no_device(error: DeviceError) -> Check:
+    """Return the check of a device that cannot be used."""
+    return Check("sensor", "failed", error.message, error.cure or None)
 
 
-def _baud(heard: Heard, settings: Settings) -> Check:
-    baud, told = heard.facts.baud, settings.device.baud
-    if baud is None or (heard.facts.port or "").startswith("socket://"):
-        return Check("baud", "ok", "does not matter on this port")
-    if told not in ("auto", baud):
-        cure = 'set device.baud = "auto"'
-        return Check("baud", "failed", f"the sensor is at {baud} baud, the settings say {told}", cure)
-    best = LOOP_RATE / divisors("deltas", baud)[0]
-    if best < SLOW_HZ:
-        text = f"{baud} baud carries the deltas at {best:g} Hz only"
-        return Check("baud", "warning", text, "imumon run --set-baud 115200 (until its next power-up)")
-    return Check("baud", "ok", f"{baud} baud, carries the deltas at {best:g} Hz")
+def device(observation: Observation, specific: Iterable[Check]) -> list[Check]:
+    """Return the checks of a device in order.
+
+    Parameters
+    ----------
+    specific : checks of its driver; each replaces the generic one of the same name.
+    """
+    found = {check.name: check for check in (*_generic(observation), *specific)}
+    known = [found.pop(name) for name in DEVICE_CHECKS if name in found]
+    return [*known, *found.values()]
 
 
-def _identity(heard: Heard) -> Check:
-    facts = heard.facts
-    if facts.model is None:
-        text = "not asked for: the sensor is only listened to"
-        return Check("identity", "warning", text, "without listen_only its model and settings are read")
-    who = f"{facts.model} {facts.serial or 'without a serial number'}, firmware {facts.firmware or 'unknown'}"
-    if not facts.model.upper().startswith("VN-100"):
-        return Check(
-            "identity", "warning", f"{who}: it is treated like a VN-100", "check its filter yourself"
-        )
-    return Check("identity", "ok", who)
+def _generic(observation: Observation) -> Iterator[Check]:
+    if observation.lost is not None:
+        cure = "check the plug and the strain relief of the cable"
+        yield Check("sensor", "failed", observation.lost, cure)
+    yield _identity(observation)
+    yield _stream(observation)
+    if observation.info.stream is not None:
+        yield _aliasing(observation)
+        yield _compensation(observation)
+    if observation.messages:
+        yield _checksums(observation)
+    if observation.samples:
+        yield _rate(observation)
+        yield from _clock(observation)
 
 
-def _stream(heard: Heard) -> Check:
-    facts = heard.facts
-    if heard.daemon is not None and heard.state != "running":
-        text = f"the daemon is {heard.state}: no samples come"
-        return Check("stream", "failed", text, "check the sensor's power and its cable")
-    if heard.longest_pause_s > 1.0 and heard.samples:
-        text = f"{facts.source}, but for {heard.longest_pause_s:.1f} s nothing came"
+def _identity(observation: Observation) -> Check:
+    info = observation.info
+    if info.model is None:
+        return Check("identity", "warning", f"the {info.kind} gives no model", "identify it by its port")
+    serial = info.serial or "without a serial number"
+    return Check("identity", "ok", f"{info.model} {serial}, firmware {info.firmware or 'unknown'}")
+
+
+def _stream(observation: Observation) -> Check:
+    info, pause = observation.info, observation.longest_pause_s
+    if observation.daemon is not None and observation.state != "running":
+        text = f"the daemon is {observation.state}: no samples arrive"
+        return Check("stream", "failed", text, "check the power and the cable of the sensor")
+    if pause > MAX_PAUSE_S and observation.samples:
+        text = f"{info.source}, but no data for {pause:.1f} s"
         return Check("stream", "warning", text, "check power and cable; another program may be stalling USB")
-    if heard.samples:
-        return Check("stream", "ok", f"{facts.source}, {facts.stream}")
-    if heard.messages:
-        text = "messages come, but none that can be characterised"
-    elif heard.discarded or heard.bad_checksums:
-        text = "bytes come, but nothing valid"
+    if observation.samples:
+        return Check("stream", "ok", f"{info.source}, {info.stream}")
+    if observation.messages:
+        text = "messages arrive, but none that can be characterised"
+    elif observation.discarded or observation.bad_checksums:
+        text = "bytes arrive, but no valid message"
         return Check("stream", "failed", text, "check the cable and its ground, and try a shorter one")
     else:
-        text = "the sensor answers and sends nothing by itself"
-    return Check("stream", "warning", text, "imumon run sets up its own stream; --listen-only cannot")
+        text = f"the {info.kind} answers and sends nothing by itself"
+    return Check("stream", "warning", text, "imumon run starts a stream, but not with --listen-only")
 
 
-def _aliasing(heard: Heard) -> Check:
-    facts = heard.facts
-    window = next((t for n, t in facts.settings.items() if n.startswith(f"{IMU_FILTER} ")), None)
-    behind = f", register {IMU_FILTER} is {window}" if window else ""
-    if facts.alias_factor is None:
-        text = "not known: the sensor's filter or rate could not be read"
-        return Check("aliasing", "warning", text, "without listen_only it is read, and deltas have none")
-    if facts.alias_factor <= 1.001:
-        return Check("aliasing", "ok", f"none{behind}")
-    text = f"N of {facts.source} reads {facts.alias_factor:.2f} times too high{behind}"
-    cure = "imumon run takes the deltas, which are right; docs/SENSOR.md tells why, and what else helps"
-    return Check("aliasing", "warning", text, cure)
+def _aliasing(observation: Observation) -> Check:
+    info = observation.info
+    if info.alias_factor is None:
+        text = f"unknown: the {info.kind} does not give its filter or its rate"
+        return Check("aliasing", "warning", text, "its filter must average over the output interval")
+    if info.alias_factor <= ALIASED:
+        return Check("aliasing", "ok", "none")
+    text = f"N of {info.source} reads {info.alias_factor:.2f} times too high"
+    return Check("aliasing", "warning", text, "have its filter average over the output interval")
 
 
-def _compensation(heard: Heard) -> Check:
-    control = next((t for n, t in heard.facts.settings.items() if n.startswith(f"{DELTA_CONTROL} ")), "")
-    if heard.facts.stream == "deltas" and any(field.strip("0") for field in control.split(",")[1:3]):
-        text = f"the deltas are compensated, register {DELTA_CONTROL} is {control}"
-        return Check("compensation", "warning", text, "imumon run sets it to 0 for as long as it runs")
-    if heard.facts.stream != "compensated":
-        return Check(
-            "compensation", "ok", f"the stream is {heard.facts.stream}: B and K are the sensor's own"
-        )
-    text = f"{heard.facts.source} has the filter's bias taken out: B and K would be the filter's"
-    return Check("compensation", "warning", text, "imumon run takes the uncompensated deltas")
+def _compensation(observation: Observation) -> Check:
+    info = observation.info
+    if info.stream != "compensated":
+        return Check("compensation", "ok", f"the stream is {info.stream}: B and K are those of the sensor")
+    text = f"{info.source} is compensated by a filter: B and K would be those of the filter"
+    return Check("compensation", "warning", text, "use an uncompensated stream of the sensor")
 
 
-def _bandwidth(heard: Heard) -> Check:
-    if not heard.facts.baud or (heard.facts.port or "").startswith("socket://"):
-        return Check("bandwidth", "ok", f"{heard.bytes / heard.seconds:.0f} bytes/s")
-    share = heard.bytes / heard.seconds / (heard.facts.baud / 10)
-    text = f"{share:.0%} of {heard.facts.baud} baud"
-    if share <= FULL:
-        return Check("bandwidth", "ok", text)
-    status: Status = "warning" if share <= OVERFULL or share > 1.05 else "failed"
-    if share > 1.05:  # no serial line carries that: a pseudo-terminal, or an adapter that ignores the baud
-        return Check("bandwidth", "ok", f"{text}: no real line, the baud limits nothing")
-    return Check("bandwidth", status, text, "ask for a lower rate, or raise the baud with --set-baud")
-
-
-def _checksums(heard: Heard) -> Check:
-    bad, all_of_it = heard.bad_checksums, heard.messages + heard.bad_checksums
-    text = f"{bad} of {all_of_it} messages damaged in {heard.seconds:.0f} s"
-    stray = f", {heard.discarded} bytes of no message" if heard.discarded else ""
-    if not bad and not heard.discarded:
+def _checksums(observation: Observation) -> Check:
+    bad, total = observation.bad_checksums, observation.messages + observation.bad_checksums
+    text = f"{bad} of {total} messages damaged in {observation.seconds:.0f} s"
+    if not bad and not observation.discarded:
         return Check("checksums", "ok", text)
-    share = max(bad / all_of_it, heard.discarded / max(heard.bytes, 1))
-    cure = "check the cable and its ground, keep it short and away from motors; a lower baud forgives more"
-    return Check("checksums", "failed" if share > MANY else "warning", text + stray, cure)
+    if observation.discarded:
+        text += f", {observation.discarded} bytes of no message"
+    share = max(bad / total, observation.discarded / max(observation.bytes, 1))
+    cure = "check the cable and its ground, keep it short and away from motors; a lower baud is more robust"
+    return Check("checksums", "failed" if share > MAX_DAMAGED else "warning", text, cure)
 
 
-def _rate(heard: Heard) -> Check:
-    nominal, rate = heard.facts.sample_rate_hz, heard.rate_hz
-    missing = heard.missing or 0
-    text = f"{rate:.1f} Hz" if rate is not None else f"{heard.samples} samples"
-    if missing:
-        lost = missing / (missing + heard.samples)
-        text += f", {missing} samples missing"
-        cure = (
-            "gaps are known and harmless when few; a full line, a bad cable or a busy machine loses samples"
-        )
-        return Check("rate", "failed" if lost > 10 * MANY else "warning", text, cure)
+def _rate(observation: Observation) -> Check:
+    nominal, rate, samples = observation.info.sample_rate_hz, observation.rate_hz, observation.samples
+    text = f"{rate:.1f} Hz" if rate is not None else f"{samples} samples"
+    if missing := observation.missing or 0:
+        share = missing / (missing + samples)
+        cure = "few gaps are harmless; a full line, a bad cable or a busy machine loses samples"
+        status: CheckStatus = "failed" if share > MAX_MISSING else "warning"
+        return Check("rate", status, f"{text}, {missing} samples missing", cure)
     if nominal is None:
-        cure = "give imumon run the rate with --rate where the stream has no clock"
-        return Check("rate", "warning", f"{text}, what it should be is not known", cure)
+        cure = "give the rate to imumon run (--rate) if the stream has no clock"
+        return Check("rate", "warning", f"{text}, the configured rate is unknown", cure)
     if rate is None:
-        return Check("rate", "ok", f"{text}, {nominal:g} Hz set")
-    ratio, slack = rate / nominal, 0.02 + 3.0 / heard.samples
-    text += f" of {nominal:g} Hz set"
-    if ratio > 1.0 + slack:
-        return Check("rate", "warning", text, "messages come twice: does a hub or a splitter echo them?")
-    if ratio < 1.0 - slack:
-        cure = "messages are lost whole: check power, cable and adapter"
-        return Check("rate", "failed" if ratio < 1.0 - 10 * MANY - slack else "warning", text, cure)
+        return Check("rate", "ok", f"{text}, {nominal:g} Hz configured")
+    excess, tolerance = rate / nominal - 1.0, RATE_TOLERANCE + RATE_TOLERANCE_SAMPLES / samples
+    text += f" of {nominal:g} Hz configured"
+    if excess > tolerance:
+        return Check("rate", "warning", text, "messages arrive twice: does a hub or a splitter echo them?")
+    if excess < -tolerance:
+        status = "failed" if excess < -MAX_MISSING - tolerance else "warning"
+        return Check("rate", status, text, "whole messages are lost: check power, cable and adapter")
     return Check("rate", "ok", text)
 
 
-def _clock(heard: Heard) -> Iterator[Check]:
-    if heard.leaps:
-        text = f"the sensor's clock leapt {heard.leaps} time{'s' if heard.leaps > 1 else ''}"
-        yield Check("clock", "failed", text, "it restarted: check its power supply")
-    elif heard.clock_ratio is not None:
-        text = f"the sensor's second lasts {1.0 / heard.clock_ratio:.3f} s of the room"
-        slack = 0.02 + 0.1 / heard.seconds
-        if abs(heard.clock_ratio - 1.0) <= slack:
+def _clock(observation: Observation) -> Iterator[Check]:
+    jumps, ratio = observation.clock_jumps, observation.clock_ratio
+    if jumps:
+        text = f"the sample clock jumped {jumps} time{'s' if jumps > 1 else ''}"
+        yield Check("clock", "failed", text, "the sensor restarted: check its power supply")
+    elif ratio is not None:
+        text = f"one second of the sample clock takes {1.0 / ratio:.3f} s of the host clock"
+        if abs(ratio - 1.0) <= RATE_TOLERANCE + CLOCK_TOLERANCE_S / observation.seconds:
             yield Check("clock", "ok", text)
         else:
-            cure = "N, B and K are per second of the sensor: check its TimeStartup against a watch"
+            cure = "N, B and K use the sample clock: check it against an independent clock"
             yield Check("clock", "warning", text, cure)
 
 
-def zenoh(look: BusLook) -> Check:
-    """Who answers, and whether a daemon would find a place to listen."""
-    who = ", ".join(report.device.id for report in look.reports)
-    if look.exposed:
-        text = f"{look.exposed[0]} is open to everybody on the network"
+# ---------------------------------------------------------------------- Zenoh, state, service
+
+
+def zenoh(zenoh: ZenohObservation) -> Check:
+    """Check which daemons answer, and whether another one could listen."""
+    ids = ", ".join(report.device.id for report in zenoh.reports)
+    if zenoh.exposed:
+        text = f"{zenoh.exposed[0]} is open to everybody on the network"
         return Check("zenoh", "warning", text, "use tls/ with certificates: docs/ZENOH.md")
-    if look.unreachable:
-        text = f"nobody answers at {', '.join(look.unreachable)}"
-        return Check("zenoh", "warning", text, "start the router there, or take it out of zenoh.connect")
-    if look.free is None and not look.reports:
-        text, _, cure = (look.fault or "no place to listen").rpartition("; ")
-        return Check("zenoh", "failed", text or cure, cure if text else None)
-    if not look.reports:
-        return Check("zenoh", "ok", f"no daemon answers, {look.free} is free for one")
-    lost = [report.device for report in look.reports if report.state == "waiting"]
-    if lost:
-        others = [report.device.id for report in look.reports if report.device != lost[0]]
-        text = f"{lost[0].id} answers, but waits for its sensor on {lost[0].port or 'its port'}"
+    if zenoh.unreachable:
+        text = f"no answer from {', '.join(zenoh.unreachable)}"
+        return Check("zenoh", "warning", text, "start the router there, or remove it from zenoh.connect")
+    if zenoh.free is None and not zenoh.reports:
+        if zenoh.error is None:
+            return Check("zenoh", "failed", "no free endpoint", "give one with --listen")
+        return Check("zenoh", "failed", zenoh.error.message, zenoh.error.cure or None)
+    if not zenoh.reports:
+        return Check("zenoh", "ok", f"no daemon answers, {zenoh.free} is free for one")
+    waiting = [report.device for report in zenoh.reports if report.state == "waiting"]
+    if waiting:
+        others = [report.device.id for report in zenoh.reports if report.device != waiting[0]]
+        text = f"{waiting[0].id} answers, but waits for its sensor on {waiting[0].port or 'its port'}"
         text += f"; {', '.join(others)} answers too" if others else ""
-        return Check("zenoh", "warning", text, COME_BACK)
-    room = f", {look.free} is free for another" if look.free else ""
-    return Check("zenoh", "ok", f"{who} answers{room}")
+        return Check("zenoh", "warning", text, RECONNECT_CURE)
+    free = f", {zenoh.free} is free for another" if zenoh.free else ""
+    return Check("zenoh", "ok", f"{ids} answers{free}")
 
 
-def state(look: StateLook) -> Check:
-    """Whether statistics can be kept."""
-    if not look.writable:
-        cure = "choose another with --state or state.directory, or mend its owner"
-        return Check("state", "failed", look.fault or f"{look.path} cannot be written", cure)
-    if look.free_bytes is not None and look.free_bytes < ROOM_BYTES:
-        text = f"{look.path}: only {look.free_bytes / 1e6:.1f} MB free"
-        return Check("state", "warning", text, "make room: a state takes a megabyte, a recording more")
-    known = f", {look.records} saved in it" if look.records else ""
-    return Check("state", "ok", f"{look.path} can be written{known}")
+def state(state: StateObservation) -> Check:
+    """Check whether statistics can be saved."""
+    if not state.writable:
+        cure = "choose another with --state or state.directory, or correct its owner"
+        return Check("state", "failed", state.problem or f"{state.path} cannot be written", cure)
+    if state.free_bytes is not None and state.free_bytes < MIN_FREE_BYTES:
+        text = f"{state.path}: only {state.free_bytes / 1e6:.1f} MB free"
+        return Check("state", "warning", text, "free some space: a state takes a megabyte, a recording more")
+    saved = f", {state.records} saved in it" if state.records else ""
+    return Check("state", "ok", f"{state.path} can be written{saved}")
 
 
-def service(look: ServiceLook) -> Check:
-    """Whether the daemon runs as a service, where there are services."""
-    if not look.running:
-        return Check("service", "ok", "no systemd here: imumon run by hand")
-    if not look.installed:
-        return Check("service", "ok", "not installed: imumon run by hand, or as the README says")
-    failed = [name for name, state in look.units if state == "failed"]
+def service(service: ServiceObservation) -> Check:
+    """Check whether the daemon runs as a service, if there is a service manager."""
+    if not service.running:
+        return Check("service", "ok", "no systemd here: start imumon run yourself")
+    if not service.installed:
+        return Check("service", "ok", "not installed: start imumon run yourself, or see the README")
+    failed = [name for name, state in service.units if state == "failed"]
     if failed:
-        cure = f"journalctl -u {failed[0]} tells why; then systemctl restart {failed[0]}"
+        cure = f"journalctl -u {failed[0]} shows the reason; then systemctl restart {failed[0]}"
         return Check("service", "failed", f"{failed[0]} has failed", cure)
-    active = [name for name, state in look.units if state in ("active", "activating", "reloading")]
+    active = [name for name, state in service.units if state in ("active", "activating", "reloading")]
     if active:
         return Check("service", "ok", f"{', '.join(active)} active")
     cure = "systemctl enable --now imumon@ttyUSB0 (the name of the port)"

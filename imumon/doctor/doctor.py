@@ -1,34 +1,36 @@
-"""Doctor: one check a line, what is wrong and how to mend it.
+"""Doctor: runs the probes and yields one check per line: what was seen, and what to do.
 
-    examine     all checks in order                               doctor/__init__.py
-    looks       what was seen, as plain facts                     doctor/looks.py
-    machine     looks at the port's file, the disk, the services  doctor/machine.py
-    line        listens to the sensor, or asks its daemon         doctor/line.py
-    bus         asks who is on Zenoh, and whether there is room   doctor/bus.py
-    judge       facts in, checks out: pure functions              doctor/judge.py
+doctor        all checks in order
+observations  what the probes have seen
+probe_device  what the device sends, or what the daemon that reads it counts
+probe_host    the file of the port, the state directory, the service manager
+probe_zenoh   daemons on Zenoh, and whether another one could listen
+checks        observations to checks: pure functions
 
-It changes nothing: the sensor is asked for its registers and none is written; a port that a daemon of ours
-holds is left alone, and the daemon is asked instead.
+The doctor changes nothing: a device is opened and identified, never started, and a port that a daemon
+reads is not opened. Checks that need knowledge of a kind of device come from its driver.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 from imumon.config import Settings
-from imumon.doctor import checks, probe_host
-from imumon.doctor.checks import Check
-from imumon.doctor.observations import BusLook
-from imumon.doctor.probe_device import Unheard, ask_daemon, listen
-from imumon.doctor.probe_zenoh import Network
+from imumon.devices import registry
+from imumon.devices.base import Check, DeviceError, DeviceOptions
 from imumon.devices.serial_port import find_ports
+from imumon.doctor import checks, probe_host
+from imumon.doctor.observations import PortObservation, ZenohObservation
+from imumon.doctor.probe_device import observe_daemon, observe_device
+from imumon.doctor.probe_zenoh import ZenohProbe
 from imumon.report import Report
 
-__all__ = ["Case", "Check", "examine"]
-
-LISTEN_S = 3.0
+OBSERVE_S = 3.0
+"""s for which a device is observed: 1 % of damaged messages show at 40 Hz. Not critical."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,75 +39,106 @@ class Case:
 
     Attributes
     ----------
-    settings : as the daemon would have them, the defaults where the file is at fault.
-    faults : of the file, one a line; empty: none.
-    port : the port; None: that of the settings, of a daemon that answers, or the first with a sensor.
-    state_directory : where the daemon would keep its state.
+    settings : those of the daemon; the defaults if the file has faults.
+    faults : of the settings file, one line each.
+    port : path or URL; None: that of the settings, of a daemon that answers, or the first with a device.
+    state_directory : of the daemon.
     connect : endpoints of daemons; empty: those of the settings.
-    seconds : s, how long to listen.
+    seconds : s for which a device is observed.
     """
 
     settings: Settings
-    faults: str = ""
+    faults: tuple[str, ...] = ()
     port: str | None = None
     state_directory: Path
     connect: tuple[str, ...] = ()
-    seconds: float = LISTEN_S
+    seconds: float = OBSERVE_S
 
 
 def examine(case: Case, progress: Callable[[str], None] = lambda text: None) -> Iterator[Check]:
-    """All checks, each as soon as it is known; `progress` is told what takes long."""
+    """Yield all checks, each as soon as it is known.
+
+    Parameters
+    ----------
+    progress : called with a few words on what takes long.
+    """
     yield checks.config(case.settings, case.faults)
-    progress("asking on the bus")
-    with Network(case.settings.zenoh, case.connect) as network:
-        look = network.look()
-        yield from _sensor(case, network, look, progress)
-        yield checks.zenoh(look)
-    yield checks.state(probe_host.look_at_state(case.state_directory))
-    yield checks.service(probe_host.look_at_service())
+    progress("looking for daemons")
+    with ZenohProbe(case.settings.zenoh, case.connect) as probe:
+        zenoh = probe.observe()
+        yield from _examine_ports(case, probe, zenoh, progress)
+        yield checks.zenoh(zenoh)
+    yield checks.state(probe_host.observe_state(case.state_directory))
+    yield checks.service(probe_host.observe_service())
 
 
-def _sensor(case: Case, network: Network, bus: BusLook, progress: Callable[[str], None]) -> Iterator[Check]:
-    """Checks of the port and of the sensor on it."""
-    given = case.port or case.settings.device.port
-    paths = [given] if given else _candidates(bus)
+def _examine_ports(
+    case: Case, probe: ZenohProbe, zenoh: ZenohObservation, progress: Callable[[str], None]
+) -> Iterator[Check]:
+    """Yield the checks of the port and of its device; without a configured port, try one after the other."""
+    configured = case.port or case.settings.device.port
+    paths = [configured] if configured else candidate_ports(zenoh)
     if not paths:
         yield checks.NO_PORT
-        return
-    for number, path in enumerate(paths):
-        daemon = next((r for r in bus.reports if r.device.port and _same(r.device.port, path)), None)
-        last = number == len(paths) - 1
-        seen, found = _look(case, path, daemon, network, progress)
-        if found or last:
-            yield from seen
+    for path in paths:
+        report = next((r for r in zenoh.reports if r.device.port and _same_port(r.device.port, path)), None)
+        found, has_device = _examine_port(case, path, report, probe, progress)
+        if has_device or path == paths[-1]:
+            yield from found
             return
-        yield checks.passed_over(path, seen)
+        yield checks.skipped_port(path, found)
 
 
-def _candidates(bus: BusLook) -> list[str]:
-    """Ports to try where none is named: those that daemons read or wait for, else all there are."""
-    held = [r.device.port for r in bus.reports if r.device.port]
-    return held or [port.path for port in find_ports()]
+def candidate_ports(zenoh: ZenohObservation) -> list[str]:
+    """Return the ports to try if none is configured: those of running daemons, else all serial ports."""
+    used = [report.device.port for report in zenoh.reports if report.device.port]
+    return used or [port.path for port in find_ports()]
 
 
-def _look(
-    case: Case, path: str, daemon: Report | None, network: Network, progress: Callable[[str], None]
+def _examine_port(
+    case: Case, path: str, report: Report | None, probe: ZenohProbe, progress: Callable[[str], None]
 ) -> tuple[list[Check], bool]:
-    """Checks of one port, and whether there is a sensor on it."""
-    look = probe_host.look_at_port(path, daemon.device.id if daemon else None)
-    seen = list(checks.port(look))
-    if any(check.status == "failed" for check in seen):
-        return seen, False
+    """Return the checks of one port, and whether it has a device.
+
+    Parameters
+    ----------
+    report : of the daemon that reads the port; None: none does.
+    """
+    port = probe_host.observe_port(path, report.device.id if report else None)
+    found = list(checks.port(port))
+    if any(check.status == "failed" for check in found):
+        return found, False
     try:
-        if daemon is not None:
-            progress(f"asking {daemon.device.id} for {case.seconds:g} s")
-            heard, look = ask_daemon(network.feed, daemon, case.seconds), probe_host.with_latency(look)
-        else:
-            heard, look = listen(look, case.settings.device.listen_only, case.seconds, progress)
-    except Unheard as error:
-        return [*seen, checks.unheard(str(error))], False
-    return [*seen, *checks.latency(look), *checks.sensor(heard, case.settings)], True
+        return [*found, *_examine_device(case, port, report, probe, progress)], True
+    except DeviceError as error:
+        return [*found, checks.no_device(error)], False
 
 
-def _same(one: str, other: str) -> bool:
+def _examine_device(
+    case: Case,
+    port: PortObservation,
+    report: Report | None,
+    probe: ZenohProbe,
+    progress: Callable[[str], None],
+) -> list[Check]:
+    driver = registry.driver_of(port.path)
+    if report is not None and probe.subscriber is not None:
+        progress(f"observing the daemon {report.device.id} for {case.seconds:g} s")
+        observation = observe_daemon(probe.subscriber, report, case.seconds)
+        port = probe_host.with_latency(port)
+    else:
+        # the check of the baud compares the configured one with that of the device, which must be detected
+        settings = SimpleNamespace(**{**vars(case.settings.device), "baud": "auto"})
+        device = driver.create(DeviceOptions(url=port.path, settings=settings))
+        device.progress = progress
+        with closing(device):
+            device.open()
+            port = probe_host.with_latency(port)
+            progress(f"observing the device for {case.seconds:g} s")
+            observation = observe_device(device, case.seconds)
+    specific = driver.checks(observation, case.settings.device)
+    return [*checks.latency(port), *checks.device(observation, specific)]
+
+
+def _same_port(one: str, other: str) -> bool:
     return one == other or Path(one).resolve() == Path(other).resolve()

@@ -1,119 +1,110 @@
-"""Looks: what the doctor has seen, as plain facts; `judge` makes checks of them."""
+"""Observations: what the probes have seen; `checks` turns them into lines with a status and a cure.
+
+The observation of a device is `imumon.devices.base.Observation`.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from imumon.devices.vn100.device_info import Vn100Info
+from imumon.errors import ImumonError
 from imumon.report import Report
+
+_URL = re.compile(r"[a-z][a-z0-9+.-]*:")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PortLook:
+class PortObservation:
     """A port as the file system shows it.
 
     Attributes
     ----------
-    exists, character : there is such a file, and it is a character device.
+    path : device path or URL; only `daemon` is known of a URL.
+    exists, is_character_device : of the file.
     accessible : this process may read and write it.
-    group, user : that owns the file; who we are.
-    member : the user database has us in that group.
+    group, user : group of the file, and the user of this process.
+    group_member : the user database has the user in that group.
     holders : other processes that have it open, ``name (pid)``.
-    daemon : name of a daemon of ours that reads it, as it says itself; None: none.
-    latency_ms : ms, of an FTDI adapter's timer while the port is open; None: another adapter, or not known.
-    others : other ports of this machine.
+    daemon : id of the daemon that reads it, according to its report; None: none.
+    latency_ms : ms, timer of an FTDI adapter while the port is open; None: another adapter, or unknown.
+    description : of the adapter.
+    other_ports : paths of the other ports of this machine.
     """
 
     path: str
     exists: bool = True
-    character: bool = True
+    is_character_device: bool = True
     accessible: bool = True
     group: str | None = None
     user: str = ""
-    member: bool = False
+    group_member: bool = False
     holders: tuple[str, ...] = ()
     daemon: str | None = None
     latency_ms: int | None = None
-    described: str = ""
-    others: tuple[str, ...] = ()
+    description: str = ""
+    other_ports: tuple[str, ...] = ()
 
     @property
     def is_url(self) -> bool:
-        return "://" in self.path
+        """Whether the port is a URL instead of a path.
+
+        >>> [PortObservation(path=p).is_url for p in ("/dev/ttyUSB0", "socket://10.0.0.2:4001", "fake:a")]
+        [False, True, True]
+        """
+        return _URL.match(self.path) is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
-    """What a few seconds of the line told.
+class ZenohObservation:
+    """Daemons on Zenoh, and whether another one could listen.
 
     Attributes
     ----------
-    facts : who the sensor is, its settings and its stream.
-    seconds : s of the room, how long was listened.
-    bytes, messages, bad_checksums, discarded : since the first valid message.
-    samples : of the stream that would be characterised.
-    missing : samples that the sensor's clock, or broken frames, show to be lost; None: no telling.
-    rate_hz : samples a second of the room, None below two of them.
-    clock_ratio : seconds of the sensor in one of the room; None without a clock.
-    leaps : times the sensor's clock went backwards or leapt by more than 10 s.
-    longest_pause_s : s without a byte.
-    gone : why the port went away while it was listened to.
-    daemon : who was asked instead of listening.
-    state : of that daemon.
-    """
-
-    facts: Vn100Info
-    seconds: float
-    bytes: int = 0
-    messages: int = 0
-    bad_checksums: int = 0
-    discarded: int = 0
-    samples: int = 0
-    missing: int | None = None
-    rate_hz: float | None = None
-    clock_ratio: float | None = None
-    leaps: int = 0
-    longest_pause_s: float = 0.0
-    gone: str | None = None
-    daemon: str | None = None
-    state: str = "running"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusLook:
-    """Who is on Zenoh, and whether a daemon would find room.
-
-    Attributes
-    ----------
-    reports : newest report of every daemon that answers.
-    free : endpoint a daemon could listen on now; None: none.
-    fault : why not, or what is wrong with the settings.
-    exposed : endpoints open to the network without encryption, by the settings' own wish.
+    reports : newest report of each daemon that answers.
+    free : endpoint on which a daemon could listen now; None: none.
+    error : why there is none, or what is wrong with the settings.
+    exposed : endpoints of the settings that are open to the network without encryption.
     unreachable : routers of the settings that do not answer.
     """
 
     reports: tuple[Report, ...] = ()
     free: str | None = None
-    fault: str | None = None
+    error: ImumonError | None = None
     exposed: tuple[str, ...] = ()
     unreachable: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StateLook:
-    """The directory of the accumulated statistics; `records` are the sensors it knows."""
+class StateObservation:
+    """The state directory.
+
+    Attributes
+    ----------
+    writable : files can be created in it, or the directory itself can be created.
+    problem : why it is not writable.
+    free_bytes : on its file system; None: unknown.
+    records : number of saved states.
+    """
 
     path: Path
     writable: bool
-    fault: str | None = None
+    problem: str | None = None
     free_bytes: int | None = None
     records: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ServiceLook:
-    """The service manager: units by name with their state (``active``, ``failed`` ...)."""
+class ServiceObservation:
+    """The service manager.
+
+    Attributes
+    ----------
+    running : systemd runs on this machine.
+    installed : the unit of imumon is installed.
+    units : instances of it with their states (``active``, ``failed`` ...).
+    """
 
     running: bool
     installed: bool = False

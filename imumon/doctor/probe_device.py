@@ -1,144 +1,126 @@
-"""Line: what the sensor itself tells in a few seconds; its registers are read and none is written.
+"""Device probe: what a device sends in a few seconds, without changing it.
 
-Where a daemon of ours has the port it is asked instead: the differences of its counters tell the same.
+A device that a daemon reads is not opened: the counters in two reports of the daemon give the same facts.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from imumon.devices.vn100.device_info import Vn100Info
-from imumon.devices.vn100.vn100_session import SessionError, StreamRequest, Vn100Session
-from imumon.doctor.observations import Heard, PortLook
-from imumon.doctor.probe_host import with_latency
-from imumon.recordings import PortError, PortGone, SerialPort
+from imumon.bus import Subscriber
+from imumon.devices.base import Device, DeviceLost, Observation
 from imumon.report import Report
-from imumon.samples import Ints, SampleBlock
+from imumon.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
 
-FIRST_BAUD = 115200
-LEAP_NS = 10_000_000_000
-BEAT_S = 0.2
-OF_THE_SENSOR = ("compensated", "unknown_compensation", "aliased")
-"""Caveats that stand for the sensor's settings and not for what happened to the record."""
+READ_S = 0.2
+"""s that one read waits for data, and between two reports of a daemon. Not critical."""
 
+JUMP_NS = 10_000_000_000
+"""ns of the sample clock from one sample to the next that count as a jump of the clock. A gap in a stream
+that is observed for some seconds is shorter."""
 
-class Unheard(Exception):
-    """The sensor cannot be heard; the text says why and how to mend it."""
+RATE_SPAN_S = 0.5
+"""s of samples from which the rate and the ratio of the clocks are computed. Not critical."""
+
+DEVICE_CAVEATS = ("compensated", "unknown_compensation", "aliased")
+"""Caveats of a report that describe the device, not the record."""
 
 
 @dataclass(slots=True)
-class _Taken:
-    """Samples of one stream while listening; `first` and `last` are when they arrived, s of the room."""
+class _StreamStatistics:
+    """Samples of one stream; `first_s` and `last_s` are the arrival of the first and last block."""
 
-    stream: Any
+    stream: Stream
     count: int = 0
-    first: float = 0.0
-    last: float = 0.0
+    first_count: int = 0  # samples of the first block
+    first_s: float = 0.0
+    last_s: float = 0.0
     lost: int = 0
     times: list[Ints] = field(default_factory=list)
 
     def add(self, block: SampleBlock, now: float) -> None:
         if not self.count:
-            self.first = now
+            self.first_s, self.first_count = now, len(block)
         self.count += len(block)
-        self.last = now
+        self.last_s = now
         self.lost += int(block.lost.sum())
         if block.time_ns is not None:
             self.times.append(block.time_ns)
 
 
-def listen(
-    look: PortLook, listen_only: bool, seconds: float, progress: Callable[[str], None] = lambda text: None
-) -> tuple[Heard, PortLook]:
-    """Open the port, know the sensor and hear what it sends; the look comes back with the latency timer.
-
-    Raises
-    ------
-    Unheard : the port does not open, or nothing on it answers like a sensor.
-    """
+def observe_device(device: Device, seconds: float) -> Observation:
+    """Return what an open device sends in so many seconds, from its first valid message on."""
+    streams: dict[str, _StreamStatistics] = {}
+    first = device.counters
+    base = None
+    start = data_at = now = time.monotonic()
+    longest_pause, lost = 0.0, None
     try:
-        with SerialPort(look.path, FIRST_BAUD) as port:
-            look = with_latency(look)
-            wanted = StreamRequest(listen_only=listen_only)
-            session = Vn100Session(port, wanted, time.monotonic, progress=progress)
-            facts = session.connect()
-            progress(f"listening for {seconds:g} s")
-            return _hear(session, facts, seconds), look
-    except (PortError, PortGone, SessionError) as error:
-        raise Unheard(str(error)) from None
-
-
-def _hear(session: Vn100Session, facts: Vn100Info, seconds: float) -> Heard:
-    """Listen for a while; what came before the first valid message does not count."""
-    decoder, taken = session.decoder, dict[str, _Taken]()
-    start = heard_at = time.monotonic()
-    before: tuple[int, int, int, int] | None = None
-    pause, gone = 0.0, None
-    try:
-        while (now := time.monotonic()) < start + seconds:
-            data = session.read(min(BEAT_S, start + seconds - now))
-            items, now = session.decode(data), time.monotonic()
-            counters = (decoder.fed, decoder.messages, decoder.bad_checksums, decoder.discarded)
-            if data:
-                pause, heard_at = max(pause, now - heard_at), now
-            if decoder.messages and before is None:
-                before = counters
+        while now < start + seconds:
+            items = device.read(min(READ_S, start + seconds - now))
+            now = time.monotonic()
+            if any(isinstance(item, SampleBlock | RawBytes) for item in items):
+                longest_pause, data_at = max(longest_pause, now - data_at), now
+            if base is None and device.counters.messages > first.messages:
+                base = device.counters
             for item in items:
                 if isinstance(item, SampleBlock):
-                    taken.setdefault(item.stream.kind, _Taken(item.stream)).add(item, now)
-    except PortGone as error:
-        gone = str(error)
-    pause = max(pause, time.monotonic() - heard_at)
-    now_counters = (decoder.fed, decoder.messages, decoder.bad_checksums, decoder.discarded)
-    since = tuple(a - b for a, b in zip(now_counters, before or now_counters, strict=True))
-    facts = session.facts()
-    heard = Heard(
-        facts=facts,
-        seconds=time.monotonic() - start,
-        bytes=since[0],
-        messages=since[1],
-        bad_checksums=since[2],
-        discarded=since[3],
-        longest_pause_s=pause,
-        gone=gone,
+                    streams.setdefault(item.stream.kind, _StreamStatistics(item.stream)).add(item, now)
+    except DeviceLost as error:
+        lost = error.message
+    now, last, info = time.monotonic(), device.counters, device.info()
+    base = base or first
+    observation = Observation(
+        info=info,
+        seconds=now - start,
+        bytes=last.received_bytes - base.received_bytes,
+        messages=last.messages - base.messages,
+        bad_checksums=last.bad_checksums - base.bad_checksums,
+        discarded=last.discarded_bytes - base.discarded_bytes,
+        longest_pause_s=max(longest_pause, now - data_at),
+        lost=lost,
     )
-    stream = facts.stream and taken.get(facts.stream)
-    return _with_samples(heard, stream) if stream else heard
+    stream = streams.get(info.stream) if info.stream else next(iter(streams.values()), None)
+    if stream is None:
+        return observation
+    if info.stream is None:  # the device leaves it to its samples
+        info = replace(info, stream=stream.stream.kind, source=stream.stream.source)
+    return _with_samples(replace(observation, info=info), stream)
 
 
-def _with_samples(heard: Heard, taken: _Taken) -> Heard:
-    """Rate, losses and clock of the samples that came."""
-    span = taken.last - taken.first
-    # the first block came at once and may hold several samples: what came behind it is the rate
-    rate = None if span < 0.5 else taken.count / (span + span / max(taken.count, 1))
-    heard = replace(heard, samples=taken.count, rate_hz=rate, missing=taken.lost)
-    if taken.stream.clock != "startup" or not taken.times:
-        return heard
-    steps = np.diff(np.concatenate(taken.times))
-    leaps = (steps < 0) | (steps > LEAP_NS)
-    steady = steps[~leaps & (steps > 0)]
-    if not len(steady):
-        return replace(heard, leaps=int(leaps.sum()))
-    tick = float(np.median(steady))
-    missing = int(np.maximum(np.rint(steady / tick) - 1, 0).sum())
-    ratio = float(steady.sum()) / 1e9 / span if span >= 0.5 else None
-    return replace(heard, missing=missing, clock_ratio=ratio, leaps=int(leaps.sum()))
+def _with_samples(observation: Observation, stream: _StreamStatistics) -> Observation:
+    """Return the observation with the rate, the losses and the clock of the samples."""
+    span = stream.last_s - stream.first_s
+    long_enough = span >= RATE_SPAN_S
+    # the first block may hold samples from before: the rate is that of the samples after it
+    rate = (stream.count - stream.first_count) / span if long_enough else None
+    observation = replace(observation, samples=stream.count, rate_hz=rate, missing=stream.lost)
+    if stream.stream.clock != "startup" or not stream.times:
+        return observation
+    steps = np.diff(np.concatenate(stream.times))
+    jumps = (steps < 0) | (steps > JUMP_NS)
+    observation = replace(observation, clock_jumps=int(jumps.sum()))
+    regular = steps[~jumps & (steps > 0)]
+    if not len(regular):
+        return observation
+    missing = int(np.maximum(np.rint(regular / np.median(regular)) - 1, 0).sum())
+    later, jumped = steps[stream.first_count - 1 :], jumps[stream.first_count - 1 :]
+    ratio = float(later[~jumped].sum()) / 1e9 / span if long_enough else None
+    return replace(observation, missing=missing, clock_ratio=ratio)
 
 
-def ask_daemon(feed: Any, made: Report, seconds: float) -> Heard:
-    """What the daemon that reads the sensor counts in a few seconds."""
-    start, first, last = time.monotonic(), made, made
-    while (time.monotonic() < start + seconds or last is made) and time.monotonic() < start + 2 * seconds:
-        time.sleep(BEAT_S)
-        last = feed.reports()[made.device.id][0]
-    a, b, device = first.session, last.session, last.device
-    passed = b.elapsed_s - a.elapsed_s
-    facts = Vn100Info(
+def observe_daemon(subscriber: Subscriber, report: Report, seconds: float) -> Observation:
+    """Return what the daemon that reads the device counts in so many seconds."""
+    start, last = time.monotonic(), report
+    while (time.monotonic() < start + seconds or last is report) and time.monotonic() < start + 2 * seconds:
+        time.sleep(READ_S)
+        last = subscriber.reports()[report.device.id][0]
+    a, b, device = report.session, last.session, last.device
+    elapsed = b.elapsed_s - a.elapsed_s
+    info = DeviceInfo(
         id=device.id,
         model=device.model,
         serial=device.serial,
@@ -151,18 +133,18 @@ def ask_daemon(feed: Any, made: Report, seconds: float) -> Heard:
         sample_rate_hz=device.sample_rate_hz,
         alias_factor=device.alias_factor,
         settings=device.settings,
-        caveats=tuple(word for word in last.caveats if word in OF_THE_SENSOR),
+        caveats=tuple(caveat for caveat in last.caveats if caveat in DEVICE_CAVEATS),
     )
-    return Heard(
-        facts=facts,
-        seconds=passed / last.speed if passed > 0 else time.monotonic() - start,
+    return Observation(
+        info=info,
+        seconds=elapsed / last.speed if elapsed > 0 else time.monotonic() - start,
         bytes=b.received_bytes - a.received_bytes,
         messages=b.samples - a.samples,
         bad_checksums=b.bad_checksums - a.bad_checksums,
         discarded=b.discarded_bytes - a.discarded_bytes,
         samples=b.samples - a.samples,
         missing=b.missing - a.missing,
-        rate_hz=(b.samples - a.samples) / passed if passed > 0 else None,
+        rate_hz=(b.samples - a.samples) / elapsed if elapsed > 0 else None,
         daemon=device.id,
         state=last.state,
     )

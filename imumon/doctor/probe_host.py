@@ -1,4 +1,4 @@
-"""Machine: looks at the port's file, the disk and the service manager, and touches none of them."""
+"""Host probe: observes the file of a port, the state directory and the service manager."""
 
 from __future__ import annotations
 
@@ -13,90 +13,101 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from imumon.doctor.observations import PortLook, ServiceLook, StateLook
 from imumon.devices.serial_port import find_ports, holders
+from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation
+
+SYSTEMCTL_S = 5.0
+"""s that systemctl may take. Not critical."""
 
 
-def look_at_port(path: str, daemon: str | None = None) -> PortLook:
-    """What can be known of a port without opening it; `daemon` says that it reads it."""
-    if "://" in path:
-        return PortLook(path=path, daemon=daemon)
+def observe_port(path: str, daemon: str | None = None) -> PortObservation:
+    """Observe a port without opening it.
+
+    Parameters
+    ----------
+    daemon : id of the daemon that reads it; None: none.
+    """
+    port = PortObservation(path=path, daemon=daemon)
+    if port.is_url:
+        return port
     ports = find_ports()
-    others = tuple(port.path for port in ports if port.path != path)
     real = os.path.realpath(path)
-    described = next((p.description for p in ports if os.path.realpath(p.path) == real), "")
+    port = replace(
+        port,
+        other_ports=tuple(info.path for info in ports if info.path != path),
+        description=next((info.description for info in ports if os.path.realpath(info.path) == real), ""),
+    )
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError):
-        return PortLook(path=path, exists=False, daemon=daemon, others=others)
-    group, member = None, False
+        return replace(port, exists=False)
+    group, group_member, user = None, False, _user()
     with contextlib.suppress(KeyError):
-        entry = grp.getgrgid(found.st_gid)
-        group, member = entry.gr_name, _user() in entry.gr_mem
-    return PortLook(
-        path=path,
-        character=stat.S_ISCHR(found.st_mode),
+        entry = grp.getgrgid(status.st_gid)
+        group, group_member = entry.gr_name, user in entry.gr_mem
+    return replace(
+        port,
+        is_character_device=stat.S_ISCHR(status.st_mode),
         accessible=os.access(path, os.R_OK | os.W_OK),
         group=group,
-        user=_user(),
-        member=member,
-        # who made a pseudo-terminal has it open itself: there, opening it tells
+        user=user,
+        group_member=group_member,
+        # the process behind a pseudo-terminal has it open itself: there, opening it shows whether it is free
         holders=() if real.startswith("/dev/pts/") else tuple(holders(path)),
-        daemon=daemon,
-        described=described,
-        others=others,
     )
 
 
-def with_latency(look: PortLook, root: Path = Path("/sys/class/tty")) -> PortLook:
-    """The look with the adapter's latency timer, to be called while the port is open."""
-    name = Path(os.path.realpath(look.path)).name
+def with_latency(port: PortObservation, root: Path = Path("/sys/class/tty")) -> PortObservation:
+    """Return the observation with the latency timer of the adapter; call it while the port is open."""
+    name = Path(os.path.realpath(port.path)).name
     try:
         text = (root / name / "device" / "latency_timer").read_text()
-        return replace(look, latency_ms=int(text))
+        return replace(port, latency_ms=int(text))
     except (OSError, ValueError):
-        return look
+        return port
 
 
-def look_at_state(path: Path) -> StateLook:
-    """Whether a file can be made in the directory, or the directory itself; what is made is removed."""
-    there = path
-    while not there.exists() and there != there.parent:
-        there = there.parent
-    fault = None
-    if not there.is_dir():
-        fault = f"{there} is a file, not a directory"
-    elif there == path:
+def observe_state(path: Path) -> StateObservation:
+    """Observe the state directory: whether a file, or the directory itself, can be created in it."""
+    existing = path
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    problem = None
+    if not existing.is_dir():
+        problem = f"{existing} is a file, not a directory"
+    elif existing == path:
         try:
             with tempfile.NamedTemporaryFile(dir=path, prefix=".doctor-"):
                 pass
         except OSError as error:
-            fault = f"{path}: {(error.strerror or str(error)).lower()}"
-    elif not os.access(there, os.W_OK | os.X_OK):
-        fault = f"{there}: permission denied"
+            problem = f"{path}: {(error.strerror or str(error)).lower()}"
+    elif not os.access(existing, os.W_OK | os.X_OK):
+        problem = f"{existing}: permission denied"
     free = None
     with contextlib.suppress(OSError):
-        free = shutil.disk_usage(there).free
+        free = shutil.disk_usage(existing).free
     records = 0
     with contextlib.suppress(OSError):
         records = sum(1 for entry in path.iterdir() if entry.is_file() and entry.suffix == ".state")
-    return StateLook(path=path, writable=fault is None, fault=fault, free_bytes=free, records=records)
+    return StateObservation(
+        path=path, writable=problem is None, problem=problem, free_bytes=free, records=records
+    )
 
 
-def look_at_service() -> ServiceLook:
-    """What the service manager says of our units, where there is one."""
+def observe_service() -> ServiceObservation:
+    """Observe the units of imumon, if there is a service manager."""
     if not Path("/run/systemd/system").is_dir() or shutil.which("systemctl") is None:
-        return ServiceLook(running=False)
+        return ServiceObservation(running=False)
     installed = bool(_systemctl("list-unit-files", "imumon@*"))
-    lines = [line.split() for line in _systemctl("list-units", "--all", "imumon@*")]
-    units = tuple((words[0], words[2]) for words in lines if len(words) > 2)
-    return ServiceLook(running=True, installed=installed or bool(units), units=units)
+    rows = [line.split() for line in _systemctl("list-units", "--all", "imumon@*")]
+    units = tuple((row[0], row[2]) for row in rows if len(row) > 2)
+    return ServiceObservation(running=True, installed=installed or bool(units), units=units)
 
 
-def _systemctl(*words: str) -> list[str]:
-    command = ["systemctl", "--no-legend", "--plain", "--no-pager", *words]
+def _systemctl(*arguments: str) -> list[str]:
+    command = ["systemctl", "--no-legend", "--plain", "--no-pager", *arguments]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SYSTEMCTL_S, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return []
     return [line for line in done.stdout.splitlines() if line.strip()]
@@ -105,5 +116,5 @@ def _systemctl(*words: str) -> list[str]:
 def _user() -> str:
     try:
         return getpass.getuser()
-    except (KeyError, OSError):  # a user that the database does not know
+    except (KeyError, OSError):  # a user without an entry in the user database
         return str(os.getuid())

@@ -1,85 +1,89 @@
-"""Network: who is on Zenoh, and whether a daemon would find room there."""
+"""Zenoh probe: which daemons answer, and whether another one could listen."""
 
 from __future__ import annotations
 
-import contextlib
 import time
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 from imumon.bus import BusError, SessionOptions, Subscriber
 from imumon.bus.zenoh_session import Unreachable, is_local, local_endpoints, open_session
-from imumon.doctor.observations import BusLook
+from imumon.doctor.observations import ZenohObservation
 
-HEAR_S = 1.0
-GATHER_S = 0.3
+ANSWER_S = 1.0
+"""s to wait for the first daemon. Not critical."""
+
+OTHERS_S = 0.3
+"""s to wait for further daemons after the first. Not critical."""
 
 
-class Network:
-    """The bus as a viewer sees it, a context.
+class ZenohProbe:
+    """The bus as a subscriber sees it; a context manager.
 
     Attributes
     ----------
-    feed : the viewer; None where the settings allow none.
+    subscriber : None if the settings allow none.
     """
 
     def __init__(self, settings: object, connect: tuple[str, ...]) -> None:
         self._options = SessionOptions.of(settings)
         self._connect = connect
-        self.feed: Any = None
-        self._fault: str | None = None
+        self.subscriber: Subscriber | None = None
+        self._error: BusError | None = None
 
-    def __enter__(self) -> Network:
+    def __enter__(self) -> ZenohProbe:
         try:
-            self.feed = Subscriber(self._connect or None, settings=self._options)
+            self.subscriber = Subscriber(self._connect or None, settings=self._options)
         except BusError as error:
-            self._fault = str(error)
+            self._error = error
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.feed is not None:
-            self.feed.close()
+        if self.subscriber is not None:
+            self.subscriber.close()
 
-    def look(self) -> BusLook:
-        """Who answers within a second, and whether there is room to listen."""
-        if self.feed is None:
-            return BusLook(fault=self._fault)
-        if self.feed.wait_report(None, HEAR_S) is not None:
-            time.sleep(GATHER_S)  # others may be a little later
-        reports = tuple(report for report, _ in self.feed.reports().values())
-        free, fault = self._room()
-        listen = self._options.listen
-        with contextlib.suppress(BusError):  # an endpoint that is none is the fault above
-            return BusLook(
-                reports=reports,
-                free=free,
-                fault=fault,
-                exposed=tuple(e for e in listen if not is_local(e) and not e.startswith(("tls/", "quic/"))),
-                unreachable=self._unreachable(),
-            )
-        return BusLook(reports=reports, free=free, fault=fault)
+    def observe(self) -> ZenohObservation:
+        """Return which daemons answer, and whether another one could listen."""
+        if self.subscriber is None:
+            return ZenohObservation(error=self._error)
+        if self.subscriber.wait_report(None, ANSWER_S) is not None:
+            time.sleep(OTHERS_S)
+        free, error = self._free_endpoint()
+        exposed: tuple[str, ...] = ()
+        unreachable: tuple[str, ...] = ()
+        with suppress(BusError):  # an invalid endpoint is the error above
+            listen = self._options.listen
+            exposed = tuple(e for e in listen if not is_local(e) and not e.startswith(("tls/", "quic/")))
+            unreachable = self._unreachable()
+        return ZenohObservation(
+            reports=tuple(report for report, _ in self.subscriber.reports().values()),
+            free=free,
+            error=error,
+            exposed=exposed,
+            unreachable=unreachable,
+        )
 
-    def _room(self) -> tuple[str | None, str | None]:
-        """Endpoint that is free for a daemon, else why there is none."""
-        fault = None
-        for endpoint in self._options.listen or local_endpoints():
+    def _free_endpoint(self) -> tuple[str | None, BusError | None]:
+        """Return an endpoint on which a daemon could listen, or why there is none."""
+        listen, last_error = self._options.listen, None
+        for endpoint in listen or local_endpoints():
             try:
                 open_session(self._options, [endpoint], (), access_control=True).close()
             except BusError as error:
-                fault = str(error)
-                if self._options.listen or error.code != "address_in_use":
+                last_error = error
+                if listen or error.code != "address_in_use":
                     break
             else:
-                if not self._options.listen or endpoint == self._options.listen[-1]:
+                if not listen or endpoint == listen[-1]:
                     return endpoint, None
-        return None, fault
+        return None, last_error
 
     def _unreachable(self) -> tuple[str, ...]:
         client = replace(self._options, mode="client", listen=(), users_file="")
-        silent = []
+        unreachable = []
         for endpoint in self._options.connect:
             try:
                 open_session(client, (), [endpoint], access_control=False).close()
             except Unreachable:
-                silent.append(endpoint)
-        return tuple(silent)
+                unreachable.append(endpoint)
+        return tuple(unreachable)

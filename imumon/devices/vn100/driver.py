@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 from imumon.devices.base import (
@@ -12,6 +12,7 @@ from imumon.devices.base import (
     Device,
     DeviceDriver,
     DeviceOptions,
+    InvalidOption,
     Observation,
     RawDecoder,
     ReferenceValue,
@@ -41,7 +42,9 @@ class Vn100Driver(DeviceDriver):
         return Vn100Decoder()
 
     def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
-        yield from ()
+        from imumon.devices.vn100.doctor_checks import checks
+
+        return checks(observation, settings)
 
     def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
         return {}
@@ -73,8 +76,30 @@ class Vn100Driver(DeviceDriver):
             "device.stream": arguments.stream,
         }
 
-    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str] | None:
-        raise NotImplementedError
+    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str]:
+        from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+
+        process = spawn(EmulatorSettings(speed=speed, seed=seed))
+
+        @contextmanager
+        def running() -> Iterator[str]:
+            with process:
+                yield process.path
+
+        return running()
+
+    def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:
+        from imumon.devices.vn100.emulator import add_arguments
+
+        add_arguments(parser)
+
+    def run_emulator(self, arguments: argparse.Namespace) -> int:
+        from imumon.devices.vn100.emulator import from_arguments, run
+
+        settings = from_arguments(arguments)
+        if settings.rate == 0:  # for tests only: a sensor without output
+            raise InvalidOption("rate_invalid", "--rate 0 is no output rate", "give one, such as 40")
+        return run(settings)
 
 
 def _baud(text: str) -> str | int:

@@ -281,6 +281,7 @@ class Vn100Device(Device):
         kernel, now = earlier.kernel_overruns, port.kernel_overruns if port else None
         return DeviceCounters(
             received_bytes=decoder.fed,
+            messages=decoder.messages,
             discarded_bytes=decoder.discarded,
             bad_checksums=decoder.bad_checksums,
             overruns=earlier.overruns + (port.overruns if port else 0),

@@ -1,6 +1,6 @@
-"""A VN-100 on a pseudo-terminal: its registers, commands, streams and noise, in a process of its own.
+"""VN-100 emulator on a pseudo-terminal: registers, commands, output streams and noise.
 
-`spawn` starts one and gives its path; `run` is what the process does.
+`spawn` starts it in a separate process; `run` is what that process does.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from imumon.devices.vn100.emulator.emulator_settings import (
     Noise,
     add_arguments,
     from_arguments,
-    from_words,
+    from_command_line,
 )
 from imumon.devices.vn100.emulator.main_loop import run
 from imumon.devices.vn100.emulator.process import EmulatorProcess, spawn
@@ -21,7 +21,7 @@ __all__ = [
     "Noise",
     "add_arguments",
     "from_arguments",
-    "from_words",
+    "from_command_line",
     "run",
     "spawn",
 ]

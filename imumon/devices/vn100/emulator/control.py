@@ -1,7 +1,7 @@
-"""Control of the emulator: lines of commands on standard input or on a socket.
+"""Control channel of the emulator: lines of commands on standard input or on a socket.
 
-Each line is answered by a line of JSON. The end of standard input is the end of the emulator, so that a
-parent that is gone takes it along; a client of the socket that is gone takes nothing.
+Each line is answered by a line of JSON. The end of standard input ends the emulator; the end of a socket
+connection does not.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ from pathlib import Path
 
 
 class Control:
-    """Where commands come from.
+    """Source of commands.
 
     Parameters
     ----------
-    where : path of a socket to make, ``-`` for standard input, None for nowhere.
+    place : path of a socket to create, ``-`` for standard input, None for none.
 
     Attributes
     ----------
     ended : standard input has ended.
     """
 
-    def __init__(self, where: str | None) -> None:
+    def __init__(self, place: str | None) -> None:
         self._server: socket.socket | None = None
         self._inputs: dict[int, tuple[int, bytearray]] = {}
         self._clients: dict[int, socket.socket] = {}
-        self._path = where if where not in (None, "-") else None
+        self._path = place if place not in (None, "-") else None
         self.ended = False
-        if where == "-":
+        if place == "-":
             self._inputs[sys.stdin.fileno()] = (sys.stdout.fileno(), bytearray())
-        elif where is not None:
-            if Path(where).is_socket():
-                Path(where).unlink()
+        elif place is not None:
+            if Path(place).is_socket():
+                Path(place).unlink()
             self._server = socket.socket(socket.AF_UNIX)
-            self._server.bind(where)
+            self._server.bind(place)
             self._server.listen()
 
     @property
@@ -45,30 +45,33 @@ class Control:
         return [*self._inputs, *([self._server.fileno()] if self._server is not None else [])]
 
     def lines(self, ready: list[int]) -> Iterator[tuple[str, int]]:
-        """Commands that came, each with the descriptor for its answer."""
+        """Yield the commands on the `ready` descriptors, each with the descriptor for its answer."""
         if self._server is not None and self._server.fileno() in ready:
             client, _ = self._server.accept()
             self._clients[client.fileno()] = client
             self._inputs[client.fileno()] = (client.fileno(), bytearray())
         for descriptor in [d for d in self._inputs if d in ready]:
-            answer, held = self._inputs[descriptor]
+            output, buffer = self._inputs[descriptor]
             try:
                 data = os.read(descriptor, 4096)
             except OSError:
                 data = b""
             if not data:
-                del self._inputs[descriptor]
-                gone = self._clients.pop(descriptor, None)
-                if gone is None:
-                    self.ended = True
-                else:
-                    gone.close()
+                self._end(descriptor)
                 continue
-            held += data
-            *whole, rest = held.split(b"\n")
-            held[:] = rest
-            for line in filter(None, whole):
-                yield line.decode("utf-8", "replace"), answer
+            buffer += data
+            *complete, rest = buffer.split(b"\n")
+            buffer[:] = rest
+            for line in filter(None, complete):
+                yield line.decode("utf-8", "replace"), output
+
+    def _end(self, descriptor: int) -> None:
+        del self._inputs[descriptor]
+        client = self._clients.pop(descriptor, None)
+        if client is None:
+            self.ended = True
+        else:
+            client.close()
 
     def close(self) -> None:
         for client in self._clients.values():

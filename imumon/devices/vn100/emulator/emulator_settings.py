@@ -1,8 +1,8 @@
-"""Settings of the emulator: what it is, how noisy, how fast, and what goes wrong.
+"""Settings of the emulator: identity, noise, speed and faults.
 
-The defaults make a VN-100 with the noise of its datasheet (gyro 0.0035 deg/s/sqrt(Hz), 5 deg/h in run;
-accelerometer 0.14 mg/sqrt(Hz)), equal on the three axes, so that what is measured can be compared with
-what was put in.
+The defaults are a VN-100 with the noise of its datasheet (gyroscope 0.0035 deg/s/sqrt(Hz), 5 deg/h in run;
+accelerometer 0.14 mg/sqrt(Hz)), equal on the three axes, so that measured values can be compared with
+configured ones.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
-from imumon.devices.vn100.emulator.faults import Faults
+from imumon.devices.base import InvalidOption
+from imumon.devices.vn100.emulator.faults import FOREIGN_DEVICES, Faults
 from imumon.devices.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE, Generation
 
 Axes: TypeAlias = tuple[float, float, float]
@@ -20,7 +21,7 @@ Axes: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Coefficients of a sensor's noise for its axes x, y, z (IEEE Std 952).
+    """Noise coefficients of a sensor for its axes x, y, z (IEEE Std 952).
 
     Attributes
     ----------
@@ -38,31 +39,33 @@ def _equal(n: float, b: float, k: float) -> Noise:
     return Noise((n, n, n), (b, b, b), (k, k, k))
 
 
+FASTEST = 1e4
+"""Largest time-lapse factor. Not critical."""
+
 GYRO = _equal(6.1e-5, 2.4e-5, 1e-6)
 ACCEL = _equal(1.37e-3, 2e-4, 1e-5)
 MAG = _equal(1.4e-4, 2e-5, 1e-6)
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss"}
-IMPOSTORS = ("nmea", "garbage", "silent")
 
 
 @dataclass(frozen=True, slots=True)
 class EmulatorSettings:
-    """Everything the emulator is told.
+    """Settings of the emulator; the options of `imumon sim` have the same names.
 
     Attributes
     ----------
-    rate : Hz, output rate at power-up: a rate that VNYMR can have, else one of the binary outputs.
-    baud : None takes the factory baud, or the next higher one that carries the rate.
-    speed : how many times faster than the room's clock the sensor's runs; above 1 the baud does not pace
-        the line and the sensor waits for its reader.
-    seed : of the noise; None takes another one every time.
-    link : symbolic link to keep on the pseudo-terminal's path.
-    control : path of a socket for commands, or ``-`` for standard input; its end ends the emulator.
-    serial_port : which of the sensor's two ports is the pseudo-terminal.
-    impostor : be something else than a VN-100.
-    hum, hum_hz : gauss and Hz, amplitude of mains hum on the magnetometer.
-    warm_up, warm_up_s : degC and s, how far and how fast the sensor heats up after power-up.
-    gyro_thermal : rad/s/degC, how far its bias follows.
+    rate : Hz, output rate at power-up: VNYMR if it can have that rate, else a binary output.
+    baud : bit/s; None: the factory baud, or the next higher one that carries the rate.
+    speed : seconds of the sensor clock per second of the host clock; above 1 the baud does not pace the line
+        and the sensor waits for its reader.
+    seed : of the noise; None: a different one each time.
+    link : symbolic link to maintain to the pseudo-terminal.
+    control : path of a socket for commands, or ``-`` for standard input, whose end ends the emulator.
+    serial_port : number of the port of the sensor that is the pseudo-terminal.
+    impostor : act as a device that is not a VN-100, one of `FOREIGN_DEVICES`; None: do not.
+    hum, hum_hz : gauss and Hz, amplitude and frequency of mains hum on the magnetometer.
+    warm_up, warm_up_s : degC and s, temperature rise after power-up and its time constant.
+    gyro_thermal : rad/s/degC, temperature coefficient of the gyroscope bias.
     """
 
     rate: float = 40.0
@@ -88,15 +91,16 @@ class EmulatorSettings:
 
     def __post_init__(self) -> None:
         if self.rate != 0 and (self.rate < 0 or LOOP_RATE % self.rate):
-            raise ValueError(
-                f"--rate {self.rate:g}: a VN-100 sends at {LOOP_RATE} Hz divided by a whole number"
-            )
-        if not 0 < self.speed <= 1e4:
-            raise ValueError(f"--speed {self.speed:g}: give a number above 0, up to 10000")
+            cure = f"a VN-100 sends at {LOOP_RATE} Hz divided by a whole number"
+            raise InvalidOption("rate_invalid", f"--rate {self.rate:g}", cure)
+        if not 0 < self.speed <= FASTEST:
+            cure = f"give a number above 0, up to {FASTEST:.0f}"
+            raise InvalidOption("speed_invalid", f"--speed {self.speed:g}", cure)
         if self.seed is not None and self.seed < 0:
-            raise ValueError(f"--seed {self.seed}: give 0 or a positive whole number")
+            raise InvalidOption("seed_invalid", f"--seed {self.seed}", "give 0 or a positive whole number")
         if self.generation not in (2, 3):
-            raise ValueError(f"--firmware {self.firmware}: give a 2.x or 3.x version, such as 3.1.0.0")
+            cure = "give a 2.x or 3.x version, such as 3.1.0.0"
+            raise InvalidOption("firmware_invalid", f"--firmware {self.firmware}", cure)
 
     @property
     def generation(self) -> Generation:
@@ -107,27 +111,27 @@ class EmulatorSettings:
         return self.speed > 1.0
 
     def arguments(self) -> list[str]:
-        """Words on the command line that make these settings again."""
-        words: list[str] = []
+        """Return the command-line arguments of these settings; defaults are omitted."""
+        arguments: list[str] = []
         for sensor, standard in (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG)):
             noise: Noise = getattr(self, sensor)
             for letter in "nbk":
                 if getattr(noise, letter) != getattr(standard, letter):
                     text = ",".join(map(repr, getattr(noise, letter)))
-                    words += [f"--{sensor}-{letter}", text]
+                    arguments += [f"--{sensor}-{letter}", text]
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name in _UNITS or value == entry.default or value is None:
                 continue
             if isinstance(value, Faults):
-                words += ["--fault", str(value)] if str(value) else []
+                arguments += ["--fault", str(value)] if str(value) else []
             else:
-                words += [f"--{entry.name.replace('_', '-')}", str(value)]
-        return words
+                arguments += [f"--{entry.name.replace('_', '-')}", str(value)]
+        return arguments
 
 
 def _axes(text: str) -> Axes:
-    """One number for all axes, or three with commas between them."""
+    """Return the numbers of a text: one for all axes, or three separated by commas."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -148,9 +152,9 @@ def _faults(text: str) -> Faults:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The emulator's options, with their defaults in the help."""
+    """Add the options of the emulator; the help shows their defaults."""
     standard = EmulatorSettings()
-    line = parser.add_argument_group("the line")
+    line = parser.add_argument_group("serial line")
     rates = ", ".join(map(str, ASCII_RATES))
     line.add_argument(
         "--rate", type=float, default=standard.rate, metavar="HZ",
@@ -162,16 +166,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--speed", type=float, default=standard.speed, metavar="X",
-        help="time-lapse: the sensor's clock, and so its noise, X times faster; it then waits for its reader",
+        help="time-lapse: the sensor clock, and so its noise, runs X times faster and waits for the reader",
     )  # fmt: skip
-    line.add_argument("--link", metavar="PATH", help="keep a symbolic link to the pseudo-terminal there")
+    line.add_argument("--link", metavar="PATH", help="maintain a symbolic link to the pseudo-terminal")
     line.add_argument(
         "--serial-port", type=int, choices=(1, 2), default=1, help="port of the sensor (default 1)"
     )
 
     noise = parser.add_argument_group(
-        "the noise",
-        "one number for all axes, or x,y,z; the magnetometer's is that of its 250 readings a second",
+        "noise",
+        "one number for all axes, or x,y,z; that of the magnetometer applies to its 250 readings per second",
     )
     for sensor, unit in _UNITS.items():
         for letter, dimension in (("n", f"{unit}/sqrt(Hz)"), ("b", unit), ("k", f"{unit}*sqrt(Hz)")):
@@ -180,25 +184,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 f"--{sensor}-{letter}", type=_axes, default=default, metavar=letter.upper(),
                 help=f"{dimension} (default {default[0]:g})",
             )  # fmt: skip
-    noise.add_argument("--seed", type=int, metavar="N", help="of the noise (default: another one every time)")
+    noise.add_argument(
+        "--seed", type=int, metavar="N", help="seed of the noise (default: a different one each time)"
+    )
     noise.add_argument(
         "--hum", type=float, default=0.0, metavar="G", help="mains hum on the magnetometer, gauss"
     )
-    noise.add_argument("--hum-hz", type=float, default=50.0, metavar="HZ", help="its frequency (default 50)")
+    noise.add_argument(
+        "--hum-hz", type=float, default=50.0, metavar="HZ", help="frequency of the hum (default 50)"
+    )
     noise.add_argument(
         "--warm-up", type=float, default=standard.warm_up, metavar="DEGC",
-        help=f"degC by which the sensor heats up after power-up (default {standard.warm_up:g})",
+        help=f"temperature rise after power-up, degC (default {standard.warm_up:g})",
     )  # fmt: skip
     noise.add_argument(
         "--warm-up-s", type=float, default=standard.warm_up_s, metavar="S",
-        help=f"time constant of that (default {standard.warm_up_s:g})",
+        help=f"time constant of the warm-up (default {standard.warm_up_s:g})",
     )  # fmt: skip
     noise.add_argument(
         "--gyro-thermal", type=float, default=standard.gyro_thermal, metavar="CHANGE",
-        help=f"rad/s by which the gyro's bias follows a degC (default {standard.gyro_thermal:g})",
+        help=f"change of the gyroscope bias per degC, rad/s (default {standard.gyro_thermal:g})",
     )  # fmt: skip
 
-    identity = parser.add_argument_group("the device")
+    identity = parser.add_argument_group("device")
     identity.add_argument("--model", default=standard.model, help=f"default {standard.model}")
     identity.add_argument(
         "--serial", default=standard.serial, help=f"serial number (default {standard.serial})"
@@ -206,25 +214,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     identity.add_argument(
         "--firmware", default=standard.firmware, help=f"2.x or 3.x (default {standard.firmware})"
     )
-    identity.add_argument("--impostor", choices=IMPOSTORS, help="be no VN-100 at all")
+    identity.add_argument("--impostor", choices=FOREIGN_DEVICES, help="act as a device that is not a VN-100")
     identity.add_argument(
         "--fault", type=_faults, default=standard.faults, dest="faults", metavar="NAME=P,...",
-        help=f"faults of the line, by their probability: {Faults.explain()}",
+        help=f"faults of the line with their probabilities: {Faults.help_text()}",
     )  # fmt: skip
     identity.add_argument(
         "--control", metavar="PATH",
-        help="take commands on a socket there, or on standard input (-), whose end then ends the emulator: "
+        help="read commands from a socket, or from standard input (-), whose end then ends the emulator: "
         "counters, fault NAME=P, stall S, silence S, jump S, cut, reboot, unplug, replug",
     )  # fmt: skip
 
 
 def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
-    """Settings from what `add_arguments` parsed.
+    """Return the settings of parsed options.
 
     Raises
     ------
-    ValueError
-        A value that no VN-100 can have, in one line.
+    InvalidOption
+        A value that no VN-100 can have.
     """
     values: dict[str, Any] = {
         sensor: Noise(*(getattr(arguments, f"{sensor}_{letter}") for letter in "nbk")) for sensor in _UNITS
@@ -233,8 +241,8 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
     return EmulatorSettings(**values, **{name: getattr(arguments, name) for name in others})
 
 
-def from_words(words: Sequence[str]) -> EmulatorSettings:
-    """Settings from the words of a command line."""
+def from_command_line(arguments: Sequence[str]) -> EmulatorSettings:
+    """Return the settings of command-line arguments."""
     parser = argparse.ArgumentParser(prog="imumon sim")
     add_arguments(parser)
-    return from_arguments(parser.parse_args(words))
+    return from_arguments(parser.parse_args(arguments))

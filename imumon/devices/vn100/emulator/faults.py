@@ -1,16 +1,23 @@
-"""Faults of a line and of the sensor behind it, made on purpose.
+"""Deliberate faults: of the serial line and the sensor behind it, or another device in its place.
 
-A fault has a probability: by message for ``drop``, ``duplicate``, ``cut`` and ``crc``, by byte for
-``corrupt``. They act on what leaves the sensor, replies included, as bad cables do. What happens once (a
-stall, a reboot, an unplugged cable) comes as a command while the emulator runs. This file knows no port.
+A fault of `Faults` has a probability: per message for ``drop``, ``duplicate``, ``cut`` and ``crc``, per byte
+for ``corrupt``. Faults act on everything that leaves the sensor, including replies, as a bad cable does.
+Single events (a stall, a reboot, an unplugged cable) are commands of the control channel.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import reduce
+from operator import xor
 
 import numpy as np
 import numpy.typing as npt
+
+FOREIGN_DEVICES = ("nmea", "garbage", "silent")
+
+_FOREIGN_RATE_HZ = 10
+_GARBAGE_BYTES = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +29,8 @@ class Faults:
     drop : a message is lost.
     duplicate : a message is sent twice.
     cut : a message ends in its middle.
-    crc : a message carries a wrong check.
-    corrupt : a byte is another one.
+    crc : a message has a wrong checksum.
+    corrupt : a byte is replaced by another one.
     """
 
     drop: float = 0.0
@@ -34,7 +41,7 @@ class Faults:
 
     @classmethod
     def parse(cls, text: str) -> Faults:
-        """Faults from ``name=probability`` with commas between them.
+        """Return the faults of a text ``name=probability,name=probability``.
 
         >>> Faults.parse("drop=0.01,corrupt=1e-4").drop
         0.01
@@ -54,8 +61,8 @@ class Faults:
         return cls(**given)
 
     @staticmethod
-    def explain() -> str:
-        """The faults there are, for help."""
+    def help_text() -> str:
+        """Return the names of the faults for `--help`."""
         return ", ".join(entry.name for entry in fields(Faults)) + " (corrupt: of a byte, else of a message)"
 
     def __str__(self) -> str:
@@ -66,12 +73,12 @@ class Faults:
         return any(getattr(self, entry.name) for entry in fields(self))
 
     def apply(self, message: bytes, rng: np.random.Generator) -> list[bytes]:
-        """What arrives of one message: nothing, it, or something like it, perhaps twice."""
+        """Return what arrives of one message: nothing, the message, or a damaged one, perhaps twice."""
         drop, duplicate, cut, crc = rng.random(4)
         if drop < self.drop:
             return []
         if crc < self.crc:
-            message = wrong_check(message)
+            message = with_wrong_checksum(message)
         if cut < self.cut:
             message = message[: len(message) // 2]
         if self.corrupt:
@@ -79,10 +86,10 @@ class Faults:
         return [message, message] if duplicate < self.duplicate else [message]
 
 
-def wrong_check(message: bytes) -> bytes:
-    """The message with a check that is not its own.
+def with_wrong_checksum(message: bytes) -> bytes:
+    """Return the message with another checksum.
 
-    >>> wrong_check(b"$VNRRG,01*72" + bytes((13, 10)))
+    >>> with_wrong_checksum(b"$VNRRG,01*72" + bytes((13, 10)))
     b'$VNRRG,01*73\\r\\n'
     """
     if message[:1] != b"$":
@@ -93,8 +100,40 @@ def wrong_check(message: bytes) -> bytes:
 
 
 def corrupted(message: bytes, probability: float, rng: np.random.Generator) -> bytes:
-    """The message with each byte replaced by another one at this probability."""
+    """Return the message with each byte replaced by another one at this probability."""
     data: npt.NDArray[np.uint8] = np.frombuffer(message, np.uint8).copy()
     hit = rng.random(len(data)) < probability
     data[hit] ^= rng.integers(1, 256, int(hit.sum()), dtype=np.uint8)
     return data.tobytes()
+
+
+class ForeignDevice:
+    """A device on the line that is not a VN-100, and answers nothing.
+
+    Parameters
+    ----------
+    kind : ``nmea`` (a GNSS receiver), ``garbage`` (unrelated bytes) or ``silent``.
+    now : s, host clock at the start.
+    """
+
+    def __init__(self, kind: str, now: float) -> None:
+        self._kind, self._start, self._count = kind, now, 0
+        self._rng = np.random.default_rng(1)
+
+    def messages(self, now: float) -> list[bytes]:
+        """Return the messages up to `now` (s) that were not returned before, ten per second."""
+        first, self._count = self._count, int((now - self._start) * _FOREIGN_RATE_HZ)
+        if self._kind == "silent":
+            return []
+        if self._kind == "garbage":
+            return [
+                self._rng.integers(0, 256, _GARBAGE_BYTES, dtype=np.uint8).tobytes()
+                for _ in range(first, self._count)
+            ]
+        return [_nmea_sentence(number) for number in range(first, self._count)]
+
+
+def _nmea_sentence(number: int) -> bytes:
+    second, tenth = divmod(number, _FOREIGN_RATE_HZ)
+    body = f"GPGGA,1200{second % 60:02d}.{tenth}0,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,"
+    return f"${body}*{reduce(xor, body.encode()):02X}\r\n".encode()

@@ -1,9 +1,9 @@
-"""Readings: every quantity of every message at chosen ticks, as the registers ask for them.
+"""Measurements of the emulated device: every quantity of every message, as the registers configure them.
 
-Between the elements and the line stand the user's calibrations (registers 23, 25, 84), the rotation of the
-reference frame (26), the filter (85), the onboard estimate of the gyro's bias, and the settings of the
-increments (82). Uncompensated quantities have passed calibration and filter; compensated ones have lost the
-estimated bias too. This file knows neither messages nor commands.
+The signals of the sensor elements pass the user calibrations (registers 23, 25, 84), the rotation of the
+reference frame (26), the filter (85), the onboard estimate of the gyroscope bias, and the configuration of
+the increments (82). Uncompensated quantities have passed calibration and filter; from compensated ones the
+estimated bias is also subtracted.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from imumon.devices.vn100.registers import (
 from imumon.samples import Floats, Ints
 
 STEP = 80
-"""Ticks between two steps of the estimator: 0.1 s."""
+"""Ticks between two steps of the attitude estimator: 0.1 s."""
 
-_MEMORY = 600
-"""Steps over which the bias is averaged at last: a minute."""
+_BIAS_STEPS = 600
+"""Steps over which the bias is averaged after the start: one minute."""
 
-_LEAK = 0.02
-"""Share of an attitude's error that gravity and the magnetic field take away in a step: 5 s."""
+_CORRECTION = 0.02
+"""Share of the attitude error that gravity and the magnetic field correct in one step: 5 s."""
 
-_IRON = np.array([0.012, -0.008, 0.015])
-"""Gauss, offset that the onboard estimate of hard iron takes out of the compensated magnetic field."""
+_HARD_IRON = np.array([0.012, -0.008, 0.015])
+"""gauss, offset that the onboard hard iron estimate subtracts from the compensated magnetic field."""
 
 COMPOSED = {
     "angularRate": ("gyro",),
@@ -57,19 +57,20 @@ COMPOSED = {
     "uncompAccel": ("uaccel",),
     "uncompGyro": ("ugyro",),
 }
-"""Fields of the binary outputs that are other quantities, side by side."""
+"""Fields of the binary outputs that consist of other quantities, side by side."""
 
 
 @dataclass(frozen=True, slots=True)
 class OutputConfiguration:
-    """Registers that change the data, read once for many readings.
+    """Registers that change the data.
 
     Attributes
     ----------
-    windows, modes : of register 85 by sensor.
+    windows, modes : of register 85, by sensor.
     calibration : (3, 3) and (3,) of registers 84, 25, 23 by sensor; out = C (in - B).
-    rotation : (3, 3) of register 26, as it was when the sensor started.
-    delta : frame, gyro and accelerometer compensation of register 82.
+    rotation : (3, 3) of register 26, as it was at the start of the sensor.
+    delta : frame, gyroscope and accelerometer compensation of register 82.
+    hard_iron : whether the hard iron estimate is applied.
     """
 
     windows: Mapping[str, int]
@@ -77,12 +78,12 @@ class OutputConfiguration:
     calibration: Mapping[str, tuple[Floats, Floats]]
     rotation: Floats
     delta: tuple[int, int, int]
-    iron: bool
+    hard_iron: bool
 
     @staticmethod
-    def of(read: Callable[[int], tuple[str, ...]], rotation: Floats, iron: bool) -> OutputConfiguration:
-        """Setup from the registers' fields."""
-        bank = REGISTERS[IMU_FILTER].parse(read(IMU_FILTER))
+    def of(read: Callable[[int], tuple[str, ...]], rotation: Floats, hard_iron: bool) -> OutputConfiguration:
+        """Return the configuration of the fields of the registers."""
+        filters = REGISTERS[IMU_FILTER].parse(read(IMU_FILTER))
         sensors = ("mag", "accel", "gyro", "temperature", "pressure")
 
         def calibration(number: int) -> tuple[Floats, Floats]:
@@ -91,8 +92,8 @@ class OutputConfiguration:
 
         delta = [int(text) for text in read(DELTA_CONTROL)]
         return OutputConfiguration(
-            windows={s: int(bank[f"{s}_window"]) for s in sensors},
-            modes={s: int(bank[f"{s}_mode"]) for s in sensors},
+            windows={s: int(filters[f"{s}_window"]) for s in sensors},
+            modes={s: int(filters[f"{s}_mode"]) for s in sensors},
             calibration={
                 "gyro": calibration(GYRO_CALIBRATION),
                 "accel": calibration(ACCEL_CALIBRATION),
@@ -100,20 +101,31 @@ class OutputConfiguration:
             },
             rotation=rotation,
             delta=(delta[0], delta[1], delta[2]),
-            iron=iron,
+            hard_iron=hard_iron,
         )
 
     def window(self, sensor: str, compensated: bool) -> int:
-        """Ticks in the mean of an output; bit 0 of the mode is for uncompensated, bit 1 for compensated."""
+        """Return the ticks averaged in an output; bit 0 of the mode: uncompensated, bit 1: compensated."""
         return self.windows[sensor] if self.modes[sensor] >> compensated & 1 else 0
 
 
 class AttitudeEstimator:
-    """What the sensor's own filter knows: the gyro's bias and the attitude, ten times a second.
+    """Onboard filter: estimates the gyroscope bias and the attitude ten times a second.
 
-    The bias is the mean rate since the start, later over the last minute: slow beside the noise, quick
-    beside an hour, so B and K of a compensated rate are the filter's and not the gyro's. The attitude is the
-    integral of the compensated rate, pulled back to level and heading within seconds.
+    The bias is the mean rate since the start, later over the last minute: slow compared with the noise, fast
+    compared with an hour, so B and K of a compensated rate are those of the filter, not of the gyroscope. The
+    attitude is the integral of the compensated rate, corrected to level and heading within seconds.
+
+    Parameters
+    ----------
+    bias : (3,) rad/s, initial estimate.
+    tick : of the start.
+    heading : deg.
+
+    Attributes
+    ----------
+    bias : (n, 3) rad/s, estimates at the latest steps.
+    heading : deg.
     """
 
     def __init__(self, bias: Floats, tick: int, heading: float = 35.0) -> None:
@@ -123,32 +135,32 @@ class AttitudeEstimator:
         self._angle = np.zeros((1, 3))
         self.heading = heading
 
-    def follow(self, tape: SensorModel, upto: int) -> None:
-        """Take every whole step before `upto`; what lies before the last two calls is forgotten."""
+    def update(self, sensor_model: SensorModel, upto: int) -> None:
+        """Estimate up to tick `upto`; keep the steps since the last two calls."""
         steps = np.arange(self._first + len(self.bias) - 1, upto // STEP + 1)
         keep = max(0, len(self.bias) - 2)
         self._first += keep
         bias, angle = [*self.bias[keep:]], [*self._angle[keep:]]
         if len(steps) > 1:
-            rates = np.diff(tape.integral(steps * STEP, GYRO), axis=0) * (LOOP_RATE / STEP)
+            rates = np.diff(sensor_model.integral(steps * STEP, GYRO), axis=0) * (LOOP_RATE / STEP)
             for rate in rates:
-                gain = 1.0 / min(self._count, _MEMORY)
+                gain = 1.0 / min(self._count, _BIAS_STEPS)
                 self._count += 1
                 bias.append(bias[-1] + gain * (rate - bias[-1]))
-                turned = angle[-1] + np.degrees(rate - bias[-1]) * (STEP / LOOP_RATE)
-                angle.append(turned * (1.0 - _LEAK))
+                rotated = angle[-1] + np.degrees(rate - bias[-1]) * (STEP / LOOP_RATE)
+                angle.append(rotated * (1.0 - _CORRECTION))
         self.bias, self._angle = np.array(bias), np.array(angle)
 
     def reset_bias(self) -> None:
-        """Average anew from now on."""
+        """Restart the average of the bias."""
         self._count = 1
 
     def bias_at(self, ticks: Ints) -> Floats:
-        """Estimated bias, (n, 3) rad/s."""
+        """Return the estimated bias at each of `ticks`, (n, 3) rad/s."""
         return np.asarray(self.bias[np.clip(ticks // STEP - self._first, 0, len(self.bias) - 1)])
 
     def attitude(self, ticks: Ints) -> Floats:
-        """Yaw, pitch and roll, (n, 3) deg; between two steps on the straight line."""
+        """Return yaw, pitch and roll, (n, 3) deg, interpolated between two steps."""
         last = np.clip(ticks // STEP - self._first, 0, len(self._angle) - 1)
         before = np.maximum(last - 1, 0)
         share = (ticks % STEP / STEP)[:, None]
@@ -157,48 +169,52 @@ class AttitudeEstimator:
 
 
 class MeasurementOutput:
-    """Quantities at some ticks, each reckoned when it is first asked for.
+    """Measured quantities at some ticks, each computed on first use.
 
-    Every property is (n, k), one row a tick, in the units of the wire: deg, gauss, m/s^2, rad/s, degC,
+    Every property is (n, k), one row per tick, in the units of the wire: deg, gauss, m/s^2, rad/s, degC,
     kPa; dt in s, dtheta in deg, dvel in m/s.
 
     Parameters
     ----------
-    since : (n, 7) time in s, and integrals of gyro and accelerometer since the increments' last
-        reset before each tick; None for readings without increments.
-    counts : the fields that are counters and status, by name.
+    sensor_model : signals of the sensor elements.
+    configuration : registers that change the data.
+    estimator : onboard filter.
+    ticks : (n,) at which the quantities are measured.
+    increments : (n, 7) s and unit * s, time and integrals of gyroscope and accelerometer since the last reset
+        of the increments before each tick; None for measurements without increments.
+    counts : counters and status fields, by name.
     """
 
     def __init__(
         self,
-        tape: SensorModel,
-        setup: OutputConfiguration,
+        sensor_model: SensorModel,
+        configuration: OutputConfiguration,
         estimator: AttitudeEstimator,
         ticks: Ints,
-        since: Floats | None,
+        increments: Floats | None,
         counts: Mapping[str, Floats | Ints],
     ) -> None:
-        self._tape, self._setup, self._estimator = tape, setup, estimator
-        self._ticks, self._since, self._counts = ticks, since, counts
+        self._model, self._configuration, self._estimator = sensor_model, configuration, estimator
+        self._ticks, self._increments, self._counts = ticks, increments, counts
 
     def __getitem__(self, name: str) -> Floats | Ints:
-        """Quantity or binary field by name; what a VN-100 does not have is zero."""
+        """Return a quantity or binary field by name; fields that a VN-100 does not measure are zero."""
         if name in self._counts:
             return self._counts[name]
         if name in COMPOSED:
             return np.concatenate([self[part] for part in COMPOSED[name]], axis=1)
-        found: Floats | None = getattr(self, name, None)
-        return np.zeros((len(self._ticks), 1)) if found is None else found
+        quantity: Floats | None = getattr(self, name, None)
+        return np.zeros((len(self._ticks), 1)) if quantity is None else quantity
 
     def has(self, name: str) -> bool:
         return name in self._counts or name in COMPOSED or hasattr(type(self), name)
 
     def _vector(self, sensor: str, columns: slice, compensated: bool) -> Floats:
-        raw = self._tape.mean(self._ticks, columns, self._setup.window(sensor, compensated))
+        raw = self._model.mean(self._ticks, columns, self._configuration.window(sensor, compensated))
         if sensor == "gyro" and compensated:
             raw = raw - self._estimator.bias_at(self._ticks)
-            return np.asarray(raw @ self._setup.calibration[sensor][0].T)
-        matrix, bias = self._setup.calibration[sensor]
+            return np.asarray(raw @ self._configuration.calibration[sensor][0].T)
+        matrix, bias = self._configuration.calibration[sensor]
         return np.asarray((raw - bias) @ matrix.T)
 
     @cached_property
@@ -224,15 +240,15 @@ class MeasurementOutput:
     @cached_property
     def mag(self) -> Floats:
         field = self._vector("mag", MAG, True)
-        return field - _IRON if self._setup.iron else field
+        return field - _HARD_IRON if self._configuration.hard_iron else field
 
     @cached_property
     def temp(self) -> Floats:
-        return self._tape.mean(self._ticks, TEMPERATURE, self._setup.window("temperature", True))
+        return self._model.mean(self._ticks, TEMPERATURE, self._configuration.window("temperature", True))
 
     @cached_property
     def pres(self) -> Floats:
-        return self._tape.mean(self._ticks, PRESSURE, self._setup.window("pressure", True))
+        return self._model.mean(self._ticks, PRESSURE, self._configuration.window("pressure", True))
 
     @cached_property
     def ypr(self) -> Floats:
@@ -240,7 +256,7 @@ class MeasurementOutput:
 
     @cached_property
     def _to_body(self) -> Floats:
-        """Rotation from north-east-down to the body's frame, (n, 3, 3)."""
+        """Rotation from the north-east-down frame to the body frame, (n, 3, 3)."""
         yaw, pitch, roll = np.radians(self.ypr).T
         cy, sy, cp, sp, cr, sr = (
             np.cos(yaw),
@@ -259,7 +275,7 @@ class MeasurementOutput:
 
     @cached_property
     def quat(self) -> Floats:
-        """Vector part first, scalar last."""
+        """Attitude quaternion, (n, 4): vector part first, scalar last."""
         yaw, pitch, roll = np.radians(self.ypr).T / 2.0
         cy, sy, cp, sp, cr, sr = (
             np.cos(yaw),
@@ -279,7 +295,7 @@ class MeasurementOutput:
 
     @cached_property
     def dcm(self) -> Floats:
-        """Column by column."""
+        """Direction cosine matrix, (n, 9), column by column."""
         return np.asarray(self._to_body.transpose(0, 2, 1).reshape(-1, 9))
 
     def _ned(self, body: Floats) -> Floats:
@@ -315,26 +331,26 @@ class MeasurementOutput:
 
     @cached_property
     def dt(self) -> Floats:
-        assert self._since is not None
-        return self._since[:, :1]
+        assert self._increments is not None
+        return self._increments[:, :1]
 
     @cached_property
     def dtheta(self) -> Floats:
-        assert self._since is not None
-        matrix, bias = self._setup.calibration["gyro"]
-        frame, compensated, _ = self._setup.delta
-        turned = self._since[:, 1:4] - bias * self.dt
+        assert self._increments is not None
+        matrix, bias = self._configuration.calibration["gyro"]
+        frame, compensated, _ = self._configuration.delta
+        rotated = self._increments[:, 1:4] - bias * self.dt
         if compensated:
-            turned = self._since[:, 1:4] - self._estimator.bias_at(self._ticks) * self.dt
-        body = np.degrees(turned @ matrix.T)
+            rotated = self._increments[:, 1:4] - self._estimator.bias_at(self._ticks) * self.dt
+        body = np.degrees(rotated @ matrix.T)
         return self._ned(body) if frame else body
 
     @cached_property
     def dvel(self) -> Floats:
-        assert self._since is not None
-        matrix, bias = self._setup.calibration["accel"]
-        frame, _, compensated = self._setup.delta
-        body = (self._since[:, 4:7] - bias * self.dt) @ matrix.T
+        assert self._increments is not None
+        matrix, bias = self._configuration.calibration["accel"]
+        frame, _, compensated = self._configuration.delta
+        body = (self._increments[:, 4:7] - bias * self.dt) @ matrix.T
         if compensated:
             body = body - np.einsum("nij,j->ni", self._to_body, CONSTANT[ACCEL] * [0.0, 0.0, 1.0]) * self.dt
         return self._ned(body) if frame else np.asarray(body)

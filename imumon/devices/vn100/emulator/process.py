@@ -1,7 +1,7 @@
-"""The emulator in a process of its own, for those who want a sensor without a cable.
+"""Emulator process: starts the emulator and sends commands to it.
 
-The child reads commands on its standard input, and ends when that ends: a parent that is gone, however it
-went, takes the emulator with it.
+The child reads commands from its standard input and exits at its end, so that it exits with its parent,
+however the parent ends.
 """
 
 from __future__ import annotations
@@ -11,10 +11,13 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
+
+_STOP_S = 2.0
+"""s that the emulator may take to exit before it is killed. Not critical."""
 
 
 class EmulatorProcess:
@@ -24,10 +27,15 @@ class EmulatorProcess:
     ----------
     path : of the pseudo-terminal, as it was at the start.
     pid : of the process.
+
+    Raises
+    ------
+    InvalidOption
+        The emulator did not start.
     """
 
-    def __init__(self, words: Sequence[str]) -> None:
-        command = [sys.executable, "-P", "-m", "imumon.devices.vn100.emulator", *words, "--control", "-"]
+    def __init__(self, arguments: Sequence[str]) -> None:
+        command = [sys.executable, "-P", "-m", "imumon.devices.vn100.emulator", *arguments, "--control", "-"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -36,17 +44,17 @@ class EmulatorProcess:
         self.path = self._process.stdout.readline().strip()
         if not self.path:
             self.close()
-            raise ValueError("the emulator did not start; its own message says why")
+            raise InvalidOption("emulator_not_started", "the emulator did not start", "see its own message")
 
     def ask(self, command: str) -> dict[str, Any]:
-        """Obey a command of the control channel; the answer tells the counters.
+        """Execute a command of the control channel; return the counters.
 
         Raises
         ------
         ValueError
             The emulator does not know the command.
         ConnectionError
-            It has gone.
+            The emulator has exited.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -54,19 +62,19 @@ class EmulatorProcess:
         self._process.stdin.flush()
         line = self._process.stdout.readline()
         if not line:
-            raise ConnectionError("the emulator has gone")
+            raise ConnectionError("the emulator has exited")
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise ValueError(answer["error"])
         return answer
 
     def close(self) -> None:
-        """End the emulator and wait until it has gone."""
+        """Stop the emulator and wait for its exit."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
         try:
-            self._process.wait(2.0)
+            self._process.wait(_STOP_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -74,12 +82,10 @@ class EmulatorProcess:
     def __enter__(self) -> EmulatorProcess:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 def spawn(settings: EmulatorSettings | None = None) -> EmulatorProcess:
-    """Emulator in a process of its own; it ends with its parent."""
+    """Return an emulator in a separate process, which exits with its parent."""
     return EmulatorProcess(replace(settings or EmulatorSettings(), control=None).arguments())

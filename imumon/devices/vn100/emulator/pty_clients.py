@@ -1,8 +1,8 @@
-"""Presence of clients: who has the terminal open.
+"""Clients of a pseudo-terminal: whether any process has it open.
 
-A serial line forgets what nobody listens to; a pseudo-terminal would keep kilobytes of it, and give them to
-the next client as if they were fresh. Linux tells of every opening and closing of a file, of a terminal too
-(inotify(7)). Where that cannot be had, somebody is always taken to be there.
+Bytes on a serial line without a reader are lost; a pseudo-terminal keeps kilobytes of them, and delivers
+them to the next client as if they were new. Linux reports every opening and closing of a file, also of a terminal
+(inotify(7)). Where that is not available, a client is always assumed.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ _EVENT = struct.Struct("iIII")
 
 
 class PtyClients:
-    """Clients that have a path open, without those who had it when this began.
+    """Clients that have opened a path since this object was created.
 
     Attributes
     ----------
-    descriptor : readable when somebody came or went; None where it cannot be told.
+    descriptor : readable when a client opened or closed the path; None if that is not available.
     """
 
     def __init__(self, path: str) -> None:
@@ -37,14 +37,14 @@ class PtyClients:
                 os.close(descriptor)
 
     @property
-    def anyone(self) -> bool:
+    def any(self) -> bool:
         return self.descriptor is None or self._clients > 0
 
     def changes(self) -> list[bool]:
-        """Whether anyone was there after each coming and going since the last call."""
+        """Return `any` after each opening and closing since the last call."""
         if self.descriptor is None:
             return []
-        seen = []
+        states = []
         try:
             events = os.read(self.descriptor, 4096)
         except BlockingIOError:
@@ -53,8 +53,8 @@ class PtyClients:
             _, mask, _, length = _EVENT.unpack_from(events)
             events = events[_EVENT.size + length :]
             self._clients = max(0, self._clients + bool(mask & _OPEN) - bool(mask & _CLOSE))
-            seen.append(self._clients > 0)
-        return seen
+            states.append(self._clients > 0)
+        return states
 
     def close(self) -> None:
         if self.descriptor is not None:

@@ -1,7 +1,7 @@
-"""Memory of the device: its registers as they are, and as they would be after a reset.
+"""Register file of the emulated device: current values, and the values after the next reset.
 
-Fields are text, as on the wire. Registers 5-7 exist once for each of the two ports, and the one that the
-host talks through is the active one.
+Values are text, as on the wire. Registers 5 to 7 exist once for each of the two serial ports; the port that
+the host uses is the active one.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TypeAlias
 from imumon.devices.vn100.registers import REGISTERS, Generation, Value
 
 Key: TypeAlias = tuple[int, int]
-"""Register and port; port 0 where the register is the same for both."""
+"""Register and port; port 0 if the register is common to both."""
 
 
 class RegisterFile:
@@ -21,50 +21,50 @@ class RegisterFile:
     Parameters
     ----------
     generation : of the firmware.
-    port : the active one, 1 or 2.
+    port : the active serial port, 1 or 2.
     """
 
     def __init__(self, generation: Generation, port: int) -> None:
         self.generation: Generation = generation
         self.port = port
         self._saved: dict[Key, tuple[str, ...]] = {}
-        self.forget()
-        self._now = dict(self._saved)
+        self.reset_saved()
+        self._current = dict(self._saved)
 
-    def key(self, register: int, port: int | None = None) -> Key:
+    def _key(self, register: int, port: int | None = None) -> Key:
         return register, (port or self.port) if REGISTERS[register].ports else 0
 
     def __contains__(self, register: int) -> bool:
-        return self.key(register) in self._now
+        return self._key(register) in self._current
 
     def read(self, register: int, port: int | None = None) -> tuple[str, ...]:
-        """Fields of a register, of the active port unless another is named."""
-        return self._now[self.key(register, port)]
+        """Return the fields of a register; of the active port unless another one is given."""
+        return self._current[self._key(register, port)]
 
     def parse(self, register: int) -> dict[str, Value]:
-        """Values of a register by field name."""
+        """Return the values of a register by field name."""
         return REGISTERS[register].parse(self.read(register))
 
     def write(self, register: int, values: Sequence[str], port: int | None = None) -> None:
-        """Replace a register's fields; they are the caller's to check."""
-        self._now[self.key(register, port)] = tuple(values)
+        """Replace the fields of a register; the caller has validated them."""
+        self._current[self._key(register, port)] = tuple(values)
 
-    def changed(self, register: int, values: Sequence[str], port: int | None = None) -> RegisterFile:
-        """The memory as it would be after `write`."""
+    def with_values(self, register: int, values: Sequence[str], port: int | None = None) -> RegisterFile:
+        """Return the register file as it would be after `write`."""
         other = RegisterFile(self.generation, self.port)
-        other._now = {**self._now, self.key(register, port): tuple(values)}
+        other._current = {**self._current, self._key(register, port): tuple(values)}
         return other
 
     def save(self) -> None:
-        """Make the registers as they are those of the next start."""
-        self._saved = dict(self._now)
+        """Keep the current values over the next reset."""
+        self._saved = dict(self._current)
 
-    def restore(self) -> None:
-        """What was not saved is lost."""
-        self._now = dict(self._saved)
+    def load_saved(self) -> None:
+        """Return to the saved values, as a reset does."""
+        self._current = dict(self._saved)
 
-    def forget(self) -> None:
-        """The next start is one with factory values."""
+    def reset_saved(self) -> None:
+        """Replace the saved values by the factory values; they apply after the next reset."""
         self._saved = {
             (register.id, port): register.factory_values(self.generation)
             for register in REGISTERS.values()

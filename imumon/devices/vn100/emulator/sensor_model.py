@@ -1,15 +1,14 @@
-"""Signals of the sensor: what its elements feel, 800 times a second.
+"""Sensor model: the signals of the sensor elements, 800 times a second.
 
-The tape holds what a perfect 800 Hz converter would give: constant parts, and on them white noise,
-flicker and random walk of the coefficients that are asked for. It is kept as running sums, since all that
-a VN-100 makes of it are sums: boxcar means (register 85) and increments (DeltaTheta, DeltaVel). The
-elements' own bandwidth, 256 Hz for the gyro and 260 Hz for the accelerometer, is a symmetric filter of three
-taps with its -3 dB point there; increments are taken before it. The tape has a past when it starts: tick 0
-is no beginning of anything but the warm-up.
+The model holds what an ideal 800 Hz converter would deliver: constants plus white noise, flicker noise and
+random walk of the configured coefficients. It keeps running sums, because everything that a VN-100 derives
+from them is a sum: moving averages (register 85) and increments (DeltaTheta, DeltaVel). The bandwidth of
+the elements, 256 Hz for the gyroscope and 260 Hz for the accelerometer, is a symmetric filter of three taps
+with its -3 dB point there; increments are taken before it. At tick 0 the noise is already stationary; only
+the warm-up begins there.
 
-The magnetometer is read 250 times a second and holds its value between readings, so 69 % of its values
-at 800 Hz are repeats, as on the real part. Ticks are counted from the first one ever made; what the
-sensor calls its start is the device's matter.
+The magnetometer is read 250 times a second and holds its value between readings, so 69 % of its values at
+800 Hz are repeats, as on the real device. Ticks count from the creation of the model, not from a reset.
 """
 
 from __future__ import annotations
@@ -25,18 +24,19 @@ from imumon.samples import Floats, Ints
 
 GYRO, ACCEL, MAG, TEMPERATURE, PRESSURE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 10), slice(10, 11)
 MAG_RATE = 250
+"""Hz, readings of the magnetometer."""
 CONSTANT = np.array([0.0152, -0.0113, -0.0064, 0.012, -0.021, -9.793746, 0.21, 0.03, 0.44, 25.0, 101.2])
-"""(11,) rad/s, m/s^2, gauss, degC, kPa: what is measured without noise, level and at rest."""
+"""(11,) rad/s, m/s^2, gauss, degC, kPa: measurements without noise, level and at rest."""
 
 HISTORY = LOOP_RATE + 8
-"""Ticks that are kept behind the present: the longest window of register 85, and the filter's taps."""
+"""Ticks kept before the newest one: the longest window of register 85, and the taps of the filter."""
 
 JITTER_S = 4.7e-6
-"""Standard deviation of a time stamp, as measured on a real unit at 800 Hz."""
+"""s, standard deviation of a time stamp, as measured on a real device at 800 Hz."""
 
 
 def _tap(bandwidth: float) -> float:
-    """Outer tap a of [a, 1 - 2a, a], whose gain 1 - 2a (1 - cos w) is 1/sqrt(2) at the bandwidth in Hz."""
+    """Return a of the taps [a, 1 - 2a, a], whose gain 1 - 2a (1 - cos w) is 1/sqrt(2) at the bandwidth in Hz."""
     return (1.0 - sqrt(0.5)) / (2.0 * (1.0 - cos(2.0 * pi * bandwidth / LOOP_RATE)))
 
 
@@ -48,11 +48,15 @@ def _stream(noise: Noise, rate: float, seed: np.random.SeedSequence) -> NoiseStr
 
 
 class SensorModel:
-    """The sensor's elements at every tick, as running sums.
+    """Signals of the sensor elements at every tick, as running sums.
 
     Parameters
     ----------
     settings : coefficients, hum and warm-up.
+
+    Attributes
+    ----------
+    end : tick after the newest one.
     """
 
     def __init__(self, settings: EmulatorSettings) -> None:
@@ -61,15 +65,15 @@ class SensorModel:
         self._gyro = _stream(settings.gyro, LOOP_RATE, seeds[0])
         self._accel = _stream(settings.accel, LOOP_RATE, seeds[1])
         self._mag = _stream(settings.mag, MAG_RATE, seeds[2])
-        self._thermometer, self._barometer, self._stamps = (np.random.default_rng(seed) for seed in seeds[3:])
-        self._held = np.zeros((3, 1))
+        self._thermometer, self._barometer, self._clock = (np.random.default_rng(seed) for seed in seeds[3:])
+        self._held_mag = np.zeros((3, 1))
         self._sums = np.zeros((len(CONSTANT), HISTORY + 1))
         self._jitter = np.zeros(HISTORY)
         self._first, self.end = -2 * HISTORY, -HISTORY
         self.extend(HISTORY)
 
     def extend(self, ticks: int) -> None:
-        """Make so many ticks more, and forget what no output can reach any more."""
+        """Compute `ticks` more ticks, and drop what no output can use any more."""
         at = np.arange(self.end, self.end + ticks)
         new = np.empty((len(CONSTANT), ticks))
         warm = self._settings.warm_up * -np.exp(-np.maximum(at, 0) / (self._settings.warm_up_s * LOOP_RATE))
@@ -83,45 +87,49 @@ class SensorModel:
         sums = self._sums[:, HISTORY:]
         np.cumsum(sums, axis=1, out=sums)
         self._jitter = np.concatenate(
-            (self._jitter[-HISTORY:], JITTER_S * self._stamps.standard_normal(ticks))
+            (self._jitter[-HISTORY:], JITTER_S * self._clock.standard_normal(ticks))
         )
         self._first = self.end - HISTORY
         self.end += ticks
 
     def _magnetic(self, at: Ints) -> Floats:
-        """Magnetometer at each tick, (3, n) gauss: the reading that was last taken."""
+        """Return the last magnetometer reading at each tick, (3, n) gauss."""
         reading = at * MAG_RATE // LOOP_RATE
         before = (at[0] - 1) * MAG_RATE // LOOP_RATE
         fresh = self._mag.take(int(reading[-1] - before)).T
         if self._settings.hum:
-            when = np.arange(before + 1, reading[-1] + 1) / MAG_RATE
-            phase = 2.0 * pi * self._settings.hum_hz * when
+            time_s = np.arange(before + 1, reading[-1] + 1) / MAG_RATE
+            phase = 2.0 * pi * self._settings.hum_hz * time_s
             fresh = fresh + self._settings.hum * np.sin(phase + np.array([[0.0], [1.0], [2.0]]))
-        known = np.concatenate((self._held, fresh), axis=1)
-        self._held = known[:, -1:]
-        return np.asarray(known[:, reading - before])
+        readings = np.concatenate((self._held_mag, fresh), axis=1)
+        self._held_mag = readings[:, -1:]
+        return np.asarray(readings[:, reading - before])
 
     def integral(self, ticks: Ints, columns: slice) -> Floats:
-        """Sum over every tick before each of `ticks`, divided by the rate, (n, k) channel unit * s."""
+        """Return the sum over all ticks before each of `ticks` divided by the rate, (n, k) channel unit * s."""
         total = self._sums[columns][:, ticks - self._first].T + CONSTANT[columns] * ticks[:, None]
         return np.asarray(total / LOOP_RATE)
 
     def mean(self, ticks: Ints, columns: slice, window: int) -> Floats:
-        """What the sensor reads at each of `ticks`, (n, k) channel unit.
+        """Return the mean of the `window` newest values at each of `ticks`, (n, k) channel unit.
 
-        Behind the element's bandwidth, the mean of the `window` newest values; 0 and 1 filter nothing.
+        The values have passed the bandwidth filter of the element. Windows of 0 and 1 do not filter.
         """
         sums = self._sums[columns]
         width = max(1, window)
         end = ticks - self._first + 1
 
-        def box(delay: int) -> Floats:
+        def moving_sum(delay: int) -> Floats:
             return np.asarray(sums[:, end - delay] - sums[:, end - delay - width])
 
         tap = _TAPS.get(columns.start)
-        total = box(0) if tap is None else tap * (box(0) + box(2)) + (1.0 - 2.0 * tap) * box(1)
+        total = (
+            moving_sum(0)
+            if tap is None
+            else tap * (moving_sum(0) + moving_sum(2)) + (1.0 - 2.0 * tap) * moving_sum(1)
+        )
         return np.asarray(total.T / width + CONSTANT[columns])
 
     def jitter(self, ticks: Ints) -> Floats:
-        """Error of the time stamp at each of `ticks`, (n,) s."""
+        """Return the error of the time stamp at each of `ticks`, (n,) s."""
         return self._jitter[ticks - self._first]

@@ -1,9 +1,9 @@
-"""The line: a pseudo-terminal for a serial port, and the time that bytes take on it.
+"""Serial line of the emulator: transmitter timing, and the pseudo-terminal that clients open.
 
-`Uart` queues messages as a transmitter does: ten bits a byte at the baud, one message after the other.
-`Terminal` is the pseudo-terminal: raw, its master never blocking, its slave kept open so that a client
-that goes away takes nothing with it. What comes while no client is there is gone, as on a real line, and the
-next one finds neither old bytes nor an exclusive claim (TIOCEXCL) of the last. Who sets another baud than the
+`Uart` queues messages as a transmitter does: ten bits per byte at the baud, one message after the other.
+`PseudoTerminal` is raw, its master never blocks, and its slave stays open so that a client that closes it
+has no effect. Messages sent while there is no client are lost, as on a real line; the next client finds
+neither old bytes nor the exclusive mode (TIOCEXCL) of the previous one. A client at another baud than the
 sensor's reads garbage.
 """
 
@@ -15,17 +15,19 @@ import os
 import termios
 import tty
 from collections import deque
+from math import inf
 from pathlib import Path
 
 import numpy as np
 
+from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.pty_clients import PtyClients
 
 OUTPUT_BUFFER = 2048
-"""Bytes that the sensor holds for a line that is still busy."""
+"""bytes that the sensor buffers while the line is busy."""
 
-STAGED, STAGED_LAPSE = 4096, 1 << 17
-"""Bytes held for a terminal that is full: then messages are dropped, or in time-lapse the sensor waits."""
+PENDING, PENDING_TIME_LAPSE = 4096, 1 << 17
+"""bytes held for a full terminal; beyond, messages are dropped, or in time-lapse the sensor waits."""
 
 _SPEEDS = {
     getattr(termios, f"B{baud}"): baud
@@ -36,79 +38,84 @@ _CODES = {baud: code for code, baud in _SPEEDS.items()}
 
 
 class Uart:
-    """Transmitter: when which message has left.
+    """Transmitter: when each message has left.
 
     Parameters
     ----------
-    baud : of messages put from now on.
-    pacing : whether bytes take time at all.
+    baud : of messages queued from now on.
+    pacing : whether bytes take time.
+
+    Attributes
+    ----------
+    overflowed : messages that the full output buffer has lost.
     """
 
     def __init__(self, baud: int, pacing: bool = True) -> None:
         self.baud, self._pacing = baud, pacing
         self._queue: deque[tuple[float, bytes, int]] = deque()
-        self._free = float("-inf")
+        self._free_at = -inf
         self.overflowed = 0
 
-    def put(self, message: bytes, at: float) -> None:
-        """Queue a message that was made at `at` (s); what the buffer cannot hold is lost."""
+    def queue(self, message: bytes, now: float) -> None:
+        """Queue a message that was made at `now` (s); what the buffer cannot hold is lost."""
         if not self._pacing:
-            self._queue.append((at, message, self.baud))
+            self._queue.append((now, message, self.baud))
             return
-        start = max(self._free, at)
-        if (start - at) * self.baud / 10 > OUTPUT_BUFFER:
+        start = max(self._free_at, now)
+        if (start - now) * self.baud / 10 > OUTPUT_BUFFER:
             self.overflowed += 1
             return
-        self._free = start + len(message) * 10 / self.baud
-        self._queue.append((self._free, message, self.baud))
+        self._free_at = start + len(message) * 10 / self.baud
+        self._queue.append((self._free_at, message, self.baud))
 
-    def due(self, now: float) -> list[tuple[bytes, int]]:
-        """Messages whose last byte has left by `now`, each with the baud it was sent at."""
-        out = []
+    def transmitted(self, now: float) -> list[tuple[bytes, int]]:
+        """Return the messages whose last byte has left by `now` (s), each with the baud it was sent at."""
+        messages = []
         while self._queue and self._queue[0][0] <= now:
             _, message, baud = self._queue.popleft()
-            out.append((message, baud))
-        return out
+            messages.append((message, baud))
+        return messages
 
-    def next(self) -> float | None:
-        """When the next message will have left."""
+    def next_transmitted(self) -> float | None:
+        """Return the time (s) at which the next message will have left; None without one."""
         return self._queue[0][0] if self._queue else None
 
     def __len__(self) -> int:
         return len(self._queue)
 
 
-class Terminal:
-    """Pseudo-terminal with the sensor behind it.
+class PseudoTerminal:
+    """Pseudo-terminal whose master side is the sensor.
 
     Parameters
     ----------
-    baud : that the terminal is set to at first.
-    link : symbolic link to keep on it.
-    rng : of garbage.
+    baud : initial baud of the terminal.
+    link : symbolic link to maintain to its path.
+    rng : of the garbage at a wrong baud.
     drop : whether messages are lost when it is full.
 
     Attributes
     ----------
     path : of the slave, which clients open.
-    sent, dropped, unheard : messages that went into it, that it had no room for, and that came while nobody
-        was there.
-    sent_bytes : bytes that were taken.
+    sent, dropped, unheard : messages written, lost at a full terminal, and lost without a client.
+    sent_bytes : bytes written.
     """
 
     def __init__(self, baud: int, link: str | None, rng: np.random.Generator, drop: bool = True) -> None:
         self._rng, self._link, self._drop = rng, link, drop
-        self._room = STAGED if drop else STAGED_LAPSE
+        self._limit = PENDING if drop else PENDING_TIME_LAPSE
         self.sent = self.dropped = self.unheard = self.sent_bytes = 0
-        self._staged = bytearray()
+        self._pending = bytearray()
         self._open(baud)
 
     def _open(self, baud: int) -> None:
         link = Path(self._link) if self._link else None
-        if link is not None and link.exists():  # looked at first: a name that was freed may be given to us
-            linked = link.is_symlink()
-            there = f"{link.readlink()} is in use: end its emulator" if linked else "something else is there"
-            raise ValueError(f"--link {link}: {there}, or give another path")
+        if link is not None and link.exists():  # checked first: openpty may return the name it points to
+            if link.is_symlink():
+                problem, cure = f"{link.readlink()} is in use", "end its emulator, or give another path"
+            else:
+                problem, cure = "another file has this name", "give another path"
+            raise InvalidOption("link_in_use", f"--link {link}: {problem}", cure)
         self.master, self._slave = os.openpty()
         os.set_blocking(self.master, False)
         tty.setraw(self._slave)
@@ -116,55 +123,54 @@ class Terminal:
         settings[4] = settings[5] = _CODES.get(baud, termios.B115200)
         termios.tcsetattr(self._slave, termios.TCSANOW, settings)
         self.path = os.ttyname(self._slave)
-        self._presence = PtyClients(self.path)
+        self._clients = PtyClients(self.path)
         if link is not None:
-            fresh = link.with_name(f"{link.name}.{os.getpid()}")
-            fresh.unlink(missing_ok=True)
-            fresh.symlink_to(self.path)
-            fresh.replace(link)
+            new = link.with_name(f"{link.name}.{os.getpid()}")
+            new.unlink(missing_ok=True)
+            new.symlink_to(self.path)
+            new.replace(link)
 
-    def speed(self) -> int | None:
-        """Baud that the client has set; None for one without a name."""
+    def _client_baud(self) -> int | None:
+        """Return the baud that the client has set; None if it is not a standard one."""
         return _SPEEDS.get(termios.tcgetattr(self._slave)[5])
 
     @property
-    def heard(self) -> bool:
-        """Whether any client is there."""
-        return self._presence.anyone
+    def has_client(self) -> bool:
+        return self._clients.any
 
     @property
     def descriptors(self) -> list[int]:
-        """What to wait for: input, and clients that come and go."""
-        return [self.master, *([] if self._presence.descriptor is None else [self._presence.descriptor])]
+        """Descriptors to wait for: input, and clients that open or close the terminal."""
+        return [self.master, *([] if self._clients.descriptor is None else [self._clients.descriptor])]
 
-    def look(self) -> None:
-        """See who came and went; who went leaves nothing behind."""
-        if not all(self._presence.changes()):
-            self._staged.clear()
+    def update_clients(self) -> None:
+        """Look for clients that have left, and discard what they left behind."""
+        if not all(self._clients.changes()):
+            self._pending.clear()
             termios.tcflush(self._slave, termios.TCIFLUSH)
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
 
     @property
     def full(self) -> bool:
-        return len(self._staged) >= self._room
+        return len(self._pending) >= self._limit
 
     @property
-    def waiting(self) -> bool:
-        """Whether bytes wait for the terminal to take them."""
-        return bool(self._staged)
+    def pending(self) -> bool:
+        """Whether bytes wait to be written."""
+        return bool(self._pending)
 
     def write(self, messages: list[tuple[bytes, int]]) -> None:
-        """Send messages, each garbled if the client listens at another baud than its own.
+        """Write messages, garbled if the baud of the client is not theirs.
 
-        A message that finds the terminal full is lost whole, as nothing holds it back on a serial line;
-        without `drop` it waits.
+        A message that finds the terminal full is lost whole, since a serial line has no flow control; without
+        `drop` it waits.
         """
-        if not self.heard:
+        if not self.has_client:
             self.unheard += len(messages)
         elif messages:
-            speed = self.speed()
+            client_baud = self._client_baud()
             if not self._drop:
-                self._staged += b"".join(self._heard(m, baud, speed) for m, baud in messages)
+                self._pending += b"".join(self._as_received(m, baud, client_baud) for m, baud in messages)
                 self.sent += len(messages)
             else:
                 for message, baud in messages:
@@ -173,49 +179,49 @@ class Terminal:
                     if self.full:
                         self.dropped += 1
                     else:
-                        self._staged += self._heard(message, baud, speed)
+                        self._pending += self._as_received(message, baud, client_baud)
                         self.sent += 1
         self.flush()
 
     def flush(self) -> None:
-        """Give the terminal what it takes of what waits."""
-        while self._staged:
+        """Write pending bytes until the terminal is full."""
+        while self._pending:
             try:
-                count = os.write(self.master, self._staged)
+                count = os.write(self.master, self._pending)
             except BlockingIOError:
                 return
             self.sent_bytes += count
-            del self._staged[:count]
+            del self._pending[:count]
 
-    def _heard(self, message: bytes, baud: int, speed: int | None) -> bytes:
-        if speed == baud or (speed is None and baud not in _CODES):
+    def _as_received(self, message: bytes, baud: int, client_baud: int | None) -> bytes:
+        if client_baud == baud or (client_baud is None and baud not in _CODES):
             return message
-        count = max(1, round(len(message) * min(1.0, (speed or baud) / baud)))
+        count = max(1, round(len(message) * min(1.0, (client_baud or baud) / baud)))
         return self._rng.integers(0, 256, count, dtype=np.uint8).tobytes()
 
     def read(self, baud: int) -> bytes:
-        """What the client wrote; nothing that was written at another baud makes sense."""
+        """Return what the client has written; nothing if its baud is not `baud`."""
         try:
             data = os.read(self.master, 4096)
         except BlockingIOError:
             return b""
-        speed = self.speed()
-        return data if speed == baud or (speed is None and baud not in _CODES) else b""
+        client_baud = self._client_baud()
+        return data if client_baud == baud or (client_baud is None and baud not in _CODES) else b""
 
     def unplug(self) -> None:
-        """The cable is pulled: clients see the terminal hang up."""
+        """Hang up the terminal, as a pulled cable does."""
         self.close()
-        self._staged.clear()
+        self._pending.clear()
 
     def replug(self, baud: int) -> None:
-        """The cable is back, under another name where the old one is still held."""
+        """Open a terminal again; it has another name if a client still holds the old one."""
         self._open(baud)
 
     def close(self) -> None:
         if self._link:
-            with contextlib.suppress(OSError):  # it may lead elsewhere by now
+            with contextlib.suppress(OSError):  # the link may be gone or point elsewhere
                 if os.readlink(self._link) == self.path:
                     Path(self._link).unlink()
-        self._presence.close()
+        self._clients.close()
         os.close(self.master)
         os.close(self._slave)

@@ -1,0 +1,109 @@
+"""Doctor checks of a VN-100: baud, bandwidth, and the registers that change the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from imumon.devices.base import Check, Observation
+from imumon.devices.vn100.registers import DELTA_CONTROL, IMU_FILTER, LOOP_RATE
+from imumon.devices.vn100.stream_settings import divisors
+from imumon.samples import DeviceInfo
+
+SLOW_HZ = 40.0
+"""Hz, rate of the deltas below which a higher baud is recommended: the factory rate. Not critical."""
+
+HIGH_LOAD = 0.8
+"""Share of the baud from which a warning is due: replies and a second stream need the rest. Not critical."""
+
+MAX_LOAD = 0.955
+"""Share of the baud that a VN-100 was seen to transmit without loss."""
+
+IMPOSSIBLE_LOAD = 1.05
+"""Share of the baud that no serial line carries: the port is a pseudo-terminal, or ignores the baud."""
+
+ALIASED = 1.001
+"""Alias factor above which N counts as inflated: rounding errors lie below. Not critical."""
+
+
+def checks(observation: Observation, settings: Any) -> Iterator[Check]:
+    """Yield the checks that need knowledge of the VN-100.
+
+    Parameters
+    ----------
+    settings : the table ``[device]``, of which ``baud`` is used.
+    """
+    info = observation.info
+    yield _baud(info, settings.baud)
+    yield from _identity(info)
+    if info.stream is not None:
+        yield _aliasing(info)
+        yield from _compensation(info)
+    if observation.messages:
+        yield _bandwidth(observation)
+
+
+def _baud(info: DeviceInfo, configured: int | str) -> Check:
+    if info.baud is None:
+        return Check("baud", "ok", "has no effect on this port")
+    if configured not in ("auto", info.baud):
+        text = f"the sensor is at {info.baud} baud, the settings say {configured}"
+        return Check("baud", "failed", text, 'set device.baud = "auto"')
+    rate = LOOP_RATE / divisors("deltas", info.baud)[0]
+    if rate < SLOW_HZ:
+        text = f"{info.baud} baud carries the deltas at {rate:g} Hz only"
+        return Check("baud", "warning", text, "imumon run --set-baud 115200 (until the next power-up)")
+    return Check("baud", "ok", f"{info.baud} baud, carries the deltas at {rate:g} Hz")
+
+
+def _identity(info: DeviceInfo) -> Iterator[Check]:
+    if info.model is None:
+        text = "unknown: with listen_only the sensor is not asked"
+        yield Check("identity", "warning", text, "without listen_only its model and settings are read")
+    elif not info.model.upper().startswith("VN-100"):
+        serial = info.serial or "without a serial number"
+        text = f"{info.model} {serial}, firmware {info.firmware or 'unknown'}: it is treated like a VN-100"
+        yield Check("identity", "warning", text, "check its filter yourself")
+
+
+def _register(info: DeviceInfo, number: int) -> str | None:
+    """Return the value of a register; None if it was not read."""
+    return next((text for name, text in info.settings.items() if name.startswith(f"{number} ")), None)
+
+
+def _aliasing(info: DeviceInfo) -> Check:
+    windows = _register(info, IMU_FILTER)
+    register = f", register {IMU_FILTER} is {windows}" if windows else ""
+    if info.alias_factor is None:
+        text = "unknown: the filter or the rate of the sensor could not be read"
+        return Check("aliasing", "warning", text, "without listen_only it is read, and deltas have none")
+    if info.alias_factor <= ALIASED:
+        return Check("aliasing", "ok", f"none{register}")
+    text = f"N of {info.source} reads {info.alias_factor:.2f} times too high{register}"
+    cure = "imumon run uses the deltas, which are right; docs/SENSOR.md explains it and other cures"
+    return Check("aliasing", "warning", text, cure)
+
+
+def _compensation(info: DeviceInfo) -> Iterator[Check]:
+    control = _register(info, DELTA_CONTROL) or ""
+    if info.stream == "deltas" and any(field.strip("0") for field in control.split(",")[1:3]):
+        text = f"the deltas are compensated, register {DELTA_CONTROL} is {control}"
+        yield Check("compensation", "warning", text, "imumon run sets it to 0 while it runs")
+    elif info.stream == "compensated":
+        text = f"the onboard filter removes the bias from {info.source}: B and K would be those of the filter"
+        yield Check("compensation", "warning", text, "imumon run uses the uncompensated deltas")
+
+
+def _bandwidth(observation: Observation) -> Check:
+    bytes_per_s = observation.bytes / observation.seconds
+    baud = observation.info.baud
+    if not baud:
+        return Check("bandwidth", "ok", f"{bytes_per_s:.0f} bytes/s")
+    load = bytes_per_s / (baud / 10)
+    text = f"{load:.0%} of {baud} baud"
+    if load > IMPOSSIBLE_LOAD:
+        return Check("bandwidth", "ok", f"{text}: not a real serial line, the baud is no limit")
+    if load <= HIGH_LOAD:
+        return Check("bandwidth", "ok", text)
+    cure = "request a lower rate, or raise the baud with --set-baud"
+    return Check("bandwidth", "warning" if load <= MAX_LOAD else "failed", text, cure)
