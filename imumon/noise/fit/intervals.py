@@ -22,8 +22,7 @@ from scipy.special import ndtr, ndtri
 from imumon.noise.fit.leastsquares import PreparedProblems, T, cube_root_score, solve
 from imumon.samples import Bools, Floats, Ints
 
-MAX_TRIALS = 24
-"""Values at which a score is computed in search of a limit, at most.."""
+MAX_TRIALS = 24  # Values at which a score is computed in search of a limit, at most. Not critical
 
 SCORE_ROUNDS = 4
 """Rounds of weighting the other terms for each value: they start near their values. Not critical."""
