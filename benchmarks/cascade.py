@@ -44,7 +44,7 @@ def costs() -> Iterator[Figure]:
     ns, ratio = cost(seconds(lambda: moments.update(values), 60))
     yield at_most("a channel-sample, moments to the fourth", ns, 6.0, "ns", ratio)
     noise = NoiseStream(800.0, N=np.full(9, 1e-3), B=1e-4, K=1e-5, seed=SEED)
-    ns, ratio = cost(seconds(lambda: noise.take(8000), 20))
+    ns, ratio = cost(seconds(lambda: noise.generate(8000), 20))
     yield Figure("synthesis of N, B and K", f"{ns:.3g} ns", ratio)
     record = np.ascontiguousarray(np.tile(values[:, :1], (25, 1))[:, 0])
     elapsed = seconds(lambda: allantools.oadev(record, rate=200.0, data_type="freq", taus="octave"), 5, 1)

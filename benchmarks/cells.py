@@ -11,7 +11,7 @@ from simulated import curves, strengths
 
 from imumon.noise import Estimator
 from imumon.noise.fit.covariance import design, octaves_in, tables
-from imumon.noise.fit.leastsquares import Problems
+from imumon.noise.fit.leastsquares import FitProblems
 
 
 @dataclass
@@ -40,7 +40,7 @@ def fit_part(job: tuple[np.ndarray, int, float, float]) -> list[tuple[object, ..
     unit = np.array([math.sqrt(1 / rate), 1.0, math.sqrt(rate)])
     rows = []
     for channel, fit in enumerate(fits):
-        point = np.sqrt(np.maximum(estimator._known[channel].choice.p[:3], 0.0)) * unit
+        point = np.sqrt(np.maximum(estimator._confidences[channel].model.p[:3], 0.0)) * unit
         found = [getattr(fit, name) for name in "NBK"]
         rows.append(
             (
@@ -70,10 +70,10 @@ def bound(n: int, rate: float, K: float) -> np.ndarray:
     ones = np.ones((1, k))
     m = 1 << np.arange(k)
     thinning = np.sqrt(table.full / ((n - 2 * m) // np.maximum(1, m // 8) + 1))[None]
-    problems = Problems(
+    problems = FitProblems(
         (table,), np.array([0]), ones, thinning, ones > 0, (np.arange(5) < 3)[None], np.zeros(1)
     )
     p = np.zeros((1, 5))
     p[0, :3] = strengths(K, rate) ** 2
-    information = problems.frame().weigh(p).normal[0, :3, :3]
+    information = problems.prepare().weight(p).normal[0, :3, :3]
     return np.sqrt(np.diag(np.linalg.inv(information))) / p[0, :3] / 2.0

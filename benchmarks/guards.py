@@ -64,7 +64,7 @@ def fitted(values: Floats, rate: float, guarded: bool) -> tuple[ChannelFit, ...]
             cascade.update(piece.values, piece.valid)
     for piece in guard.flush() if guarded else ():
         cascade.update(piece.values, piece.valid)
-    return Estimator(averaged=True, outlook=False).fit(cascade.result())
+    return Estimator(averaged=True, time_to=False).fit(cascade.result())
 
 
 def spoilt(clean: Floats, rate: float) -> Iterator[tuple[str, Floats]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.noise import AllanCurve, ChannelFit, Coefficient, Estimator, OctaveCascade
+from imumon.noise import AllanCurve, ChannelFit, Estimator, FittedCoefficient, OctaveCascade
 from imumon.units import READABLE, figures, pretty
 
 RATE = 40.0
@@ -38,7 +38,7 @@ def read(path: Path) -> np.ndarray:
     return np.array(rows)
 
 
-def told(axis: str, name: str, coefficient: Coefficient) -> str:
+def told(axis: str, name: str, coefficient: FittedCoefficient) -> str:
     """Coefficient with limits in readable units."""
     shown = READABLE[axis.partition("/")[0], name]
     if coefficient.status == "pending":

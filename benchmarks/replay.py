@@ -40,7 +40,7 @@ def make(path: Path, samples: int) -> np.ndarray:
     with path.open("wb") as file:
         for start in range(0, samples, PIECE):
             n = min(PIECE, samples - start)
-            values = (noise.take(n) + level).astype(np.float32)
+            values = (noise.generate(n) + level).astype(np.float32)
             file.write(
                 LAYOUT.encode(
                     {

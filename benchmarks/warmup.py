@@ -25,7 +25,7 @@ DECAYS = [(1e-4, 600.0), (1e-4, 300.0), (1e-3, 600.0)]
 
 
 def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
-    return fit_curve(curve, averaged=True, outlook=False)
+    return fit_curve(curve, averaged=True, time_to=False)
 
 
 def watched(values: np.ndarray) -> tuple[float, bool]:

@@ -48,7 +48,7 @@ def definition(
 ) -> tuple[float, int]:
     """Allan variance of one segment of one channel straight from its definition, and its terms.
 
-    What clusters with missing samples have more of white noise is taken off.
+    The excess of white noise of clusters with missing samples is subtracted.
     """
     ends = np.arange(0, len(y) + 1, max(1, m // ratio))
     ends = ends[ends >= m]
@@ -61,9 +61,9 @@ def definition(
     use = good[lag:] & good[:-lag]
     found = ((mean[lag:] - mean[:-lag])[use] ** 2).sum() / (2 * max(use.sum(), 1))
     weight = m / np.maximum(counts, 1)
-    lack = (0.5 * (weight[lag:] + weight[:-lag]) - 1.0)[use].sum() / max(use.sum(), 1)
-    if lack > 0.0:
-        found = max(found - definition(y, ok, 1)[0] / m * lack, found / (1.0 + lack))
+    excess = (0.5 * (weight[lag:] + weight[:-lag]) - 1.0)[use].sum() / max(use.sum(), 1)
+    if excess > 0.0:
+        found = max(found - definition(y, ok, 1)[0] / m * excess, found / (1.0 + excess))
     return found, int(use.sum())
 
 
@@ -77,7 +77,7 @@ def check_definition(
             assert curve.avar[j, channel] == pytest.approx(avar, rel=1e-6, abs=1e-18), (m, channel)
 
 
-# --- published and other people's numbers ------------------------------------------------------------
+# --- published numbers and other implementations ------------------------------------------------------------
 
 NINE = np.array([892.0, 809, 823, 798, 671, 644, 883, 903, 677])[:, None]
 
@@ -153,7 +153,7 @@ def test_rational_arithmetic(offset: float, sigma: float) -> None:
 
 
 def test_offset_of_a_segment_costs_no_digits_in_another() -> None:
-    """A sensor that is turned over during a restart: 9.8 becomes -9.8, and each segment keeps its digits."""
+    """A sensor turned over during a restart: 9.8 becomes -9.8, and each segment keeps its digits."""
     noise = 1e-3 * np.random.default_rng(3).standard_normal((2000, 1))
     cascade = OctaveCascade(1, 0.01)
     cascade.update(9.8 + noise)
@@ -164,8 +164,8 @@ def test_offset_of_a_segment_costs_no_digits_in_another() -> None:
     np.testing.assert_allclose(cascade.result().avar[same], once.avar[same], rtol=1e-11)
 
 
-def test_one_wild_sample_costs_no_digits() -> None:
-    """The offset is a median: a spike in the first block takes no digits from what follows."""
+def test_an_outlier_costs_no_digits() -> None:
+    """The offset is a median: a spike in the first block does not reduce the precision of later samples."""
     values = 9.8 + 1e-3 * np.random.default_rng(8).standard_normal((4000, 1))
     values[0] = 1e12
     valid = np.ones((4000, 1), dtype=bool)
@@ -196,7 +196,7 @@ def test_any_chunking_gives_the_same_bits(n: int, cuts: list[int], seed: int, lo
     edges = sorted({0, n, *(c for c in cuts if c <= n)})
     for a, b in pairwise(edges):
         parts.update(values[a:b], valid[a:b])
-        parts.result()  # asking changes nothing
+        parts.result()  # does not change the state
     same_bits(whole.result(), parts.result())
 
 
@@ -240,8 +240,8 @@ def run(cascade: OctaveCascade, steps: list[Step], rng: np.random.Generator) -> 
 
 @settings(max_examples=40, deadline=None)
 @given(steps=STEPS, seed=st.integers(0, 2**32 - 1))
-def test_holes_are_missing_samples(steps: list[Step], seed: int) -> None:
-    """To skip, to mark invalid and to send NaN are one thing, and it is what the definition says."""
+def test_gaps_are_missing_samples(steps: list[Step], seed: int) -> None:
+    """Skipping, marking invalid and sending NaN give the same result, which agrees with the definition."""
     cascade = OctaveCascade(3, 0.01, groups=GROUPS)
     values, ok = run(cascade, steps, np.random.default_rng(seed))
     curve = cascade.result()
@@ -279,7 +279,7 @@ def test_merge_is_one_run_with_a_break(
     untouched = b.result()
     a.merge(b)
     same_to_rounding(a.result(), one.result())
-    for cascade in (one, a):  # and it goes on as that run would
+    for cascade in (one, a):  # and it continues as that run would
         run(cascade, later, np.random.default_rng(seed + 2))
     same_to_rounding(a.result(), one.result())
     same_bits(b.result(), untouched)
@@ -303,7 +303,7 @@ def test_restored_continues_identically(before: list[Step], after: list[Step], s
 
 
 def test_differences_never_span_a_break() -> None:
-    """Two constants with a step between them: the step is seen on one grid, and not across a break."""
+    """Two constants with a step between them: the step appears on one grid, and not across a break."""
     cascade = OctaveCascade(1, 1.0)
     cascade.update(np.zeros((1000, 1)))
     cascade.break_()
@@ -327,8 +327,8 @@ def test_a_dropped_sample_costs_the_long_octaves_nothing() -> None:
     assert not lost[4:].any()
 
 
-def test_a_ten_minute_hole_leaves_the_long_octaves_alive() -> None:
-    """24 h at 1 Hz with 600 s missing: at most a cluster of 10 000 s feels it, and it has 94 %."""
+def test_a_ten_minute_gap_keeps_the_long_octaves() -> None:
+    """24 h at 1 Hz with 600 s missing: a cluster of 10 000 s still has 94 % of its samples."""
     cascade = OctaveCascade(1, 1.0)
     cascade.update(np.random.default_rng(4).standard_normal((40_000, 1)))
     cascade.skip(600)
@@ -339,7 +339,7 @@ def test_a_ten_minute_hole_leaves_the_long_octaves_alive() -> None:
     np.testing.assert_array_equal(curve.terms[curve.m >= 8192], whole.terms[curve.m >= 8192])
 
 
-def test_nothing_and_little() -> None:
+def test_empty_and_short_records() -> None:
     cascade = OctaveCascade(2, 0.01)
     empty = cascade.result()
     assert (len(empty.m), empty.span, empty.segments) == (0, 0, 0)
@@ -356,7 +356,7 @@ def test_nothing_and_little() -> None:
     np.testing.assert_array_equal(cascade.result().avar, [[0.5, 4.5]])
 
 
-def test_a_copy_goes_its_own_way() -> None:
+def test_a_copy_is_independent() -> None:
     one = OctaveCascade(3, 0.01, groups=GROUPS)
     run(one, [("take", 900)], np.random.default_rng(1))
     two, before = one.copy(), one.result()
@@ -366,7 +366,7 @@ def test_a_copy_goes_its_own_way() -> None:
     same_bits(one.result(), two.result())
 
 
-def test_a_hole_of_years_is_cheap_and_counts() -> None:
+def test_a_gap_of_years_is_cheap_and_counts() -> None:
     cascade = OctaveCascade(9, 1e-3, groups=[0, 0, 0, 1, 1, 1, 2, 2, 2])
     cascade.update(np.random.default_rng(1).standard_normal((700, 9)))
     cascade.skip(10**12)
@@ -388,7 +388,7 @@ def test_state_is_small() -> None:
 
 def test_counters_and_clusters_of_ten_billion() -> None:
     """A state written at 10^10 samples continues: no counter overflows, no digit is lost."""
-    cascade = OctaveCascade(1, 1e-3, threshold=1.0)  # no cluster reaches into the hole
+    cascade = OctaveCascade(1, 1e-3, threshold=1.0)  # no cluster reaches into the gap
     cascade.skip(256 * 40_000_000)
     values = 9.8 + 1e-3 * np.random.default_rng(6).standard_normal((5000, 1))
     cascade.update(values)
@@ -399,7 +399,7 @@ def test_counters_and_clusters_of_ten_billion() -> None:
     np.testing.assert_array_equal(late.terms[same], early.terms)
 
 
-def test_wrong_words_are_refused() -> None:
+def test_invalid_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match="at least one channel"):
         OctaveCascade(0, 1.0)
     with pytest.raises(ValueError, match="interval must be positive"):
@@ -409,7 +409,7 @@ def test_wrong_words_are_refused() -> None:
     with pytest.raises(ValueError, match="ratio"):
         OctaveCascade(2, 1.0, ratio=3)
     cascade = OctaveCascade(2, 1.0)
-    with pytest.raises(ValueError, match="must come as"):
+    with pytest.raises(ValueError, match="must have the shape"):
         cascade.update(np.zeros((3, 4)))
     with pytest.raises(ValueError, match="forward"):
         cascade.skip(-1)

@@ -182,7 +182,7 @@ def test_no_step_is_seen_in_what_wanders_drifts_or_follows_the_weather() -> None
             cascade = OctaveCascade(6, 1.0 / RATE)
             cascade.update(values)
             wanders = [
-                MeanCovariance.of(fit) for fit in fit_curve(cascade.result(), averaged=True, outlook=False)
+                MeanCovariance.of(fit) for fit in fit_curve(cascade.result(), averaged=True, time_to=False)
             ]
             found += sum(w is not None and drift.step(c, w) is not None for c, w in enumerate(wanders))
     assert found == 0

@@ -1,4 +1,4 @@
-"""Lost samples: a lossy link costs precision, never averaging times, and bends no curve."""
+"""Lost samples cost precision, never averaging times, and do not bend the curve."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def signal(kind: str) -> Floats:
 
 
 def received(loss: float, run: int) -> Bools:
-    """(n, 1) what is left when runs of about so many samples are lost."""
+    """(n, 1) validity when runs of about `run` samples are lost."""
     generator = np.random.default_rng(1)
     ok = np.ones(LENGTH, dtype=bool)
     if run == 1:

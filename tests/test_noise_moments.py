@@ -120,7 +120,7 @@ def test_what_is_not_finite_never_counts() -> None:
 def test_wrong_words_are_refused() -> None:
     with pytest.raises(ValueError, match="from 0 upwards"):
         Moments(2, [1, 1])
-    with pytest.raises(ValueError, match="must come as"):
+    with pytest.raises(ValueError, match="must have the shape"):
         Moments(2).update(np.zeros(3))
     with pytest.raises(ValueError, match="same channels"):
         Moments(2).merge(Moments(2, [0, 1]))

@@ -1,4 +1,4 @@
-"""Noise made to order: its spectrum, its Allan variance, and a stream that is one series however taken."""
+"""Synthetic noise: its spectrum, its Allan variance, and streams that do not depend on the chunk sizes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def stream(n: int, seed: int, averaged: bool, **strength: float) -> np.ndarray:
     noise = NoiseStream(
         RATE, seed=seed, averaged=averaged, **{k: np.full(CHANNELS, v) for k, v in strength.items()}
     )
-    return np.concatenate([noise.take(999) for _ in range(n // 999 + 1)])[:n]
+    return np.concatenate([noise.generate(999) for _ in range(n // 999 + 1)])[:n]
 
 
 def curve_of(values: np.ndarray) -> AllanCurve:
@@ -81,7 +81,7 @@ def test_allan_variance_is_the_formula(make: object, averaged: bool, kind: str) 
 
 
 def allan_of_increments(r: np.ndarray, m: int) -> float:
-    """Allan variance at m from the covariance r of y[k+1] - y[k], of which a difference is a triangle."""
+    """Allan variance at m from the covariance r of y[k+1] - y[k]; a difference is a triangle of them."""
     triangle = np.convolve(np.ones(m), np.ones(m)) / m
     weight = np.convolve(triangle, triangle)
     lags = np.abs(np.arange(len(weight)) - len(weight) // 2)
@@ -101,7 +101,7 @@ def test_covariances_give_the_curve_exactly() -> None:
 
 @pytest.mark.parametrize("increments", [_averaged_increments, _discrete_increments])
 def test_embedding_is_exact(increments: object) -> None:
-    """What makes the circulant draw exact: one variance, negative covariances, a sum that falls to zero."""
+    """Conditions for an exact circulant draw: positive variance, negative covariances, a sum near zero."""
     r = increments(np.arange(100_000))  # type: ignore[operator]
     assert r[0] > 0
     assert np.all(r[1:] < 0)
@@ -115,7 +115,7 @@ def test_bank_has_the_spectrum_of_flicker(rate: float) -> None:
     cycles = np.geomspace(1e-7, rate / 2.0, 1000) / rate
     behind = np.exp(-2j * np.pi * cycles)
     response = bank.direct + (bank.weights[:, None] / (1.0 - bank.poles[:, None] * behind)).sum(axis=0)
-    # 1 - x z is taken as it is: at 1e-7 Hz of 800 Hz it keeps six digits.
+    # 1 - x z is computed directly: at 1e-7 Hz of 800 Hz it keeps six digits.
     assert_allclose(np.abs(response) ** 2 * 2.0 * np.sin(np.pi * cycles), 1.0, atol=3e-3)
 
 
@@ -128,10 +128,10 @@ def test_averaging_filter_turns_one_flicker_into_the_other() -> None:
 
 
 def test_stream_of_flicker_is_stationary_from_the_start() -> None:
-    """The first second has the increments of any later one: no filter has to warm up."""
+    """The first second has the increments of any later one: no filter has a transient."""
     many = 1000
     noise = NoiseStream(RATE, B=np.ones(many), seed=5)
-    y = noise.take(2048)
+    y = noise.generate(2048)
     r = _averaged_increments(np.arange(2048))
     for m in (1, 16, 256):
         first = y[m : 2 * m].mean(axis=0) - y[:m].mean(axis=0)
@@ -143,11 +143,11 @@ def test_stream_of_flicker_is_stationary_from_the_start() -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(cuts=st.lists(st.integers(0, 3000), max_size=6))
-def test_a_stream_is_one_series_however_it_is_taken(cuts: list[int]) -> None:
+def test_a_stream_does_not_depend_on_chunk_sizes(cuts: list[int]) -> None:
     whole = NoiseStream(RATE, N=[1.0, 2.0], B=[0.5, 0.0], K=0.1, seed=3)
     parts = NoiseStream(RATE, N=[1.0, 2.0], B=[0.5, 0.0], K=0.1, seed=3)
-    series = np.concatenate([np.empty((0, 2)), *(parts.take(n) for n in cuts)])
-    assert_array_equal(series, whole.take(sum(cuts)))
+    series = np.concatenate([np.empty((0, 2)), *(parts.generate(n) for n in cuts)])
+    assert_array_equal(series, whole.generate(sum(cuts)))
 
 
 def test_channels_are_independent_and_seeds_decide() -> None:
@@ -158,12 +158,12 @@ def test_channels_are_independent_and_seeds_decide() -> None:
     assert not np.array_equal(y, synthesise(1 << 14, RATE, N=1.0, B=[0.3, 0.3], K=0.01, seed=2))
 
 
-def test_little_and_nothing() -> None:
+def test_short_and_empty_records() -> None:
     assert synthesise(0, RATE, N=1.0, B=1.0, K=1.0).shape == (0, 1)
     assert synthesise(1, RATE, N=1.0, B=1.0, K=1.0).shape == (1, 1)
     assert synthesise(2, RATE, B=[1.0, 1.0]).shape == (2, 2)
-    assert NoiseStream(RATE).take(0).shape == (0, 1)
-    assert not NoiseStream(RATE).take(10).any()
+    assert NoiseStream(RATE).generate(0).shape == (0, 1)
+    assert not NoiseStream(RATE).generate(10).any()
     with pytest.raises(ValueError, match="not negative"):
         synthesise(4, RATE, N=-1.0)
     with pytest.raises(ValueError, match="rate"):

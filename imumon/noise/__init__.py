@@ -1,7 +1,7 @@
-"""Noise of a sensor at rest: Allan deviation, N, B and K with honest intervals, live and in a few kilobytes.
+"""Noise of a sensor at rest: Allan deviation, N, B and K with 95 % limits, live and in a few kilobytes.
 
-Pure mathematics on arrays: no I/O, no clock, no threads; numpy alone. Samples go in, in blocks of any length,
-and at any time one may ask. A record of two seconds or of two months is the same five lines:
+Mathematics on arrays: no I/O, no clock, no threads. Samples are added in blocks of any length, and results
+are available at any time. The same five lines serve a record of two seconds and one of two months:
 
 >>> import numpy as np
 >>> from imumon.noise import Estimator, OctaveCascade, synthesise
@@ -15,7 +15,7 @@ and at any time one may ask. A record of two seconds or of two months is the sam
 >>> f"K < {fit.K.high:.0e} {fit.K.status}"
 'K < 8e-06 upper_bound'
 
-The curve itself, with 95 % limits, what the model says of it and which octaves it rests on:
+The curve with its 95 % limits, the octaves that the fit uses and the caveats:
 
 >>> curve = cascade.result()
 >>> for tau, sigma, low, high in list(zip(curve.tau, curve.sigma[:, 0], fit.low, fit.high))[::5]:
@@ -27,36 +27,34 @@ The curve itself, with 95 % limits, what the model says of it and which octaves 
 >>> bool(fit.used.all()), fit.caveats
 (True, ())
 
-`averaged` says what a sample is: the true average over its interval (delta angle over its time), or a
-point sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`, a gap of unknown
-length is `cascade.break_()`. What is not known is None with a reason, never 0 and never NaN.
+`averaged` says what a sample is: the true average over its interval (delta angle over its time), or a point
+sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`, a gap of unknown length is
+`cascade.break_()`. An unknown value is None with a reason, never 0 and never NaN. A curve of another record
+starts the estimator afresh: limits never pass from one record to another.
 
-| room | what |
+| package | content |
 |---|---|
-| `allan/` | the octave cascade: Allan variance of an endless stream, from several starts |
-| `fit/` | `Estimator`: N, B, K from exact covariances, with limits, and the time still needed |
-| `grade` | navigation, tactical, industrial or consumer |
-| `signal/` | moments, histogram, spectrum and its lines, strip chart |
-| `guards/` | knocks, stuck and repeated samples, loops: cut out before they reach a sum |
-| `history/` | hour against hour: drift, warm-up, what has changed |
-| `groups` | channels that miss the same samples |
+| `allan/` | octave cascade: Allan variance of an endless stream, also since several starts |
+| `fit/` | `Estimator`: N, B, K from exact covariances, with limits, and the time to a precision |
+| `grading` | navigation, tactical, industrial or consumer grade |
+| `statistics/` | moments, histogram, spectrum and its lines, envelope |
+| `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
+| `nonstationarity/` | hour against hour: drift, warm-up, changes |
+| `validity_groups` | channels that miss the same samples |
 | `synthesis` | noise of given N, B, K |
 """
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.fit import ChannelFit, Coefficient, Estimator, TimeTo, fit_curve
-from imumon.noise.fit.slope_reading import Readings, read_slopes
+from imumon.noise.fit import ChannelFit, Estimator, FittedCoefficient, fit_curve, read_slopes
 from imumon.noise.synthesis import NoiseStream, synthesise
 
 __all__ = [
     "AllanCurve",
     "ChannelFit",
-    "Coefficient",
     "Estimator",
+    "FittedCoefficient",
     "NoiseStream",
     "OctaveCascade",
-    "Readings",
-    "TimeTo",
     "fit_curve",
     "read_slopes",
     "synthesise",

@@ -1,21 +1,22 @@
-"""Synthesis: white, flicker and random-walk noise of given N, B and K, as a record or as an endless stream.
+"""White, flicker and random-walk noise of given N, B and K, as a record or as an endless stream.
 
-Two-sided power spectral densities of the rate y (IEEE Std 952, annex C), and what the Allan deviation shows:
+Two-sided power spectral densities of the rate y (IEEE Std 952, annex C), and their Allan deviations:
 
     N^2                 white           sigma(tau) = N / sqrt(tau)
     B^2 / (2 pi f)      flicker         sigma(tau) = sqrt(2 ln 2 / pi) B = 0.664 B
     K^2 / (2 pi f)^2    random walk     sigma(tau) = K sqrt(tau / 3)
 
-What a sample is: with ``averaged`` the mean of the continuous process over its interval (as a delta angle
-over its time is), so that these formulas hold at every octave. Without it a value at an instant: of the walk,
-with K^2 tau/3 (1 + 1/(2 m^2)), and of the discrete 1/f filter (1 - z^-1)^(-1/2) of Kasdin & Walter (IEEE
-Frequency Control Symposium 1992), 1.44, 1.15, 1.05 times the flat variance at m = 1, 2, 4. White noise of
-unlimited bandwidth has no values at instants: its samples are averages in both cases.
+Samples: with ``averaged`` a sample is the mean of the continuous process over its interval (like a delta
+angle divided by its time), so that these formulas hold at every octave. Without it a sample is a value at an
+instant: of the walk, with K^2 tau/3 (1 + 1/(2 m^2)), and of the discrete 1/f filter (1 - z^-1)^(-1/2) of
+Kasdin & Walter (IEEE Frequency Control Symposium 1992), with 1.44, 1.15, 1.05 times the flat variance at
+m = 1, 2, 4. White noise of unlimited bandwidth has no values at instants: its samples are averages in both
+cases.
 
-What is exact: in a record (`synthesise`) everything, to the rounding of a Fourier transform. In a stream
-(`NoiseStream`) white noise and walk are exact, and the spectrum of flicker is right within 0.3 % from 1e-7 Hz
-up to the Nyquist frequency. In both, flicker and walk begin at zero and their increments are stationary from
-the first sample on: there is no transient at the start.
+Exactness: a record (`synthesise`) is exact to the rounding of a Fourier transform. In a stream
+(`NoiseStream`) white noise and walk are exact, and the spectrum of flicker is within 0.3 % from 1e-7 Hz up to
+the Nyquist frequency. In both, flicker and walk begin at zero, and their increments are stationary from the
+first sample on: there is no transient at the start.
 """
 
 from __future__ import annotations
@@ -28,17 +29,21 @@ import numpy.typing as npt
 
 from imumon.samples import Floats
 
-# in quotes: numpy loads its generators when they are first named, and only an emulator needs their 6 MB
-Seed: TypeAlias = "int | np.random.Generator | None"
+Seed: TypeAlias = int | np.random.Generator | None
 Strength: TypeAlias = float | npt.ArrayLike
 
-LOWEST_POLE_HZ = 1e-10
-POLE_STEP = 1.25  # between poles in log frequency: the spectrum ripples by 4 exp(-pi^2 / 1.25) = 0.15 %
-STEPS = 64  # samples advanced by one product of matrices
-BLOCKS = 32  # such steps at once
+LOWEST_POLE_HZ = 1e-10  # Hz, frequency below which streamed flicker is no longer flicker: 300 years
+
+POLE_STEP = 1.25
+"""1, distance of the poles in log frequency: the spectrum ripples by 4 exp(-pi^2 / 1.25) = 0.15 %."""
+
+STEP_SAMPLES = 64
+"""Samples of flicker computed by one product of matrices. Not critical: it changes the speed only."""
+
+BLOCK_STEPS = 32  # Such steps in one block. Not critical for speed, but a seed gives another series
 
 # Averaged flicker is the discrete 1/f noise behind a short filter: the root of minimum phase of the ratio of
-# their spectra, sin^2(pi f) sum_k |f + k|^-3 / (2 pi^3) to 1 / (2 sin(pi f)) at f cycles a sample.
+# their spectra, sin^2(pi f) sum_k |f + k|^-3 / (2 pi^3) to 1 / (2 sin(pi f)) at f cycles per sample.
 AVERAGING = np.array(
     [8.67217e-01, 1.31352e-01, 1.04096e-03, 2.42683e-04, 7.74477e-05, 3.16001e-05, 1.51567e-05, 8.13913e-06]
 )
@@ -55,7 +60,7 @@ def synthesise(
     *,
     averaged: bool = True,
 ) -> Floats:
-    """Noise of given coefficients.
+    """Return noise of given coefficients.
 
     Parameters
     ----------
@@ -78,7 +83,7 @@ def synthesise(
     rng = np.random.default_rng(seed)
     y = np.empty((len(white), n))
     for c in range(len(white)):
-        y[c] = _jitter(white[c], walk[c], rate_hz, averaged) * rng.standard_normal(n)
+        y[c] = _independent(white[c], walk[c], rate_hz, averaged) * rng.standard_normal(n)
         if walk[c]:
             step = walk[c] / math.sqrt(rate_hz) * rng.standard_normal(n)
             y[c] += np.cumsum(step)
@@ -89,7 +94,7 @@ def synthesise(
 
 
 def _strengths(rate_hz: float, *strengths: Strength) -> tuple[Floats, ...]:
-    """N, B, K of every channel, each (c,)."""
+    """Return N, B, K of every channel, (c,) each."""
     arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(s, dtype=np.float64)) for s in strengths))
     if arrays[0].ndim != 1 or any(not np.all((a >= 0.0) & (a < math.inf)) for a in arrays):
         raise ValueError("N, B and K must be numbers, or one number for each channel, and not negative")
@@ -98,17 +103,17 @@ def _strengths(rate_hz: float, *strengths: Strength) -> tuple[Floats, ...]:
     return arrays
 
 
-def _jitter(white: Floats, walk: Floats, rate_hz: float, averaged: bool) -> Floats:
-    """Channel unit, deviation of what is independent from sample to sample.
+def _independent(white: Floats, walk: Floats, rate_hz: float, averaged: bool) -> Floats:
+    """Return the standard deviation of the part that is independent from sample to sample, channel unit.
 
-    White noise and, when averaged, the walk's wandering about its chord: the mean of a Wiener process over an
-    interval is half the sum of its ends and an independent remainder, of variance K^2 tau0 / 12.
+    White noise and, when averaged, the deviation of the walk from its chord: the mean of a Wiener process
+    over an interval is half the sum of its ends and an independent remainder, of variance K^2 tau0 / 12.
     """
     return np.asarray(np.sqrt(white**2 * rate_hz + averaged * walk**2 / (12.0 * rate_hz)))
 
 
 def _flicker(n: int, rng: np.random.Generator, averaged: bool) -> Floats:
-    """(n,) flicker of B = 1 that begins at zero.
+    """Return (n,) flicker of B = 1 that begins at zero.
 
     Its increments are stationary and drawn by circulant embedding (Davies & Harte, Biometrika 74, 1987). All
     their covariances but the variance are negative and the sum of all is zero, hence the eigenvalues of the
@@ -117,7 +122,7 @@ def _flicker(n: int, rng: np.random.Generator, averaged: bool) -> Floats:
     y = np.zeros(n)
     if n < 2:
         return y
-    half = _quick_length(n)
+    half = _fast_length(n)
     lags = np.arange(half + 1)
     r = _averaged_increments(lags) if averaged else _discrete_increments(lags)
     power = np.fft.rfft(np.concatenate((r, r[-2:0:-1]))).real
@@ -128,29 +133,29 @@ def _flicker(n: int, rng: np.random.Generator, averaged: bool) -> Floats:
     return y
 
 
-def _quick_length(n: int) -> int:
-    """A length of at least n whose Fourier transform is quick."""
+def _fast_length(n: int) -> int:
+    """Return a length of at least n whose Fourier transform is fast."""
     return min(odd << max(0, math.ceil(math.log2(n / odd))) for odd in (1, 3, 5, 9, 15))
 
 
 def _averaged_increments(lags: npt.NDArray[np.int64]) -> Floats:
-    """Covariance of ybar[k+1] - ybar[k], flicker of B = 1.
+    """Return the covariance of ybar[k+1] - ybar[k], flicker of B = 1.
 
     Fourth difference of the phase's generalised covariance t^2 ln|t| / (2 pi); beyond lag 32, where it would
-    lose its digits, by the derivatives.
+    lose digits, from the derivatives.
     """
     near = np.arange(-2.0, 35.0)
     g = near**2 * np.log(np.maximum(np.abs(near), 1.0))
     r = np.zeros(len(lags))
-    few = min(len(lags), 33)
-    r[:few] = np.convolve(g, [1.0, -4.0, 6.0, -4.0, 1.0], mode="valid")[:few]
-    t2 = lags[few:].astype(np.float64) ** -2.0
-    r[few:] = -t2 * (2.0 + t2 * (2.0 + t2 * (3.0 + t2 * 17.0 / 3.0)))
+    exact = min(len(lags), 33)
+    r[:exact] = np.convolve(g, [1.0, -4.0, 6.0, -4.0, 1.0], mode="valid")[:exact]
+    t2 = lags[exact:].astype(np.float64) ** -2.0
+    r[exact:] = -t2 * (2.0 + t2 * (2.0 + t2 * (3.0 + t2 * 17.0 / 3.0)))
     return r / (2.0 * math.pi)
 
 
 def _discrete_increments(lags: npt.NDArray[np.int64]) -> Floats:
-    """Covariance of white noise through (1 - z^-1)^(1/2): the increments of discrete 1/f noise of B = 1.
+    """Return the covariance of the increments of discrete 1/f noise, white noise through (1 - z^-1)^(1/2).
 
     Fractional noise of order -1/2 (Hosking, Biometrika 68, 1981): r[k] = r[k-1] (k - 3/2) / (k + 1/2).
     """
@@ -159,10 +164,10 @@ def _discrete_increments(lags: npt.NDArray[np.int64]) -> Floats:
 
 
 class _DiscreteFlicker:
-    """Endless discrete 1/f noise of B = 1: a bank of first-order filters driven by one white noise.
+    """Endless discrete 1/f noise of B = 1: a bank of first-order filters driven by the same white noise.
 
-    The impulse response of (1 - z^-1)^(-1/2) is made of the moments of the arcsine distribution,
-    h_k = 1/pi int_0^1 x^k / sqrt(x (1 - x)) dx, and so is a mixture of first-order filters with poles x. In
+    The impulse response of (1 - z^-1)^(-1/2) consists of the moments of the arcsine distribution,
+    h_k = 1/pi int_0^1 x^k / sqrt(x (1 - x)) dx, so it is a mixture of first-order filters with poles x. In
     v = logit x the trapezoidal rule converges exponentially; its poles are evenly spaced in log frequency.
 
     Parameters
@@ -175,27 +180,27 @@ class _DiscreteFlicker:
     def __init__(self, channels: int, rate_hz: float, rng: np.random.Generator) -> None:
         v = np.arange(-5.0, math.log(rate_hz / (2.0 * math.pi * LOWEST_POLE_HZ)) + POLE_STEP, POLE_STEP)
         self.poles = 1.0 / (1.0 + np.exp(-v))
-        short = 1.0 / (1.0 + np.exp(v))  # 1 - x, to all digits
-        self.weights = POLE_STEP / math.pi * np.sqrt(self.poles * short)
-        self.weights[-1] /= -math.expm1(-POLE_STEP / 2.0)  # with those of all poles still slower
+        complement = 1.0 / (1.0 + np.exp(v))  # 1 - x, to all digits
+        self.weights = POLE_STEP / math.pi * np.sqrt(self.poles * complement)
+        self.weights[-1] /= -math.expm1(-POLE_STEP / 2.0)  # including those of all slower poles
         self.direct = 1.0 - self.weights.sum()  # the poles next to zero; h_0 = 1
         # The state of one filter is sum_k x^k u[-1-k]; the states share the u.
-        covariance = 1.0 / (short[:, None] + self.poles[:, None] * short)
+        covariance = 1.0 / (complement[:, None] + self.poles[:, None] * complement)
         scale = np.sqrt(np.diagonal(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
         root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
         self._state = rng.standard_normal((channels, len(v))) @ root.T
-        powers = np.exp(np.log1p(-short)[:, None] * np.arange(STEPS + 1))  # (p, T + 1), x^k
-        response = self.weights @ powers[:, :STEPS]
+        powers = np.exp(np.log1p(-complement)[:, None] * np.arange(STEP_SAMPLES + 1))  # (p, T + 1), x^k
+        response = self.weights @ powers[:, :STEP_SAMPLES]
         response[0] = 1.0
-        lag = np.arange(STEPS) - np.arange(STEPS)[:, None]  # of output j behind drive i
+        lag = np.arange(STEP_SAMPLES) - np.arange(STEP_SAMPLES)[:, None]  # of output j behind drive i
         self._forced = np.where(lag >= 0, response[np.abs(lag)], 0.0)
         self._free = self.weights[:, None] * powers[:, 1:]
-        self._gather = powers[:, STEPS - 1 :: -1].T
-        self._decay = powers[:, STEPS]
+        self._gather = powers[:, STEP_SAMPLES - 1 :: -1].T
+        self._decay = powers[:, STEP_SAMPLES]
 
     def respond(self, drive: Floats) -> Floats:
-        """Noise (c, b, T) that white noise (c, b, T) of unit variance drives."""
+        """Return the noise (c, b, T) that white noise (c, b, T) of unit variance drives."""
         gathered = drive @ self._gather
         states = np.empty_like(gathered)
         for b in range(drive.shape[1]):
@@ -205,7 +210,7 @@ class _DiscreteFlicker:
 
 
 class NoiseStream:
-    """Endless noise of given coefficients in bounded memory; the series does not depend on how it is taken.
+    """Endless noise of given coefficients in bounded memory; the series does not depend on the chunk sizes.
 
     Parameters
     ----------
@@ -217,7 +222,7 @@ class NoiseStream:
     Examples
     --------
     >>> one, two = (NoiseStream(40.0, N=6.1e-5, B=2.4e-5, K=1e-6, seed=7) for _ in range(2))
-    >>> bool(np.array_equal(one.take(5)[3:], (two.take(3), two.take(2))[1]))
+    >>> bool(np.array_equal(one.generate(5)[3:], (two.generate(3), two.generate(2))[1]))
     True
     """
 
@@ -234,7 +239,7 @@ class NoiseStream:
         white, flicker, walk = _strengths(rate_hz, N, B, K)
         self._rng = np.random.default_rng(seed)
         self._averaged = averaged
-        self._jitter = _jitter(white, walk, rate_hz, averaged)[:, None]
+        self._independent = _independent(white, walk, rate_hz, averaged)[:, None]
         self._step = (walk / math.sqrt(rate_hz))[:, None]
         self._walk = np.zeros((len(walk), 1))
         self._strength = flicker[:, None]
@@ -245,8 +250,8 @@ class NoiseStream:
         self._origin = np.zeros((len(flicker), 1))  # flicker at the first sample
         self._ready = np.empty((0, len(white)))
 
-    def take(self, n: int) -> Floats:
-        """The next `n` samples, (n, c) channel unit."""
+    def generate(self, n: int) -> Floats:
+        """Return the next `n` samples, (n, c) channel unit."""
         parts = [self._ready[:n]]
         self._ready = self._ready[n:]
         have = len(parts[0])
@@ -258,14 +263,14 @@ class NoiseStream:
         return np.concatenate(parts)
 
     def _block(self) -> Floats:
-        """The next STEPS * BLOCKS samples."""
-        c, n = len(self._jitter), STEPS * BLOCKS
-        y = self._jitter * self._rng.standard_normal((c, n))
+        """Return the next STEP_SAMPLES * BLOCK_STEPS samples."""
+        c, n = len(self._independent), STEP_SAMPLES * BLOCK_STEPS
+        y = self._independent * self._rng.standard_normal((c, n))
         if self._step.any():
             step = self._step * self._rng.standard_normal((c, n))
             walk = np.cumsum(step, axis=1)
             walk += self._walk
-            self._walk = walk[:, -1:].copy()
+            self._walk = walk[:, -1:]
             y += walk
             step *= 0.5 if self._averaged else 1.0
             y -= step
@@ -274,24 +279,24 @@ class NoiseStream:
         return np.ascontiguousarray(y.T)
 
     def _next_flicker(self, bank: _DiscreteFlicker) -> Floats:
-        """(c, n) flicker of B = 1 that begins at zero."""
-        c = len(self._jitter)
+        """Return (c, n) flicker of B = 1 that begins at zero."""
+        c = len(self._independent)
         keep = len(AVERAGING) - 1 if self._averaged else 0
         first = self._before is None
         if self._before is None:
-            self._before = self._draw(bank)[:, STEPS * BLOCKS - keep :]
+            self._before = self._draw(bank)[:, STEP_SAMPLES * BLOCK_STEPS - keep :]
         x = np.concatenate((self._before, self._draw(bank)), axis=1)
-        self._before = x[:, x.shape[1] - keep :].copy()
+        self._before = x[:, x.shape[1] - keep :]
         y = x
         if self._averaged:
-            n = STEPS * BLOCKS
+            n = STEP_SAMPLES * BLOCK_STEPS
             y = AVERAGING[0] * x[:, keep:]
             for lag, weight in enumerate(AVERAGING[1:], start=1):
                 y += weight * x[:, keep - lag : keep - lag + n]
         if first:
-            self._origin = y[:, :1].copy()
+            self._origin = y[:, :1]
         return np.asarray(y - self._origin).reshape(c, -1)
 
     def _draw(self, bank: _DiscreteFlicker) -> Floats:
-        c = len(self._jitter)
-        return bank.respond(self._rng.standard_normal((c, BLOCKS, STEPS))).reshape(c, -1)
+        c = len(self._independent)
+        return bank.respond(self._rng.standard_normal((c, BLOCK_STEPS, STEP_SAMPLES))).reshape(c, -1)

@@ -1,7 +1,7 @@
-"""Groups: channels that share their validity, because they are axes of one sensor's sample.
+"""Groups of channels that share their validity, because they are axes of one sample.
 
-Rules: a sample counts for a whole group or not at all; the channels of a group lie side by side; what is no
-number, or too large for its fourth power to be one, never counts.
+Rules: a sample counts for a whole group or not at all; the channels of a group are adjacent; values that are
+not finite, or too large for their fourth power to be finite, never count.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ import numpy.typing as npt
 from imumon.samples import Bools, Floats
 
 LARGEST = 1e60
+"""Channel unit; larger values never count, so that sums of fourth powers stay finite. Not critical."""
 
 
 class ValidityGroups:
-    """Which channels belong together.
+    """Assignment of channels to groups.
 
     Parameters
     ----------
     channels : number of channels, c.
-    groups : (c,) number of each channel's group: 0, ... 0, 1, ... 1, 2 and so on; None: all are one group.
+    groups : (c,) group of each channel: 0, ... 0, 1, ... 1, 2 and so on; None: all are in one group.
 
     Attributes
     ----------
     of : (c,) group of each channel.
-    members : the channels of each group.
+    members : slice of the channels of each group.
 
     Raises
     ------
-    ValueError : there is no channel, or `groups` are not as above.
+    ValueError : `channels` is less than 1, or `groups` is not as above.
     """
 
     def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
@@ -59,34 +60,32 @@ class ValidityGroups:
         return len(self.of)
 
     def check(self, values: Floats, valid: Bools | None) -> tuple[Floats, Bools | None]:
-        """Samples as they are worked on, and which of them count.
+        """Return samples as float64, and which of them count.
 
         Parameters
         ----------
         values : (n, c) channel unit.
-        valid : (n, g) which samples count; None: all.
+        valid : (n, g) whether a sample counts; None: all.
 
         Returns
         -------
         values : (n, c) float64.
-        present : (n, g) which count; None: all.
+        present : (n, g) whether a sample counts; None: all.
 
         Raises
         ------
-        ValueError : `values` are not (n, c), or `valid` does not fill (n, g).
+        ValueError : `values` is not (n, c), or `valid` cannot be reshaped to (n, g).
         """
         values = np.asarray(values, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != self.channels:
-            raise ValueError(f"samples must come as (n, {self.channels}), not {values.shape}")
+            raise ValueError(f"samples must have the shape (n, {self.channels}), not {values.shape}")
         with np.errstate(over="ignore", invalid="ignore"):
-            ordinary = bool(
-                abs(values.sum()) < LARGEST
-            )  # one quick pass; only what is odd is looked at closely
-        if valid is None and ordinary:
+            plausible = bool(abs(values.sum()) < LARGEST)  # one fast pass; single values only if it fails
+        if valid is None and plausible:
             return values, None
         shape = (len(values), len(self))
         present = np.ones(shape, dtype=bool) if valid is None else np.array(valid, dtype=bool).reshape(shape)
-        if not ordinary:
+        if not plausible:
             for group, members in enumerate(self.members):
                 present[:, group] &= (np.abs(values[:, members]) < LARGEST).all(axis=1)
         return values, None if present.all() else present

@@ -167,7 +167,7 @@ class Accumulators:
         averaged = self._averaged  # not this record, which a circle would keep
 
         def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
-            return fit_curve(curve, averaged=averaged, outlook=False)
+            return fit_curve(curve, averaged=averaged, time_to=False)
 
         history = HourlyStatistics(
             self.groups,

@@ -154,8 +154,8 @@ def with_fit(
         B=coefficient(sensor, "B", fit.B),
         K=coefficient(sensor, "K", fit.K),
         grade=channel_grade(sensor, fit) if sensor in LIMITS else None,
-        readings=report.Readings(N=fit.readings.N, B=fit.readings.B, K=fit.readings.K),
-        time_to=report.TimeTo(N=fit.time_to.N, B=fit.time_to.B, K=fit.time_to.K),
+        readings=fit.readings,
+        time_to=fit.time_to,
         fit=report.FitQuality(chi2=fit.chi2, dof=fit.dof, p_value=fit.p_value),
         allan=allan(curve, column, fit),
     )

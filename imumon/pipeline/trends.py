@@ -45,7 +45,7 @@ class Trends:
         self._found = drift.result(wanders)
         self._steps = [None if w is None else drift.step(c, w, begin) for c, w in enumerate(wanders)]
         steady = drift.without_temperature(curve, self._found)
-        self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged, outlook=False)
+        self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged, time_to=False)
         self._settling = [
             self._may_settle(name, fit) and lasting(drift, c, begin) is not None
             for c, (name, fit) in enumerate(zip(self._record.channels, fits, strict=False))

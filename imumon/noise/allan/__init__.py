@@ -1,9 +1,7 @@
 """Allan variance of an endless stream."""
 
-from imumon.noise.allan.cascade import (
-    AllanCurve,
-    OctaveCascade,
-)
+from imumon.noise.allan.cascade import OctaveCascade
+from imumon.noise.allan.curve import AllanCurve
 
 __all__ = [
     "AllanCurve",

@@ -1,60 +1,64 @@
 """Octave cascade: Allan variance of an endless stream, in memory that grows with the log of its length.
 
 The statistic is Allan's, sigma^2(tau) = 1/2 <(ybar(t + tau) - ybar(t))^2> (IEEE Std 952; NIST SP 1065,
-section 5.2), at octaves tau = m tau0, m = 1, 2, 4 ... Octaves up to m = R are fully overlapping; beyond, a
-cluster begins at every m/R-th sample, which for R = 8 keeps 98 % of the equivalent degrees of freedom of
-full overlap on white noise, and all of them on flicker and random walk.
+section 5.2), at octaves tau = m tau0, m = 1, 2, 4 ... Octaves up to m = R overlap fully; beyond, a cluster
+begins at every m/R-th sample, which for R = 8 keeps 98 % of the equivalent degrees of freedom of full overlap
+on white noise, and all of them on flicker and random walk.
 
 Rules:
 
-* Time is a grid. A missing sample is one that does not count; a sample that a caller excludes is the same.
-  Validity belongs to the sensor's sample, so it is kept by group of channels.
-* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts when 45 % of
-  it are valid, and the white noise that the others would have averaged away is taken off (`octave`).
+* Time is a grid. A missing sample does not count; a sample that a caller excludes is treated the same.
+  Validity belongs to the sample of a sensor, so it is stored by group of channels.
+* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts if 45 % of it are
+  valid, and the excess of white noise is subtracted (`octave`).
 * A gap of unknown length begins a new segment; no difference spans it.
-* Samples wait until a block on the grid is full, so any chunking gives the same bits.
-* The median of a segment's first block is taken off each sample (9.8 m/s^2 costs no digits), and no sum of
-  samples runs since the start: 10^10 samples lose no precision.
+* Samples are buffered until a block on the grid is full, so any chunking gives the same bits.
+* The median of a segment's first block is subtracted from each sample (9.8 m/s^2 costs no digits), and no sum
+  of samples runs since the start: 10^10 samples lose no precision.
 
-This file knows samples, blocks and segments; how they are carried up the octaves is `ladder`.
+This module handles samples, blocks and segments; `stages` passes them through the octaves.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.allan.curve import AllanCurve
-from imumon.noise.allan.octave import BLOCK
+from imumon.noise.allan.octave import BLOCK, RATIO
 from imumon.noise.allan.stages import BATCH, RATIOS, OctaveStages
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
 __all__ = ["AllanCurve", "OctaveCascade"]
 
+VALID_SHARE = 0.45
+"""1, share of a cluster that must be valid for it to count. Below one half, so that a link that loses
+half of its packets keeps all averaging times."""
+
 
 class OctaveCascade:
-    """Allan variance of a stream, at every octave.
+    """Allan variance of a stream at every octave.
 
-    Accumulate with `update`, `skip` and `break_`, ask with `result`.
+    Accumulate with `update`, `skip` and `break_`; `result` returns the curve.
 
     Parameters
     ----------
     channels : number of columns, c.
     tau0 : s, sampling interval.
     groups : (c,) index of the group (0 .. g-1) whose validity a channel shares; default: all in one.
-    ratio : sub-clusters per cluster, R, a power of two.
-    threshold : share of a cluster that must be valid for it to count; shorter ones than 16 must be full.
+    ratio : sub-clusters per cluster, R, a power of two; default `RATIO`, the only one the fit supports.
+    threshold : share of a cluster that must be valid for it to count; default `VALID_SHARE`.
 
     Raises
     ------
-    ValueError : `tau0` is not positive and finite, `ratio` not one of `RATIOS`, `threshold` not in (0, 1], or
-        `channels` and `groups` not as `ValidityGroups` takes them.
+    ValueError : `tau0` is not positive and finite, `ratio` is not one of `RATIOS`, `threshold` is not in
+        (0, 1], or `ValidityGroups` refuses `channels` and `groups`.
 
     Examples
     --------
@@ -73,9 +77,11 @@ class OctaveCascade:
         tau0: float,
         *,
         groups: Sequence[int] | None = None,
-        ratio: int = 8,
-        threshold: float = 0.45,
+        ratio: int | None = None,
+        threshold: float | None = None,
     ) -> None:
+        ratio = RATIO if ratio is None else ratio
+        threshold = VALID_SHARE if threshold is None else threshold
         if not 0.0 < tau0 < math.inf:
             raise ValueError(f"the sampling interval must be positive, not {tau0} s")
         if ratio not in RATIOS or not 0.0 < threshold <= 1.0:
@@ -84,14 +90,15 @@ class OctaveCascade:
         self.tau0 = float(tau0)
         self.ratio = ratio
         self.threshold = float(threshold)
-        self._ladder = OctaveStages(self._groups, ratio, self.threshold)
+        self.record: Hashable = object()
+        self._stages = OctaveStages(self._groups, ratio, self.threshold)
         self._valid = np.zeros(len(self._groups), dtype=np.int64)
-        self._closed = 0  # samples of the grid in finished segments
-        self._segments = 0  # finished segments
+        self._ended_span = 0  # samples of the grid in finished segments
+        self._ended_segments = 0
         self._offset = np.zeros(channels)  # subtracted from every sample of this segment
-        self._settled = np.zeros(len(self._groups), dtype=bool)  # groups whose offset is chosen
+        self._has_offset = np.zeros(len(self._groups), dtype=bool)
         self._pending = np.zeros((channels, BLOCK))
-        self._present = np.zeros((len(self._groups), BLOCK), dtype=bool)
+        self._pending_valid = np.zeros((len(self._groups), BLOCK), dtype=bool)
         self._fill = 0
 
     @property
@@ -101,35 +108,42 @@ class OctaveCascade:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of state: sums, histories and one block; the working space, of fixed size, is not in it."""
-        own = (self._groups.of, self._valid, self._offset, self._settled, self._pending, self._present)
-        return self._ladder.nbytes + sum(array.nbytes for array in own)
+        """Bytes of state: sums, histories and one block."""
+        own = (
+            self._groups.of,
+            self._valid,
+            self._offset,
+            self._has_offset,
+            self._pending,
+            self._pending_valid,
+        )
+        return self._stages.nbytes + sum(array.nbytes for array in own)
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take consecutive samples.
+        """Add consecutive samples.
 
         Parameters
         ----------
         values : (n, c) channel unit.
-        valid : (n, g) which of them count, by group; None: all. What is not finite never counts.
+        valid : (n, g) whether each sample counts, by group; None: all. Non-finite samples never count.
         """
         values, present = self._groups.check(values, valid)
         n, done = len(values), 0
         if self._fill:
             done = min(n, BLOCK - self._fill)
-            self._wait(values[:done], None if present is None else present[:done])
+            self._buffer(values[:done], None if present is None else present[:done])
         while self._fill == BLOCK or n - done >= BLOCK:
-            # The offset comes from the first block alone, however many arrive at once.
-            waiting = self._fill // BLOCK
-            most = BATCH if self._settled.all() else 1
-            stop = done + min((n - done) // BLOCK, most - waiting) * BLOCK
-            self._take(values[done:stop].T, None if present is None else present[done:stop].T)
+            # The offset is that of the first block, also where many blocks arrive at once.
+            pending = self._fill // BLOCK
+            most = BATCH if self._has_offset.all() else 1
+            stop = done + min((n - done) // BLOCK, most - pending) * BLOCK
+            self._process(values[done:stop].T, None if present is None else present[done:stop].T)
             done = stop
         if done < n:
-            self._wait(values[done:], None if present is None else present[done:])
+            self._buffer(values[done:], None if present is None else present[done:])
 
     def skip(self, n: int) -> None:
-        """Move the time grid on by `n` missing samples, at a cost that grows with log n alone.
+        """Advance the grid by `n` missing samples, at a cost that grows with log n.
 
         Raises
         ------
@@ -139,161 +153,172 @@ class OctaveCascade:
             raise ValueError(f"time runs forward: cannot skip {n} samples")
         if self._fill:
             head = min(n, BLOCK - self._fill)
-            self._wait_missing(head)
+            self._buffer_missing(head)
             n -= head
         if n >= BLOCK:
-            self._ladder.climb(n - n % BLOCK, 0, None)
-        self._wait_missing(n % BLOCK)
+            self._stages.update(n - n % BLOCK, 0, None)
+        self._buffer_missing(n % BLOCK)
 
     def break_(self) -> None:
-        """A gap of unknown length: differences never span it, the sums are kept."""
-        self._flush()
-        self._segments += self._ladder.position > 0
-        self._closed += self._ladder.position
-        self._settled[:] = False
-        self._ladder.forget()
+        """Begin a new segment after a gap of unknown length: differences never span it, the sums stay."""
+        self.flush()
+        self._ended_segments += self._stages.position > 0
+        self._ended_span += self._stages.position
+        self._has_offset[:] = False
+        self._stages.start_segment()
 
     def merge(self, other: OctaveCascade) -> None:
-        """Append the record of another cascade, behind a gap of unknown length; `other` is left as it is.
+        """Append the record of another cascade after a gap of unknown length; `other` is not changed.
 
         Raises
         ------
-        ValueError : its interval, ratio, threshold or groups are others.
+        ValueError : its interval, ratio, threshold or groups differ.
         """
-        mine, its = self._setting(), other._setting()
+        mine, its = self._parameters(), other._parameters()
         if mine[1:] != its[1:] or not math.isclose(mine[0], its[0], rel_tol=1e-6):
             raise ValueError("only cascades of the same interval, ratio, threshold and groups merge")
         self.break_()
         other = other.copy()
-        other._ladder.add(self._ladder)
-        self._ladder = other._ladder
+        other._stages.add_sums(self._stages)
+        self._stages = other._stages
         self._valid += other._valid
-        self._closed += other._closed
-        self._segments += other._segments
-        self._offset, self._settled = other._offset, other._settled
-        self._pending, self._present, self._fill = other._pending, other._present, other._fill
+        self._ended_span += other._ended_span
+        self._ended_segments += other._ended_segments
+        self._offset, self._has_offset = other._offset, other._has_offset
+        self._pending, self._pending_valid, self._fill = other._pending, other._pending_valid, other._fill
 
     def result(self) -> AllanCurve:
-        """The curve so far; the cascade is left as it is."""
+        """Return the curve so far; the cascade does not change."""
+        whole = self
         if self._fill:
             whole = self.copy()
-            whole._ladder.scratch = self._ladder.scratch
-            whole._flush()
-            return whole.result()
-        squares, terms, lacks, valid, segments = self.sums()
-        span = self._closed + self._ladder.position
-        return AllanCurve.of_sums(
-            self.tau0, self.ratio, squares, terms, lacks, span=span, valid=valid, segments=segments
+            whole.flush()
+        squares, terms, excess, valid, segments = whole.sums()
+        return AllanCurve.from_sums(
+            self.tau0,
+            self.ratio,
+            squares,
+            terms,
+            excess,
+            span=whole._ended_span + whole._stages.position,
+            valid=valid,
+            segments=segments,
+            record=self.record,
         )
 
-    def settle(self) -> None:
-        """Send what waits for a full block through the octaves: nothing further will come."""
-        self._flush()
+    def flush(self) -> None:
+        """Process the buffered samples, although their block is not full: the segment ends here."""
+        if self._fill:
+            self._process(self._pending[:, :0], None)
 
     def sums(self) -> tuple[Floats, Ints, Ints, Ints, int]:
-        """Sums of what has been through the octaves: (k, c) squared differences, (k, c) their number, (k, c)
-        what they lack, (c,) valid samples, and segments begun."""
-        segments = self._segments + (self._ladder.position > 0)
-        return *self._ladder.sums(), self._valid[self._groups.of], segments
+        """Return the sums of the samples processed so far, without the buffered ones.
+
+        Returns
+        -------
+        squares : (k, c) (channel unit)^2, sums of squared differences.
+        terms : (k, c) number of differences.
+        white_excess : (k, c) 1/`EXCESS_SCALE`, sums of their relative excess of white noise.
+        valid : (c,) valid samples.
+        segments : number of segments that have begun.
+        """
+        segments = self._ended_segments + (self._stages.position > 0)
+        return *self._stages.sums(), self._valid[self._groups.of], segments
 
     def copy(self) -> OctaveCascade:
-        """An independent cascade in the same state."""
+        """Return an independent cascade in the same state; from now on it is another record."""
         other = copy.copy(self)
-        other._ladder = self._ladder.copy()
-        for name in ("_valid", "_offset", "_settled", "_pending", "_present"):
+        other.record = object()
+        other._stages = self._stages.copy()
+        for name in ("_valid", "_offset", "_has_offset", "_pending", "_pending_valid"):
             setattr(other, name, getattr(self, name).copy())
         return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Everything the cascade knows, as small arrays."""
-        numbers = (self._closed, self._segments, self._ladder.position)
+        """Return the state as small arrays."""
+        numbers = (self._ended_span, self._ended_segments, self._stages.position)
         return {
             "setting": np.array([self.tau0, self.ratio, self.threshold]),
             "group": self._groups.of.astype(np.int64),
             "numbers": np.array(numbers, dtype=np.int64),
             "valid": self._valid.copy(),
-            **self._ladder.save(),
+            **self._stages.save(),
             "offset": self._offset.copy(),
-            "settled": self._settled.copy(),
+            "settled": self._has_offset.copy(),
             "pending": self._pending[:, : self._fill].copy(),
-            "present": self._present[:, : self._fill].copy(),
+            "present": self._pending_valid[:, : self._fill].copy(),
         }
 
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> OctaveCascade:
-        """The cascade that was saved; it continues as if nothing had happened."""
+        """Return a cascade in a saved state; it continues identically."""
         tau0, ratio, threshold = (float(x) for x in state["setting"])
         groups = [int(g) for g in state["group"]]
         self = cls(len(groups), tau0, groups=groups, ratio=int(ratio), threshold=threshold)
-        self._closed, self._segments, position = (int(x) for x in state["numbers"])
+        self._ended_span, self._ended_segments, position = (int(x) for x in state["numbers"])
         self._valid[:] = state["valid"]
-        self._ladder.load(state, position)
+        self._stages.load(state, position)
         self._offset[:] = state["offset"]
-        self._settled[:] = state["settled"]
+        self._has_offset[:] = state["settled"]
         self._fill = state["pending"].shape[1]
         self._pending[:, : self._fill] = state["pending"]
-        self._present[:, : self._fill] = state["present"]
+        self._pending_valid[:, : self._fill] = state["present"]
         return self
 
-    def _setting(self) -> tuple[float, int, float, tuple[int, ...]]:
+    def _parameters(self) -> tuple[float, int, float, tuple[int, ...]]:
         return self.tau0, self.ratio, self.threshold, tuple(self._groups.of.tolist())
 
     # --- blocks on the grid ---------------------------------------------------------------------------
 
-    def _wait(self, values: Floats, present: Bools | None) -> None:
-        """Hold samples back, at most until the block is full."""
+    def _buffer(self, values: Floats, present: Bools | None) -> None:
+        """Append samples to the buffer, at most until the block is full."""
         part = slice(self._fill, self._fill + len(values))
         self._pending[:, part] = values.T
-        self._present[:, part] = True if present is None else present.T
+        self._pending_valid[:, part] = True if present is None else present.T
         self._fill = part.stop
 
-    def _wait_missing(self, n: int) -> None:
-        """Hold missing samples back; a block that is full goes its way."""
+    def _buffer_missing(self, n: int) -> None:
+        """Append missing samples to the buffer, and process it when the block is full."""
         part = slice(self._fill, self._fill + n)
         self._pending[:, part] = 0.0
-        self._present[:, part] = False
+        self._pending_valid[:, part] = False
         self._fill = part.stop
         if self._fill == BLOCK:
-            self._flush()
+            self.flush()
 
-    def _flush(self) -> None:
-        """Send what waits through the octaves; less than a block only where the segment ends."""
-        if self._fill:
-            self._take(self._pending[:, :0], None)
-
-    def _take(self, values: Floats, present: Bools | None) -> None:
-        """Send what waits, and samples (c, n), present (g, n), through the octaves."""
+    def _process(self, values: Floats, present: Bools | None) -> None:
+        """Pass the buffer, and samples (c, n) with their validity (g, n), through the octaves."""
         fill, self._fill = self._fill, 0
         n = fill + values.shape[1]
-        samples = self._ladder.room(n)
-        waiting = self._present[:, :fill]
-        if present is None and waiting.all():
+        samples = self._stages.input_buffer(n)
+        pending = self._pending_valid[:, :fill]
+        if present is None and pending.all():
             known = None
         else:
             known = np.ones((len(self._valid), n), dtype=bool)
-            known[:, :fill] = waiting
+            known[:, :fill] = pending
             known[:, fill:] = True if present is None else present
-        if not self._settled.all():
-            self._settle(self._pending[:, :fill] if fill else values, known)
+        if not self._has_offset.all():
+            self._choose_offset(self._pending[:, :fill] if fill else values, known)
         if fill:
             np.subtract(self._pending[:, :fill], self._offset[:, None], out=samples[:, :fill])
         np.subtract(values, self._offset[:, None], out=samples[:, fill:])
         if known is None:
             self._valid += n
-            self._ladder.climb(n, n, None)
+            self._stages.update(n, n, None)
         else:
             self._valid += known.sum(axis=1)
             np.copyto(samples, 0.0, where=~known[self._groups.of])
-            self._ladder.climb(n, n, known.astype(np.float64))
+            self._stages.update(n, n, known.astype(np.float64))
 
-    def _settle(self, values: Floats, present: Bools | None) -> None:
-        """Choose the offset of groups that have their first valid samples in this block.
+    def _choose_offset(self, values: Floats, present: Bools | None) -> None:
+        """Set the offset of groups that have their first valid samples in this block.
 
-        The median: one wild sample does not spoil it, and near it the subtraction is exact.
+        The median: an outlier does not move it, and near it the subtraction is exact.
         """
-        for group in np.flatnonzero(~self._settled):
+        for group in np.flatnonzero(~self._has_offset):
             mine = self._groups.members[group]
-            seen = values[mine] if present is None else values[mine][:, present[group]]
-            if seen.shape[1]:
-                self._offset[mine] = np.median(seen, axis=1)
-                self._settled[group] = True
+            there = values[mine] if present is None else values[mine][:, present[group]]
+            if there.shape[1]:
+                self._offset[mine] = np.median(there, axis=1)
+                self._has_offset[group] = True

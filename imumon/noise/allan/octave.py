@@ -1,26 +1,28 @@
-"""Octave: what the cascade keeps for one averaging time.
+"""One octave of the cascade: the sums and the history of one averaging time.
 
-Let C_m be the sum over the m samples that end at a given one, and x one of those ends:
+Let C_m be the sum over the m samples that end at position x:
 
     second difference of phase   C_m(x) - C_m(x - m)
     cluster of the next octave   C_2m(x) = C_m(x) + C_m(x - m)
 
-at every x up to m = R, then at every second x of the octave before. These entries come once in max(1, m/R)
-samples, so x - m lies min(m, R) entries back, and so many entries are all that an octave remembers. No sum
-covers more than its cluster.
+at every x up to m = R, then at every second x of the octave before. These entries occur once in max(1, m/R)
+samples, so x - m lies min(m, R) entries back, and an octave keeps that many entries. No sum covers more than
+its cluster.
 
-Clusters carry (sum, count): the count of valid samples, by group of channels. Where too few are valid the
-differences that touch the cluster are skipped; where some are missing the average of the others stands for
-the cluster (Sesia & Tavella, Metrologia 45, 2008, S134). Clusters shorter than `SHORT` must be full; of the
-others a share is enough, since a link that loses every third packet must not cost all long averaging times.
+Each cluster has a sum and a count of valid samples, by group of channels. Differences that touch a cluster
+with too few valid samples are skipped; where some are missing, the average of the others represents the
+cluster (Sesia & Tavella, Metrologia 45, 2008, S134). Clusters shorter than `FULL_BELOW` samples must be
+complete. Of longer ones a share is enough, because a link that loses every third packet must not lose all
+long averaging times.
 
-The average of n samples of m keeps flicker noise and random walk, but has more white noise: the variance of a
-difference is that of white samples times 1/n + 1/n' in place of 2/m. So each octave also sums what its
-differences lack, (m/n + m/n')/2 - 1, and `variances` takes off as much of the white noise, the variance of
-single samples being that of the first octave. Measured on 12 records of 2^18 samples, half of them lost at
-random: white noise is then right within 3 % up to m = 1024 and 15 % too high where 16 clusters are left;
-without, it is 2 times too high (1.05 times at 5 % lost). Flicker is 8 % too high at m = 8, 1 % from m = 256
-on, random walk 3 % and 0. Losses of a second at a time, a tenth in all, leave flicker 4 % too high.
+The average of n of m samples keeps flicker noise and random walk, but has more white noise: the variance of a
+difference is that of white samples times 1/n + 1/n' instead of 2/m. So each octave also sums the relative
+excess of white noise of its differences, (m/n + m/n')/2 - 1, and `variances` subtracts that share of the
+white noise, using the first octave as the variance of single samples. Measured on 12 records of 2^18 samples,
+half of them lost at random: white noise is right within 3 % up to m = 1024 and 15 % too high where 16
+clusters are left; without the correction it is 2 times too high (1.05 times at 5 % lost). Flicker is 8 % too
+high at m = 8 and 1 % from m = 256 on, random walk 3 % and 0. Losses of one second at a time, 10 % in all,
+make flicker 4 % too high.
 """
 
 from __future__ import annotations
@@ -33,31 +35,37 @@ import numpy as np
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
-BLOCK = 256  # samples; squares are added in groups that lie on the grid, one group a block
-SHORT = 16
-"""Samples; clusters of fewer must be full."""
+RATIO = 8
+"""Sub-clusters per cluster, R. Keeps 98 % of the degrees of freedom of full overlap on white noise; the
+covariances of the fit are those of this value."""
 
-LACK = float(1 << 20)
-"""Parts of one: what differences lack is summed in these, so that the order of summing leaves no trace."""
+BLOCK = 256
+"""Samples. Squares are added in groups that lie on this grid, so that any chunking gives the same bits."""
 
-NOTHING = -math.inf  # count of a cluster that reaches back before the segment: never enough
+FULL_BELOW = 16  # Samples. Shorter clusters must be complete: they are many, and losing a few costs nothing
+
+EXCESS_SCALE = float(1 << 20)
+"""1. The relative excess of white noise is summed as integers in units of 1/`EXCESS_SCALE`, so that the sum
+does not depend on the order."""
+
+BEFORE_SEGMENT = -math.inf  # count of a cluster that begins before the segment: always too few
 
 
 class Octave:
-    """One averaging time: the sums so far, and the clusters that coming differences need.
+    """Sums and history of one averaging time.
 
     Parameters
     ----------
     index : j of the averaging factor m = 2^j.
     groups : channels that share their validity.
     ratio : entries per cluster, R, where m allows.
-    threshold : share of a cluster that must be valid for it to count, from `SHORT` samples on.
+    threshold : share of a cluster that must be valid for it to count, from `FULL_BELOW` samples on.
 
     Attributes
     ----------
     squares : (c,) (channel unit)^2, sum of squared differences C_m(x) - C_m(x - m).
-    terms : (g,) how many they are.
-    lacks : (g,) 1 / `LACK`, sum of what they lack.
+    terms : (g,) number of differences.
+    white_excess : (g,) 1/`EXCESS_SCALE`, sum of their relative excess of white noise.
     history : (c, lag) channel unit, the last entries.
     counts : (g, lag) valid samples in them.
     """
@@ -65,55 +73,61 @@ class Octave:
     def __init__(self, index: int, groups: ValidityGroups, ratio: int, threshold: float) -> None:
         self.m = m = 1 << index
         self.lag = min(m, ratio)
-        self.step = 2 if m >= ratio else 1  # entries to one of the next octave
+        self.step = 2 if m >= ratio else 1  # entries per entry of the next octave
         self.group = max(1, BLOCK * self.lag // m)  # entries in a block
-        self._enough = threshold * m if m >= SHORT else float(m)
-        self._strict = self._enough > m - 1  # only full clusters are enough
+        self._least_count = threshold * m if m >= FULL_BELOW else float(m)
+        self._complete_only = self._least_count > m - 1
         self._members = groups.members
         self.squares = np.zeros(groups.channels)
         self.terms = np.zeros(len(groups), dtype=np.int64)
-        self.lacks = np.zeros(len(groups), dtype=np.int64)
+        self.white_excess = np.zeros(len(groups), dtype=np.int64)
         self.history = np.zeros((groups.channels, self.lag))
-        self.counts = np.full((len(groups), self.lag), NOTHING)
-        self._full = False  # nothing is missing in the history
+        self.counts = np.full((len(groups), self.lag), BEFORE_SEGMENT)
+        self._complete = False  # no sample is missing in the history
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """State as arrays."""
+        return self.squares, self.terms, self.white_excess, self.history, self.counts
 
     def copy(self) -> Octave:
-        """An independent octave in the same state."""
+        """Return an independent octave in the same state."""
         other = copy.copy(self)
-        other.squares, other.terms, other.lacks = self.squares.copy(), self.terms.copy(), self.lacks.copy()
-        other.history, other.counts = self.history.copy(), self.counts.copy()
+        (other.squares, other.terms, other.white_excess, other.history, other.counts) = (
+            array.copy() for array in self.arrays
+        )
         return other
 
-    def forget(self) -> None:
-        """A segment begins: before it nothing has ever been."""
+    def start_segment(self) -> None:
+        """Clear the history; the sums stay."""
         self.history.fill(0.0)
-        self.counts.fill(NOTHING)
-        self._full = False
+        self.counts.fill(BEFORE_SEGMENT)
+        self._complete = False
 
     def set_counts(self, counts: Floats) -> None:
         """Replace the counts of the history, (g, lag)."""
         self.counts[:] = counts
-        self._full = bool((self.counts == self.m).all())
+        self._complete = bool((self.counts == self.m).all())
 
-    def take(self, x: Floats, counts: Floats | None, out: Floats) -> Floats | None:
-        """Add the differences that new entries make.
+    def update(self, x: Floats, counts: Floats | None, out: Floats) -> Floats | None:
+        """Add the differences of new entries.
 
         Parameters
         ----------
-        x : (c, lag + n) channel unit, room for the history and behind it the new entries.
+        x : (c, lag + n) channel unit, space for the history, which is written here, and the new entries.
         counts : (g, n) valid samples in the new entries; None: all.
-        out : (c, n) contiguous, room for the differences.
+        out : (c, n) contiguous, space for the differences.
 
         Returns
         -------
-        counts of all of `x`, (g, lag + n); None: nothing is missing.
+        counts of all of `x`, (g, lag + n); None: no sample is missing.
         """
         lag, n = self.lag, out.shape[1]
         x[:, :lag] = self.history
         self.history[:] = x[:, n:]
-        if counts is None and self._full:
-            np.subtract(x[:, lag:], x[:, :n], out=out)
+        if counts is None and self._complete:
             self.terms += n
+            np.subtract(x[:, lag:], x[:, :n], out=out)
             self._add_squares(out)
             return None
         both = np.empty((len(self.terms), lag + n))
@@ -125,16 +139,16 @@ class Octave:
         return both
 
     def _subtract(self, x: Floats, counts: Floats, out: Floats) -> None:
-        """Differences, zero where one of the two clusters has too few valid samples."""
+        """Write the differences, zero where one of the two clusters has too few valid samples."""
         lag, n = self.lag, out.shape[1]
-        good = counts >= self._enough
-        use = (good[:, lag:] & good[:, :n]).astype(np.float64)
+        enough = counts >= self._least_count
+        use = (enough[:, lag:] & enough[:, :n]).astype(np.float64)
         self.terms += use.sum(axis=1).astype(np.int64)
-        if not self._strict:
+        if not self._complete_only:
             weight = np.zeros_like(counts)
-            np.divide(self.m, counts, out=weight, where=good)
-            lack = 0.5 * (weight[:, lag:] + weight[:, :n]) - 1.0
-            self.lacks += np.rint(lack * use * LACK).astype(np.int64).sum(axis=1)
+            np.divide(self.m, counts, out=weight, where=enough)
+            excess = 0.5 * (weight[:, lag:] + weight[:, :n]) - 1.0
+            self.white_excess += np.rint(excess * use * EXCESS_SCALE).astype(np.int64).sum(axis=1)
             weighted = np.empty_like(x)
             for channels, w in zip(self._members, weight, strict=True):
                 np.multiply(x[channels], w, out=weighted[channels])
@@ -144,9 +158,9 @@ class Octave:
             out[channels] *= u
 
     def _add_squares(self, difference: Floats) -> None:
-        """Add squares in groups that depend on the grid alone, so that chunks leave no trace."""
+        """Add squares in groups that depend on the grid alone, so that any chunking gives the same bits."""
         c, n = difference.shape
-        group = min(n, self.group)  # fewer only at the end of a segment
+        group = min(n, self.group)  # less only at the end of a segment
         if group == 1:
             sums = difference * difference
         else:
@@ -159,14 +173,14 @@ class Octave:
             self.squares += sums[:, 0]
 
 
-def variances(squares: Floats, terms: Ints, lacks: Ints, m: Ints) -> Floats:
-    """Allan variances from the sums of the octaves.
+def variances(squares: Floats, terms: Ints, white_excess: Ints, m: Ints) -> Floats:
+    """Return Allan variances from the sums of the octaves.
 
-    What is taken off is never more than if all of it were white noise.
+    The excess of white noise is subtracted, but never more than if all of the variance were white noise.
 
     Parameters
     ----------
-    squares, terms, lacks : (k, c) (channel unit)^2, 1, 1 / `LACK`, sums of each channel.
+    squares, terms, white_excess : (k, c) (channel unit)^2, 1, 1/`EXCESS_SCALE`, sums of each channel.
     m : (k,) averaging factors, from 1 on.
 
     Returns
@@ -174,10 +188,10 @@ def variances(squares: Floats, terms: Ints, lacks: Ints, m: Ints) -> Floats:
     (k, c) (channel unit)^2; 0.0 where `terms` is 0.
     """
     count = np.maximum(terms, 1)
-    found = np.where(terms > 0, np.maximum(squares, 0.0), 0.0) / (
+    raw = np.where(terms > 0, np.maximum(squares, 0.0), 0.0) / (
         2.0 * m[:, None].astype(np.float64) ** 2 * count
     )
-    if not lacks.any():
-        return np.asarray(found)
-    lack = lacks / (LACK * count)
-    return np.maximum(found - found[:1] / m[:, None] * lack, found / (1.0 + lack))
+    if not white_excess.any():
+        return np.asarray(raw)
+    excess = white_excess / (EXCESS_SCALE * count)
+    return np.maximum(raw - raw[:1] / m[:, None] * excess, raw / (1.0 + excess))

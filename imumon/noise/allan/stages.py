@@ -1,8 +1,9 @@
-"""Ladder: the octaves one above the other, and how a stretch of the time grid is carried up them.
+"""The octaves of a cascade, and how a part of the time grid is passed through them.
 
-Two entries of an octave make one of the next (`octave`). So a stretch goes in at the bottom as samples, and
-at each octave leaves its differences and goes on, beyond m = R with half as many entries. What is missing at
-its end is carried up as far as it touches what is valid: a hole of a month costs no more than its octaves.
+Two entries of an octave make one of the next (`octave`). So a part of the grid enters the first octave as
+samples; each octave adds its differences and passes the sums on, beyond m = R half as many. Missing samples
+at its end are passed on only as far as they touch valid ones: a gap of a month costs no more than its
+octaves.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from imumon.noise.allan.octave import BLOCK, Octave
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
-BATCH = 32  # blocks worked on at once, at most
-RATIOS = (1, 2, 4, 8, 16)
+BATCH = 32
+"""Blocks processed at once at most. Not critical for results; fewer blocks cost more calls per sample."""
+
+RATIOS = (1, 2, 4, 8, 16)  # Sub-clusters per cluster, R, that an octave can have
 
 
 class OctaveStages:
     """The octaves of a stream, as many as its length has reached.
 
-    Write samples to `room`, then `climb`.
+    Write samples to `input_buffer`, then call `update`.
 
     Parameters
     ----------
@@ -35,49 +38,45 @@ class OctaveStages:
 
     Attributes
     ----------
-    position : samples of this segment that have been through.
-    scratch : working space, of fixed size; holds nothing from one call to the next.
+    position : samples of this segment that have been processed.
     """
 
     def __init__(self, groups: ValidityGroups, ratio: int, threshold: float) -> None:
         self._groups, self._ratio, self._threshold = groups, ratio, threshold
         self._octaves: list[Octave] = []
         self.position = 0
-        self.scratch: list[Floats] = []
+        self._buffers: list[Floats] = []  # reused: fresh arrays of this size double the time per sample
 
     @property
     def nbytes(self) -> int:
         """Bytes of state: sums and histories."""
-        return sum(
-            o.squares.nbytes + o.terms.nbytes + o.lacks.nbytes + o.history.nbytes + o.counts.nbytes
-            for o in self._octaves
-        )
+        return sum(array.nbytes for octave in self._octaves for array in octave.arrays)
 
-    def room(self, n: int) -> Floats:
-        """(c, n) channel unit, where the next samples are to be written, `BATCH` blocks at most."""
-        return self._frame(0, 1 + n)[:, 1:]
+    def input_buffer(self, n: int) -> Floats:
+        """Return (c, n) channel unit, where to write the next samples, at most `BATCH` blocks."""
+        return self._buffer(0, 1 + n)[:, 1:]
 
-    def climb(self, length: int, n: int, counts: Floats | None) -> None:
-        """Carry a stretch of the grid through the octaves.
+    def update(self, length: int, n: int, counts: Floats | None) -> None:
+        """Pass a part of the grid through the octaves.
 
         Parameters
         ----------
-        length : samples of the grid; all beyond the first `n` are missing.
-        n : samples written to `room`, missing ones as zero.
+        length : samples of the grid; all after the first n are missing.
+        n : samples written to `input_buffer`, missing ones as zero.
         counts : (g, n) 1 where valid, 0 where missing; None: all valid.
         """
-        start = self.position  # entries of the octave before this stretch
+        start = self.position  # entries of the octave before this part
         self.position += length
         index = 0
-        x = self._frame(0, 1 + n)
+        x = self._buffer(0, 1 + n)
         while length:
             if index == len(self._octaves):
-                self._octaves.append(self._octave(index))
+                self._octaves.append(self._new_octave(index))
             octave = self._octaves[index]
             if n < length:
-                x, counts = self._extend(octave, index, x, length, counts)
+                x, counts = self._with_missing(octave, index, x, length, counts)
                 n = x.shape[1] - octave.lag
-            all_counts = octave.take(x, counts, self._frame(2, n))
+            all_counts = octave.update(x, counts, self._buffer(2, n))
             # Every `step`-th end of a cluster, counted from the segment's start, is one of the next octave.
             step = octave.step
             first = (start + 1) % step
@@ -91,90 +90,91 @@ class OctaveStages:
                     counts = None
             index += 1
             lag = min(2 * octave.m, self._ratio)
-            above = self._frame(index % 2, lag + n)
+            above = self._buffer(index % 2, lag + n)
             np.add(x[:, ends], x[:, begins], out=above[:, lag:])
             x = above
 
-    def forget(self) -> None:
-        """A segment begins: before it nothing has ever been."""
+    def start_segment(self) -> None:
+        """Clear all histories; the sums stay."""
         self.position = 0
         for octave in self._octaves:
-            octave.forget()
+            octave.start_segment()
 
-    def add(self, other: OctaveStages) -> None:
-        """Add the sums of another ladder of the same kind."""
+    def add_sums(self, other: OctaveStages) -> None:
+        """Add the sums of other stages with the same parameters."""
         while len(self._octaves) < len(other._octaves):
-            self._octaves.append(self._octave(len(self._octaves)))
+            self._octaves.append(self._new_octave(len(self._octaves)))
         for ours, theirs in zip(self._octaves, other._octaves, strict=False):
             ours.squares += theirs.squares
             ours.terms += theirs.terms
-            ours.lacks += theirs.lacks
+            ours.white_excess += theirs.white_excess
 
     def sums(self) -> tuple[Floats, Ints, Ints]:
-        """(k, c) squared differences, their number, and what they lack, by octave."""
+        """Return the sums by octave, (k, c) each: squared differences, their number, their white excess."""
         members, shape = self._groups.of, (len(self._octaves), self._groups.channels)
         squares = np.array([o.squares for o in self._octaves]).reshape(shape)
         terms = np.array([o.terms[members] for o in self._octaves], dtype=np.int64).reshape(shape)
-        lacks = np.array([o.lacks[members] for o in self._octaves], dtype=np.int64).reshape(shape)
-        return squares, terms, lacks
+        excess = np.array([o.white_excess[members] for o in self._octaves], dtype=np.int64).reshape(shape)
+        return squares, terms, excess
 
     def copy(self) -> OctaveStages:
-        """An independent ladder in the same state."""
+        """Return independent stages in the same state."""
         other = copy.copy(self)
-        other.scratch = []  # of its own: it may be asked in another thread
         other._octaves = [octave.copy() for octave in self._octaves]
+        other._buffers = []
         return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Everything but the position, as small arrays; the histories of all octaves lie end to end."""
+        """Return the state but for the position; the histories of all octaves are concatenated."""
         octaves = self._octaves
-        nothing, none = np.zeros((self._groups.channels, 0)), np.zeros((len(self._groups), 0))
+        no_history, no_counts = np.zeros((self._groups.channels, 0)), np.zeros((len(self._groups), 0))
         return {
             "squares": np.array([o.squares for o in octaves]),
             "terms": np.array([o.terms for o in octaves]),
-            "lacks": np.array([o.lacks for o in octaves]),
-            "history": np.concatenate([nothing, *(o.history for o in octaves)], axis=1),
-            "counts": np.concatenate([none, *(o.counts for o in octaves)], axis=1),
+            "lacks": np.array([o.white_excess for o in octaves]),  # the name is part of the saved format
+            "history": np.concatenate([no_history, *(o.history for o in octaves)], axis=1),
+            "counts": np.concatenate([no_counts, *(o.counts for o in octaves)], axis=1),
         }
 
     def load(self, state: Mapping[str, npt.NDArray[Any]], position: int) -> None:
-        """Take the place of one that was saved at a position; this one is new."""
+        """Load a saved state into these stages, which are new."""
         self.position = position
         start = 0
         for j in range(len(state["squares"])):
-            octave = self._octave(j)
+            octave = self._new_octave(j)
             part = slice(start, start + octave.lag)
             octave.squares[:] = state["squares"][j]
             octave.terms[:] = state["terms"][j]
-            octave.lacks[:] = state["lacks"][j]
+            octave.white_excess[:] = state["lacks"][j]
             octave.history[:] = state["history"][:, part]
             octave.set_counts(state["counts"][:, part])
             self._octaves.append(octave)
             start = part.stop
 
-    def _extend(
+    def _with_missing(
         self, octave: Octave, index: int, x: Floats, length: int, counts: Floats | None
     ) -> tuple[Floats, Floats]:
-        """Write missing entries behind those of a frame, in whole groups, until nothing valid is touched.
+        """Return `x` and its counts with missing entries appended until no valid one is in reach.
 
-        What lies further on, up to `length`, leaves no trace: missing clusters in the histories, as these do.
+        They are appended in whole groups. The rest up to `length` has no effect: the histories then hold
+        missing clusters only.
         """
-        known = x[:, octave.lag :].copy()
-        n = known.shape[1]
-        more = min(length, -(-(n + octave.lag) // octave.group) * octave.group)
-        x = self._frame(index % 2, octave.lag + more)
-        x[:, octave.lag : octave.lag + n] = known
-        x[:, octave.lag + n :] = 0.0
-        longer = np.zeros((len(self._groups), more))
-        longer[:, :n] = octave.m if counts is None else counts
-        return x, longer
+        n = x.shape[1] - octave.lag
+        total = min(length, -(-(n + octave.lag) // octave.group) * octave.group)
+        known = x[:, octave.lag :].copy()  # in the same buffer with another width
+        longer = self._buffer(index % 2, octave.lag + total)
+        longer[:, octave.lag : octave.lag + n] = known
+        longer[:, octave.lag + n :] = 0.0
+        all_counts = np.zeros((len(self._groups), total))
+        all_counts[:, :n] = octave.m if counts is None else counts
+        return longer, all_counts
 
-    def _octave(self, index: int) -> Octave:
-        return Octave(index, self._groups, self._ratio, self._threshold)
-
-    def _frame(self, which: int, columns: int) -> Floats:
-        """(c, columns) contiguous working space: 0, 1 for entries of even, odd octaves, 2 for differences."""
+    def _buffer(self, index: int, columns: int) -> Floats:
+        """Return (c, columns) working space: 0, 1 for entries of even, odd octaves, 2 for differences."""
         c = self._groups.channels
-        if not self.scratch:
-            self.scratch = [np.empty(c * (max(RATIOS) + BATCH * BLOCK)) for _ in range(3)]
-        return self.scratch[which][: c * columns].reshape(c, columns)
+        if not self._buffers:
+            self._buffers = [np.empty(c * (max(RATIOS) + BATCH * BLOCK)) for _ in range(3)]
+        return self._buffers[index][: c * columns].reshape(c, columns)
+
+    def _new_octave(self, index: int) -> Octave:
+        return Octave(index, self._groups, self._ratio, self._threshold)

@@ -1,88 +1,93 @@
-"""Marks: the same cascade, asked for what came since a moment, or between two, at no cost a sample.
+"""Allan sums since a moment, or between two moments, from one cascade and without cost per sample.
 
-A warm-up is recognised long after it has passed, and an hour is compared with the hours before it. Running a
-cascade from every moment that may matter would cost as often as there are moments. But the sums of a cascade
-only grow: the sum of octave m over what came after a mark at p is the sum now, less the sum at p + 2m, where
-the last difference that reaches back over the mark has gone in. So a mark is a set of small snapshots, one an
-octave, each taken when its moment comes; and the difference of two sets is a `Stretch`, which adds up with
-others as merged cascades do.
+A warm-up is detected long after it has ended, and an hour is compared with the hours before it. Running one
+cascade from each moment that may matter would be expensive. But the sums of a cascade only grow: the sum of
+octave m over the samples after position p is the sum now, less the sum at p + 2m, where the last difference
+that reaches back over p has been added. So a window is a set of snapshots, one per octave, each taken when
+its position is reached. The difference to the current sums is a `WindowSums`; windows add up like merged
+cascades.
 
-The mark lies on the cascade's blocks of 256 samples, and so do the snapshots: any chunking gives the same.
+Windows begin on the cascade's blocks of 256 samples, and snapshots are taken there: any chunking gives the
+same result.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.allan import AllanCurve, OctaveCascade
+from imumon.noise.allan.cascade import OctaveCascade
+from imumon.noise.allan.curve import AllanCurve
 from imumon.noise.allan.octave import BLOCK
 from imumon.samples import Bools, Floats, Ints
 
-OCTAVES = 48
-"""Room for octaves in a mark: 2^47 samples are 5,000 years at 800 Hz."""
+MAX_OCTAVES = 48  # Octaves that a window has space for: 2^47 samples are 5,000 years at 800 Hz. Not critical
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretch:
+class WindowSums:
     """Sums of a part of the record.
 
     Attributes
     ----------
     squares : (k, c) (channel unit)^2, sums of squared differences by octave.
-    terms : (k, c) how many they are.
-    lacks : (k, c) what they lack, see `octave`.
+    terms : (k, c) number of differences.
+    white_excess : (k, c) 1/`EXCESS_SCALE`, sums of their excess of white noise, see `octave`.
     valid : (c,) valid samples.
     span : samples of the grid.
-    segments : parts with breaks between them.
+    segments : parts with gaps of unknown length between them.
+    record : identity of the growing part of the record, see `AllanCurve`; None: unknown.
     """
 
     squares: Floats
     terms: Ints
-    lacks: Ints
+    white_excess: Ints
     valid: Ints
     span: int
     segments: int
+    record: Hashable = None
 
-    def __add__(self, other: Stretch) -> Stretch:
-        """Both together, as behind a break of unknown length."""
+    def __add__(self, other: WindowSums) -> WindowSums:
+        """Return the sums of both, with a gap of unknown length between them."""
         k = max(len(self.squares), len(other.squares))
-        return Stretch(
-            _tall(self.squares, k) + _tall(other.squares, k),
-            _tall(self.terms, k) + _tall(other.terms, k),
-            _tall(self.lacks, k) + _tall(other.lacks, k),
+        return WindowSums(
+            _padded(self.squares, k) + _padded(other.squares, k),
+            _padded(self.terms, k) + _padded(other.terms, k),
+            _padded(self.white_excess, k) + _padded(other.white_excess, k),
             self.valid + other.valid,
             self.span + other.span,
             self.segments + other.segments,
         )
 
     def curve(self, tau0: float, ratio: int) -> AllanCurve:
-        """The Allan curve of these sums."""
-        return AllanCurve.of_sums(
+        """Return the Allan curve of these sums."""
+        return AllanCurve.from_sums(
             tau0,
             ratio,
             self.squares,
             self.terms,
-            self.lacks,
+            self.white_excess,
             span=self.span,
             valid=self.valid,
             segments=self.segments,
+            record=self.record,
         )
 
 
 @dataclass(slots=True, eq=False)
-class Mark:
-    """A moment of the record.
+class Window:
+    """A part of the record that begins at a known position and has no end yet.
 
     Attributes
     ----------
-    start : samples of the grid before it, on a block.
+    start : samples of the grid before it, a multiple of the block.
     valid : (c,) valid samples before it.
     segments : segments that ended before it.
-    squares, terms, lacks : (`OCTAVES`, c) sums of each octave when nothing that comes reaches over the mark;
-        the first `taken` of them are there.
+    squares, terms, white_excess : (`MAX_OCTAVES`, c) snapshot of the sums of each octave, taken when no later
+        difference reaches back over the start.
+    octaves : number of octaves whose snapshot has been taken.
     """
 
     start: int
@@ -90,21 +95,21 @@ class Mark:
     segments: int
     squares: Floats
     terms: Ints
-    lacks: Ints
-    taken: int = 0
+    white_excess: Ints
+    octaves: int = 0
 
 
 class WindowedCascade:
-    """A cascade that can be asked for parts of its record.
+    """A cascade that also returns the sums of parts of its record.
 
     Parameters
     ----------
-    cascade : the cascade; from now on it is fed here.
+    cascade : the cascade; all later samples must be given to this object.
     """
 
     def __init__(self, cascade: OctaveCascade) -> None:
         self.cascade = cascade
-        self._marks: list[Mark] = []
+        self._windows: list[Window] = []
         self._segment = 0  # samples of the grid before this segment
         self._position = 0  # samples of the grid so far
 
@@ -114,136 +119,149 @@ class WindowedCascade:
         return self._position
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples, (n, c) channel unit, with what counts of them, (n, g); see `OctaveCascade.update`."""
+        """Add samples, (n, c) channel unit, with their validity, (n, g); see `OctaveCascade.update`."""
         done = 0
         while done < len(values):
-            stop = min(len(values), done + self._until_due())
+            stop = min(len(values), done + self._until_snapshot())
             self.cascade.update(values[done:stop], None if valid is None else valid[done:stop])
-            self._move(stop - done)
+            self._advance(stop - done)
             done = stop
 
     def skip(self, n: int) -> None:
-        """Move the grid on; see `OctaveCascade.skip`."""
+        """Advance the grid; see `OctaveCascade.skip`."""
         while n > 0:
-            part = min(n, self._until_due())
+            part = min(n, self._until_snapshot())
             self.cascade.skip(part)
-            self._move(part)
+            self._advance(part)
             n -= part
 
     def break_(self) -> None:
-        """A gap of unknown length: no difference to come reaches over any mark."""
+        """Begin a new segment: no later difference reaches back over the start of any window."""
         self.cascade.break_()
         self._segment = self._position
-        for mark in self._marks:
-            self._take(mark, OCTAVES)
+        for window in self._windows:
+            self._take_snapshot(window, MAX_OCTAVES)
 
-    def mark(self) -> Mark:
-        """Mark this moment, or rather the last end of a block before it."""
-        behind = (self._position - self._segment) % BLOCK
-        squares, _, _, valid, begun = self.cascade.sums()
-        made = Mark(
-            self._position - behind,
+    def open_window(self) -> Window:
+        """Begin a window at the last end of a block."""
+        squares, _, _, valid, segments = self.cascade.sums()
+        window = Window(
+            self._position - self._incomplete(),
             valid,
-            begun - (self._position > self._segment),
-            np.zeros((OCTAVES, squares.shape[1])),
-            np.zeros((OCTAVES, squares.shape[1]), dtype=np.int64),
-            np.zeros((OCTAVES, squares.shape[1]), dtype=np.int64),
+            segments - (self._position > self._segment),
+            np.zeros((MAX_OCTAVES, squares.shape[1])),
+            np.zeros((MAX_OCTAVES, squares.shape[1]), dtype=np.int64),
+            np.zeros((MAX_OCTAVES, squares.shape[1]), dtype=np.int64),
         )
-        self._marks.append(made)
-        if made.start == self._segment:
-            self._take(made, OCTAVES)  # nothing lies before it in this segment
-        return made
+        self._windows.append(window)
+        if window.start == self._segment:
+            self._take_snapshot(window, MAX_OCTAVES)  # nothing lies before it in this segment
+        return window
 
-    def forget(self, mark: Mark) -> None:
-        """The mark is of no more use."""
-        self._marks = [m for m in self._marks if m is not mark]
+    def close_window(self, window: Window) -> None:
+        """Drop a window that is no longer needed."""
+        self._windows = [w for w in self._windows if w is not window]
 
-    def since(self, mark: Mark) -> Stretch:
-        """What came since a mark."""
+    def sums_since(self, window: Window) -> WindowSums:
+        """Return the sums since the start of a window."""
         whole = self.cascade.copy()
-        whole.settle()
-        return self._between(mark, *whole.sums(), self._position)
+        whole.flush()
+        return self._difference(window, *whole.sums(), self._position)
 
-    def ended(self, mark: Mark) -> Stretch:
-        """What came since a mark up to the last end of a block."""
-        behind = (self._position - self._segment) % BLOCK
-        return self._between(mark, *self.cascade.sums(), self._position - behind)
+    def block_sums_since(self, window: Window) -> WindowSums:
+        """Return the sums from the start of a window to the last end of a block."""
+        return self._difference(window, *self.cascade.sums(), self._position - self._incomplete())
 
-    def _between(
-        self, mark: Mark, squares: Floats, terms: Ints, lacks: Ints, valid: Ints, segments: int, position: int
-    ) -> Stretch:
-        k = min(len(squares), mark.taken)
-        return Stretch(
-            squares[:k] - mark.squares[:k],
-            terms[:k] - mark.terms[:k],
-            lacks[:k] - mark.lacks[:k],
-            valid - mark.valid,
-            position - mark.start,
-            max(1, segments - mark.segments),
+    def _difference(
+        self,
+        window: Window,
+        squares: Floats,
+        terms: Ints,
+        white_excess: Ints,
+        valid: Ints,
+        segments: int,
+        position: int,
+    ) -> WindowSums:
+        k = min(len(squares), window.octaves)
+        return WindowSums(
+            squares[:k] - window.squares[:k],
+            terms[:k] - window.terms[:k],
+            white_excess[:k] - window.white_excess[:k],
+            valid - window.valid,
+            position - window.start,
+            max(1, segments - window.segments),
+            (self.cascade.record, window.start),
         )
 
-    def _until_due(self) -> int:
+    def _incomplete(self) -> int:
+        """Samples since the last end of a block."""
+        return (self._position - self._segment) % BLOCK
+
+    def _until_snapshot(self) -> int:
         """Samples until the next snapshot, at least one."""
-        due = [self._due(mark, mark.taken) for mark in self._marks if mark.taken < OCTAVES]
+        due = [self._due(window, window.octaves) for window in self._windows if window.octaves < MAX_OCTAVES]
         return max(1, min(due, default=1 << 62) - self._position)
 
-    def _due(self, mark: Mark, octave: int) -> int:
-        """Where an octave of a mark is to be taken: at the first end of a block behind start + 2m."""
-        wanted = mark.start + (2 << octave) - self._segment
-        return self._segment - (-wanted // BLOCK) * BLOCK
+    def _due(self, window: Window, octave: int) -> int:
+        """Position at which the snapshot of an octave is taken: the first end of a block after start + 2m."""
+        after = window.start + (2 << octave) - self._segment
+        return self._segment - (-after // BLOCK) * BLOCK
 
-    def _move(self, n: int) -> None:
+    def _advance(self, n: int) -> None:
         self._position += n
-        for mark in self._marks:
-            reached = mark.taken
-            while reached < OCTAVES and self._position >= self._due(mark, reached):
-                reached += 1
-            if reached > mark.taken:
-                self._take(mark, reached)
+        for window in self._windows:
+            octaves = window.octaves
+            while octaves < MAX_OCTAVES and self._position >= self._due(window, octaves):
+                octaves += 1
+            if octaves > window.octaves:
+                self._take_snapshot(window, octaves)
 
-    def _take(self, mark: Mark, upto: int) -> None:
-        """Snapshots of the octaves up to `upto` (not included) that are still wanting."""
-        squares, terms, lacks, _, _ = self.cascade.sums()
-        rows = slice(mark.taken, min(upto, len(squares)))
+    def _take_snapshot(self, window: Window, octaves: int) -> None:
+        """Take the missing snapshots of the first `octaves` octaves."""
+        squares, terms, white_excess, _, _ = self.cascade.sums()
+        rows = slice(window.octaves, min(octaves, len(squares)))
         if rows.start < rows.stop:
-            mark.squares[rows], mark.terms[rows] = squares[rows], terms[rows]
-            mark.lacks[rows] = lacks[rows]
-        mark.taken = max(mark.taken, upto)
+            window.squares[rows], window.terms[rows] = squares[rows], terms[rows]
+            window.white_excess[rows] = white_excess[rows]
+        window.octaves = max(window.octaves, octaves)
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays; the marks in the order they were made."""
+        """Return the state as arrays; the windows in the order in which they were opened."""
         out = {f"cascade.{name}": array for name, array in self.cascade.save().items()}
-        out["numbers"] = np.array([self._segment, self._position, len(self._marks)], dtype=np.int64)
-        for number, mark in enumerate(self._marks):
-            k = len(self.cascade.sums()[0])
-            out[f"mark{number}.numbers"] = np.array([mark.start, mark.segments, mark.taken], dtype=np.int64)
-            out[f"mark{number}.valid"] = mark.valid
-            out[f"mark{number}.squares"] = mark.squares[:k].copy()
-            out[f"mark{number}.terms"] = mark.terms[:k].copy()
-            out[f"mark{number}.lacks"] = mark.lacks[:k].copy()
+        out["numbers"] = np.array([self._segment, self._position, len(self._windows)], dtype=np.int64)
+        k = len(self.cascade.sums()[0])
+        for number, window in enumerate(self._windows):
+            part = f"mark{number}."  # these names are part of the saved format
+            numbers = (window.start, window.segments, window.octaves)
+            out[f"{part}numbers"] = np.array(numbers, dtype=np.int64)
+            out[f"{part}valid"] = window.valid
+            out[f"{part}squares"] = window.squares[:k].copy()
+            out[f"{part}terms"] = window.terms[:k].copy()
+            out[f"{part}lacks"] = window.white_excess[:k].copy()
         return out
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> WindowedCascade:
-        """Continue where `save` left off."""
+        """Return a cascade in a saved state; it continues identically."""
         own = {k.removeprefix("cascade."): v for k, v in saved.items() if k.startswith("cascade.")}
         self = cls(OctaveCascade.restore(own))
         self._segment, self._position, count = (int(v) for v in saved["numbers"])
         for number in range(count):
-            start, segments, taken = (int(v) for v in saved[f"mark{number}.numbers"])
-            squares, terms, lacks = (
-                _tall(saved[f"mark{number}.{name}"], OCTAVES) for name in ("squares", "terms", "lacks")
+            part = f"mark{number}."
+            start, segments, octaves = (int(v) for v in saved[f"{part}numbers"])
+            squares, terms, white_excess = (
+                _padded(saved[part + name], MAX_OCTAVES) for name in ("squares", "terms", "lacks")
             )
-            valid = saved[f"mark{number}.valid"]
-            self._marks.append(Mark(start, valid, segments, squares, terms, lacks, taken))
+            valid = saved[f"{part}valid"]
+            self._windows.append(Window(start, valid, segments, squares, terms, white_excess, octaves))
         return self
 
     @property
-    def marks(self) -> Sequence[Mark]:
-        """Marks not yet forgotten, in the order they were made."""
-        return tuple(self._marks)
+    def windows(self) -> Sequence[Window]:
+        """Open windows in the order in which they were opened."""
+        return tuple(self._windows)
 
 
-def _tall(rows: np.ndarray, k: int) -> np.ndarray:
-    """(k, c) with zeros below."""
+def _padded(rows: np.ndarray, k: int) -> np.ndarray:
+    """(k, c), with rows of zeros appended."""
     return np.concatenate([rows, np.zeros((k - len(rows), rows.shape[1]), dtype=rows.dtype)])

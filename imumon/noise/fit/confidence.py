@@ -1,14 +1,13 @@
-"""Renewal: what of a channel is worked out anew only as its record grows: octaves, terms, limits and times.
+"""Limits, status and time to precision of a channel, which are computed again only as its record grows.
 
-The rules
----------
-1. A coefficient is ``measured`` where its score at zero says beyond `_SEEN` that it is there; then it has a
-   value and two-sided limits. Else it is ``upper_bound``: no value, and the one-sided bound a larger one
-   would have passed. The levels are such that the limits hold in 95 % of all records, whichever of the two
-   each is told to be: 2.2 % each side beyond, 3.9 % for a bound, 1.4 % false alarms. They were set on
-   simulated records, where a few per mille more lie beyond than these normal quantiles say, since
-   the other terms come from the same data.
-2. ``pending``: too few octaves to tell the terms apart; the reason says so.
+Rules:
+
+1. A coefficient is ``measured`` where its score at zero exceeds `DETECTED_SCORE`; then it has a value and
+   two-sided limits. Else it is an ``upper_bound``: no value, but a one-sided bound. The levels are such that
+   the limits hold in 95 % of all records, whatever the status: 2.2 % beyond each limit, 3.9 % beyond a bound,
+   1.4 % false detections. They are set on simulated records, where a few per mille more lie beyond than these
+   normal quantiles predict, since the other terms are fitted to the same data.
+2. ``pending``: too few octaves to distinguish the terms; the reason says so.
 """
 
 from __future__ import annotations
@@ -16,41 +15,48 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
+from scipy.special import ndtri
 
 from imumon.noise.fit import intervals
-from imumon.noise.fit.leastsquares import Problems
-from imumon.noise.fit.model_selection import Choice, as_chosen, choose
-from imumon.noise.fit.quantiles import normal_quantile
-from imumon.noise.fit.time_to_precision import TimeTo, seconds_to
+from imumon.noise.fit.leastsquares import FitProblems
+from imumon.noise.fit.model_selection import SelectedModel, select_models, with_selection
+from imumon.noise.fit.time_to_precision import seconds_to
+from imumon.report import Status, TimeTo
 from imumon.samples import Floats
 
-Status: TypeAlias = Literal["measured", "upper_bound", "pending"]
+OCTAVES_FOR_N = 3  # Octaves without which N is pending: two terms, N and B, and one degree of freedom
+OCTAVES_FOR_B_K = 5  # Octaves without which B and K are pending: three terms and two degrees of freedom
 
-OCTAVES_N, OCTAVES = 3, 5
-"""Octaves that N needs, and B and K."""
+DETECTED_SCORE = float(ndtri(0.986))
+"""Standard deviations from which on a coefficient is measured: 1.4 % false detections, see rule 1."""
 
-_SEEN = normal_quantile(0.986)
-_BOUND = -normal_quantile(0.961)
-_TWO_SIDED = normal_quantile(0.9783)
-_NARROW = 0.002  # a bound never falls below what moves the score by this much: it is never zero
+BOUND_SCORE = -float(ndtri(0.961))
+"""Standard deviations, score of an upper bound: 3.9 % of the true values lie beyond, see rule 1."""
+
+LIMIT_SCORE = float(ndtri(0.9783))
+"""Standard deviations, score of each of two limits: 2.2 % of the true values lie beyond, see rule 1."""
+
+LEAST_BOUND_SCORE = 0.002
+"""Standard deviations by which a bound is at least above zero, so that no bound is zero. Not critical."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known:
-    """What was worked out for a channel at its last renewal.
+class ChannelConfidence:
+    """Selected model, limits and times of a channel at one length of its record.
 
     Attributes
     ----------
-    span : samples, record then.
-    low, high : (3,) units of tau0, limits of the powers; the value then was `choice.p`.
-    status : (3,)
+    span : samples, length of the record at that time.
+    model : selected octaves and terms, and the powers at that time.
+    low, high : (3,) units of tau0, limits of the powers of N, B and K.
+    status, reasons : (3,) of N, B and K.
+    time_to : s, until each is as precise as requested.
     """
 
     span: int
-    choice: Choice
+    model: SelectedModel
     low: Floats
     high: Floats
     status: tuple[Status, ...]
@@ -58,84 +64,89 @@ class Known:
     time_to: TimeTo
 
 
-def renewed(
-    problems: Problems,
-    formers: Sequence[Choice | None],
+def confidences(
+    problems: FitProblems,
+    previous: Sequence[SelectedModel | None],
     span: int,
     tau0: float,
-    asked: Floats | None,
-) -> list[Known]:
-    """What is known of some channels, worked out anew.
+    precision: Floats | None,
+) -> list[ChannelConfidence]:
+    """Select models and compute limits and times for some channels.
 
     Parameters
     ----------
-    problems : (b) one a channel, all octaves that have data in use.
-    formers : (b) what was chosen before for each, on a shorter record.
+    problems : (b) one per channel, which uses all octaves that have data.
+    previous : selection for each on a shorter part of the same record.
     span : samples, length of the record.
     tau0 : s
-    asked : (3,) 1, half-widths of N, B and K relative to the value, for `time_to`; None: it is not asked for.
+    precision : (3,) 1, requested half-widths of N, B and K relative to the value; None: no `time_to`.
     """
-    choices = choose(problems, formers)
-    fitted = as_chosen(problems, choices)
-    powers = np.array([choice.p for choice in choices])
+    models = select_models(problems, previous)
+    fitted = with_selection(problems, models)
+    powers = np.array([model.p for model in models])
     low, high, status, reasons = _limits(fitted, powers)
-    still = np.full((len(choices), 3), np.nan)
-    if asked is not None:
-        still = seconds_to(fitted, powers, _half_widths(powers, low, high, status), span, tau0, asked)
-    times = [TimeTo(*(None if math.isnan(s) else float(s) for s in row)) for row in still]
-    rows = zip(choices, low, high, status, reasons, times, strict=True)
-    return [Known(span, *row) for row in rows]
+    seconds = np.full((len(models), 3), np.nan)
+    if precision is not None:
+        widths = _half_widths(powers, low, high, status)
+        seconds = seconds_to(fitted, powers, widths, span, tau0, precision)
+    times = []
+    for row in seconds:
+        n, b, k = (None if math.isnan(s) else float(s) for s in row)
+        times.append(TimeTo(N=n, B=b, K=k))
+    rows = zip(models, low, high, status, reasons, times, strict=True)
+    return [ChannelConfidence(span, *row) for row in rows]
 
 
 def _limits(
-    problems: Problems, p: Floats
+    problems: FitProblems, p: Floats
 ) -> tuple[Floats, Floats, list[tuple[Status, ...]], list[tuple[str | None, ...]]]:
-    """Limits of N^2, B^2 and K^2 of some channels, their status, and why they are not known.
+    """Return the limits of N^2, B^2 and K^2, their status, and the reasons why there is no value.
 
     Returns
     -------
     low, high : (c, 3) units of tau0.
-    status, reasons : one tuple of three a channel.
+    status, reasons : one tuple of three per channel.
     """
     count = len(p)
     channel = np.repeat(np.arange(count), 3)
     term = np.tile(np.arange(3), count)
     each = problems.take(channel)
     octaves = each.used.sum(axis=1)
-    need = np.where(term == 0, OCTAVES_N, OCTAVES)
-    spread = intervals.deviations(problems.frame(), problems.free, p)[:, :3].ravel()
-    told = np.isfinite(spread) & (octaves >= need)
-    zero = np.full(term.size, -np.inf)
-    some = each.take(told)
-    start = p[channel][told]
-    zero[told] = intervals.score(some.frame(), some.free, term[told], np.zeros(len(start)), start)[0]
-    seen = told & (zero > _SEEN) & (p[:, :3].ravel() > 0.0)
+    needed = np.where(term == 0, OCTAVES_FOR_N, OCTAVES_FOR_B_K)
+    deviation = intervals.deviations(problems.prepare(), problems.free, p)[:, :3].ravel()
+    tested = np.isfinite(deviation) & (octaves >= needed)
+    at_zero = np.full(term.size, -np.inf)
+    part = each.take(tested)
+    start = p[channel][tested]
+    at_zero[tested] = intervals.score(part.prepare(), part.free, term[tested], np.zeros(len(start)), start)[0]
+    detected = tested & (at_zero > DETECTED_SCORE) & (p[:, :3].ravel() > 0.0)
     begin = p[channel]
-    begin[~seen, term[~seen]] = 0.0
-    # one search for all limits: the lower ones of what is seen, and every upper one
-    rows = np.concatenate([np.flatnonzero(seen), np.flatnonzero(told)])
-    upper = np.arange(rows.size) >= seen.sum()
-    here = np.where(seen, 0.0, zero)[rows]
-    bound = np.where(seen, -_TWO_SIDED, np.minimum(_BOUND, zero - _NARROW))[rows]
-    some = each.take(rows)
-    found = intervals.limits(
-        some.frame(),
-        some.free,
+    begin[~detected, term[~detected]] = 0.0
+    # one search for all limits: the lower ones of what is detected, and every upper one
+    rows = np.concatenate([np.flatnonzero(detected), np.flatnonzero(tested)])
+    upper = np.arange(rows.size) >= detected.sum()
+    bound = np.minimum(BOUND_SCORE, at_zero - LEAST_BOUND_SCORE)
+    target = np.where(upper, np.where(detected, -LIMIT_SCORE, bound)[rows], LIMIT_SCORE)
+    part = each.take(rows)
+    values = intervals.limits(
+        part.prepare(),
+        part.free,
         term[rows],
         begin[rows],
-        here,
-        spread[rows],
-        np.where(upper, bound, _TWO_SIDED),
+        np.where(detected, 0.0, at_zero)[rows],
+        deviation[rows],
+        target,
         upper,
     )
     low, high = np.zeros(term.size), np.full(term.size, np.inf)
-    low[rows[~upper]] = found[~upper]
-    high[rows[upper]] = found[upper]
-    bounded = told & np.isfinite(high)
+    low[rows[~upper]] = values[~upper]
+    high[rows[upper]] = values[upper]
+    bounded = tested & np.isfinite(high)
     status: list[Status] = [
-        ("measured" if s else "upper_bound") if b else "pending" for s, b in zip(seen, bounded, strict=True)
+        ("measured" if d else "upper_bound") if b else "pending"
+        for d, b in zip(detected, bounded, strict=True)
     ]
-    reasons = [_reason(*row) for row in zip(status, octaves.tolist(), need.tolist(), strict=True)]
+    reasons = [_reason(*row) for row in zip(status, octaves.tolist(), needed.tolist(), strict=True)]
     return (
         low.reshape(count, 3),
         high.reshape(count, 3),
@@ -145,17 +156,18 @@ def _limits(
 
 
 def _half_widths(p: Floats, low: Floats, high: Floats, status: list[tuple[Status, ...]]) -> Floats:
-    """(c, 3) 1, half-widths of N, B and K relative to their values; inf where not measured."""
-    seen = np.array([[word == "measured" for word in row] for row in status]) & (p[:, :3] > 0.0)
-    value = np.sqrt(np.where(seen, p[:, :3], 1.0))
-    return np.where(seen, (np.sqrt(np.where(seen, high, 0.0)) - np.sqrt(low)) / 2.0 / value, np.inf)
+    """Return (c, 3) 1, half-widths of N, B and K relative to their values; inf where not measured."""
+    measured = np.array([[name == "measured" for name in row] for row in status]) & (p[:, :3] > 0.0)
+    value = np.sqrt(np.where(measured, p[:, :3], 1.0))
+    half = (np.sqrt(np.where(measured, high, 0.0)) - np.sqrt(low)) / 2.0
+    return np.where(measured, half / value, np.inf)
 
 
-def _reason(status: Status, octaves: int, need: int) -> str | None:
+def _reason(status: Status, octaves: int, needed: int) -> str | None:
     if status == "measured":
         return None
     if status == "upper_bound":
         return "the record does not show it"
-    if octaves < need:
-        return f"{octaves} octaves, {need} are needed"
+    if octaves < needed:
+        return f"{octaves} octaves, {needed} are needed"
     return "the record is too short to bound it"

@@ -1,46 +1,61 @@
-"""Fit of N, B and K to an Allan curve: values, intervals, what they are worth and how long it still takes.
+"""Fit of N, B and K to an Allan curve: values, limits, status and time to precision.
 
     sigma^2(tau) = N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3  [+ 3 Q^2/tau^2 quantisation + R^2 tau^2/2 ramp]
 
 by generalised least squares with the exact covariance (`covariance`, `leastsquares`), over the octaves and
-terms that describe the channel (`choice`), with limits from score tests (`intervals`).
+terms that describe the channel (`model_selection`), with limits from score tests (`intervals`).
 
-Points are cheap and follow every call (`channel`). Limits, choice and times (`outlook`) are renewed when the
-record has grown by 2 % (`renewal`, which has the rules of what is measured and what only bounded); in between
-limits move with their value. A channel without enough to fit is ``pending``, and the reason says why.
+Point estimates are cheap and computed for every call (`results`). Limits, selection and times
+(`time_to_precision`) are computed again when the record has grown by 2 % (`confidence` has the rules for what
+is measured and what only bounded); in between, limits move with their value. A channel with too little data
+is ``pending`` with a reason.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.confidence import OCTAVES_N, Known, renewed
+from imumon.noise.fit import confidence
+from imumon.noise.fit.confidence import ChannelConfidence, confidences
 from imumon.noise.fit.covariance import TERMS, octaves_in, tables
-from imumon.noise.fit.leastsquares import Problems
-from imumon.noise.fit.results import ChannelFit, Coefficient, channel_fits, nothing
-from imumon.noise.fit.time_to_precision import TimeTo
+from imumon.noise.fit.leastsquares import FitProblems
+from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
 
-__all__ = ["PRECISION", "ChannelFit", "Coefficient", "Estimator", "TimeTo", "fit_curve"]
+PRECISION_N = 0.01
+"""1, requested 95 % half-width of N relative to its value, as in datasheets. Changes `time_to` only."""
 
-PRECISION = {"N": 0.01, "B": 0.20, "K": 0.50}
-"""Asked 95 % half-widths relative to the value."""
+PRECISION_B = 0.20  # 1, requested 95 % half-width of B relative to its value. Changes `time_to` only
+PRECISION_K = 0.50  # 1, requested 95 % half-width of K relative to its value. Changes `time_to` only
 
-GROWTH = 1.02  # of the record between two renewals of the limits
-_LEAST, _MOST = 1e-100, 1e100  # variances between which squares of them are numbers
+RENEWAL_GROWTH = 1.02
+"""1, growth of the record after which limits are computed again: they shrink by 1 % meanwhile."""
+
+LEAST_VARIANCE = 1e-100
+"""(channel unit)^2; below, squares of variances underflow and the channel is constant. Not critical."""
+
+MAX_VARIANCE = 1e100
+"""(channel unit)^2; above, squares of variances overflow and the octave is not used. Not critical."""
+
+HIDDEN_SHARE = 0.5
+"""1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise. Rounding of
+larger noise adds a variance of 1/12 of its square."""
 
 
 class Estimator:
-    """Fits of a growing curve; remembers what need not be worked out again.
+    """Fits of a growing curve; limits are kept until the record has grown enough to change them.
+
+    The limits belong to one record (`AllanCurve.record`). A curve of another record, or of an unknown one, is
+    fitted from scratch, so that no limit of one record is returned for another.
 
     Parameters
     ----------
-    averaged : the samples are true averages over their interval (delta angles), else point samples; one
-        for all channels, or (c,) one for each. A curve may be of the first few of them alone.
-    precision : asked 95 % half-widths by coefficient, for `time_to`.
-    outlook : work out `time_to`, which takes as long as all the rest.
+    averaged : the samples are true averages over their interval (delta angles), else point samples; one value
+        for all channels, or (c,) one for each. A curve may consist of the first few of them.
+    precision : requested 95 % half-widths by coefficient, for `time_to`; default `PRECISION_N` and so on.
+    time_to : compute `time_to`, which doubles the time of a renewal.
     """
 
     def __init__(
@@ -48,11 +63,12 @@ class Estimator:
         *,
         averaged: bool | Sequence[bool],
         precision: dict[str, float] | None = None,
-        outlook: bool = True,
+        time_to: bool = True,
     ) -> None:
-        self.averaged, self.outlook = averaged, outlook
-        self.precision = PRECISION | (precision or {})
-        self._known: dict[int, Known] = {}
+        self.averaged, self._time_to = averaged, time_to
+        self.precision = {"N": PRECISION_N, "B": PRECISION_B, "K": PRECISION_K} | (precision or {})
+        self._record: Hashable = None
+        self._confidences: dict[int, ChannelConfidence] = {}
 
     def fit(
         self, curve: AllanCurve, *, renew: bool | None = None, resolution: Sequence[float] | None = None
@@ -61,75 +77,78 @@ class Estimator:
 
         Parameters
         ----------
-        resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise that is
-            smaller than half of it shows in the rounding only, and no coefficient is given.
-        renew : work out limits, octaves, terms and times anew; default: where the record has grown by 2 %.
+        renew : compute limits, selection and times again; default: where the record has grown by 2 %.
+        resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
+            than half of it shows in the rounding only, and no coefficient is given.
         """
+        if curve.record is None or curve.record != self._record:
+            self._confidences.clear()
+        self._record = curve.record
         octaves = min(len(curve.m), octaves_in(curve.span))
         if octaves == 0:
-            return tuple(nothing(len(curve.m), "no difference yet") for _ in curve.valid)
+            return tuple(pending_fit(len(curve.m), "no difference yet") for _ in curve.valid)
         count = curve.valid.size
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
         problems, reasons = _problems(curve, octaves, flags, resolution)
         due = []
         for channel, reason in enumerate(reasons):
-            known = self._known.get(channel)
+            known = self._confidences.get(channel)
             if reason is not None:
-                self._known.pop(channel, None)
-            elif known is None or (_grown(known.span, curve.span) if renew is None else renew):
+                self._confidences.pop(channel, None)
+            elif known is None or (_has_grown(known.span, curve.span) if renew is None else renew):
                 due.append(channel)
         if due:
             self._renew(problems.take(np.array(due)), due, curve)
-        fits = [nothing(len(curve.m), reason or "") for reason in reasons]
+        fits = [pending_fit(len(curve.m), reason or "") for reason in reasons]
         if rows := [channel for channel, reason in enumerate(reasons) if reason is None]:
-            part = problems.take(np.array(rows))
-            made = channel_fits(curve, rows, part, [self._known[channel] for channel in rows])
-            for channel, fit in zip(rows, made, strict=True):
+            known_rows = [self._confidences[channel] for channel in rows]
+            fitted = channel_fits(curve, rows, problems.take(np.array(rows)), known_rows)
+            for channel, fit in zip(rows, fitted, strict=True):
                 fits[channel] = fit
         return tuple(fits)
 
-    def _renew(self, problems: Problems, due: list[int], curve: AllanCurve) -> None:
-        """Work out choice, limits and times of some channels anew; one problem each."""
-        formers = [self._known[channel].choice if channel in self._known else None for channel in due]
-        asked = np.array([self.precision[name] for name in TERMS[:3]]) if self.outlook else None
-        self._known.update(zip(due, renewed(problems, formers, curve.span, curve.tau0, asked), strict=True))
+    def _renew(self, problems: FitProblems, due: list[int], curve: AllanCurve) -> None:
+        """Compute selection, limits and times of some channels, one problem each."""
+        previous = [self._confidences[c].model if c in self._confidences else None for c in due]
+        precision = np.array([self.precision[name] for name in TERMS[:3]]) if self._time_to else None
+        renewed = confidences(problems, previous, curve.span, curve.tau0, precision)
+        self._confidences.update(zip(due, renewed, strict=True))
 
 
-def _grown(before: int, now: int) -> bool:
-    return now >= before * GROWTH or now < before
+def _has_grown(before: int, now: int) -> bool:
+    return now >= before * RENEWAL_GROWTH or now < before
 
 
 def fit_curve(
-    curve: AllanCurve, *, averaged: bool | Sequence[bool], outlook: bool = True
+    curve: AllanCurve, *, averaged: bool | Sequence[bool], time_to: bool = True
 ) -> tuple[ChannelFit, ...]:
     """Fit N, B and K to every channel of a curve, once; see `Estimator`."""
-    return Estimator(averaged=averaged, outlook=outlook).fit(curve)
+    return Estimator(averaged=averaged, time_to=time_to).fit(curve)
 
 
 def _problems(
     curve: AllanCurve, k: int, averaged: Sequence[bool], resolution: Sequence[float] | None
-) -> tuple[Problems, list[str | None]]:
-    """The first k octaves of the curve as problems, one a channel, and why a channel has none."""
+) -> tuple[FitProblems, list[str | None]]:
+    """Return the first k octaves of the curve as one problem per channel, and why a channel has none."""
     kinds = sorted(set(averaged))
     table = tuple(tables(curve.span, k, averaged=kind) for kind in kinds)
     terms = curve.terms[:k].T
     variance = curve.avar[:k].T
-    used = (terms > 0) & (variance > _LEAST) & (variance < _MOST)
+    used = (terms > 0) & (variance > LEAST_VARIANCE) & (variance < MAX_VARIANCE)
     thinning = np.sqrt(table[0].full / np.maximum(terms, 1))
     reasons: list[str | None] = []
     for row in range(len(used)):
-        seen = terms[row] > 0
-        if not seen.any():
+        if not (terms[row] > 0).any():
             reasons.append("no difference yet")
         elif not used[row].any():
             reasons.append("the channel is constant")
-        elif resolution is not None and variance[row, 0] < 0.25 * resolution[row] ** 2:
+        elif resolution is not None and variance[row, 0] < (HIDDEN_SHARE * resolution[row]) ** 2:
             reasons.append(f"its resolution of {resolution[row]:.3g} hides the noise")
-        elif used[row].sum() < OCTAVES_N:
-            reasons.append(f"{int(used[row].sum())} octaves, {OCTAVES_N} are needed")
+        elif used[row].sum() < confidence.OCTAVES_FOR_N:
+            reasons.append(f"{int(used[row].sum())} octaves, {confidence.OCTAVES_FOR_N} are needed")
         else:
             reasons.append(None)
-    problems = Problems(
+    problems = FitProblems(
         table,
         np.array([kinds.index(kind) for kind in averaged]),
         np.where(used, variance, 1.0),

@@ -1,28 +1,30 @@
-"""Choice of octaves and terms: what of a curve the model describes, by a rule that does not flicker.
+"""Selection of the octaves and terms with which a curve is described, by a rule that does not flicker.
 
-Real sensors are not three-term models. Filters, vibration and quantisation bend the short octaves, a
+Real sensors are not three-term models. Filters, vibration and quantisation bend the short octaves, a spectral
 line some in the middle, a warm-up the long ones; an efficient fit would bend with them. The rule:
 
-1. White, flicker and random walk over all octaves stand unless chi-square says no (p < `REJECTED`).
-2. Quantisation and ramp are taken in where their score, given the other terms, exceeds `WANTED` standard
-   deviations, which noise of the three kinds alone does once in a thousand records or less, and the fit
+1. White noise, flicker and random walk over all octaves are accepted unless chi-square rejects them
+   (p < `REJECTED_P`).
+2. Quantisation and ramp are added where their score, given the other terms, exceeds `QUANTISATION_SCORE` or
+   `RAMP_SCORE`, which noise of the three types alone does in at most one record of a thousand, and the fit
    then passes.
-3. Still rejected: the cheapest description that passes (p >= `CURED`) is sought. An octave left out costs
-   1, a term 2. Octaves are left out from the short end or as a block further on, or both; a block costs one
-   less where octaves stay below it, since those are the most precise and agree, and three more where it is
-   a single one, on which N would then hang. Of equal cost the one that keeps more wins, then p.
-4. Where the shortest octaves are left out, what bent them has a tail: noise correlated over a short time
-   adds to N^2/tau a term that falls as 1/tau^2 once tau is longer, quantisation's shape with either
-   sign (for a boxcar that is exact). There the 1/tau^2 term is free and may be negative, so that N and its
-   limits do not lean on the first octave that happened to pass.
-5. Nothing passes at `DEAREST`: the best of it stays, and what is left over counts as an error of the model
-   that all octaves have, as large as makes chi-square its expectation. It widens every interval.
+3. If the model is still rejected, the cheapest description that passes (p >= `ACCEPTED_P`) is searched. An
+   excluded octave costs 1, a term `TERM_COST`. Octaves are excluded from the short end or as a block further
+   on, or both. A block costs one less where octaves stay below it, since those are the most precise and
+   agree, and three more where this is a single one, on which N would depend alone. Among equal costs the
+   description that keeps more octaves is preferred, then the one with the larger p.
+4. Where the shortest octaves are excluded, what bends them has a tail: noise correlated over a short time
+   adds to N^2/tau a term that falls as 1/tau^2 at longer tau, the shape of quantisation with either sign (for
+   a boxcar this is exact). There the 1/tau^2 term is free and may be negative, so that N and its limits do
+   not depend on the first octave that happens to pass.
+5. If nothing passes up to `MAX_COST`, the best description is kept, and the rest counts as an error of the
+   model common to all octaves, as large as makes chi-square its expectation. It widens every interval.
 
-The test itself allows a model to be wrong by `TOLERATED`: with 10^9 samples any sensor departs from any
-model, and no octave is given up for a part in a thousand; instead rule 5's error takes it in.
+The test allows a relative error of the model of `TOLERATED_ERROR`: with 10^9 samples any sensor departs from
+any model, and no octave is excluded for a part in a thousand; instead rule 5 includes this error.
 
-A former choice stands while it passes and is given up for a cheaper one only where that is plainly fine
-(p >= `REGAINED`), so no octave jumps in and out with every report.
+An earlier selection is kept while it passes, and is replaced by a cheaper one only where that passes clearly
+(p >= `REGAINED_P`), so no octave alternates between reports.
 """
 
 from __future__ import annotations
@@ -31,45 +33,76 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from imumon.noise.fit.covariance import TERMS
 from imumon.noise.fit.intervals import score
-from imumon.noise.fit.leastsquares import Problems, misfit, solve
-from imumon.noise.fit.quantiles import chi2_tail
+from imumon.noise.fit.leastsquares import RAMP, SIGNED, FitProblems, misfit, solve
 from imumon.samples import Bools, Floats
 
-REJECTED = 1e-3
-CURED = 0.1
-REGAINED = 0.2
-KEPT = 2.0
-TOLERATED = 2e-3  # of the Allan variance
-DEAREST = 14
-AGAIN = 1.2  # growth of a record after which a search in vain is repeated
-TERM_COST = 2
-LONELY, BESIDE = 3, -1  # what a block costs beyond its octaves
-SHORT = 2  # octaves left out at the short end beside a block
-STRETCH = 3  # octaves that stay between the two
-_ROUNDS = 8
-_SEARCH_ROUNDS = 5
+REJECTED_P = 1e-3
+"""1, p-value below which a description is rejected. One record of a thousand that follows the model loses
+octaves without need."""
+
+ACCEPTED_P = 0.1
+"""1, p-value that a description must reach in a search: the best of many tries passes more easily."""
+
+REGAINED_P = 0.2
+"""1, p-value that a cheaper description must reach to replace one in use. Above `ACCEPTED_P`, so that the
+selection does not alternate."""
+
+KEPT_SCORE = 2.0
+"""Standard deviations; a term in use is dropped only where its score is below. Below `RAMP_SCORE`, so that
+the selection does not alternate."""
+
+QUANTISATION_SCORE = 4.0
+"""Standard deviations from which on quantisation is added. High, because the term costs N most of what the
+shortest octaves contribute."""
+
+RAMP_SCORE = 3.1  # Standard deviations from which on a ramp is added: one false alarm in a thousand records
+
+TOLERATED_ERROR = 2e-3
+"""1, relative error of the modelled Allan variance that is not tested: no sensor follows the model closer."""
+
+MAX_COST = 14  # Cost up to which descriptions are tried: more would leave fewer octaves than a fit needs
+
+SEARCH_GROWTH = 1.2
+"""1, growth of a record after which a search without result is repeated. It is the most expensive step."""
+
+TERM_COST = 2  # Excluded octaves that cost as much as a term: it explains several octaves at once
+LONELY_BLOCK_COST = 3  # Excluded octaves by which a block costs more where a single octave stays below it
+BLOCK_COST = -1  # Excluded octaves by which a block costs more where several octaves stay below it
+MAX_SHORT = 2  # Octaves that may be excluded at the short end together with a block
+
+LEAST_BETWEEN = 3
+"""Octaves that must stay between the short end and a block, so that N rests on more than one."""
+
+LEAST_OCTAVES = 5  # Octaves that must stay for the three terms: two degrees of freedom are left to test
+FIT_ROUNDS = 8  # Rounds of weighting and solving for each description. Not critical
+SEARCH_ROUNDS = 5  # The same during a search, where only p-values are compared. Not critical
+
+LEAST_ERROR = 1e-5
+"""1, relative error of the model at which the search of rule 5 begins. Not critical: below the rounding."""
+
+MAX_ERROR = 30.0  # 1, relative error of the model at which the search of rule 5 ends. Not critical
+ERROR_STEPS = 14  # Bisections between the two, on a logarithmic scale: 0.1 % of the error. Not critical
+QUANTISATION = SIGNED
 _BASE = np.arange(len(TERMS)) < 3
-QUANTISATION, RAMP = 3, 4
-WANTED = {QUANTISATION: 4.0, RAMP: 3.1}  # the former costs N most of what the shortest octaves know
-FEWEST = 5  # octaves that must stay
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
-    """What of a channel's curve is fitted, with what.
+class SelectedModel:
+    """Octaves and terms with which the curve of a channel is described, and their fit.
 
     Attributes
     ----------
-    used : (k,) octaves that count.
-    free : (5,) terms that may be there.
+    used : (k,) octaves that the fit uses.
+    free : (5,) terms that are fitted.
     p : (5,) powers in units of tau0.
-    excess : 1, relative variance of the model itself.
-    chi2, dof, p_value : of the fit without that excess; None where there is nothing to test.
-    cured : whether what is left passes the test.
-    sought : samples, length of the record when all descriptions were last tried in vain; 0: never.
+    excess : 1, relative variance of the error of the model.
+    chi2, dof, p_value : of the fit without that error; None where there is nothing to test.
+    passes : whether the fit passes the test.
+    searched_span : samples, length of the record at the last search without result; 0: none.
     """
 
     used: Bools
@@ -79,80 +112,82 @@ class Choice:
     chi2: float | None
     dof: int
     p_value: float | None
-    cured: bool
-    sought: int = 0
+    passes: bool
+    searched_span: int = 0
 
 
-def choose(problems: Problems, formers: Sequence[Choice | None]) -> list[Choice]:
-    """Choose octaves and terms of some channels.
+def select_models(problems: FitProblems, previous: Sequence[SelectedModel | None]) -> list[SelectedModel]:
+    """Return the octaves and terms of some channels.
 
     Parameters
     ----------
-    problems : one problem a channel, all octaves that have data in use.
-    formers : what was chosen before for each, on a shorter record.
+    problems : one problem per channel, which uses all octaves that have data.
+    previous : selection for each on a shorter part of the same record.
     """
-    found: dict[int, Choice] = {}
-    known = [(row, former) for row, former in enumerate(formers) if former is not None]
-    again = _tried(
+    selected: dict[int, SelectedModel] = {}
+    known = [(row, model) for row, model in enumerate(previous) if model is not None]
+    refitted = _fitted(
         problems.take(np.array([row for row, _ in known], dtype=np.int64)),
-        [(_widened(former.used, problems.used[row]), former.free) for row, former in known],
+        [(_extended(model.used, problems.used[row]), model.free) for row, model in known],
     )
-    stands = [row for (row, _), choice in zip(known, again, strict=True) if choice.cured]
-    for (row, former), choice in zip(known, again, strict=True):
-        if choice.cured or problems.span < AGAIN * former.sought:
-            found[row] = choice if choice.cured else replace(choice, sought=former.sought)
-    found |= zip(stands, _regained(_at(problems, stands), [found[row] for row in stands]), strict=True)
-    new = [row for row in range(len(formers)) if row not in found]
-    fresh = _at(problems, new)
-    plain = _with_terms(fresh, _tried(fresh, [(used, _BASE) for used in fresh.used]))
-    for row, one, choice in zip(new, range(len(new)), plain, strict=True):
-        best = choice if choice.cured else _sought(_at(fresh, [one]), choice)
-        found[row] = best if best.cured else replace(best, sought=problems.span)
-    return _finished(problems, [found[row] for row in range(len(formers))])
+    kept = [row for (row, _), model in zip(known, refitted, strict=True) if model.passes]
+    for (row, before), model in zip(known, refitted, strict=True):
+        if model.passes:
+            selected[row] = model
+        elif problems.span < SEARCH_GROWTH * before.searched_span:
+            selected[row] = replace(model, searched_span=before.searched_span)
+    selected |= zip(kept, _improved(_rows(problems, kept), [selected[row] for row in kept]), strict=True)
+    new = [row for row in range(len(previous)) if row not in selected]
+    others = _rows(problems, new)
+    plain = _with_scored_terms(others, _fitted(others, [(used, _BASE) for used in others.used]))
+    for index, (row, model) in enumerate(zip(new, plain, strict=True)):
+        best = model if model.passes else _searched(_rows(others, [index]), model)
+        selected[row] = best if best.passes else replace(best, searched_span=problems.span)
+    return _with_error(problems, [selected[row] for row in range(len(previous))])
 
 
-def as_chosen(problems: Problems, choices: Sequence[Choice]) -> Problems:
-    """The problems with the octaves and terms that were chosen for them."""
-    both = zip(choices, problems.used, strict=True)
+def with_selection(problems: FitProblems, models: Sequence[SelectedModel]) -> FitProblems:
+    """Return the problems with the octaves and terms selected for them."""
+    both = zip(models, problems.used, strict=True)
     return replace(
         problems,
-        used=np.array([_widened(choice.used, available) for choice, available in both]),
-        free=np.array([choice.free for choice in choices]),
-        excess=np.array([choice.excess for choice in choices]),
+        used=np.array([_extended(model.used, available) for model, available in both]),
+        free=np.array([model.free for model in models]),
+        excess=np.array([model.excess for model in models]),
     )
 
 
-def _at(problems: Problems, rows: Sequence[int]) -> Problems:
+def _rows(problems: FitProblems, rows: Sequence[int]) -> FitProblems:
     return problems.take(np.array(rows, dtype=np.int64))
 
 
-def _widened(used: Bools, available: Bools) -> Bools:
-    """Former choice on a curve that has grown: new octaves count."""
-    wide = np.ones(available.size, dtype=bool)
+def _extended(used: Bools, available: Bools) -> Bools:
+    """Return an earlier selection of octaves on a longer curve: new octaves are used."""
+    extended = np.ones(available.size, dtype=bool)
     n = min(used.size, available.size)
-    wide[:n] = used[:n]
-    return wide & available
+    extended[:n] = used[:n]
+    return extended & available
 
 
-def _tried(
-    problems: Problems, described: Sequence[tuple[Bools, Bools]], rounds: int = _ROUNDS
-) -> list[Choice]:
-    """The fit of each problem with its octaves and terms."""
-    count = len(described)
+def _fitted(
+    problems: FitProblems, descriptions: Sequence[tuple[Bools, Bools]], rounds: int | None = None
+) -> list[SelectedModel]:
+    """Return the fit of each problem with its octaves and terms."""
+    count = len(descriptions)
     if not count:
         return []
-    used = np.array([octaves for octaves, _ in described])
-    free = np.array([terms for _, terms in described])
-    batch = replace(problems, used=used, free=free, excess=np.full(count, TOLERATED**2))
-    frame = batch.frame()
-    p = solve(frame, free, rounds=rounds)
-    chi2, dof = misfit(frame, p)
-    choices = []
+    used = np.array([octaves for octaves, _ in descriptions])
+    free = np.array([terms for _, terms in descriptions])
+    batch = replace(problems, used=used, free=free, excess=np.full(count, TOLERATED_ERROR**2))
+    prepared = batch.prepare()
+    p = solve(prepared, free, rounds=FIT_ROUNDS if rounds is None else rounds)
+    chi2, dof = misfit(prepared, p)
+    models = []
     for row in range(count):
         tested = bool(dof[row] > 0)
-        p_value = chi2_tail(float(chi2[row]), int(dof[row])) if tested else None
-        choices.append(
-            Choice(
+        p_value = float(chdtrc(dof[row], chi2[row])) if tested else None
+        models.append(
+            SelectedModel(
                 used[row],
                 free[row],
                 p[row],
@@ -160,99 +195,102 @@ def _tried(
                 float(chi2[row]) if tested else None,
                 int(dof[row]),
                 p_value,
-                p_value is None or p_value >= REJECTED,
+                p_value is None or p_value >= REJECTED_P,
             )
         )
-    return choices
+    return models
 
 
-def _all_tried(
-    problem: Problems, described: Sequence[tuple[Bools, Bools]], rounds: int = _ROUNDS
-) -> list[Choice]:
-    """The fits of one problem with all these octaves and terms."""
-    return _tried(_at(problem, [0] * len(described)), described, rounds)
+def _all_fitted(
+    problem: FitProblems, descriptions: Sequence[tuple[Bools, Bools]], rounds: int | None = None
+) -> list[SelectedModel]:
+    """Return the fits of one problem with each of some octaves and terms."""
+    return _fitted(_rows(problem, [0] * len(descriptions)), descriptions, rounds)
 
 
-def _scores(problems: Problems, choices: Sequence[Choice], wanted: Sequence[tuple[int, int]]) -> list[float]:
-    """Scores of terms at zero, given the others that were chosen; `wanted` are (problem, term)."""
-    if not wanted:
+def _scores(
+    problems: FitProblems, models: Sequence[SelectedModel], candidates: Sequence[tuple[int, int]]
+) -> list[float]:
+    """Return the scores of terms at zero, given the selected others; candidates are (problem, term)."""
+    if not candidates:
         return []
-    rows, terms = [row for row, _ in wanted], np.array([term for _, term in wanted])
-    free = np.array([choices[row].free for row in rows])
+    rows, terms = [row for row, _ in candidates], np.array([term for _, term in candidates])
+    free = np.array([models[row].free for row in rows])
     free[np.arange(len(rows)), terms] = True
-    batch = replace(_at(problems, rows), used=np.array([choices[row].used for row in rows]), free=free)
-    start = np.array([choices[row].p for row in rows])
-    z, _ = score(batch.frame(), free, terms, np.zeros(len(rows)), start)
+    batch = replace(_rows(problems, rows), used=np.array([models[row].used for row in rows]), free=free)
+    start = np.array([models[row].p for row in rows])
+    z, _ = score(batch.prepare(), free, terms, np.zeros(len(rows)), start)
     return [float(value) for value in z]
 
 
-def _with_terms(problems: Problems, choices: Sequence[Choice]) -> list[Choice]:
-    """The choices with quantisation or ramp where their scores want them and the fit then passes."""
-    tested: list[tuple[int, int]] = []
-    for row, choice in enumerate(choices):
-        terms = [term for term in (QUANTISATION, RAMP) if not choice.free[term]]
-        if choice.used.sum() >= FEWEST + len(terms):
-            tested += [(row, term) for term in terms]
-    wanted: dict[int, list[int]] = {}
-    for (row, term), z in zip(tested, _scores(problems, choices, tested), strict=True):
-        if (abs(z) if term == QUANTISATION else z) > WANTED[term]:
-            wanted.setdefault(row, []).append(term)
-    found = list(choices)
-    for row, terms in wanted.items():
-        found[row] = _with(_at(problems, [row]), choices[row], terms)
-    return found
+def _with_scored_terms(problems: FitProblems, models: Sequence[SelectedModel]) -> list[SelectedModel]:
+    """Return the models with quantisation or ramp where their scores are high and the fit then passes."""
+    candidates: list[tuple[int, int]] = []
+    for row, model in enumerate(models):
+        terms = [term for term in (QUANTISATION, RAMP) if not model.free[term]]
+        if model.used.sum() >= LEAST_OCTAVES + len(terms):
+            candidates += [(row, term) for term in terms]
+    added: dict[int, list[int]] = {}
+    for (row, term), z in zip(candidates, _scores(problems, models, candidates), strict=True):
+        if abs(z) > QUANTISATION_SCORE if term == QUANTISATION else z > RAMP_SCORE:
+            added.setdefault(row, []).append(term)
+    result = list(models)
+    for row, terms in added.items():
+        result[row] = _with_terms(_rows(problems, [row]), models[row], terms)
+    return result
 
 
-def _with(problem: Problems, choice: Choice, wanted: list[int]) -> Choice:
-    """The choice with one of the wanted terms, or all, where the fit then passes."""
-    for extra in [[term] for term in wanted] + ([wanted] if len(wanted) > 1 else []):
-        free = choice.free.copy()
+def _with_terms(problem: FitProblems, model: SelectedModel, terms: list[int]) -> SelectedModel:
+    """Return the model with one of the terms, or all of them, where the fit then passes."""
+    for extra in [[term] for term in terms] + ([terms] if len(terms) > 1 else []):
+        free = model.free.copy()
         free[extra] = True
-        found = _tried(problem, [(choice.used, free)])[0]
-        passes = found.p_value is None or found.p_value >= (REJECTED if choice.cured else CURED)
-        if passes and np.all(found.p[extra] != 0.0):
-            return found
-    return choice
+        fitted = _fitted(problem, [(model.used, free)])[0]
+        least = REJECTED_P if model.passes else ACCEPTED_P
+        if (fitted.p_value is None or fitted.p_value >= least) and np.all(fitted.p[extra] != 0.0):
+            return fitted
+    return model
 
 
-def _regained(problems: Problems, choices: Sequence[Choice]) -> list[Choice]:
-    """The choices with a term more, or else cheaper where that is plainly fine."""
+def _improved(problems: FitProblems, models: Sequence[SelectedModel]) -> list[SelectedModel]:
+    """Return the models with another term, or else cheaper ones where these pass clearly."""
     return [
-        again if again is not choice else _cheaper(_at(problems, [row]), choice)
-        for row, (choice, again) in enumerate(zip(choices, _with_terms(problems, choices), strict=True))
+        other if other is not model else _cheaper(_rows(problems, [row]), model)
+        for row, (model, other) in enumerate(zip(models, _with_scored_terms(problems, models), strict=True))
     ]
 
 
-def _cheaper(problem: Problems, choice: Choice) -> Choice:
-    """The choice with an octave more or a term less, where that is cheaper and plainly fine."""
-    everything = problem.used[0]
-    if np.array_equal(choice.used, everything) and np.array_equal(choice.free, _BASE):
-        return choice
-    masks = [choice.used, everything]
-    out = np.flatnonzero(everything & ~choice.used)
-    for octave in out[[0, -1]] if out.size else ():
-        masks.append(choice.used.copy())
+def _cheaper(problem: FitProblems, model: SelectedModel) -> SelectedModel:
+    """Return the model with another octave or one term less, where this is cheaper and passes clearly."""
+    available = problem.used[0]
+    if np.array_equal(model.used, available) and np.array_equal(model.free, _BASE):
+        return model
+    masks = [model.used, available]
+    excluded = np.flatnonzero(available & ~model.used)
+    for octave in excluded[[0, -1]] if excluded.size else ():
+        masks.append(model.used.copy())
         masks[-1][octave] = True
-    extras = np.flatnonzero(choice.free & ~_BASE).tolist()
-    fewer = [[term for term in extras if term != gone] for gone in extras]
+    extras = np.flatnonzero(model.free & ~_BASE).tolist()
+    fewer = [[term for term in extras if term != dropped] for dropped in extras]
     tries = [(mask, _terms(mask, extra)) for mask in masks for extra in [extras, *fewer]]
-    tries = [row for row in tries if _cost(*row) < _cost(choice.used, choice.free)]
+    tries = [row for row in tries if _cost(*row) < _cost(model.used, model.free)]
     if not tries:
-        return choice
-    for again in _all_tried(problem, tries):
-        if again.p_value is not None and again.p_value >= REGAINED and _unwanted(problem, again, choice.free):
-            return again
-    return choice
+        return model
+    for other in _all_fitted(problem, tries):
+        passes = other.p_value is not None and other.p_value >= REGAINED_P
+        if passes and _drops_nothing_visible(problem, other, model.free):
+            return other
+    return model
 
 
-def _unwanted(problem: Problems, choice: Choice, free: Bools) -> bool:
-    """Whether the terms that would be given up are not seen."""
-    gone = [int(term) for term in np.flatnonzero(free & ~choice.free)]
-    return not gone or max(_scores(problem, [choice], [(0, term) for term in gone])) < KEPT
+def _drops_nothing_visible(problem: FitProblems, model: SelectedModel, free: Bools) -> bool:
+    """Return whether the scores of the terms that the model drops are low."""
+    dropped = [int(term) for term in np.flatnonzero(free & ~model.free)]
+    return not dropped or max(_scores(problem, [model], [(0, term) for term in dropped])) < KEPT_SCORE
 
 
 def _terms(used: Bools, extra: Sequence[int]) -> Bools:
-    """(5,) terms that are free with these octaves."""
+    """Return (5,) the terms that are fitted with these octaves."""
     terms = _BASE.copy()
     terms[list(extra)] = True
     terms[QUANTISATION] |= not used[0]
@@ -260,86 +298,86 @@ def _terms(used: Bools, extra: Sequence[int]) -> Bools:
 
 
 def _cost(used: Bools, free: Bools) -> int:
-    """What a description costs; see the rules above.
+    """Return the cost of a description; see the rules above.
 
     >>> used = np.array([False, True, True, False, True])
     >>> _cost(used, _terms(used, [])), _cost(used[1:], _terms(used[1:], [RAMP]))
     (1, 2)
     """
-    out = np.flatnonzero(~used)
+    excluded = np.flatnonzero(~used)
     short = int(np.argmax(used))
-    further = out[out > short]
-    block = 0 if not further.size else LONELY if further[0] == short + 1 else BESIDE
-    return int(out.size + block + TERM_COST * (free.sum() - _terms(used, []).sum()))
+    further = excluded[excluded > short]
+    block = 0 if not further.size else LONELY_BLOCK_COST if further[0] == short + 1 else BLOCK_COST
+    return int(excluded.size + block + TERM_COST * (free.sum() - _terms(used, []).sum()))
 
 
-def _sought(problem: Problems, rejected: Choice) -> Choice:
-    """The cheapest description that passes, or the best of those that do not."""
+def _searched(problem: FitProblems, rejected: SelectedModel) -> SelectedModel:
+    """Return the cheapest description that passes, or the best of those that do not."""
     best = rejected
-    for cost in range(DEAREST + 1):
-        found = _all_tried(problem, _candidates(problem.used[0], cost), rounds=_SEARCH_ROUNDS)
-        found = [choice for choice in found if choice.p[RAMP] > 0.0 or not choice.free[RAMP]]
-        passed = [choice for choice in found if choice.p_value is not None and choice.p_value >= CURED]
+    for cost in range(MAX_COST + 1):
+        models = _all_fitted(problem, _candidates(problem.used[0], cost), rounds=SEARCH_ROUNDS)
+        models = [model for model in models if model.p[RAMP] > 0.0 or not model.free[RAMP]]
+        passed = [model for model in models if model.p_value is not None and model.p_value >= ACCEPTED_P]
         if passed:
-            return max(passed, key=lambda choice: (choice.used.sum(), choice.p_value))
-        best = max([best, *found], key=_quality)
+            return max(passed, key=lambda model: (model.used.sum(), model.p_value))
+        best = max([best, *models], key=_quality)
     return best
 
 
-def _quality(choice: Choice) -> float:
-    """Larger is better: minus chi-square per degree of freedom."""
-    return -np.inf if choice.chi2 is None else -choice.chi2 / choice.dof
+def _quality(model: SelectedModel) -> float:
+    """Return minus chi-square per degree of freedom."""
+    return -np.inf if model.chi2 is None else -model.chi2 / model.dof
 
 
 def _candidates(available: Bools, cost: int) -> list[tuple[Bools, Bools]]:
-    """Octaves, (k,), and terms, (5,), of all descriptions of one cost."""
-    found: list[tuple[Bools, Bools]] = []
+    """Return the octaves, (k,), and terms, (5,), of all descriptions of one cost."""
+    descriptions: list[tuple[Bools, Bools]] = []
     for extra in ((), (QUANTISATION,), (RAMP,), (QUANTISATION, RAMP)):
-        for left_out in _left_out(available.size, cost - TERM_COST * len(extra)):
+        for excluded in _exclusions(available.size, cost - TERM_COST * len(extra)):
             mask = available.copy()
-            mask[left_out] = False
+            mask[excluded] = False
             terms = _terms(mask, extra)
-            if mask.sum() >= FEWEST - 3 + terms.sum() and _cost(mask, terms) == cost:
-                found.append((mask, terms))
-    return found
+            if mask.sum() >= LEAST_OCTAVES - 3 + terms.sum() and _cost(mask, terms) == cost:
+                descriptions.append((mask, terms))
+    return descriptions
 
 
-def _left_out(octaves: int, cost: int) -> list[list[int]]:
-    """Octaves that may be left out at a cost: the shortest ones, a block further on, or both.
+def _exclusions(octaves: int, cost: int) -> list[list[int]]:
+    """Return the octaves that may be excluded at a cost: the shortest, a block further on, or both.
 
-    >>> _left_out(5, 1)
+    >>> _exclusions(5, 1)
     [[0], [2, 3], [3, 4], [0, 4]]
     """
-    found = [list(range(cost))] if 0 <= cost <= octaves else []
-    for short in range(SHORT + 1):
-        for begin in range(short + (STRETCH if short else 1), octaves):
-            length = cost - short - (LONELY if begin == 1 else BESIDE)
+    exclusions = [list(range(cost))] if 0 <= cost <= octaves else []
+    for short in range(MAX_SHORT + 1):
+        for begin in range(short + (LEAST_BETWEEN if short else 1), octaves):
+            length = cost - short - (LONELY_BLOCK_COST if begin == 1 else BLOCK_COST)
             if 1 <= length <= octaves - begin:
-                found.append([*range(short), *range(begin, begin + length)])
-    return found
+                exclusions.append([*range(short), *range(begin, begin + length)])
+    return exclusions
 
 
-def _finished(problems: Problems, choices: list[Choice]) -> list[Choice]:
-    """The choices with chi-square without tolerance and the model's own error where that is rejected."""
-    all_ = replace(
+def _with_error(problems: FitProblems, models: list[SelectedModel]) -> list[SelectedModel]:
+    """Return the models with chi-square without tolerance, and with their error where that rejects them."""
+    batch = replace(
         problems,
-        used=np.array([choice.used for choice in choices]),
-        free=np.array([choice.free for choice in choices]),
+        used=np.array([model.used for model in models]),
+        free=np.array([model.free for model in models]),
     )
-    frame = all_.frame()
-    p = solve(frame, all_.free, start=np.array([choice.p for choice in choices]))
-    chi2, dof = misfit(frame, p)
-    finished = []
-    for row, choice in enumerate(choices):
+    prepared = batch.prepare()
+    p = solve(prepared, batch.free, start=np.array([model.p for model in models]))
+    chi2, dof = misfit(prepared, p)
+    result = []
+    for row, model in enumerate(models):
         if dof[row] <= 0:
-            finished.append(replace(choice, p=p[row], chi2=None, dof=0, p_value=None))
+            result.append(replace(model, p=p[row], chi2=None, dof=0, p_value=None))
             continue
-        p_value, powers, excess = chi2_tail(float(chi2[row]), int(dof[row])), p[row], 0.0
-        if p_value < REJECTED:
-            powers, excess = _excused(_at(all_, [row]), p[row], int(dof[row]))
-        finished.append(
+        p_value, powers, excess = float(chdtrc(dof[row], chi2[row])), p[row], 0.0
+        if p_value < REJECTED_P:
+            powers, excess = _model_error(_rows(batch, [row]), p[row], int(dof[row]))
+        result.append(
             replace(
-                choice,
+                model,
                 p=powers,
                 excess=excess,
                 chi2=float(chi2[row]),
@@ -347,16 +385,16 @@ def _finished(problems: Problems, choices: list[Choice]) -> list[Choice]:
                 p_value=p_value,
             )
         )
-    return finished
+    return result
 
 
-def _excused(one: Problems, p: Floats, dof: int) -> tuple[Floats, float]:
-    """Powers, and the relative variance of the model that makes chi-square its expectation."""
-    low, high, excess, start = 1e-5, 30.0, 0.0, p[None]  # of the Allan variance, one standard deviation
-    for _ in range(14):
+def _model_error(problem: FitProblems, p: Floats, dof: int) -> tuple[Floats, float]:
+    """Return the powers, and the relative variance of the model that makes chi-square its expectation."""
+    low, high, excess, start = LEAST_ERROR, MAX_ERROR, 0.0, p[None]
+    for _ in range(ERROR_STEPS):
         excess = low * high
-        wide = replace(one, excess=np.array([excess])).frame()
-        start = solve(wide, one.free, start=start, rounds=_ROUNDS)
-        left, _ = misfit(wide, start)
-        low, high = (excess**0.5, high) if left[0] > dof else (low, excess**0.5)
-    return solve(wide, one.free, start=start)[0], excess
+        prepared = replace(problem, excess=np.array([excess])).prepare()
+        start = solve(prepared, problem.free, start=start, rounds=FIT_ROUNDS)
+        chi2, _ = misfit(prepared, start)
+        low, high = (excess**0.5, high) if chi2[0] > dof else (low, excess**0.5)
+    return solve(prepared, problem.free, start=start)[0], excess

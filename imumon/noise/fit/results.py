@@ -1,7 +1,7 @@
-"""Channel: its fit as it is given out, in SI.
+"""Fit of a channel in SI units, and the classical slope readings of its curve.
 
-Points follow every curve. Limits, status and times are those of the last renewal (`renewal`); the limits have
-moved along with their value since.
+Point estimates follow every curve. Limits, status and times are those of the last renewal (`confidence`); the
+limits have moved with their value since.
 """
 
 from __future__ import annotations
@@ -11,22 +11,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.confidence import Known, Status
+from imumon.noise.fit.confidence import ChannelConfidence
 from imumon.noise.fit.covariance import TERMS
-from imumon.noise.fit.leastsquares import Problems, solve
-from imumon.noise.fit.model_selection import QUANTISATION, RAMP, Choice, as_chosen
-from imumon.noise.fit.quantiles import chi2_quantile, few_differences_quantile
-from imumon.noise.fit.slope_reading import Readings, read_slopes
-from imumon.noise.fit.time_to_precision import TimeTo
+from imumon.noise.fit.leastsquares import RAMP, FitProblems, solve
+from imumon.noise.fit.model_selection import QUANTISATION, SelectedModel, with_selection
+from imumon.report import Readings, Status, TimeTo
 from imumon.samples import Bools, Floats
 
-_AGREES = 5.0  # standard deviations
+AGREEMENT = 5.0
+"""Standard deviations by which excluded octaves may differ from the model and still count as agreeing with
+it. Decides between the caveats ``quantised``, ``correlated`` and ``vibration`` only."""
+
+SLOPE_TOLERANCE = 0.2
+"""1, difference from the nominal slope of log sigma over log tau up to which a slope is read. Not critical:
+it decides whether there is a reading."""
+
+_FLICKER_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # sigma / B of flicker
+_FEW_EDF = (1.0, 1.02, 1.06, 1.14, 1.24, 1.45, 1.8, 2.4, 3.0, 3.6, 4.7, 6.4, 8.7, 12.2, 18.0)
+_FEW_QUANTILE = (
+    *(0.001, 0.0048, 0.0077, 0.0142, 0.02, 0.0305, 0.0475, 0.074),
+    *(0.103, 0.132, 0.182, 0.245, 0.314, 0.39, 0.472),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Coefficient:
+class FittedCoefficient:
     """N, B or K in SI with its 95 % limits; `value` is None unless measured."""
 
     value: float | None = None
@@ -38,28 +50,27 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChannelFit:
-    """What is known of one channel.
+    """Fit of one channel.
 
     Attributes
     ----------
     N, B, K : channel unit times sqrt(s), 1, 1/sqrt(s).
-    quantisation : channel unit times s, Q; None unless the data demand it.
-    ramp : channel unit per s, R; None unless the data demand it.
+    quantisation : channel unit times s, Q; None unless the data require it.
+    ramp : channel unit per s, R; None unless the data require it.
     chi2, dof, p_value : of the misfit; None while there is nothing to test.
-    model : (k,) channel unit, fitted Allan deviation; NaN-free, 0.0 where there is no fit.
-    used : (k,) octaves that the fit rests on.
+    model : (k,) channel unit, fitted Allan deviation; 0.0 where there is no fit.
+    used : (k,) octaves that the fit uses.
     low, high : (k,) channel unit, 95 % limits of the Allan deviation; 0.0 where there is no difference.
     edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
-    time_to : s, still to record.
+    time_to : s, still to record until N, B and K are as precise as requested.
     readings : classical slope readings.
-    caveats : words; ``misfit`` (what is left is no model, or rests on fewer than half of the octaves),
-        ``vibration`` and ``correlated`` (octaves left out, mostly above or below the model),
-        ``quantised``, ``ramp``.
+    caveats : ``misfit`` (no description passes, or it uses fewer than half of the octaves), ``vibration`` and
+        ``correlated`` (octaves excluded that lie mostly above or below the model), ``quantised``, ``ramp``.
     """
 
-    N: Coefficient
-    B: Coefficient
-    K: Coefficient
+    N: FittedCoefficient
+    B: FittedCoefficient
+    K: FittedCoefficient
     quantisation: float | None = None
     ramp: float | None = None
     chi2: float | None = None
@@ -75,34 +86,39 @@ class ChannelFit:
     caveats: tuple[str, ...] = ()
 
 
-def nothing(octaves: int, reason: str) -> ChannelFit:
-    """The fit of a channel of which nothing can be said."""
-    none = Coefficient(reason=reason)
+def pending_fit(octaves: int, reason: str) -> ChannelFit:
+    """Return the fit of a channel with too little data."""
+    pending = FittedCoefficient(reason=reason)
     zeros = np.zeros(octaves)
     unused = np.zeros(octaves, dtype=bool)
-    return ChannelFit(N=none, B=none, K=none, model=zeros, used=unused, low=zeros, high=zeros, edf=zeros)
+    return ChannelFit(
+        N=pending, B=pending, K=pending, model=zeros, used=unused, low=zeros, high=zeros, edf=zeros
+    )
 
 
 def channel_fits(
-    curve: AllanCurve, channels: Sequence[int], problems: Problems, known: Sequence[Known]
+    curve: AllanCurve,
+    channels: Sequence[int],
+    problems: FitProblems,
+    known: Sequence[ChannelConfidence],
 ) -> list[ChannelFit]:
-    """Fits of some channels of a curve.
+    """Return the fits of some channels of a curve.
 
     Parameters
     ----------
-    problems, known : (b) one a channel, in the order of `channels`.
+    problems, known : (b) one per channel, in the order of `channels`.
     """
-    problems = as_chosen(problems, [item.choice for item in known])
+    problems = with_selection(problems, [item.model for item in known])
     used = problems.used
-    frame = problems.frame()
-    p = solve(frame, problems.free, start=np.array([item.choice.p for item in known]))
-    whole = p * np.where(np.arange(len(TERMS)) == QUANTISATION, p > 0.0, 1.0)
-    every = replace(problems, used=np.ones_like(used), excess=np.zeros(len(known))).frame()
-    model = every.model(whole)
-    variance = np.einsum("bii->bi", every.covariance(whole, model))
-    model = np.where(used, frame.model(p), model)
-    edf = 2.0 / variance
-    low, high = np.sqrt(edf / chi2_quantile(0.975, edf)), 1.0 / np.sqrt(few_differences_quantile(edf))
+    prepared = problems.prepare()
+    p = solve(prepared, problems.free, start=np.array([item.model.p for item in known]))
+    positive = p * np.where(np.arange(len(TERMS)) == QUANTISATION, p > 0.0, 1.0)
+    every = replace(problems, used=np.ones_like(used), excess=np.zeros(len(known))).prepare()
+    model = every.model(positive)
+    edf = 2.0 / np.einsum("bii->bi", every.covariance(positive, model))
+    model = np.where(used, prepared.model(p), model)
+    low = 1.0 / np.sqrt(_share_of_expectation(0.975, edf))
+    high = 1.0 / np.sqrt(_few_differences_quantile(edf))
     return [
         _channel(curve, channel, p[row], known[row], used[row], model[row], edf[row], (low[row], high[row]))
         for row, channel in enumerate(channels)
@@ -113,76 +129,131 @@ def _channel(
     curve: AllanCurve,
     channel: int,
     p: Floats,
-    known: Known,
+    known: ChannelConfidence,
     used: Bools,
     model: Floats,
     edf: Floats,
     limits: tuple[Floats, Floats],
 ) -> ChannelFit:
-    """Everything about one channel in SI; `limits` are those of the Allan deviation over the one found."""
+    """Return the fit of one channel; `limits` are those of the Allan deviation over its estimate."""
     total, k = len(curve.m), model.size
     tau0 = curve.tau0
     unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0, tau0**2, 1.0 / tau0**2]))
-    there = curve.terms[:k, channel] > 0
+    present = curve.terms[:k, channel] > 0
     sigma = curve.sigma[:k, channel]
-    low, high = (np.where(there, sigma * limit, 0.0) for limit in limits)
-    choice = known.choice
-    clear = there & (sigma > 0.0)
-    caveats = _caveats(replace(choice, p=p), used, there, sigma**2, model, edf)
+    low, high = (np.where(present, sigma * limit, 0.0) for limit in limits)
+    selected = known.model
+    positive = present & (sigma > 0.0)
+    caveats = _caveats(replace(selected, p=p), used, present, sigma**2, model, edf)
+    quantised = "quantised" in caveats
     return ChannelFit(
         **{name: _coefficient(p, known, term, float(unit[term])) for term, name in enumerate(TERMS[:3])},
-        quantisation=float(math.sqrt(p[QUANTISATION]) * unit[QUANTISATION])
-        if "quantised" in caveats
-        else None,
+        quantisation=float(math.sqrt(p[QUANTISATION]) * unit[QUANTISATION]) if quantised else None,
         ramp=float(math.sqrt(p[RAMP]) * unit[RAMP]) if p[RAMP] > 0.0 else None,
-        chi2=choice.chi2,
-        dof=choice.dof if choice.chi2 is not None else None,
-        p_value=choice.p_value,
-        model=_stretched(np.sqrt(model), total),
-        used=_stretched(used, total),
-        low=_stretched(low, total),
-        high=_stretched(high, total),
-        edf=_stretched(np.where(there, edf, 0.0), total),
+        chi2=selected.chi2,
+        dof=selected.dof if selected.chi2 is not None else None,
+        p_value=selected.p_value,
+        model=_padded(np.sqrt(model), total),
+        used=_padded(used, total),
+        low=_padded(low, total),
+        high=_padded(high, total),
+        edf=_padded(np.where(present, edf, 0.0), total),
         time_to=known.time_to,
-        readings=read_slopes(curve.tau[:k][clear], sigma[clear]),
+        readings=read_slopes(curve.tau[:k][positive], sigma[positive]),
         caveats=caveats,
     )
 
 
-def _coefficient(p: Floats, known: Known, term: int, unit: float) -> Coefficient:
-    """One coefficient in SI; its limits moved along with its value since they were worked out."""
-    status, then = known.status[term], known.choice.p[term]
+def _coefficient(p: Floats, known: ChannelConfidence, term: int, unit: float) -> FittedCoefficient:
+    """Return one coefficient in SI; its limits move with its value since they were computed."""
+    status, then = known.status[term], known.model.p[term]
     if status == "pending":
-        return Coefficient(reason=known.reasons[term])
+        return FittedCoefficient(reason=known.reasons[term])
     high = math.sqrt(known.high[term]) * unit
     if status == "upper_bound":
-        return Coefficient(low=0.0, high=high, status=status, reason=known.reasons[term])
-    moved = math.sqrt(p[term] / then) if p[term] > 0.0 and then > 0.0 else 1.0
-    value = math.sqrt(then) * moved * unit
+        return FittedCoefficient(low=0.0, high=high, status=status, reason=known.reasons[term])
+    ratio = math.sqrt(p[term] / then) if p[term] > 0.0 and then > 0.0 else 1.0
+    value = math.sqrt(then) * ratio * unit
     low = math.sqrt(known.low[term]) * unit
-    return Coefficient(value=value, low=min(low * moved, value), high=max(high * moved, value), status=status)
+    return FittedCoefficient(
+        value=value, low=min(low * ratio, value), high=max(high * ratio, value), status=status
+    )
 
 
 def _caveats(
-    choice: Choice, used: Bools, there: Bools, found: Floats, model: Floats, edf: Floats
+    selected: SelectedModel, used: Bools, present: Bools, variance: Floats, model: Floats, edf: Floats
 ) -> tuple[str, ...]:
-    out = there & ~used
-    words = ["misfit"] if not choice.cured or out.sum() > used.sum() else []
-    below, agree = choice.p[QUANTISATION] < 0.0, True
-    if np.any(out):
-        z = (found[out] / model[out] - 1.0) * np.sqrt(edf[out] / 2.0)
-        below, agree = bool(z[np.argmax(np.abs(z))] < 0.0), bool(np.abs(z).max() < _AGREES)
+    excluded = present & ~used
+    caveats = ["misfit"] if not selected.passes or excluded.sum() > used.sum() else []
+    below, agree = selected.p[QUANTISATION] < 0.0, True
+    if np.any(excluded):
+        z = (variance[excluded] / model[excluded] - 1.0) * np.sqrt(edf[excluded] / 2.0)
+        below, agree = bool(z[np.argmax(np.abs(z))] < 0.0), bool(np.abs(z).max() < AGREEMENT)
     first = int(np.argmax(used))
-    leads = 3.0 * choice.p[QUANTISATION] / 4.0**first > choice.p[0] / 2.0**first
-    if choice.p[QUANTISATION] > 0.0 and (agree or (below and leads)):
-        words.append("quantised")  # rounding makes the shortest octaves too low, if anything
-    elif np.any(out) or choice.p[QUANTISATION] != 0.0:
-        words.append("correlated" if below else "vibration")
-    if choice.free[RAMP]:
-        words.append("ramp")
-    return tuple(words)
+    dominates = 3.0 * selected.p[QUANTISATION] / 4.0**first > selected.p[0] / 2.0**first
+    if selected.p[QUANTISATION] > 0.0 and (agree or (below and dominates)):
+        caveats.append("quantised")  # rounding makes the shortest octaves too low, if anything
+    elif np.any(excluded) or selected.p[QUANTISATION] != 0.0:
+        caveats.append("correlated" if below else "vibration")
+    if selected.free[RAMP]:
+        caveats.append("ramp")
+    return tuple(caveats)
 
 
-def _stretched(values: np.ndarray, octaves: int) -> np.ndarray:
-    """(octaves,) with zeros behind."""
+def _share_of_expectation(probability: float, dof: Floats) -> Floats:
+    """Return the chi-square quantile over its expectation, for any positive degrees of freedom."""
+    return np.asarray(2.0 * gammaincinv(dof / 2.0, probability) / dof)
+
+
+def _few_differences_quantile(dof: Floats) -> Floats:
+    """Return the 2.5 % quantile of an Allan variance over its expectation, also for few differences.
+
+    Chi-square of the same equivalent degrees of freedom has too long a tail towards zero there: several
+    squares of unequal weights are less often all small than one and a fraction of equal ones. The table is
+    the distribution of the squares with their weights, the eigenvalues of the covariance of the differences
+    at R = 8, for flicker and random walk (white noise is up to a third narrower); from 18 degrees of freedom
+    on it is that of chi-square. It is lowered by a tenth, because the degrees of freedom are fitted too.
+
+    >>> _few_differences_quantile(np.array([1.0, 1.24, 100.0])).round(3)
+    array([0.001, 0.02 , 0.742])
+    """
+    few = np.interp(np.log(dof), np.log(_FEW_EDF), _FEW_QUANTILE)
+    return np.asarray(np.where(dof < _FEW_EDF[-1], few, _share_of_expectation(0.025, dof)))
+
+
+def _padded(values: np.ndarray, octaves: int) -> np.ndarray:
+    """(octaves,), with zeros appended."""
     return np.concatenate([values, np.zeros(octaves - values.size, dtype=values.dtype)])
+
+
+def read_slopes(tau: Floats, sigma: Floats) -> Readings:
+    """Read N, B and K off a curve in the classical way, for comparison with papers and other tools.
+
+    N is the line of slope -1/2 read at 1 s, K the line of slope +1/2 read at 3 s, B the flat part divided by
+    sqrt(2 ln 2 / pi) = 0.664 (IEEE Std 952 annex C; the same as in MATLAB's example). Each line goes through
+    the octave whose slope to the next is nearest to the nominal one; None where no slope is within
+    `SLOPE_TOLERANCE` of it.
+
+    Parameters
+    ----------
+    tau : (k,) s
+    sigma : (k,) channel unit, all positive.
+
+    >>> tau = 2.0 ** np.arange(-5, 16)
+    >>> readings = read_slopes(tau, np.sqrt(0.01**2 / tau + (0.664 * 3e-3) ** 2 + 1e-4**2 * tau / 3))
+    >>> print(f"{readings.N:.4f} {readings.B:.4f} {readings.K:.2e}")
+    0.0100 0.0034 1.04e-04
+    """
+    if sigma.size < 3:
+        return Readings()
+    x, y = np.log(tau), np.log(sigma)
+    slope = np.diff(y) / np.diff(x)
+
+    def line(nominal: float, at: float) -> float | None:
+        nearest = int(np.argmin(np.abs(slope - nominal)))
+        if abs(slope[nearest] - nominal) > SLOPE_TOLERANCE:
+            return None
+        return float(np.exp(y[nearest] + nominal * (math.log(at) - x[nearest])))
+
+    floor = line(0.0, 1.0)
+    return Readings(N=line(-0.5, 1.0), B=None if floor is None else floor / _FLICKER_FACTOR, K=line(0.5, 3.0))

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.allan.windows import Mark, Stretch, WindowedCascade
+from imumon.noise.allan.windows import Window, WindowedCascade, WindowSums
 from imumon.noise.detection.disturbance import under
 from imumon.noise.nonstationarity.change import Behaviour, Change, changes
 from imumon.noise.nonstationarity.drift import Drift
@@ -47,7 +47,7 @@ class Hour:
 
     start: int
     count: int
-    stretch: Stretch
+    stretch: WindowSums
     moments: Moments
 
     def joined(self, other: Hour) -> Hour:
@@ -101,10 +101,10 @@ class HourlyStatistics:
         self._cascade = WindowedCascade(OctaveCascade(noisy, interval_s, groups=self._groups[:noisy]))
         self._candidates = [round(t * rate) for t in TIMES_S] if warming else []
         self._hour = round(HOUR_S * rate)
-        self._marks: dict[int, Mark] = {0: self._cascade.mark()}
+        self._marks: dict[int, Window] = {0: self._cascade.open_window()}
         self._start = 0  # end of the warm-up
         self.warmup_s = 0.0
-        self._hour_mark = self._cascade.mark()
+        self._hour_mark = self._cascade.open_window()
         self._pieces: list[tuple[int, Moments]] = [(0, self._new())]
         self._finished: Moments | None = None  # of the pieces that count but for the last, once asked for
         self._hours: list[Hour] = []
@@ -153,7 +153,7 @@ class HourlyStatistics:
         """Allan curve of everything behind the warm-up."""
         if not self._start:
             return self._cascade.cascade.result()
-        return self._curve(self._cascade.since(self._marks[self._start]))
+        return self._curve(self._cascade.sums_since(self._marks[self._start]))
 
     def running(self) -> MomentsResult:
         """Moments of everything behind the warm-up."""
@@ -186,7 +186,7 @@ class HourlyStatistics:
         """What falls due at this place."""
         at = self.position
         if at in self._candidates:
-            self._marks[at] = self._cascade.mark()
+            self._marks[at] = self._cascade.open_window()
             self._begin_piece(at)
         for candidate in self._candidates:
             if at == round(ENOUGH * candidate):
@@ -199,7 +199,7 @@ class HourlyStatistics:
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
         # noise fitted behind the candidate: what came before may be a ramp
-        fits = self._fit(self._curve(self._cascade.since(mark)).of(self._warming))
+        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self._warming))
         over = [share * middle for share in OVER]
         settled = any(
             (found := self.drift.decay(c, over, begin)) is not None and found.plain for c in self._warming
@@ -213,7 +213,7 @@ class HourlyStatistics:
             self.warmup_s = self._warmed()
             self._hours, self._moved = [], []
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
-            self._cascade.forget(self._marks.pop(start))
+            self._cascade.close_window(self._marks.pop(start))
 
     def _warmed(self) -> float:
         """s, length of the samples before the warm-up's end."""
@@ -224,10 +224,10 @@ class HourlyStatistics:
 
     def _end_hour(self, at: int) -> None:
         """An hour is over: keep it, and compare it with those before."""
-        stretch = self._cascade.ended(self._hour_mark)
+        stretch = self._cascade.block_sums_since(self._hour_mark)
         start = max(self._start, at - self._hour)
-        self._cascade.forget(self._hour_mark)
-        self._hour_mark = self._cascade.mark()
+        self._cascade.close_window(self._hour_mark)
+        self._hour_mark = self._cascade.open_window()
         if at - self._hour >= self._start and stretch.valid.any():
             moments = self._joined(start, at).copy()
             last = Hour(start, 1, stretch, moments)
@@ -289,7 +289,7 @@ class HourlyStatistics:
             whole.merge(moments)
         return whole
 
-    def _curve(self, stretch: Stretch) -> AllanCurve:
+    def _curve(self, stretch: WindowSums) -> AllanCurve:
         return stretch.curve(self._interval, self._cascade.cascade.ratio)
 
     def _new(self) -> Moments:
@@ -301,7 +301,7 @@ class HourlyStatistics:
         """State as arrays."""
         out = {f"cascade.{k}": v for k, v in self._cascade.save().items()}
         out |= {f"drift.{k}": v for k, v in self.drift.save().items()}
-        order = list(self._cascade.marks)
+        order = list(self._cascade.windows)
         marks = [[start, order.index(mark)] for start, mark in self._marks.items()]
         out["marks"] = np.array(marks, dtype=np.int64).reshape(-1, 2)
         hour = next(i for i, mark in enumerate(order) if mark is self._hour_mark)
@@ -312,7 +312,7 @@ class HourlyStatistics:
         out["hours"] = np.array([[h.start, h.count] for h in self._hours], dtype=np.int64).reshape(-1, 2)
         for number, each in enumerate(self._hours):
             part, s = f"hour{number}.", each.stretch
-            out |= {f"{part}squares": s.squares, f"{part}terms": s.terms, f"{part}lacks": s.lacks}
+            out |= {f"{part}squares": s.squares, f"{part}terms": s.terms, f"{part}lacks": s.white_excess}
             out[f"{part}valid"] = s.valid
             out[f"{part}numbers"] = np.array([s.span, s.segments], dtype=np.int64)
             out |= {f"{part}moments.{k}": v for k, v in each.moments.save().items()}
@@ -322,7 +322,7 @@ class HourlyStatistics:
         """Continue where `save` left off, in a history just made with the same arguments."""
         self._cascade = WindowedCascade.restore(under(saved, "cascade."))
         self.drift = Drift.restore(under(saved, "drift."))
-        marks = self._cascade.marks
+        marks = self._cascade.windows
         self._start, hour = (int(v) for v in saved["numbers"])
         self._marks = {int(start): marks[int(number)] for start, number in saved["marks"]}
         self._hour_mark = marks[hour]
@@ -336,6 +336,6 @@ class HourlyStatistics:
         for number, (start, count) in enumerate(saved["hours"]):
             own = under(saved, f"hour{number}.")
             span, segments = (int(v) for v in own["numbers"])
-            stretch = Stretch(own["squares"], own["terms"], own["lacks"], own["valid"], span, segments)
+            stretch = WindowSums(own["squares"], own["terms"], own["lacks"], own["valid"], span, segments)
             moments = Moments.restore(under(own, "moments."))
             self._hours.append(Hour(int(start), int(count), stretch, moments))

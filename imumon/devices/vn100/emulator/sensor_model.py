@@ -77,8 +77,8 @@ class SensorModel:
         at = np.arange(self.end, self.end + ticks)
         new = np.empty((len(CONSTANT), ticks))
         warm = self._settings.warm_up * -np.exp(-np.maximum(at, 0) / (self._settings.warm_up_s * LOOP_RATE))
-        new[GYRO] = self._gyro.take(ticks).T + self._settings.gyro_thermal * warm
-        new[ACCEL] = self._accel.take(ticks).T
+        new[GYRO] = self._gyro.generate(ticks).T + self._settings.gyro_thermal * warm
+        new[ACCEL] = self._accel.generate(ticks).T
         new[MAG] = self._magnetic(at)
         new[TEMPERATURE] = warm + 0.02 * self._thermometer.standard_normal(ticks)
         new[PRESSURE] = 0.003 * self._barometer.standard_normal(ticks)
@@ -96,7 +96,7 @@ class SensorModel:
         """Return the last magnetometer reading at each tick, (3, n) gauss."""
         reading = at * MAG_RATE // LOOP_RATE
         before = (at[0] - 1) * MAG_RATE // LOOP_RATE
-        fresh = self._mag.take(int(reading[-1] - before)).T
+        fresh = self._mag.generate(int(reading[-1] - before)).T
         if self._settings.hum:
             time_s = np.arange(before + 1, reading[-1] + 1) / MAG_RATE
             phase = 2.0 * pi * self._settings.hum_hz * time_s

@@ -1,4 +1,4 @@
-"""Laws of marks: what came since a mark is what a cascade begun there would have."""
+"""Laws of windows: the sums since the start of a window are those of a cascade that begins there."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from imumon.noise.allan.windows import WindowedCascade
 RNG = np.random.default_rng(11)
 
 
-def marked() -> WindowedCascade:
+def windowed() -> WindowedCascade:
     return WindowedCascade(OctaveCascade(2, 0.01))
 
 
-def test_since_a_mark_is_a_cascade_begun_there() -> None:
+def test_a_window_equals_a_cascade_that_begins_there() -> None:
     x = np.cumsum(RNG.normal(size=(40_000, 2)), axis=0) + 100.0
-    whole = marked()
+    whole = windowed()
     whole.update(x[: 7 * BLOCK])
-    mark = whole.mark()
+    window = whole.open_window()
     whole.update(x[7 * BLOCK :])
-    found = whole.since(mark).curve(0.01, 8)
+    found = whole.sums_since(window).curve(0.01, 8)
     alone = OctaveCascade(2, 0.01)
     alone.update(x[7 * BLOCK :])
     expected = alone.result()
     k = len(expected.m)
     assert len(found.m) == k
     assert found.span == expected.span
-    # a block's worth of differences may be missing at each octave, no more, and none is added
+    # at most one block of differences is missing at each octave, and none is added
     lost = expected.terms - found.terms[:k]
     assert np.all(lost >= 0)
     assert np.all(lost <= BLOCK / expected.stride[:, None])
     np.testing.assert_allclose(found.avar[:8], expected.avar[:8], rtol=0.05)
 
 
-def test_early_ramp_leaves_no_trace_behind_its_mark() -> None:
+def test_an_early_ramp_has_no_effect_on_a_later_window() -> None:
     x = RNG.normal(size=(60_000, 2))
     ramp = x.copy()
     ramp[: 20 * BLOCK] += np.linspace(1e3, 0, 20 * BLOCK)[:, None]
     curves = []
     for series in (x, ramp):
-        one = marked()
+        one = windowed()
         one.update(series[: 20 * BLOCK])
-        mark = one.mark()
+        window = one.open_window()
         one.update(series[20 * BLOCK :])
-        curves.append(one.since(mark).curve(0.01, 8))
+        curves.append(one.sums_since(window).curve(0.01, 8))
     np.testing.assert_allclose(curves[0].avar, curves[1].avar, rtol=1e-6)
     np.testing.assert_array_equal(curves[0].terms, curves[1].terms)
 
@@ -59,29 +59,29 @@ def test_any_chunking_gives_the_same(cuts: list[int], at: int) -> None:
     x = np.random.default_rng(5).normal(size=(14_000, 2))
     found = []
     for pieces in ([], cuts):
-        one = marked()
-        done, mark = 0, None
+        one = windowed()
+        done, window = 0, None
         for stop in sorted({*(c for c in pieces if c < 14_000), at, 14_000}):
             one.update(x[done:stop])
             done = stop
             if stop == at:
-                mark = one.mark()
-        if mark is None:
-            mark = one.mark()
-        found.append(one.since(mark))
+                window = one.open_window()
+        if window is None:
+            window = one.open_window()
+        found.append(one.sums_since(window))
     np.testing.assert_array_equal(found[0].terms, found[1].terms)
     np.testing.assert_array_equal(found[0].squares, found[1].squares)
 
 
-def test_stretches_add_up_to_merged_cascades() -> None:
+def test_window_sums_add_up_to_merged_cascades() -> None:
     x = RNG.normal(size=(30 * BLOCK, 2))
-    one = marked()
+    one = windowed()
     parts = []
     for start in range(0, len(x), 10 * BLOCK):
-        mark = one.mark()
+        window = one.open_window()
         one.update(x[start : start + 10 * BLOCK])
-        parts.append(one.ended(mark))
-        one.forget(mark)
+        parts.append(one.block_sums_since(window))
+        one.close_window(window)
     total = (parts[0] + parts[1] + parts[2]).curve(0.01, 8)
     merged = OctaveCascade(2, 0.01)
     for start in range(0, len(x), 10 * BLOCK):
@@ -94,43 +94,43 @@ def test_stretches_add_up_to_merged_cascades() -> None:
     np.testing.assert_allclose(total.avar[:6], expected.avar[:6], rtol=0.15)
 
 
-def test_holes_and_breaks_are_kept() -> None:
+def test_gaps_and_breaks_are_counted() -> None:
     x = RNG.normal(size=(20_000, 2))
-    one = marked()
+    one = windowed()
     one.update(x[:3000])
-    mark = one.mark()
+    window = one.open_window()
     one.update(x[3000:6000])
     one.break_()
     one.update(x[6000:9000])
     one.skip(10**6)
     one.update(x[9000:])
-    found = one.since(mark)
-    assert found.span == 20_000 + 10**6 - mark.start
-    assert found.valid[0] == 20_000 - mark.start
+    found = one.sums_since(window)
+    assert found.span == 20_000 + 10**6 - window.start
+    assert found.valid[0] == 20_000 - window.start
     assert found.segments == 2
     assert np.all(found.squares >= -1e-9)
 
 
-def test_saved_marks_continue() -> None:
+def test_saved_windows_continue() -> None:
     x = RNG.normal(size=(50_000, 2))
-    one = marked()
+    one = windowed()
     one.update(x[:5000])
-    one.mark()
+    one.open_window()
     one.update(x[5000:20_000])
     again = WindowedCascade.restore(one.save())
     for each in (one, again):
         each.update(x[20_000:])
-    a, b = one.since(one.marks[0]), again.since(again.marks[0])
+    a, b = one.sums_since(one.windows[0]), again.sums_since(again.windows[0])
     np.testing.assert_array_equal(a.squares, b.squares)
     np.testing.assert_array_equal(a.terms, b.terms)
 
 
-def test_a_mark_at_the_start_is_everything() -> None:
+def test_a_window_at_the_start_is_the_whole_record() -> None:
     x = RNG.normal(size=(5000, 2))
-    one = marked()
-    mark = one.mark()
+    one = windowed()
+    window = one.open_window()
     one.update(x)
     expected = one.cascade.result()
-    found = one.since(mark).curve(0.01, 8)
+    found = one.sums_since(window).curve(0.01, 8)
     np.testing.assert_array_equal(found.terms, expected.terms)
     assert found.avar == pytest.approx(expected.avar)
