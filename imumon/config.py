@@ -1,164 +1,185 @@
-"""Settings: a TOML file and the command line to one frozen tree, or every fault at once.
+"""Settings: a TOML file and the options of the command line become one immutable tree.
 
-A person who wrote a file with five mistakes wants to see five lines, each with the line of the file, what is
-allowed and the nearest right name; and to see later where a value came from. So every section is checked by
-pydantic, its errors are rewritten here, and `Settings.origins` keeps the origin of each value. What a setting
-is for stands beside its type; `config.toml` at the top of the project is `render(Settings())`. An empty file
-is valid. Empty text, 0 and [] mean "not given".
-
-Only this file knows pydantic, and it imports it where there is something to check: it takes its time and
-8 MB, which nobody pays who has neither a file nor a flag, and a daemon only until the check is done
-(`load_apart`).
+All faults of a file are reported at once, each with its line, what is allowed and the nearest valid name, and
+`Settings.origins` keeps where each value comes from. A setting is declared once: its type and limits are checked
+by pydantic, its description is the comment in `config.toml`, which is ``render(Settings())``. An empty file is
+valid. Empty text, 0 and [] mean "not given".
 """
 
 from __future__ import annotations
 
 import difflib
-import json
 import os
-import pickle
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import date, time
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
+from annotated_types import Ge, Gt, Le, Lt, MaxLen
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from imumon.errors import ImumonError
+
 Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
+TextList: TypeAlias = Annotated[tuple[str, ...], Field(strict=False)]
+"""A TOML list of texts; not strict, because a list is not a tuple."""
+
 SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
+"""Limits of a sample rate, Hz."""
+SHOWN_CHARACTERS = 40
+"""Longest value in a message, characters."""
+SECTION_CUTOFF, SETTING_CUTOFF = 0.5, 0.6
+"""Least similarity (`difflib`) of a name that is suggested."""
 
 
-class ConfigError(Exception):
-    """Faults of a file or of the command line, one a line, each with its cure."""
+@dataclass(frozen=True, slots=True)
+class ConfigFault:
+    """One fault of a file or of the command line.
+
+    Attributes
+    ----------
+    code : ``file_unreadable``, ``not_utf8``, ``not_toml``, ``unknown_section``, ``unknown_setting``,
+        ``not_a_section``, ``invalid_value``, ``invalid_character``, ``too_deep`` or ``contradiction``.
+    place : ``config.toml:12``, ``config.toml`` or ``command line``.
+    setting : dotted name, empty for a fault of the whole file.
+    message, cure : what is wrong, and what to do; the cure may be empty.
+    """
+
+    code: str
+    place: str
+    setting: str
+    message: str
+    cure: str = ""
+
+    def __str__(self) -> str:
+        text = ": ".join(filter(None, (self.place, self.setting, self.message)))
+        return f"{text}; {self.cure}" if self.cure else text
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResourceLimits:
-    """Bounds of a number, or the longest text, under pydantic's names."""
+class ConfigError(ImumonError):
+    """The settings have faults.
 
-    ge: float | None = None
-    gt: float | None = None
-    le: float | None = None
-    lt: float | None = None
-    max_length: int | None = None
+    Attributes
+    ----------
+    faults : all of them, in the order of the file.
+    """
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
-        given = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {**handler(source), **{name: value for name, value in given.items() if value is not None}}
+    def __init__(self, *faults: ConfigFault) -> None:
+        super().__init__("invalid_settings", "\n".join(map(str, faults)))
+        self.faults = faults
 
 
-@dataclass(frozen=True, kw_only=True)
-class DeviceSettings:
-    """The sensor, its port and what to ask of it"""
+class Section(BaseModel):
+    """Section of the file: values have exactly the declared type."""
 
-    port: Annotated[str, 'device path, pyserial URL or "sim"; empty: the one sensor that is found'] = ""
-    baud: Annotated[Baud, '"auto" finds it'] = "auto"
-    set_baud: Annotated[NewBaud, "change the sensor's baud to this until its next power-up; 0: never"] = 0
-    rate_hz: Annotated[
-        float, ResourceLimits(ge=0.0, le=FASTEST_HZ), "sample rate of a stream without a clock; 0: not given"
-    ] = 0.0
-    listen_only: Annotated[bool, "write nothing to the sensor; characterise what it already sends"] = False
-    stream: Annotated[
-        Literal["deltas", "uncompensated", "compensated"],
-        "what to ask the sensor for: deltas, uncompensated or compensated",
-    ] = "deltas"
-    id: Annotated[
-        str, ResourceLimits(max_length=64), "name in the Zenoh keys; empty: vn100-<serial number>"
-    ] = ""
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ZenohSettings:
-    """The bus: where the daemon listens, whom it lets in"""
+class DeviceSettings(Section):
+    """The device, its port and what to request from it"""
 
-    listen: Annotated[tuple[str, ...], "endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463"] = ()
-    connect: Annotated[
-        tuple[str, ...], "endpoints of routers to publish through as well; they may come and go"
-    ] = ()
-    mode: Annotated[Literal["peer", "router"], "peer; or router: others may connect as to a router"] = "peer"
-    user: Annotated[
-        str, "name to log in with at the other side, which others must give to connect to us, too"
-    ] = ""
-    password: Annotated[
-        str, "and its password; keep the file from others (of a service: group dialout, mode 0640)"
-    ] = ""
-    users_file: Annotated[
-        str, "who else may connect to us: a file of lines user:password; empty, and no user: everybody"
-    ] = ""
-    certificate: Annotated[str, "own TLS certificate, PEM"] = ""
-    key: Annotated[str, "and its private key, PEM"] = ""
-    ca: Annotated[str, "authority that must have signed the other side's certificate, PEM"] = ""
-    verify_name: Annotated[bool, "the certificate must also name the host that is connected to"] = True
-    read_only: Annotated[bool, "others may read and ask, but nothing they publish gets in"] = True
-    allow: Annotated[tuple[str, ...], "certificate or user names that may read; empty: all who get in"] = ()
-    insecure: Annotated[bool, "listen beyond this machine without TLS"] = False
-    raw: Annotated[Mapping[str, Any], 'further settings of Zenoh: "path/of/setting" = value'] = field(
-        default_factory=dict
+    port: str = Field("", description='device path, pyserial URL or "sim"; empty: the only sensor found')
+    baud: Baud = Field("auto", description='"auto" detects it')
+    set_baud: NewBaud = Field(
+        0, description="change the baud of the sensor until its next power-up; 0: never"
+    )
+    rate_hz: float = Field(
+        0.0, ge=0.0, le=FASTEST_HZ, description="sample rate of a stream without a clock; 0: not given"
+    )
+    listen_only: bool = Field(
+        False, description="write nothing to the sensor; characterize the stream that it already sends"
+    )
+    stream: Literal["deltas", "uncompensated", "compensated"] = Field(
+        "deltas", description="stream to request from the sensor: deltas, uncompensated or compensated"
+    )
+    id: str = Field("", max_length=64, description="name in the Zenoh keys; empty: vn100-<serial number>")
+
+
+class ZenohSettings(Section):
+    """The bus: where the daemon listens, and who may connect"""
+
+    listen: TextList = Field((), description="endpoints; empty: first free of tcp/127.0.0.1:7448 to 7463")
+    connect: TextList = Field(
+        (), description="endpoints of routers to publish through as well; they may come and go"
+    )
+    mode: Literal["peer", "router"] = Field(
+        "peer", description="peer; or router: others may connect as to one"
+    )
+    user: str = Field("", description="name to log in with; others who connect must give it too")
+    password: str = Field(
+        "", description="its password; protect this file (of a service: group dialout, mode 0640)"
+    )
+    users_file: str = Field(
+        "", description="who else may connect: file of lines user:password; empty, and no user: everybody"
+    )
+    certificate: str = Field("", description="own TLS certificate, PEM")
+    key: str = Field("", description="its private key, PEM")
+    ca: str = Field("", description="authority that must have signed the certificate of the other side, PEM")
+    verify_name: bool = Field(True, description="the certificate must also name the host of the connection")
+    read_only: bool = Field(True, description="others may subscribe and query, but publish nothing")
+    allow: TextList = Field(
+        (), description="certificate or user names that may read; empty: all that may connect"
+    )
+    insecure: bool = Field(False, description="allow listening beyond this machine without TLS")
+    raw: Mapping[str, Any] = Field(
+        default_factory=dict, description='more settings of Zenoh: "path/of/setting" = value'
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class StateSettings:
+class StateSettings(Section):
     """The accumulated statistics on disk"""
 
-    directory: Annotated[
-        str, "empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"
-    ] = ""
-    save_period_s: Annotated[
-        float, ResourceLimits(ge=1.0, le=3600.0), "what a power cut may cost, in seconds"
-    ] = 30.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordSettings:
-    """The raw bytes, kept for replay"""
-
-    file: Annotated[str, "empty: none are kept"] = ""
-    rotate_mb: Annotated[float, ResourceLimits(ge=0.0, le=1e6), "begin a new file at this size; 0: never"] = (
-        0.0
+    directory: str = Field(
+        "", description="empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"
     )
-    gzip: Annotated[bool, "compress"] = False
+    save_period_s: float = Field(
+        30.0, ge=1.0, le=3600.0, description="between two saves, which a power cut may lose, in seconds"
+    )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportSettings:
-    """What is published and how precise is precise enough"""
+class RecordSettings(Section):
+    """The raw bytes, saved for replay"""
 
-    period_s: Annotated[float, ResourceLimits(ge=0.1, le=60.0), "between two reports, in seconds"] = 1.0
-    precision_n: Annotated[
-        float, ResourceLimits(gt=0.0, lt=1.0), "asked half-width of N's 95 % interval, as a share of N"
-    ] = 0.01
-    precision_b: Annotated[float, ResourceLimits(gt=0.0, lt=1.0), "the same of B"] = 0.2
-    precision_k: Annotated[float, ResourceLimits(gt=0.0, lt=1.0), "the same of K"] = 0.5
-    grade: Annotated[
-        Literal["", "navigation", "tactical", "industrial", "consumer"],
-        "grade you need, which imumon wait waits for: navigation, tactical, industrial or consumer; "
+    file: str = Field("", description="empty: nothing is saved")
+    rotate_mb: float = Field(0.0, ge=0.0, le=1e6, description="start a new file at this size; 0: never")
+    gzip: bool = Field(False, description="compress")
+
+
+class ReportSettings(Section):
+    """What is published, and the required precision"""
+
+    period_s: float = Field(1.0, ge=0.1, le=60.0, description="between two reports, in seconds")
+    precision_n: float = Field(
+        0.01, gt=0.0, lt=1.0, description="required half-width of the 95 % interval of N, as a share of N"
+    )
+    precision_b: float = Field(0.2, gt=0.0, lt=1.0, description="the same for B")
+    precision_k: float = Field(0.5, gt=0.0, lt=1.0, description="the same for K")
+    grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = Field(
+        "",
+        description="grade that imumon wait waits for: navigation, tactical, industrial or consumer; "
         "empty: the first sample",
-    ] = ""
+    )
 
 
-@dataclass(frozen=True, kw_only=True)
-class GuardSettings:
-    """What is cut out of the statistics: knocks, motion, warm-up"""
+class GuardSettings(Section):
+    """What is excluded from the statistics: knocks, motion, warm-up"""
 
-    enabled: Annotated[bool, "false: every valid sample counts"] = True
+    enabled: bool = Field(True, description="false: every valid sample counts")
 
 
-@dataclass(frozen=True, kw_only=True)
-class LogSettings:
-    """What the daemon says on standard error"""
+class LogSettings(Section):
+    """The log of the daemon on standard error"""
 
-    level: Annotated[
-        Literal["error", "warning", "info", "debug"],
-        "least weight that is said: error, warning, info or debug",
-    ] = "info"
-    format: Annotated[
-        Literal["auto", "text", "journal", "json"],
-        "auto (journal under systemd, else text), text, journal or json",
-    ] = "auto"
+    level: Literal["error", "warning", "info", "debug"] = Field(
+        "info", description="lowest level that is logged: error, warning, info or debug"
+    )
+    format: Literal["auto", "text", "journal", "json"] = Field(
+        "auto", description="auto (journal under systemd, else text), text, journal or json"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,8 +189,9 @@ class Settings:
     Attributes
     ----------
     path : file they were read from, None without one.
-    origins : where each value comes from by its dotted name: ``default``,
-        ``config.toml:12`` or ``command line``.
+    ignored : ``config.toml`` of the current directory that belongs to another program; None: there is none.
+    origins : where each value comes from by its dotted name: ``default``, ``config.toml:12`` or
+        ``command line``.
     """
 
     device: DeviceSettings = field(default_factory=DeviceSettings)
@@ -180,147 +202,102 @@ class Settings:
     guards: GuardSettings = field(default_factory=GuardSettings)
     log: LogSettings = field(default_factory=LogSettings)
     path: Path | None = None
+    ignored: Path | None = None
     origins: Mapping[str, str] = field(default_factory=dict)
 
 
-SECTIONS: dict[str, type] = {
-    name: cls for name, cls in get_type_hints(Settings).items() if name not in ("path", "origins")
+SECTIONS: dict[str, type[Section]] = {
+    name: cls
+    for name, cls in get_type_hints(Settings).items()
+    if isinstance(cls, type) and issubclass(cls, Section)
 }
-NAMES = tuple(f"{name}.{f.name}" for name, cls in SECTIONS.items() for f in fields(cls))
+NAMES = tuple(f"{section}.{name}" for section, cls in SECTIONS.items() for name in cls.model_fields)
 """Dotted name of every setting."""
-_HINTS = {name: get_type_hints(cls, include_extras=True) for name, cls in SECTIONS.items()}
 
 
-@cache
-def _check(part: str) -> Callable[[str], Any]:
-    """What makes a section of its JSON text, or raises pydantic's error."""
-    from pydantic import ConfigDict, TypeAdapter, with_config
+def search() -> tuple[Path | None, Path | None]:
+    """Return the first settings file there is, and the ``./config.toml`` of another program that was ignored.
 
-    strict = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-    return TypeAdapter(with_config(strict)(SECTIONS[part])).validate_json
-
-
-def search() -> Path | None:
-    """First there is of ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml."""
-    # expanduser, unlike Path.home(), takes a user without a home for no fault: a service may run as one
+    The files are ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml and /etc/imumon/config.toml. The first
+    counts only if it has a section of imumon, for many programs use this name.
+    """
+    local, ignored = Path("config.toml"), None
+    if local.is_file():
+        try:
+            if SECTIONS.keys() & _line_numbers(_read(local)).keys():
+                return local, None
+            ignored = local
+        except ConfigError:
+            return local, None  # `load` reports why it is unreadable
+    # expanduser, unlike Path.home(), accepts a user without a home directory, as a service may run as one
     home = Path(os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config"))
-    places = (Path("config.toml"), home / "imumon" / "config.toml", Path("/etc/imumon/config.toml"))
-    return next((place for place in places if place.is_file()), None)
+    others = (home / "imumon" / "config.toml", Path("/etc/imumon/config.toml"))
+    return next((path for path in others if path.is_file()), None), ignored
 
 
 def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
-    """Settings of a file (without one: of the first found), with values of the command line on top.
+    """Return the settings of a file with values of the command line on top.
 
     Parameters
     ----------
-    path : file to read; None: the one `search` finds, if any.
-    overrides : dotted name to value, such as ``{"device.baud": 115200}``; None values are passed over.
+    path : file to read; None: the one that `search` finds, if any.
+    overrides : dotted name to value, such as ``{"device.baud": 115200}``; None values are ignored.
 
     Raises
     ------
-    ConfigError : its text has one line for each fault.
+    ConfigError : with all faults.
     """
-    place = search() if path is None else Path(path)
-    if place is None and not any(value is not None for value in (overrides or {}).values()):
-        return Settings(origins=dict.fromkeys(NAMES, "default"))
-    from pydantic import ValidationError
-
-    text = "" if place is None else _read(place)
-    file = str(place)
-    values, lines = _parse(text, file), _lines(text)
-    at = {name: f"{file}:{line}" for name, line in lines.items()}
-    for name, value in (overrides or {}).items():
-        if value is not None:
-            part, _, leaf = name.partition(".")
-            if isinstance(table := values.setdefault(part, {}), dict):
-                table[leaf] = value
-            at[name] = "command line"
-    faults: list[str] = []
-    sections: dict[str, Any] = {}
-    for part, table in values.items():
-        where = _where(part, at, file)
-        if part not in SECTIONS:
-            faults.append(f"{where}: {_unknown(part, isinstance(table, dict))}")
-        elif not isinstance(table, dict):
-            faults.append(f"{where}: {part}: must be a section, [{part}]")
-        else:
-            try:
-                odd = [leaf for leaf, value in table.items() if not _sayable(value)]
-                faults += [f"{_where(f'{part}.{leaf}', at, file)}: {part}.{leaf}: {_ODD}" for leaf in odd]
-                table = {leaf: value for leaf, value in table.items() if leaf not in odd}
-                # TOML's dates and times, which no setting is, go as null and are refused
-                sections[part] = _check(part)(json.dumps(table, default=lambda value: None))
-            except ValidationError as error:
-                faults.extend(_faults(error.errors(), part, table, at, file))
-            except RecursionError:
-                faults.append(f"{where}: {part}: is nested too deeply")
-    faults.extend(_contradictions(sections, at, file))
-    if faults:
-        raise ConfigError("\n".join(sorted(faults, key=_by_line)))
-    given = {f"{part}.{leaf}" for part, table in values.items() for leaf in table}
-    origins = {name: _where(name, at, file) if name in given else "default" for name in NAMES}
-    return Settings(**sections, path=place, origins=origins)
-
-
-def load_apart(path: Path | str | None, overrides: Mapping[str, Any] | None) -> Callable[[], Settings]:
-    """`load` in a process of its own, whose memory goes with it; call the answer for the settings.
-
-    For a program that has no threads yet.
-    """
-    ours, theirs = os.pipe()
-    child = os.fork()
-    if not child:
+    given = {name: value for name, value in (overrides or {}).items() if value is not None}
+    found, ignored = search() if path is None else (Path(path), None)
+    text = "" if found is None else _read(found)
+    values = _parse(text, str(found))
+    places = _Places(str(found), {name: f"{found}:{line}" for name, line in _line_numbers(text).items()})
+    for name, value in given.items():
+        section, _, setting = name.partition(".")
+        if isinstance(table := values.setdefault(section, {}), dict):
+            table[setting] = value
+        places.known[name] = "command line"
+    sections: dict[str, Section] = {}
+    faults: list[ConfigFault] = []
+    for section, table in values.items():
         try:
-            told: object = load(path, overrides)
-        except BaseException as error:
-            told = error
-        with open(theirs, "wb") as out:
-            pickle.dump(told, out)
-        os._exit(0)
-    os.close(theirs)
-
-    def answer() -> Settings:
-        with open(ours, "rb") as heard:
-            said = heard.read()
-        os.waitpid(child, 0)
-        told = pickle.loads(said) if said else load(path, overrides)  # it was killed: memory may be short
-        if isinstance(told, BaseException):
-            raise told
-        assert isinstance(told, Settings)
-        return told
-
-    return answer
+            sections[section] = _check_section(section, table, places)
+        except ConfigError as error:
+            faults += error.faults
+    faults += _contradictions(sections, places)
+    if faults:
+        raise ConfigError(*sorted(faults, key=places.order))
+    present = {f"{section}.{name}" for section, table in values.items() for name in table}
+    origins = {name: places.of(name) if name in present else "default" for name in NAMES}
+    tables: dict[str, Any] = dict(sections)
+    return Settings(**tables, path=found, ignored=ignored, origins=origins)
 
 
 def render(settings: Settings, *, origins: bool = False) -> str:
-    """Settings as a TOML file, each under a comment: what it is or, asked so, where its value is from.
+    """Return the settings as a TOML file with a comment above each: its description, or its origin.
 
-    With `origins` it is for the eye: a password is not shown.
+    With `origins` it is for people to read: a password is not shown.
     """
-    out: list[str] = []
+    lines: list[str] = []
     if not origins:
-        out += ["# Settings of imumon: all of them, with their defaults. Flags win over this file."]
-        out += [
-            "# Looked for in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml.",
+        lines += [
+            "# Settings of imumon: all of them, with their defaults. Options override this file.",
+            "# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml.",
             "",
         ]
-    for part, cls in SECTIONS.items():
-        out.append(f"[{part}]" if origins else f"[{part}]  # {(cls.__doc__ or '').strip()}")
-        for f in fields(cls):
-            note = (
-                settings.origins.get(f"{part}.{f.name}", "default")
-                if origins
-                else _HINTS[part][f.name].__metadata__[-1]
-            )
-            value = getattr(getattr(settings, part), f.name)
-            shown = "********" if origins and value and f.name == "password" else value
-            out += [f"# {note}", f"{f.name} = {_toml(shown)}"]
-        out.append("")
-    return "\n".join(out[:-1]) + "\n"
+    for section, cls in SECTIONS.items():
+        lines.append(f"[{section}]" if origins else f"[{section}]  # {(cls.__doc__ or '').strip()}")
+        for name, info in cls.model_fields.items():
+            origin = settings.origins.get(f"{section}.{name}", "default")
+            value = getattr(getattr(settings, section), name)
+            shown = "********" if origins and value and name == "password" else value
+            lines += [f"# {origin if origins else info.description}", f"{name} = {_toml(shown)}"]
+        lines.append("")
+    return "\n".join(lines[:-1]) + "\n"
 
 
 def _toml(value: Any) -> str:
-    """TOML text of a value.
+    """Return the TOML text of a value.
 
     >>> _toml(("a", True, 0.5)), _toml({"x/y": 1})
     ('["a", true, 0.5]', '{ "x/y" = 1 }')
@@ -338,94 +315,140 @@ def _toml(value: Any) -> str:
     return value.isoformat() if isinstance(value, date | time) else repr(value)
 
 
-def _read(place: Path) -> str:
+# ---------------------------------------------------------------------------- the file and its lines
+
+
+def _read(path: Path) -> str:
     try:
-        return place.read_text("utf-8-sig")
+        return path.read_text("utf-8-sig")
     except OSError as error:
-        raise ConfigError(f"{place}: cannot be read: {error.strerror}") from None
+        fault = ConfigFault("file_unreadable", str(path), "", f"cannot be read: {error.strerror}")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{place}: is not UTF-8 text (byte {error.start})") from None
+        fault = ConfigFault("not_utf8", str(path), "", f"is not UTF-8 text (byte {error.start})")
+    raise ConfigError(fault)
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"^(.*?) \(at line (\d+), column (\d+)\)$", str(error))
-        what, line, column = found.groups() if found else (str(error), str(text.count("\n") + 1), "1")
-        what = what.removesuffix(" (at end of document)")
-        raise ConfigError(
-            f"{file}:{line}: not TOML: {what[:1].lower()}{what[1:]} (column {column})"
-        ) from None
     except RecursionError:
-        raise ConfigError(f"{file}: not TOML: nested too deeply") from None
-    except ValueError as error:  # a number of thousands of digits
-        raise ConfigError(f"{file}: not TOML: {error}") from None
+        fault = ConfigFault("not_toml", file, "", "not TOML: nested too deeply")
+    except ValueError as error:  # also a number of thousands of digits
+        # the standard library gives the place of an error only in its text
+        found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
+        what = found[1] if found else str(error)
+        line, column = (found[2], found[3]) if found and found[2] else (str(text.count("\n") + 1), "1")
+        place = f"{file}:{line}" if isinstance(error, tomllib.TOMLDecodeError) else file
+        column = f" (column {column})" if isinstance(error, tomllib.TOMLDecodeError) else ""
+        fault = ConfigFault("not_toml", place, "", f"not TOML: {what[:1].lower()}{what[1:]}{column}")
+    raise ConfigError(fault)
 
 
-def _lines(text: str) -> dict[str, int]:
-    """Line of each section and setting by its dotted name, as far as a look at the text tells."""
+def _line_numbers(text: str) -> dict[str, int]:
+    """Return the line of each section and setting by its dotted name, as far as single lines show it."""
     found: dict[str, int] = {}
     table = ""
+    name = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[\s*([^\[\]]+?)\s*\]", line):
-            table = _bare(header[1])
-            found.setdefault(table, number)
-        elif key := re.match(
-            r"\s*((?:[\w-]+|\"[^\"]*\"|'[^']*')(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"|'[^']*'))*)\s*=", line
-        ):
-            name = f"{table}.{_bare(key[1])}".lstrip(".")
-            while name:
-                found.setdefault(name, number)
-                name = name.rpartition(".")[0]
+            table = _unquoted(header[1])
+            full = table
+        elif key := re.match(rf"\s*({name}(?:\s*\.\s*{name})*)\s*=", line):
+            full = f"{table}.{_unquoted(key[1])}".lstrip(".")
+        else:
+            continue
+        while full:
+            found.setdefault(full, number)
+            full = full.rpartition(".")[0]
     return found
 
 
-def _bare(key: str) -> str:
+def _unquoted(key: str) -> str:
     return ".".join(part.strip().strip("\"'") for part in key.split("."))
 
 
-def _where(name: str, at: Mapping[str, str], file: str) -> str:
-    """Place of a setting, or of the nearest thing around it that has one."""
-    while name and name not in at:
-        name = name.rpartition(".")[0]
-    return at.get(name, file)
+@dataclass
+class _Places:
+    """Where each setting stands: a line of the file, or the command line."""
+
+    file: str
+    known: dict[str, str]
+
+    def of(self, name: str) -> str:
+        """Return the place of a setting, or of the nearest thing around it that has one."""
+        while name and name not in self.known:
+            name = name.rpartition(".")[0]
+        return self.known.get(name, self.file)
+
+    def order(self, fault: ConfigFault) -> tuple[bool, int, str]:
+        """Return the sort key of a fault: by line of the file, then the command line."""
+        head, _, line = fault.place.rpartition(":")
+        in_file = head == self.file and line.isdigit()
+        return (not in_file, int(line) if in_file else 0, str(fault))
 
 
-def _by_line(fault: str) -> tuple[bool, int, str]:
-    found = re.match(r".*?:(\d+): ", fault)
-    return (found is None, int(found[1]) if found else 0, fault)
+# ---------------------------------------------------------------------------- checks
 
 
-def _unknown(name: str, is_section: bool) -> str:
-    """Why a name is not one, with the nearest that is."""
+def _check_section(section: str, table: Any, places: _Places) -> Section:
+    """Return the checked section; raise `ConfigError` with all its faults."""
+    if section not in SECTIONS:
+        raise ConfigError(_unknown(section, isinstance(table, dict), places))
+    if not isinstance(table, dict):
+        message = f"must be a section, [{section}]"
+        raise ConfigError(ConfigFault("not_a_section", places.of(section), section, message))
+    cls = SECTIONS[section]
+    try:
+        bad = [name for name, value in table.items() if not _encodable(value)]
+    except RecursionError:
+        raise ConfigError(
+            ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
+        ) from None
+    faults = [
+        ConfigFault("invalid_character", places.of(name), name, _INVALID_CHARACTER)
+        for name in (f"{section}.{name}" for name in bad)
+    ]
+    try:
+        checked = cls.model_validate({name: value for name, value in table.items() if name not in bad})
+    except ValidationError as error:
+        # a list has a fault for each of its items: the first is enough
+        first = {str(found["loc"][0]): found for found in reversed(error.errors())}
+        faults += [_fault(section, name, found, table, places) for name, found in first.items()]
+    if faults:
+        raise ConfigError(*faults)
+    return checked
+
+
+def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places: _Places) -> ConfigFault:
+    """Return pydantic's error of a setting as a fault."""
+    full = f"{section}.{name}"
+    if found["type"] == "extra_forbidden":
+        return _unknown(full, False, places)
+    value = _toml(_value_at(table, found["loc"]))
+    shown = value if len(value) <= SHOWN_CHARACTERS else value[: SHOWN_CHARACTERS - 3] + "..."
+    message = f"{_allowed(found, SECTIONS[section].model_fields[name])}, not {shown}"
+    return ConfigFault("invalid_value", places.of(full), full, message)
+
+
+def _unknown(name: str, is_section: bool, places: _Places) -> ConfigFault:
+    """Return the fault of an unknown name, with the nearest valid one."""
+    place = places.of(name)
     if is_section:
-        near = difflib.get_close_matches(name, SECTIONS, n=1, cutoff=0.5)
-        return f"[{name}]: no such section" + (f"; did you mean [{near[0]}]?" if near else "")
-    part, _, leaf = name.rpartition(".")
-    everywhere = {n.partition(".")[2]: n for n in reversed(NAMES)}
-    here = {n.partition(".")[2]: n for n in NAMES if n.startswith(f"{part}.")}
-    near = difflib.get_close_matches(leaf, here or everywhere, n=1, cutoff=0.6)
-    right = everywhere.get(leaf) or ((here or everywhere)[near[0]] if near else None)
-    return f"{name}: no such setting" + (f"; did you mean {right}?" if right else "")
+        near = difflib.get_close_matches(name, SECTIONS, n=1, cutoff=SECTION_CUTOFF)
+        cure = f"did you mean [{near[0]}]?" if near else ""
+        return ConfigFault("unknown_section", place, f"[{name}]", "no such section", cure)
+    section, _, setting = name.rpartition(".")
+    everywhere = {full.partition(".")[2]: full for full in reversed(NAMES)}
+    here = {full.partition(".")[2]: full for full in NAMES if full.startswith(f"{section}.")}
+    candidates = here or everywhere
+    near = difflib.get_close_matches(setting, candidates, n=1, cutoff=SETTING_CUTOFF)
+    right = everywhere.get(setting) or (candidates[near[0]] if near else None)
+    cure = f"did you mean {right}?" if right else ""
+    return ConfigFault("unknown_setting", place, name, "no such setting", cure)
 
 
-def _faults(
-    errors: Iterable[Any], part: str, table: Mapping[str, Any], at: Mapping[str, str], file: str
-) -> Iterator[str]:
-    """Pydantic's errors of a section as lines for people."""
-    for fault in errors:
-        leaf = str(fault["loc"][0])
-        name = f"{part}.{leaf}"
-        if fault["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
-            yield f"{_where(name, at, file)}: {_unknown(name, False)}"
-        else:
-            allowed = _allowed(fault, _HINTS[part][leaf])
-            yield f"{_where(name, at, file)}: {name}: {allowed}, not {_shown(_value(table, fault['loc']))}"
-
-
-def _value(table: Any, path: Iterable[Any]) -> Any:
-    """What stands at a place of a section, or what is nearest around it."""
+def _value_at(table: Any, path: Iterable[Any]) -> Any:
+    """Return the value at a path of a section, or the nearest one around it."""
     for step in path:
         try:
             table = table[step]
@@ -434,62 +457,63 @@ def _value(table: Any, path: Iterable[Any]) -> Any:
     return table
 
 
-def _shown(value: Any) -> str:
-    text = _toml(value)
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
 _TYPES = {
     "string_type": "must be text in quotes",
     "bool_type": "must be true or false",
     "tuple_type": 'must be a list, such as ["..."]',
     "mapping_type": "must be a table",
+    "dict_type": "must be a table",
 }
 
 
-def _allowed(fault: Any, hint: Any) -> str:
-    """What a setting may be."""
-    kind, plain = fault["type"], hint.__origin__
-    if get_origin(plain) is Literal:
-        return "must be one of " + ", ".join(map(_toml, get_args(plain)))
-    limits = next((note for note in hint.__metadata__ if isinstance(note, ResourceLimits)), ResourceLimits())
-    if limits.ge is not None:
-        return f"must be a number from {limits.ge:.9g} to {limits.le:.9g}"
-    if limits.gt is not None:
-        return f"must be a number between {limits.gt:g} and {limits.lt:g}"
-    if limits.max_length is not None and kind == "string_too_long":
-        return f"must be at most {limits.max_length} characters"
-    return _TYPES.get(kind) or str(fault["msg"]).lower()
+def _allowed(found: Any, info: Any) -> str:
+    """Return what a setting may be."""
+    if get_origin(info.annotation) is Literal:
+        return "must be one of " + ", ".join(map(_toml, get_args(info.annotation)))
+    limits = {type(limit): limit for limit in info.metadata}
+    if Ge in limits:
+        return f"must be a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
+    if Gt in limits:
+        return f"must be a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}"
+    if found["type"] == "string_too_long":
+        return f"must be at most {limits[MaxLen].max_length} characters"
+    return _TYPES.get(found["type"]) or str(found["msg"]).lower()
 
 
-_ODD = "has a character that no file and no key can have: a zero byte, or one that is not UTF-8"
+_INVALID_CHARACTER = (
+    "has a character that no file name and no key can have: a zero byte, or one that is not UTF-8"
+)
 
 
-def _sayable(value: Any) -> bool:
-    """Whether every text in a value can be the name of something."""
+def _encodable(value: Any) -> bool:
+    """Return whether every text in a value can be a file name and a key."""
     if isinstance(value, str):
-        return "\0" not in value and not any("\ud800" <= letter <= "\udfff" for letter in value)
+        return "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
     if isinstance(value, dict):
-        return all(map(_sayable, (*value, *value.values())))
-    return not isinstance(value, list | tuple) or all(map(_sayable, value))
+        return all(map(_encodable, (*value, *value.values())))
+    return not isinstance(value, list | tuple) or all(map(_encodable, value))
 
 
-def _contradictions(sections: Mapping[str, Any], at: Mapping[str, str], file: str) -> Iterator[str]:
-    """Settings that are right each but not together."""
-    bus = sections.get("zenoh", ZenohSettings())
-    for one, other in (
-        ("user", "password"),
-        ("password", "user"),
-        ("certificate", "key"),
-        ("key", "certificate"),
-    ):
-        if getattr(bus, one) and not getattr(bus, other):
-            yield f"{_where(f'zenoh.{one}', at, file)}: zenoh.{one}: needs zenoh.{other} beside it"
+_TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"), ("key", "certificate"))
+"""Settings of ``[zenoh]`` of which the first needs the second."""
+
+
+def _contradictions(sections: Mapping[str, Any], places: _Places) -> Iterator[ConfigFault]:
+    """Yield the faults of settings that are valid alone but not together."""
+
+    def fault(name: str, message: str) -> ConfigFault:
+        return ConfigFault("contradiction", places.of(name), name, message)
+
+    zenoh = sections.get("zenoh", ZenohSettings())
+    for name, other in _TOGETHER:
+        if getattr(zenoh, name) and not getattr(zenoh, other):
+            yield fault(f"zenoh.{name}", f"needs zenoh.{other} as well")
     device = sections.get("device", DeviceSettings())
     if device.listen_only and device.set_baud:
-        yield f"{_where('device.set_baud', at, file)}: device.set_baud: cannot be had with device.listen_only"
+        yield fault("device.set_baud", "is not possible with device.listen_only")
     if 0.0 < device.rate_hz < SLOWEST_HZ:
-        allowed = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
-        yield f"{_where('device.rate_hz', at, file)}: device.rate_hz: {allowed}, not {device.rate_hz:g}"
+        message = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}, not {device.rate_hz:g}"
+        yield ConfigFault("invalid_value", places.of("device.rate_hz"), "device.rate_hz", message)
     if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
-        yield f"{_where('device.id', at, file)}: device.id: needs a letter or a digit, such as imu-1"
+        message = "needs a letter or a digit, such as imu-1"
+        yield ConfigFault("invalid_value", places.of("device.id"), "device.id", message)

@@ -23,6 +23,8 @@ from typing import Any, Self, TypeVar
 
 import zenoh
 
+from imumon.errors import ImumonError
+
 PORTS = range(7448, 7464)
 """Ports a daemon takes the first free of, and a viewer tries all of."""
 
@@ -40,8 +42,17 @@ _NET_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
 T = TypeVar("T")
 
 
-class BusError(Exception):
-    """One line: what is wrong with an address, a certificate or a name, and how to mend it."""
+class BusError(ImumonError):
+    """An address, a certificate or a name cannot be used.
+
+    Attributes
+    ----------
+    setting : dotted name of the setting at fault, such as ``zenoh.raw``; None: no single setting.
+    """
+
+    def __init__(self, message: str, *, setting: str | None = None) -> None:
+        super().__init__("bus_unavailable", message)
+        self.setting = setting
 
 
 class Unreachable(BusError):
@@ -238,12 +249,15 @@ def _config(
         config.insert_json5(path, json.dumps(value))
     for path, value in options.raw.items():
         if path.partition("/")[0] in _FIXED:
-            raise BusError(f'zenoh.raw: "{path}" cannot be set there; [zenoh] has settings for it')
+            raise BusError(
+                f'zenoh.raw: "{path}" cannot be set there; [zenoh] has settings for it', setting="zenoh.raw"
+            )
         try:
             config.insert_json5(path, json.dumps(value))
         except (zenoh.ZError, TypeError) as error:
             raise BusError(
-                f'zenoh.raw: "{path}" = {json.dumps(value, default=str)}: {_plain(str(error))}'
+                f'zenoh.raw: "{path}" = {json.dumps(value, default=str)}: {_plain(str(error))}',
+                setting="zenoh.raw",
             ) from None
     return config
 
@@ -286,14 +300,15 @@ def _users(options: SessionOptions, listens: bool) -> Iterator[str]:
         yield options.users_file if listens else ""
         return
     if ":" in options.user or "\n" in options.user + options.password:
-        raise BusError("zenoh.user: without a colon, please, and all on one line")
+        raise BusError("zenoh.user: without a colon, please, and all on one line", setting="zenoh.user")
     lines = f"{options.user}:{options.password}\n".encode()
     try:
         if options.users_file:
             lines += Path(options.users_file).read_bytes()
         file = tempfile.NamedTemporaryFile(prefix="imumon-")  # mode 0600  # noqa: SIM115
     except OSError as error:
-        raise BusError(f"zenoh.user: the list of users cannot be kept: {error.strerror}") from None
+        message = f"zenoh.user: the list of users cannot be kept: {error.strerror}"
+        raise BusError(message, setting="zenoh.user") from None
     with file:
         file.write(lines)
         file.flush()

@@ -7,26 +7,18 @@ import os
 import sys
 from typing import Any
 
-from imumon.cli.options import (
-    DONE,
-    FAILED,
+from imumon.cli import options
+from imumon.cli.exit_codes import (
+    FAILURE,
     INTERRUPTED,
-    NOT_IN_TIME,
-    NOTHING_THERE,
+    NOT_FOUND,
+    NOT_REACHED,
+    SUCCESS,
     USAGE,
     CommandError,
-    Parser,
-    add_endpoints,
-    add_look,
-    baseline,
-    baud,
-    bus_stop,
-    positive,
-    print_report,
-    rate,
-    settings_apart,
-    state_directory,
 )
+from imumon.cli.options import Parser, add_appearance, add_endpoints, baud, positive, rate, state_directory
+from imumon.cli.output import print_report
 
 
 def add_run(parser: Parser) -> None:
@@ -67,7 +59,7 @@ def add_run(parser: Parser) -> None:
 def add_demo(parser: Parser) -> None:
     parser.add_argument("--speed", type=positive, default=60.0, metavar="X", help="time-lapse; default 60")
     parser.add_argument("--seed", type=int, metavar="N", help="noise of the emulator")
-    add_look(parser)
+    add_appearance(parser)
 
 
 def add_sim(parser: Parser) -> None:
@@ -81,7 +73,7 @@ def run(words: argparse.Namespace) -> int:
     if made.device.port == "sim":
         return _run_emulated(words, made)
     if words.speed != 1.0 or words.seed is not None:
-        raise CommandError("--speed and --seed are for --port sim", USAGE)
+        raise CommandError("option_not_applicable", "--speed and --seed need --port sim", exit_code=USAGE)
     return _daemon(words, made, made.device.port or None, state_directory(made))
 
 
@@ -89,39 +81,22 @@ def _run_emulated(words: argparse.Namespace, made: Any) -> int:
     """`run --port sim`: an emulator of its own, and a state that is thrown away unless one is asked for."""
     from pathlib import Path
 
-    with _emulator(words.speed, words.seed) as sensor, _scratch() as scratch:
+    with _emulator(words.speed, words.seed) as sensor, _temporary_directory() as scratch:
         directory = Path(made.state.directory or scratch)
         return _daemon(words, made, sensor.path, directory)
 
 
-def _scratch() -> Any:
-    """A folder that goes with us, a context; those of runs that were killed go now."""
-    import re
-    import shutil
+def _temporary_directory() -> Any:
+    """Return a directory, as a context manager that deletes it."""
     import tempfile
-    from pathlib import Path
 
-    for left in Path(tempfile.gettempdir()).glob("imumon-[0-9]*-*"):
-        owner = re.match(r"imumon-(\d+)-", left.name)
-        if owner and not _lives(int(owner[1])):
-            shutil.rmtree(left, ignore_errors=True)
-    return tempfile.TemporaryDirectory(prefix=f"imumon-{os.getpid()}-", ignore_cleanup_errors=True)
-
-
-def _lives(process: int) -> bool:
-    try:
-        os.kill(process, 0)  # a signal that is none
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        pass  # it is another user's
-    return True
+    return tempfile.TemporaryDirectory(prefix="imumon-", ignore_cleanup_errors=True)
 
 
 def _settings(words: argparse.Namespace) -> Any:
     """Settings with the flags of `run` on top."""
     speed = words.baud
-    return settings_apart(
+    return options.settings(
         words,
         {
             "device.port": words.port,
@@ -144,12 +119,11 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     import signal
 
     from imumon.bus import BusError
-    from imumon.checkpoint import StateError
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.connection import NoDevice
     from imumon.devices.vn100.vn100_session import SessionError
     from imumon.pipeline import RateRequired
-    from imumon.recordings import PortError, SourceError
+    from imumon.recordings import PortError
 
     task = RunOptions(
         path=path,
@@ -157,28 +131,25 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
         duration_s=words.duration,
         fresh=words.fresh,
         speed=words.speed,
-        baseline=baseline(words.baseline),
+        baseline=options.baseline(words.baseline),
     )
     try:
         outcome = Daemon(settings, task).run()
     except RateRequired as error:
-        raise CommandError(f"{error}; imumon doctor counts it", USAGE) from None
+        raise CommandError("rate_required", str(error), "imumon doctor counts it", USAGE) from None
     except (NoDevice, SessionError) as error:
-        raise CommandError(str(error), NOTHING_THERE) from None
+        raise CommandError("no_device", str(error), exit_code=NOT_FOUND) from None
     except PortError as error:
         there = path is None or os.path.exists(path)
-        raise CommandError(str(error), FAILED if there else NOTHING_THERE) from None
-    except SourceError as error:
-        raise CommandError(str(error)) from None
+        raise CommandError("port", str(error), exit_code=FAILURE if there else NOT_FOUND) from None
     except BusError as error:
-        raise bus_stop(error, settings) from None
-    except StateError as error:
-        raise CommandError(str(error)) from None
+        raise options.with_origin(error, settings) from None
     if outcome.report is None and outcome.signal is None:
-        raise CommandError(f"no sensor within {words.duration:g} s: give it a longer --duration", NOT_IN_TIME)
+        message = f"no device within {words.duration:g} s"
+        raise CommandError("no_device_in_time", message, "give a longer --duration", NOT_REACHED)
     if outcome.report is not None and (words.duration or words.json):
         print_report(outcome.report, words.json, task.baseline)
-    return INTERRUPTED if outcome.signal == signal.SIGINT else DONE
+    return INTERRUPTED if outcome.signal == signal.SIGINT else SUCCESS
 
 
 def _emulator(speed: float, seed: int | None) -> Any:
@@ -191,16 +162,16 @@ def _emulator(speed: float, seed: int | None) -> Any:
         settings = EmulatorSettings(speed=speed)
         return spawn(settings if seed is None else replace(settings, seed=seed))
     except ValueError as error:
-        raise CommandError(str(error), USAGE) from None
+        raise CommandError("invalid_option", str(error), exit_code=USAGE) from None
 
 
 def demo(words: argparse.Namespace) -> int:
     """Daemon on the emulator in a process of its own, and the screen here; quitting ends all three."""
     import subprocess
 
-    from imumon.cli.query import show
+    from imumon.cli.query import tui
 
-    with _scratch() as scratch:
+    with _temporary_directory() as scratch:
         endpoint = f"unixsock-stream/{scratch}/bus"
         # -P: a folder of our name in the current directory is not the package
         command = [
@@ -229,7 +200,7 @@ def demo(words: argparse.Namespace) -> int:
 
             try:
                 words.connect, words.id, words.baseline = [endpoint], "demo", None
-                return show(words, "The emulated sensor is starting.", ended)
+                return tui(words, "The emulated sensor is starting.", ended)
             finally:
                 daemon.terminate()
                 try:
@@ -244,7 +215,7 @@ def sim(words: argparse.Namespace) -> int:
     try:
         settings = emulator.from_arguments(words)
     except ValueError as error:
-        raise CommandError(str(error), USAGE) from None
+        raise CommandError("invalid_option", str(error), exit_code=USAGE) from None
     if settings.rate == 0:
-        raise CommandError("--rate 0: a sensor that sends nothing; give a rate, such as 40", USAGE)
+        raise CommandError("invalid_option", "--rate 0 is no output rate", "give one, such as 40", USAGE)
     return emulator.run(settings)

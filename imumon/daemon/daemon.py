@@ -17,21 +17,23 @@ on wherever the daemon waits for bytes.
 
 from __future__ import annotations
 
+import logging
 import time
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from imumon import heap, report
+from imumon import report
 from imumon.bus import BusError, Publisher
 from imumon.config import Settings
 from imumon.daemon import metadata
 from imumon.daemon.connection import BEAT_S, DeviceConnection, NoDevice
 from imumon.daemon.data_timeout import DataTimeout
-from imumon.daemon.log import DaemonLog, Level, ServiceNotifier, status_line
+from imumon.daemon.log import LEVELS, Level, configure_logging
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
 from imumon.daemon.run_options import RunOptions, RunResult
+from imumon.daemon.sd_notify import ServiceNotifier, status_line
 from imumon.daemon.shutdown import Shutdown, ShutdownRequested
 from imumon.devices.vn100.vn100_session import SensorChanged, SessionError, StreamRequest, Vn100Info
 from imumon.pipeline import Monitor
@@ -39,12 +41,13 @@ from imumon.pipeline import MonitorOptions as Watched
 from imumon.recordings import PortError, PortGone, SourceError
 from imumon.samples import SampleBlock, Stream
 
+_log = logging.getLogger(__name__)
+
 __all__ = ["Daemon", "RunOptions", "RunResult"]
 
 RETRY_S = 0.5
 GATHER_S, LOOK_S = 0.5, 0.1  # bytes gather so long at most; how often to look whether they still may
 AHEAD_S = 0.01  # before a report is due they are taken in, so that it has them
-TIDY_S, IDLE_S = 5.0, 60.0  # between two times that memory is tidied: after a fit, and else
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 
@@ -55,7 +58,6 @@ class Daemon:
     def __init__(self, settings: Settings, task: RunOptions) -> None:
         device = settings.device
         self.settings, self.task = settings, task
-        self.log = DaemonLog(settings.log.level, settings.log.format)
         self._notifier = ServiceNotifier()
         precision = settings.report
         rate = device.rate_hz or None
@@ -83,7 +85,6 @@ class Daemon:
         self._stop = Shutdown(task.duration_s)
         self._silence = DataTimeout()
         self._next_report = self._next_save = self._next_alive = 0.0
-        self._tidied, self._tidied_at = 0, 0.0  # renewals at the last tidying, and when that was
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -102,14 +103,13 @@ class Daemon:
         SourceError : what is to be recorded can never be written there.
         RateNeeded : the stream has no clock and no rate was given.
         """
-        heap.bypass_cache()
-        if not self._notifier.listens:
+        if not self._notifier.enabled:
             self._tape.check()
+        close_log = configure_logging(self.settings.log.level, self.settings.log.format)
         with self._stop.listening():
             try:
                 try:
                     self._first()
-                    heap.settle()
                     while True:
                         self._serve()
                 except ShutdownRequested:
@@ -117,6 +117,8 @@ class Daemon:
             except BaseException:
                 self._give_up()
                 raise
+            finally:
+                close_log()
 
     # ------------------------------------------------------------------ getting there
 
@@ -128,12 +130,12 @@ class Daemon:
                 self._meet(self._link.open())
                 return
             except (NoDevice, PortError, PortGone, SessionError) as error:
-                if not self._notifier.listens:
+                if not self._notifier.enabled:
                     raise
                 self._part()
                 if str(error) != complaint:
                     complaint = str(error)
-                    self.log.say(f"waiting: {complaint}", "warning")
+                    self._say(f"waiting: {complaint}", "warning")
                 self._notifier.ready()
                 self._notifier.status(f"waiting: {complaint}")
                 self._pause(2.0)
@@ -152,8 +154,8 @@ class Daemon:
             self._tell("state", text, level)
         self._started = self._keeping.started
         who = f"{metadata.who(self._facts)} on {self._facts.port}"
-        self.log.say(f"reading {who} at {self._facts.baud} baud")
-        self.log.say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
+        self._say(f"reading {who} at {self._facts.baud} baud")
+        self._say(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
         self._learn(self._facts)
         self._tell("connect", who, "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
@@ -336,7 +338,7 @@ class Daemon:
 
     def _duties(self, now: float) -> None:
         if self._notifier.watchdog_s is not None and now >= self._next_alive:
-            self._notifier.alive()
+            self._notifier.watchdog()
             self._next_alive = now + self._notifier.watchdog_s
         if self._bus is not None and now >= self._next_report:
             period = self.settings.report.period_s
@@ -344,14 +346,9 @@ class Daemon:
             if self._next_report <= now:  # late is late: no two at once
                 self._next_report = now + period
             self._publish()
-            heap.give_back()
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._keeping.save(self._session(), self._started)
-        idle = self._monitor.renewals == self._tidied
-        if now - self._tidied_at >= (IDLE_S if idle else TIDY_S):
-            self._tidied, self._tidied_at = self._monitor.renewals, now
-            heap.tidy()
 
     def _publish(self) -> report.Report:
         assert self._bus is not None
@@ -361,7 +358,7 @@ class Daemon:
         self._bus.publish(made, self._monitor.signals(self._bus.wanted()))
         for found in self._monitor.events():
             self._bus.event(found.stamped(datetime.now(UTC), self._bus.id))
-            self.log.say(found.text, "debug" if found.kind == "gap" else "info", found.kind)
+            self._say(found.text, "debug" if found.kind == "gap" else "info", found.kind)
         for lack in self._tape.complaints():
             self._tell("recording", lack, "error")
         for trouble in self._bus.troubles():
@@ -390,13 +387,16 @@ class Daemon:
 
     def _tell(self, kind: str, text: str, level: Level = "info") -> None:
         """An event of the daemon's own, to the bus and the log."""
-        self.log.say(text, level, kind)
+        self._say(text, level, kind)
         if self._bus is not None:
             stamp = report.stamp(datetime.now(UTC))
             self._bus.event(report.Event(time=stamp, kind=kind, text=text, device=self._bus.id))
 
+    def _say(self, text: str, level: Level = "info", kind: str = "") -> None:
+        _log.log(LEVELS[level], "%s", text, extra={"kind": kind})
+
     def _progress(self, text: str) -> None:
-        self.log.say(text, "debug")
+        self._say(text, "debug")
 
     # ------------------------------------------------------------------ the end
 
@@ -415,11 +415,11 @@ class Daemon:
         if self._keeping is not None:
             self._keeping.close(self._session(), self._started)
             if complaint := self._keeping.complaint():
-                self.log.say(complaint, self._keeping.level)
+                self._say(complaint, self._keeping.level)
         self._put_back()
         self._tape.close()
         for lack in self._tape.complaints():
-            self.log.say(lack, "error")
+            self._say(lack, "error")
         if self._bus is not None:
             self._bus.close()
         return final
@@ -451,7 +451,7 @@ class Daemon:
                 if session.restore():
                     self._keeping.forget()
                 else:
-                    self.log.say(
+                    self._say(
                         "the sensor did not take its settings back; the end of the next run will give them",
                         "warning",
                     )

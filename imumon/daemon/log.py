@@ -1,138 +1,219 @@
-"""Service manager and log: what the daemon says of itself.
+"""Log of the daemon on standard error, by `logging`.
 
-`sd_notify` is a datagram to ``$NOTIFY_SOCKET``; log lines go to stderr, with the journal's priorities where
-the journal reads them. Each thing is said once per change: the layers below only count.
+Modules log with ``logging.getLogger(__name__)``; an event adds its kind with ``extra={"kind": kind}``. A
+record goes into a bounded queue, and a thread of its own writes it, so that a standard error that is full or
+that no one reads never blocks the daemon. Records that do not fit are dropped and counted; the next one that
+fits is preceded by their number.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import os
-import select
-import socket
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
-from typing import Literal, TypeAlias
+from logging.handlers import QueueHandler, QueueListener
+from queue import Full, Queue
+from typing import Any, Literal, TypeAlias
 
-from imumon.report import Report, stamp
+from imumon.report import stamp
 
 Level: TypeAlias = Literal["error", "warning", "info", "debug"]
-PRIORITY: dict[str, int] = {"error": 3, "warning": 4, "info": 6, "debug": 7}
+LEVELS: dict[str, int] = {
+    "error": logging.ERROR,
+    "warning": logging.WARNING,
+    "info": logging.INFO,
+    "debug": logging.DEBUG,
+}
+"""Levels of the settings and events as those of `logging`."""
+
+PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}
+"""Levels as priorities of the journal (sd-daemon(3))."""
+
+QUEUE_RECORDS = 1000
+"""Records that may wait to be written. Not critical."""
+
+CLOSE_S = 1.0
+"""How long to wait at the end until all records are written, s. Not critical."""
+
+ROOT = "imumon"
+"""Name of the logger that all others of this program are below."""
 
 
-class DaemonLog:
-    """Lines for people or for the journal.
+def configure_logging(level: str = "info", format: str = "auto") -> Callable[[], None]:
+    """Log to standard error.
 
     Parameters
     ----------
-    level : least weight that is said.
-    format : ``text``, ``journal`` (no time, which the journal has), ``json``, or ``auto``: journal where it
-        reads our stderr, else text.
+    level : lowest level that is logged: ``error``, ``warning``, ``info`` or ``debug``.
+    format : ``text``, ``journal`` (without the time, which the journal adds), ``json``, or ``auto``: journal if
+        the journal reads standard error, else text.
+
+    Returns
+    -------
+    Function that writes what waits, for at most `CLOSE_S`, and ends logging.
+
+    Raises
+    ------
+    MemoryError : the thread that writes cannot be started.
     """
-
-    def __init__(self, level: str = "info", format: str = "auto") -> None:
-        self._limit = PRIORITY[level]
-        read = _journal_reads()
-        self._form = ("journal" if read else "text") if format == "auto" else format
-        self._ranked = read or format == "journal"
-        self._left_out = 0
-
-    def say(self, text: str, level: Level = "info", kind: str = "") -> None:
-        """One line; never raises nor waits, whether stderr is full, closed or read by nobody."""
-        if PRIORITY[level] > self._limit:
-            return
-        if not _takes_a_line():
-            self._left_out += 1
-            return
-        if self._left_out:
-            count, self._left_out = self._left_out, 0
-            self._write(f"{count} line{'s' * (count > 1)} left out: nobody read them", "info", "")
-        self._write(text, level, kind)
-
-    def _write(self, text: str, level: Level, kind: str) -> None:
-        weight = PRIORITY[level]
-        if self._form == "journal":
-            line = text
-        elif self._form == "json":
-            said = {"time": stamp(datetime.now(UTC)), "level": level, "kind": kind, "text": text}
-            line = json.dumps(said, ensure_ascii=False)
-        else:
-            line = f"{datetime.now():%H:%M:%S} {'' if level == 'info' else level + ': '}{text}"
-        rank = f"<{weight}>" if self._ranked else ""  # the journal takes it off
-        try:
-            print(f"{rank}{line}", file=sys.stderr, flush=True)
-        except (OSError, ValueError):
-            return
-
-
-def _takes_a_line() -> bool:
-    """Whether stderr has room for a line: a full pipe or a stopped terminal would hold the daemon up."""
+    to_journal = _journal_reads_stderr()
+    form = ("journal" if to_journal else "text") if format == "auto" else format
+    writer = _Writer()
+    writer.setFormatter(_FORMATTERS[form](priority=to_journal or format == "journal"))
+    handler = _BoundedHandler(Queue(QUEUE_RECORDS))
+    listener = _Listener(handler.queue, writer)
     try:
-        return bool(select.select([], [sys.stderr.fileno()], [], 0.0)[1])
-    except (OSError, ValueError, AttributeError):
+        listener.start()
+    except RuntimeError as error:  # it says "can't start new thread"
+        raise MemoryError from error
+    logger = logging.getLogger(ROOT)
+    logger.setLevel(LEVELS[level])
+    logger.addHandler(handler)
+    logger.propagate = False
+
+    def close() -> None:
+        logger.removeHandler(handler)
+        logger.propagate = True
+        handler.report_dropped()
+        listener.stop()
+
+    return close
+
+
+class _BoundedHandler(QueueHandler):
+    """Handler that drops records and counts them while the queue is full."""
+
+    def __init__(self, queue: Queue[Any]) -> None:
+        super().__init__(queue)
+        self._dropped = 0
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        return record  # the listener is a thread of the same process: nothing needs to be pickled
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        self.report_dropped()
+        if self._dropped or not self._put(record):
+            self._dropped += 1
+
+    def report_dropped(self) -> None:
+        """Enqueue the number of dropped records, if there are any and the queue has space for it."""
+        if self._dropped and self.queue.qsize() < QUEUE_RECORDS // 2:  # type: ignore[attr-defined]
+            count = self._dropped
+            text = f"{count} log line{'s' * (count > 1)} dropped: nothing reads standard error"
+            if self._put(logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None)):
+                self._dropped = 0
+
+    def _put(self, record: logging.LogRecord) -> bool:
+        try:
+            self.queue.put_nowait(record)
+        except Full:
+            return False
         return True
 
 
-def _journal_reads() -> bool:
-    """Whether stderr goes to the journal; its variable alone is inherited by every shell of a desktop."""
-    try:
-        ours = os.fstat(sys.stderr.fileno())
-    except (OSError, ValueError, AttributeError):
-        return False
-    return os.environ.get("JOURNAL_STREAM") == f"{ours.st_dev}:{ours.st_ino}"
+class _Listener(QueueListener):
+    """Listener that can be ended while standard error blocks."""
+
+    def enqueue_sentinel(self) -> None:
+        self.queue.put(self._sentinel, timeout=CLOSE_S)  # type: ignore[attr-defined]
+
+    def stop(self) -> None:
+        if self._thread is None:
+            return
+        with suppress(Full):  # standard error blocks: what waits is lost
+            self.enqueue_sentinel()
+            self._thread.join(CLOSE_S)
+        self._thread = None
 
 
-class ServiceNotifier:
-    """The service manager's ear; does nothing where there is none.
+class _Writer(logging.Handler):
+    """Handler that writes straight to the descriptor of standard error.
 
-    Attributes
-    ----------
-    watchdog_s : s, half of the time within which the manager wants a sign of life; None: it wants none.
+    `sys.stderr` has a lock. A thread that blocks while it holds that lock would keep the interpreter from
+    ending.
     """
 
     def __init__(self) -> None:
-        self._path = os.environ.get("NOTIFY_SOCKET", "")
-        within = os.environ.get("WATCHDOG_USEC", "")
-        self.watchdog_s = int(within) / 2e6 if within.isdigit() and self._path else None
-        self._ready = False
-        self._status = ""
-
-    @property
-    def listens(self) -> bool:
-        """Whether a service manager started us."""
-        return bool(self._path)
-
-    def ready(self) -> None:
-        """Up: the first valid sample has come, or the first "waiting"."""
-        if not self._ready:
-            self._ready = True
-            self._send("READY=1")
-
-    def status(self, text: str) -> None:
-        if text != self._status:
-            self._status = text
-            self._send(f"STATUS={text}")
-
-    def alive(self) -> None:
-        self._send("WATCHDOG=1")
-
-    def stopping(self) -> None:
-        self._send("STOPPING=1")
-
-    def _send(self, text: str) -> None:
-        if not self._path:
-            return
-        address = "\0" + self._path[1:] if self._path.startswith("@") else self._path
+        super().__init__()
+        self._stream = sys.stderr
         try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as ear:
-                ear.sendto(text.encode(), address)
-        except OSError:
-            return  # the manager is gone: nothing depends on being heard
+            self._descriptor: int | None = self._stream.fileno()
+        except (OSError, ValueError, AttributeError):
+            self._descriptor = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            line = self.format(record) + "\n"
+            if self._descriptor is None:
+                self._stream.write(line)
+                return
+            data = line.encode(self._stream.encoding or "utf-8", self._stream.errors or "replace")
+            while data:
+                data = data[os.write(self._descriptor, data) :]
+        except (OSError, ValueError, AttributeError):
+            return  # it is closed, or its disk is full: the daemon continues
 
 
-def status_line(made: Report) -> str:
-    """One line for the service manager."""
-    if made.state != "running":
-        return f"{made.state}"
-    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
-    return f"running, {', '.join(grades) or 'no grade yet'}, {made.session.samples} samples"
+class _Formatter(logging.Formatter):
+    """Base class: one line per record, with the prefix ``<N>`` if the journal reads it.
+
+    Parameters
+    ----------
+    priority : add the prefix, which the journal removes.
+    """
+
+    def __init__(self, *, priority: bool) -> None:
+        super().__init__()
+        self._priority = priority
+
+    def format(self, record: logging.LogRecord) -> str:
+        prefix = f"<{PRIORITIES.get(record.levelno, 6)}>" if self._priority else ""
+        return prefix + self.line(record).replace("\n", " ")
+
+    def line(self, record: logging.LogRecord) -> str:
+        """Return the line without the prefix."""
+        return record.getMessage()
+
+
+class _TextFormatter(_Formatter):
+    """Local time, level unless it is ``info``, text."""
+
+    def line(self, record: logging.LogRecord) -> str:
+        level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
+        return f"{datetime.fromtimestamp(record.created):%H:%M:%S} {level}{record.getMessage()}"
+
+
+class _JsonFormatter(_Formatter):
+    """An object with ``time``, ``level``, ``kind`` and ``text``."""
+
+    def line(self, record: logging.LogRecord) -> str:
+        fields = {
+            "time": stamp(datetime.fromtimestamp(record.created, UTC)),
+            "level": record.levelname.lower(),
+            "kind": getattr(record, "kind", ""),
+            "text": record.getMessage(),
+        }
+        return json.dumps(fields, ensure_ascii=False)
+
+
+_FORMATTERS: dict[str, type[_Formatter]] = {
+    "text": _TextFormatter,
+    "journal": _Formatter,
+    "json": _JsonFormatter,
+}
+
+
+def _journal_reads_stderr() -> bool:
+    """Return whether standard error goes to the journal.
+
+    The variable alone does not show it: every shell of a desktop inherits it.
+    """
+    try:
+        stderr = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError, AttributeError):
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{stderr.st_dev}:{stderr.st_ino}"

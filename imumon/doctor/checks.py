@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -47,10 +47,10 @@ NO_PORT = Check(
 )
 
 
-def config(settings: Settings, faults: str) -> Check:
+def config(settings: Settings, faults: Sequence[str]) -> Check:
     """Whether the settings can be used."""
     if faults:
-        first, *others = faults.splitlines()
+        first, *others = faults
         more = f" (and {len(others)} more)" if others else ""
         return Check("config", "failed", first + more, "imumon config check tells them all")
     return Check("config", "ok", str(settings.path) if settings.path else "no file, the defaults hold")

@@ -38,7 +38,7 @@ class Case:
     Attributes
     ----------
     settings : as the daemon would have them, the defaults where the file is at fault.
-    faults : of the file, one a line; empty: none.
+    faults : of the file; empty: none.
     port : the port; None: that of the settings, of a daemon that answers, or the first with a sensor.
     state_directory : where the daemon would keep its state.
     connect : endpoints of daemons; empty: those of the settings.
@@ -46,7 +46,7 @@ class Case:
     """
 
     settings: Settings
-    faults: str = ""
+    faults: tuple[str, ...] = ()
     port: str | None = None
     state_directory: Path
     connect: tuple[str, ...] = ()
