@@ -143,7 +143,9 @@ def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
         epilog="Try it without a sensor: imumon demo",
     )
     parser.add_argument("--version", action="version", version=f"imumon {__version__}")
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    subparsers = parser.add_subparsers(
+        title="commands", dest="command", metavar="COMMAND", parser_class=Parser
+    )
     commands: dict[str, Parser] = {}
     for name, (_, add_options, text) in COMMANDS.items():
         command = subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
