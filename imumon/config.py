@@ -369,7 +369,7 @@ def _unquoted(key: str) -> str:
 
 @dataclass
 class _Places:
-    """Where each setting stands: a line of the file, or the command line."""
+    """Place of each setting: a line of the file, or the command line."""
 
     file: str
     known: dict[str, str]

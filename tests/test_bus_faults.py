@@ -131,14 +131,11 @@ def test_a_frozen_daemon_is_missed_after_the_lease_and_welcome_back() -> None:
 def test_a_publisher_that_has_closed_leaves_no_memory_behind() -> None:
     code = f"""
 import os
-from imumon import heap
-heap.tune()
 from imumon.bus import Publisher
 from usage import resident_kb
 def grown(times):
     for _ in range(times):
         Publisher("a", listen=["{free()}"]).close()
-    heap.give_back()
     return resident_kb(os.getpid())
 print(-grown(30) + grown(100))
 """

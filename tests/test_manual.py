@@ -1,4 +1,4 @@
-"""Manual page: made from the parser, complete, with examples that parse."""
+"""Manual page: generated from the parser, complete, with examples that parse."""
 
 from __future__ import annotations
 

@@ -33,13 +33,13 @@ def task_of(arguments: argparse.Namespace, **more: Any) -> Any:
         columns = parse_map(arguments.map) if arguments.map else {}
     except ValueError as error:
         raise CommandError("invalid_map", f"--map: {error}", exit_code=USAGE) from None
-    made = options.settings(arguments)
-    asked = made.report
+    loaded = options.settings(arguments)
+    required = loaded.report
     return ReplayOptions(
         path=arguments.file,
-        rate_hz=arguments.rate or made.device.rate_hz or None,
-        guarded=made.guards.enabled and not arguments.no_guards,
-        precision={"N": asked.precision_n, "B": asked.precision_b, "K": asked.precision_k},
+        rate_hz=arguments.rate or loaded.device.rate_hz or None,
+        guarded=loaded.guards.enabled and not arguments.no_guards,
+        precision={"N": required.precision_n, "B": required.precision_b, "K": required.precision_k},
         kind=arguments.stream,
         columns=columns,
         topic=arguments.topic,

@@ -103,7 +103,7 @@ class _BoundedHandler(QueueHandler):
         """Enqueue the number of dropped records, if there are any and the queue has space for it."""
         if self._dropped and self.queue.qsize() < QUEUE_RECORDS // 2:  # type: ignore[attr-defined]
             count = self._dropped
-            text = f"{count} log line{'s' * (count > 1)} dropped: nothing reads standard error"
+            text = f"{count} log line{'s' * (count > 1)} dropped: standard error is full or too slow"
             if self._put(logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None)):
                 self._dropped = 0
 
@@ -144,6 +144,11 @@ class _Writer(logging.Handler):
             self._descriptor: int | None = self._stream.fileno()
         except (OSError, ValueError, AttributeError):
             self._descriptor = None
+
+    def handle(self, record: logging.LogRecord) -> bool:
+        # one thread writes, and it may block: with the lock of the handler, the end of `logging` would wait for it
+        self.emit(record)
+        return True
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
