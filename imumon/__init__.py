@@ -13,7 +13,7 @@ them, and the terminal UI shows them. The types in `samples` and `report` cross 
   bus/           Zenoh session: publisher, subscriber, queryable
   devices/       device contract, registry and drivers
   pipeline/      samples in, report out
-  config.py      settings: file and command line, with all faults at once
+  config/        settings: file and command line, with all faults at once
   checkpoint.py  saved state, written atomically
   noise/         mathematics on arrays: Allan variance, fit, grading, detection
   messages.py    texts for caveats, grades and reasons

@@ -11,17 +11,23 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import date, time
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from imumon.errors import ImumonError
+from imumon.config.toml_file import (
+    ConfigError,
+    ConfigFault,
+    Places,
+    line_numbers,
+    parse,
+    read_text,
+    toml_text,
+)
 
 Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
@@ -36,150 +42,115 @@ SECTION_CUTOFF, SETTING_CUTOFF = 0.5, 0.6
 """Least similarity (`difflib`) of a name that is suggested."""
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigFault:
-    """One fault of a file or of the command line.
-
-    Attributes
-    ----------
-    code : ``file_unreadable``, ``not_utf8``, ``not_toml``, ``unknown_section``, ``unknown_setting``,
-        ``not_a_section``, ``invalid_value``, ``invalid_character``, ``too_deep`` or ``contradiction``.
-    place : ``config.toml:12``, ``config.toml`` or ``command line``.
-    setting : dotted name, empty for a fault of the whole file.
-    message, cure : what is wrong, and what to do; the cure may be empty.
-    """
-
-    code: str
-    place: str
-    setting: str
-    message: str
-    cure: str = ""
-
-    def __str__(self) -> str:
-        text = ": ".join(filter(None, (self.place, self.setting, self.message)))
-        return f"{text}; {self.cure}" if self.cure else text
-
-
-class ConfigError(ImumonError):
-    """The settings have faults.
-
-    Attributes
-    ----------
-    faults : all of them, in the order of the file.
-    """
-
-    def __init__(self, *faults: ConfigFault) -> None:
-        super().__init__("invalid_settings", "\n".join(map(str, faults)))
-        self.faults = faults
-
-
 class Section(BaseModel):
     """Section of the file: values have exactly the declared type."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 class DeviceSettings(Section):
     """The device, its port and what to request from it"""
 
-    port: str = Field("", description='device path, pyserial URL or "sim"; empty: the only sensor found')
-    baud: Baud = Field("auto", description='"auto" detects it')
-    set_baud: NewBaud = Field(
-        0, description="change the baud of the sensor until its next power-up; 0: never"
-    )
-    rate_hz: float = Field(
-        0.0, ge=0.0, le=FASTEST_HZ, description="sample rate of a stream without a clock; 0: not given"
-    )
-    listen_only: bool = Field(
-        False, description="write nothing to the sensor; characterize the stream that it already sends"
-    )
-    stream: Literal["deltas", "uncompensated", "compensated"] = Field(
-        "deltas", description="stream to request from the sensor: deltas, uncompensated or compensated"
-    )
-    id: str = Field("", max_length=64, description="name in the Zenoh keys; empty: vn100-<serial number>")
+    port: str = ""
+    """device path, pyserial URL or "sim"; empty: the only sensor found"""
+    baud: Baud = "auto"
+    '"auto" detects it'
+    set_baud: NewBaud = 0
+    """change the baud of the sensor until its next power-up; 0: never"""
+    rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
+    """sample rate of a stream without a clock; 0: not given"""
+    listen_only: bool = False
+    """write nothing to the sensor; characterize the stream that it already sends"""
+    stream: Literal["deltas", "uncompensated", "compensated"] = "deltas"
+    """stream to request from the sensor: deltas, uncompensated or compensated"""
+    id: str = Field("", max_length=64)
+    """name in the Zenoh keys; empty: vn100-<serial number>"""
 
 
 class ZenohSettings(Section):
     """The bus: where the daemon listens, and who may connect"""
 
-    listen: TextList = Field((), description="endpoints; empty: first free of tcp/127.0.0.1:7448 to 7463")
-    connect: TextList = Field(
-        (), description="endpoints of routers to publish through as well; they may come and go"
-    )
-    mode: Literal["peer", "router"] = Field(
-        "peer", description="peer; or router: others may connect as to one"
-    )
-    user: str = Field("", description="name to log in with; others who connect must give it too")
-    password: str = Field(
-        "", description="its password; protect this file (of a service: group dialout, mode 0640)"
-    )
-    users_file: str = Field(
-        "", description="who else may connect: file of lines user:password; empty, and no user: everybody"
-    )
-    certificate: str = Field("", description="own TLS certificate, PEM")
-    key: str = Field("", description="its private key, PEM")
-    ca: str = Field("", description="authority that must have signed the certificate of the other side, PEM")
-    verify_name: bool = Field(True, description="the certificate must also name the host of the connection")
-    read_only: bool = Field(True, description="others may subscribe and query, but publish nothing")
-    allow: TextList = Field(
-        (), description="certificate or user names that may read; empty: all that may connect"
-    )
-    insecure: bool = Field(False, description="allow listening beyond this machine without TLS")
-    raw: Mapping[str, Any] = Field(
-        default_factory=dict, description='more settings of Zenoh: "path/of/setting" = value'
-    )
+    listen: TextList = ()
+    """endpoints; empty: first free of tcp/127.0.0.1:7448 to 7463"""
+    connect: TextList = ()
+    """endpoints of routers to publish through as well; they may come and go"""
+    mode: Literal["peer", "router"] = "peer"
+    """peer; or router: others may connect as to one"""
+    user: str = ""
+    """name to log in with; others who connect must give it too"""
+    password: str = ""
+    """its password; protect this file (of a service: group dialout, mode 0640)"""
+    users_file: str = ""
+    """who else may connect: file of lines user:password; empty, and no user: everybody"""
+    certificate: str = ""
+    """own TLS certificate, PEM"""
+    key: str = ""
+    """its private key, PEM"""
+    ca: str = ""
+    """authority that must have signed the certificate of the other side, PEM"""
+    verify_name: bool = True
+    """the certificate must also name the host of the connection"""
+    read_only: bool = True
+    """others may subscribe and query, but publish nothing"""
+    allow: TextList = ()
+    """certificate or user names that may read; empty: all that may connect"""
+    insecure: bool = False
+    """allow listening beyond this machine without TLS"""
+    raw: Mapping[str, Any] = Field(default_factory=dict)
+    """more settings of Zenoh: "path/of/setting" = value"""
 
 
 class StateSettings(Section):
     """The accumulated statistics on disk"""
 
-    directory: str = Field(
-        "", description="empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"
-    )
-    save_period_s: float = Field(
-        30.0, ge=1.0, le=3600.0, description="between two saves, which a power cut may lose, in seconds"
-    )
+    directory: str = ""
+    """empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
+    save_period_s: float = Field(30.0, ge=1.0, le=3600.0)
+    """between two saves, which a power cut may lose, in seconds"""
 
 
 class RecordSettings(Section):
     """The raw bytes, saved for replay"""
 
-    file: str = Field("", description="empty: nothing is saved")
-    rotate_mb: float = Field(0.0, ge=0.0, le=1e6, description="start a new file at this size; 0: never")
-    gzip: bool = Field(False, description="compress")
+    file: str = ""
+    """empty: nothing is saved"""
+    rotate_mb: float = Field(0.0, ge=0.0, le=1e6)
+    """start a new file at this size; 0: never"""
+    gzip: bool = False
+    """compress"""
 
 
 class ReportSettings(Section):
     """What is published, and the required precision"""
 
-    period_s: float = Field(1.0, ge=0.1, le=60.0, description="between two reports, in seconds")
-    precision_n: float = Field(
-        0.01, gt=0.0, lt=1.0, description="required half-width of the 95 % interval of N, as a share of N"
-    )
-    precision_b: float = Field(0.2, gt=0.0, lt=1.0, description="the same for B")
-    precision_k: float = Field(0.5, gt=0.0, lt=1.0, description="the same for K")
-    grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = Field(
-        "",
-        description="grade that imumon wait waits for: navigation, tactical, industrial or consumer; "
-        "empty: the first sample",
-    )
+    period_s: float = Field(1.0, ge=0.1, le=60.0)
+    """between two reports, in seconds"""
+    precision_n: float = Field(0.01, gt=0.0, lt=1.0)
+    """required half-width of the 95 % interval of N, as a share of N"""
+    precision_b: float = Field(0.2, gt=0.0, lt=1.0)
+    """the same for B"""
+    precision_k: float = Field(0.5, gt=0.0, lt=1.0)
+    """the same for K"""
+    grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = ""
+    """grade that imumon wait waits for: navigation, tactical, industrial or consumer; empty: the first sample"""
 
 
 class GuardSettings(Section):
     """What is excluded from the statistics: knocks, motion, warm-up"""
 
-    enabled: bool = Field(True, description="false: every valid sample counts")
+    enabled: bool = True
+    """false: every valid sample counts"""
 
 
 class LogSettings(Section):
     """The log of the daemon on standard error"""
 
-    level: Literal["error", "warning", "info", "debug"] = Field(
-        "info", description="lowest level that is logged: error, warning, info or debug"
-    )
-    format: Literal["auto", "text", "journal", "json"] = Field(
-        "auto", description="auto (journal under systemd, else text), text, journal or json"
-    )
+    level: Literal["error", "warning", "info", "debug"] = "info"
+    """lowest level that is logged: error, warning, info or debug"""
+    format: Literal["auto", "text", "journal", "json"] = "auto"
+    """auto (journal under systemd, else text), text, journal or json"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,7 +195,7 @@ def search() -> tuple[Path | None, Path | None]:
     local, ignored = Path("config.toml"), None
     if local.is_file():
         try:
-            if SECTIONS.keys() & _line_numbers(_read(local)).keys():
+            if SECTIONS.keys() & line_numbers(read_text(local)).keys():
                 return local, None
             ignored = local
         except ConfigError:
@@ -249,9 +220,9 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
     """
     given = {name: value for name, value in (overrides or {}).items() if value is not None}
     found, ignored = search() if path is None else (Path(path), None)
-    text = "" if found is None else _read(found)
-    values = _parse(text, str(found))
-    places = _Places(str(found), {name: f"{found}:{line}" for name, line in _line_numbers(text).items()})
+    text = "" if found is None else read_text(found)
+    values = parse(text, str(found))
+    places = Places(str(found), {name: f"{found}:{line}" for name, line in line_numbers(text).items()})
     for name, value in given.items():
         section, _, setting = name.partition(".")
         if isinstance(table := values.setdefault(section, {}), dict):
@@ -291,106 +262,12 @@ def render(settings: Settings, *, origins: bool = False) -> str:
             origin = settings.origins.get(f"{section}.{name}", "default")
             value = getattr(getattr(settings, section), name)
             shown = "********" if origins and value and name == "password" else value
-            lines += [f"# {origin if origins else info.description}", f"{name} = {_toml(shown)}"]
+            lines += [f"# {origin if origins else info.description}", f"{name} = {toml_text(shown)}"]
         lines.append("")
     return "\n".join(lines[:-1]) + "\n"
 
 
-def _toml(value: Any) -> str:
-    """Return the TOML text of a value.
-
-    >>> _toml(("a", True, 0.5)), _toml({"x/y": 1})
-    ('["a", true, 0.5]', '{ "x/y" = 1 }')
-    """
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + re.sub(r"[\x00-\x1f\x7f]", lambda m: f"\\u{ord(m[0]):04x}", escaped) + '"'
-    if isinstance(value, Mapping):
-        inner = ", ".join(f"{_toml(str(key))} = {_toml(item)}" for key, item in value.items())
-        return f"{{ {inner} }}" if inner else "{}"
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return value.isoformat() if isinstance(value, date | time) else repr(value)
-
-
-# ---------------------------------------------------------------------------- the file and its lines
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text("utf-8-sig")
-    except OSError as error:
-        fault = ConfigFault("file_unreadable", str(path), "", f"cannot be read: {error.strerror}")
-    except UnicodeDecodeError as error:
-        fault = ConfigFault("not_utf8", str(path), "", f"is not UTF-8 text (byte {error.start})")
-    raise ConfigError(fault)
-
-
-def _parse(text: str, file: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        fault = ConfigFault("not_toml", file, "", "not TOML: nested too deeply")
-    except ValueError as error:  # also a number of thousands of digits
-        # the standard library gives the place of an error only in its text
-        found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
-        what = found[1] if found else str(error)
-        line, column = (found[2], found[3]) if found and found[2] else (str(text.count("\n") + 1), "1")
-        place = f"{file}:{line}" if isinstance(error, tomllib.TOMLDecodeError) else file
-        column = f" (column {column})" if isinstance(error, tomllib.TOMLDecodeError) else ""
-        fault = ConfigFault("not_toml", place, "", f"not TOML: {what[:1].lower()}{what[1:]}{column}")
-    raise ConfigError(fault)
-
-
-def _line_numbers(text: str) -> dict[str, int]:
-    """Return the line of each section and setting by its dotted name, as far as single lines show it."""
-    found: dict[str, int] = {}
-    table = ""
-    name = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
-    for number, line in enumerate(text.splitlines(), 1):
-        if header := re.match(r"\s*\[\s*([^\[\]]+?)\s*\]", line):
-            table = _unquoted(header[1])
-            full = table
-        elif key := re.match(rf"\s*({name}(?:\s*\.\s*{name})*)\s*=", line):
-            full = f"{table}.{_unquoted(key[1])}".lstrip(".")
-        else:
-            continue
-        while full:
-            found.setdefault(full, number)
-            full = full.rpartition(".")[0]
-    return found
-
-
-def _unquoted(key: str) -> str:
-    return ".".join(part.strip().strip("\"'") for part in key.split("."))
-
-
-@dataclass
-class _Places:
-    """Place of each setting: a line of the file, or the command line."""
-
-    file: str
-    known: dict[str, str]
-
-    def of(self, name: str) -> str:
-        """Return the place of a setting, or of the nearest thing around it that has one."""
-        while name and name not in self.known:
-            name = name.rpartition(".")[0]
-        return self.known.get(name, self.file)
-
-    def order(self, fault: ConfigFault) -> tuple[bool, int, str]:
-        """Return the sort key of a fault: by line of the file, then the command line."""
-        head, _, line = fault.place.rpartition(":")
-        in_file = head == self.file and line.isdigit()
-        return (not in_file, int(line) if in_file else 0, str(fault))
-
-
-# ---------------------------------------------------------------------------- checks
-
-
-def _check_section(section: str, table: Any, places: _Places) -> Section:
+def _check_section(section: str, table: Any, places: Places) -> Section:
     """Return the checked section; raise `ConfigError` with all its faults."""
     if section not in SECTIONS:
         raise ConfigError(_unknown(section, isinstance(table, dict), places))
@@ -419,18 +296,18 @@ def _check_section(section: str, table: Any, places: _Places) -> Section:
     return checked
 
 
-def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places: _Places) -> ConfigFault:
+def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
     """Return pydantic's error of a setting as a fault."""
     full = f"{section}.{name}"
     if found["type"] == "extra_forbidden":
         return _unknown(full, False, places)
-    value = _toml(_value_at(table, found["loc"]))
+    value = toml_text(_value_at(table, found["loc"]))
     shown = value if len(value) <= SHOWN_CHARACTERS else value[: SHOWN_CHARACTERS - 3] + "..."
     message = f"{_allowed(found, SECTIONS[section].model_fields[name])}, not {shown}"
     return ConfigFault("invalid_value", places.of(full), full, message)
 
 
-def _unknown(name: str, is_section: bool, places: _Places) -> ConfigFault:
+def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
     """Return the fault of an unknown name, with the nearest valid one."""
     place = places.of(name)
     if is_section:
@@ -469,7 +346,7 @@ _TYPES = {
 def _allowed(found: Any, info: Any) -> str:
     """Return what a setting may be."""
     if get_origin(info.annotation) is Literal:
-        return "must be one of " + ", ".join(map(_toml, get_args(info.annotation)))
+        return "must be one of " + ", ".join(map(toml_text, get_args(info.annotation)))
     limits = {type(limit): limit for limit in info.metadata}
     if Ge in limits:
         return f"must be a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
@@ -498,7 +375,7 @@ _TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"),
 """Settings of ``[zenoh]`` of which the first needs the second."""
 
 
-def _contradictions(sections: Mapping[str, Any], places: _Places) -> Iterator[ConfigFault]:
+def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[ConfigFault]:
     """Yield the faults of settings that are valid alone but not together."""
 
     def fault(name: str, message: str) -> ConfigFault:
