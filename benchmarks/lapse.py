@@ -2,9 +2,8 @@
 
     python benchmarks/lapse.py SPEED ... run --port PATH --state DIR --listen ENDPOINT
 
-`imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same task;
-the words before ``run`` are passed over, so that it can stand before any command that starts a daemon. What
-the command does before it makes the daemon, for memory's sake, is done here too.
+`imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same options;
+the words before ``run`` are skipped, so that it can precede any command that starts a daemon.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from imumon import heap
-from imumon.config import load_apart
+from imumon.config import load
+from imumon.daemon import Daemon, RunOptions
 
 
 def main() -> None:
@@ -25,11 +24,7 @@ def main() -> None:
     for name in ("--port", "--state", "--listen"):
         parser.add_argument(name, required=True)
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
-    heap.tune()
-    answer = load_apart(None, {"zenoh.listen": [words.listen]})
-    from imumon.daemon import Daemon, RunOptions
-
-    settings = answer()
+    settings = load(None, {"zenoh.listen": [words.listen]})
     Daemon(settings, RunOptions(path=words.port, state_directory=Path(words.state), speed=speed)).run()
 
 

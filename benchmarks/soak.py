@@ -36,7 +36,6 @@ from figures import Figure, at_most
 from stall import still
 from usage import cpu_s, resident_kb
 
-from imumon import heap
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Report
 
@@ -181,13 +180,11 @@ def measure(minutes: float) -> Iterator[Figure]:
 
 
 def straight(words: argparse.Namespace) -> dict[str, object]:
-    """Blocks of an exact clock straight into the monitor, with a report every hour of the record, after which
-    memory is tidied as the daemon does."""
+    """Blocks of an exact clock straight into the monitor, with a report every hour of the record."""
     from imumon.pipeline import Monitor
     from imumon.report import DeviceDescription, SessionCounters
     from imumon.samples import SampleBlock, Stream
 
-    heap.bypass_cache()
     rate, n = words.rate, 8192
     names = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
     stream = Stream(
@@ -211,9 +208,6 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
             monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "running", SessionCounters())
             monitor.events()
             sizes.append(sum(array.nbytes for array in monitor.save()[1].values()))
-            if not taken:
-                heap.settle()
-            heap.tidy()
             taken.append(resident_kb(os.getpid()))
     monitor.flush()
     latest = monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "stopped", SessionCounters())
@@ -241,8 +235,6 @@ def main() -> int:
     words = parser.parse_args()
     words.speed = 1.0 if words.mode == "live" else words.speed
     direct = words.direct and words.mode == "days"
-    if direct:
-        heap.tune()  # as the daemon does
     with tempfile.TemporaryDirectory(prefix="imumon-soak-") as scratch:
         made = straight(words) if direct else through_the_pipeline(words, Path(scratch))
     print(json.dumps(made, indent=1))

@@ -1,28 +1,27 @@
 """imumon: live noise figures of an inertial sensor.
 
-A VN-100 sends bytes. A codec finds samples. A monitor feeds running statistics and is asked for a report.
-A bus carries it. A screen draws it. Three things cross boundaries: bytes, SampleBlock, Report.
+A device delivers blocks of samples. The pipeline updates running statistics and makes reports. The bus publishes
+them, and the terminal UI shows them. The types in `samples` and `report` cross package boundaries, nothing else.
 
-  cli/           words on the command line
-  daemon/        the loop: read, feed, ask, publish, save
-  replay.py      the same loop over a file
-  emulator/      a VN-100 on a pseudo-terminal
-  tui/           the live screen
-  datasheet/     a report in, documents out
-  doctor/        one check a line, each with its cure
-  sources/       where bytes come from: ports and recordings
-  monitor/       samples in, report out
-  bus/           reports on Zenoh, and back
-  config.py      settings, with errors a user can act on
-  checkpoint.py  the state on disk, atomically
-  words.py       what caveats and grades mean, for people
-  sensors/       bytes to samples and back, no I/O
-  noise/         Allan variance, fit, grade, guards: pure mathematics
-  timeline.py    the sensor's clock: which tick each sample is
-  report.py      what is published; standard library only
-  samples.py     what crosses from sensors to the monitor
-  units.py       SI to the units people read
-  heap.py        memory that was freed, given back
+  cli/           commands: parse arguments, print results, map errors to exit codes
+  daemon/        the loop: read, feed, report, publish, save
+  replay/        the same loop over a recording
+  tui/           terminal UI
+  datasheet/     report to documents, figures, tables and configuration snippets
+  doctor/        checks of port, device, bus, state and service
+  recordings/    files as sources of samples
+  bus/           Zenoh session: publisher, subscriber, queryable
+  devices/       device contract, registry and drivers
+  pipeline/      samples in, report out
+  config/        settings: file and command line, with all faults at once
+  checkpoint.py  saved state, written atomically
+  noise/         mathematics on arrays: Allan variance, fit, grading, detection
+  messages.py    texts for caveats, grades and reasons
+  timebase/      clock values and host stamps to a grid of samples
+  report.py      published data model; standard library only
+  samples.py     types that devices deliver
+  units.py       SI units and readable units
+  errors.py      base class of errors that a user may see
 """
 
 __version__ = "0.1.0"

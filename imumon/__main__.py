@@ -4,12 +4,8 @@ import sys
 
 
 def main() -> int:
-    """The command line; a daemon, which is to run for months, has its heap told how before all else."""
+    """Run the command line and return its exit code."""
     try:
-        if sys.argv[1:2] == ["run"]:
-            from imumon import heap
-
-            heap.tune()
         from imumon.cli import main as command
     except KeyboardInterrupt:
         return 130  # as the command line itself does

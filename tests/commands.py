@@ -1,14 +1,17 @@
-"""The command line as a user runs it."""
+"""The command line as a user runs it, and its manual page."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
 
 
 def imumon(*words: str | Path, code: int = 0) -> str:
-    """Output of a command that ends with that code; of one that fails its one line on stderr."""
+    """Return the output of a command that ends with this code, or its one line on stderr if it fails."""
     done = subprocess.run(
         [sys.executable, "-m", "imumon", *map(str, words)],
         capture_output=True,
@@ -22,3 +25,11 @@ def imumon(*words: str | Path, code: int = 0) -> str:
         assert len(done.stderr.strip().splitlines()) == 1, done.stderr
         return done.stderr
     return done.stdout
+
+
+def manual_page() -> str:
+    """Return the manual page imumon(1) as the build of a wheel makes it."""
+    (page,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["build_manpages"]["manpages"]
+    words = [f"--{option.replace('_', '-')}" for option in page.split(":")[1:]]
+    command = [sys.executable, "-c", "from argparse_manpage.cli import main; main()", *words]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout

@@ -16,6 +16,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from commands import manual_page
+
 ROOT = Path(__file__).parents[1]
 BOOT_S = 60.0
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -152,10 +154,9 @@ class Machine:
             f'LD_LIBRARY_PATH={python}/lib\nexec {python}/bin/{name} -m imumon "$@"\n'
         )
         program.chmod(0o755)
-        for page in (ROOT / "docs/man").iterdir():
-            place = local / f"share/man/man{page.suffix[1:]}"
-            place.mkdir(parents=True, exist_ok=True)
-            shutil.copy(page, place)
+        pages = local / "share/man/man1"
+        pages.mkdir(parents=True)
+        (pages / "imumon.1").write_text(manual_page())
         if Path("/etc/manpath.config").exists():
             shutil.copy("/etc/manpath.config", self.root / "etc")
         units = self.root / "etc/systemd/system"

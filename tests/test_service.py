@@ -1,7 +1,9 @@
-"""The service: what the unit promises, what the daemon tells its manager and the journal."""
+"""The service: the unit, the messages to the service manager, and the log."""
 
 from __future__ import annotations
 
+import json
+import logging
 import os
 import re
 import shutil
@@ -9,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +21,7 @@ from daemons import free_endpoint
 
 from imumon.config import Settings, ZenohSettings, search
 from imumon.daemon import Daemon, RunOptions
-from imumon.daemon.log import DaemonLog
+from imumon.daemon.log import configure_logging
 from imumon.daemon.run_limits import Shutdown
 from imumon.devices.base import DeviceLost, DeviceNotFound, DeviceOptions
 from imumon.devices.device_reader import Items
@@ -33,7 +36,7 @@ UNIT = ROOT / "systemd" / "imumon@.service"
 RULE = ROOT / "systemd" / "90-imumon.rules.example"
 
 
-def promised() -> dict[str, list[str]]:
+def unit_settings() -> dict[str, list[str]]:
     """Settings of the unit."""
     found: dict[str, list[str]] = {}
     for name, value in re.findall(r"^(\w+)=(.*)$", UNIT.read_text(), re.MULTILINE):
@@ -41,8 +44,8 @@ def promised() -> dict[str, list[str]]:
     return found
 
 
-def test_the_unit_says_what_it_is() -> None:
-    unit = promised()
+def test_the_settings_of_the_unit() -> None:
+    unit = unit_settings()
     assert unit["Type"] == ["notify"]
     assert unit["ExecStart"] == ["imumon run --port /dev/%I"]
     assert unit["Documentation"] == ["man:imumon(1)"]
@@ -55,7 +58,7 @@ def test_the_unit_says_what_it_is() -> None:
 
 def test_the_unit_names_devices_by_number() -> None:
     """A name that is not in /proc/devices when the service starts allows nothing, ever."""
-    assert all(re.fullmatch(r"char-\d+ rw", allowed) for allowed in promised()["DeviceAllow"])
+    assert all(re.fullmatch(r"char-\d+ rw", allowed) for allowed in unit_settings()["DeviceAllow"])
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
@@ -65,81 +68,87 @@ def test_the_exposure_is_low() -> None:
     assert done.returncode == 0, done.stdout.splitlines()[-1:]
 
 
-class Ear:
-    """The manager's end of the notification socket."""
+class NotifySocket:
+    """The end of the notification socket that a service manager reads."""
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / "notify"
-        self.heard: list[str] = []
+        self.messages: list[str] = []
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(self.path))
         self._socket.settimeout(0.1)
 
     def until(self, text: str, within_s: float = 20.0) -> int:
-        """Place of the first message that begins so."""
+        """Return the index of the first message that starts with the text."""
         deadline = time.monotonic() + within_s
         while time.monotonic() < deadline:
-            for place, message in enumerate(self.heard):
+            for place, message in enumerate(self.messages):
                 if message.startswith(text):
                     return place
             try:
-                self.heard.append(self._socket.recv(4096).decode())
+                self.messages.append(self._socket.recv(4096).decode())
             except TimeoutError:
                 continue
-        raise AssertionError(f"no {text} among {self.heard}")
+        raise AssertionError(f"no {text} among {self.messages}")
 
     def close(self) -> None:
         self._socket.close()
 
 
-def told(ear: Ear, port: str, directory: Path) -> subprocess.Popen[str]:
-    """A daemon that takes us for its service manager."""
+def start_daemon(manager: NotifySocket, port: str, directory: Path) -> subprocess.Popen[str]:
+    """Start a daemon with this process as its service manager."""
     command = [sys.executable, "-m", "imumon", "run", "--port", port, "--listen", free_endpoint()]
-    manager = {"NOTIFY_SOCKET": str(ear.path), "WATCHDOG_USEC": "1000000", "STATE_DIRECTORY": str(directory)}
+    manager = {
+        "NOTIFY_SOCKET": str(manager.path),
+        "WATCHDOG_USEC": "1000000",
+        "STATE_DIRECTORY": str(directory),
+    }
     return subprocess.Popen([*command], env={**os.environ, **manager}, stderr=subprocess.PIPE, text=True)
 
 
 def test_ready_comes_with_the_first_sample_and_the_grade_with_the_status(tmp_path: Path) -> None:
-    ear = Ear(tmp_path)
+    manager = NotifySocket(tmp_path)
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        daemon = told(ear, sensor.path, tmp_path)
+        daemon = start_daemon(manager, sensor.path, tmp_path)
         try:
-            assert ear.until("STATUS=starting") < ear.until("READY=1") < ear.until("STATUS=running")
-            ear.until("STATUS=running, gyro industrial, accel industrial")
-            assert ear.heard.count("READY=1") == 1
-            assert ear.heard.count("WATCHDOG=1") > 2
+            assert (
+                manager.until("STATUS=starting") < manager.until("READY=1") < manager.until("STATUS=running")
+            )
+            manager.until("STATUS=running, gyro industrial, accel industrial")
+            assert manager.messages.count("READY=1") == 1
+            assert manager.messages.count("WATCHDOG=1") > 2
         finally:
             daemon.terminate()
             daemon.communicate(timeout=20)
-    ear.until("STOPPING=1")
-    ear.until("STATUS=stopped")
+    manager.until("STOPPING=1")
+    manager.until("STATUS=stopped")
     assert daemon.returncode == 0
-    ear.close()
+    manager.close()
 
 
 def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
-    ear = Ear(tmp_path)
-    daemon = told(ear, str(tmp_path / "ttyNONE"), tmp_path)
+    manager = NotifySocket(tmp_path)
+    daemon = start_daemon(manager, str(tmp_path / "ttyNONE"), tmp_path)
     try:
-        ear.until("READY=1")
-        ear.until("STATUS=waiting: no port")
-        ear.until("WATCHDOG=1")
+        manager.until("READY=1")
+        manager.until("STATUS=waiting: no port")
+        manager.until("WATCHDOG=1")
     finally:
         daemon.terminate()
-        _, said = daemon.communicate(timeout=20)
+        _, log = daemon.communicate(timeout=20)
     assert daemon.returncode == 0
-    assert said.count("waiting") == 1  # said once, however long it lasts
-    ear.close()
+    assert log.count("waiting") == 1  # logged once, however long it lasts
+    manager.close()
 
 
 def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ear = Ear(tmp_path)
-    monkeypatch.setenv("NOTIFY_SOCKET", str(ear.path))
+    manager = NotifySocket(tmp_path)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
     monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", list)
     outcome = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path, duration_s=0.3)).run()
     assert outcome.report is None
-    assert ear.until("READY=1") < ear.until("STATUS=waiting: no serial port on this machine")
-    ear.close()
+    assert manager.until("READY=1") < manager.until("STATUS=waiting: no serial port on this machine")
+    manager.close()
 
 
 def test_a_device_that_is_silent_from_the_start_is_waited_for(
@@ -188,7 +197,7 @@ def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Meanwhile nobody holds its port, its address on the bus and its state."""
-    listener, whole, tries = Ear(tmp_path), Vn100Session.configure, [0]
+    manager, whole, tries = NotifySocket(tmp_path), Vn100Session.configure, [0]
 
     def configure(session: Vn100Session) -> DeviceInfo:
         tries[0] += 1
@@ -198,7 +207,7 @@ def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
 
     monkeypatch.setattr(Vn100Session, "configure", configure)
     monkeypatch.setattr("imumon.devices.device_reader.FIRST_RETRY_S", 0.1)
-    monkeypatch.setenv("NOTIFY_SOCKET", str(listener.path))
+    monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
     settings = Settings(zenoh=ZenohSettings(listen=(free_endpoint(),)))
     with spawn(EmulatorSettings(seed=1)) as sensor:
         options = RunOptions(url=sensor.path, state_directory=tmp_path, duration_s=3.0)
@@ -206,8 +215,8 @@ def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
     assert tries == [2]
     assert result.report is not None
     assert result.report.session.samples > 0
-    assert listener.until("STATUS=waiting: unplugged") < listener.until("STATUS=running")
-    listener.close()
+    assert manager.until("STATUS=waiting: unplugged") < manager.until("STATUS=running")
+    manager.close()
 
 
 def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
@@ -240,19 +249,51 @@ def test_a_port_that_vanishes_during_the_search_does_not_end_it(monkeypatch: pyt
     assert device._path == "/b"
 
 
-def test_a_reader_of_the_log_that_does_not_read_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_standard_error_does_not_block_and_drops_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ours, theirs = os.pipe()
-    with open(theirs, "w") as pipe, open(ours):
-        monkeypatch.setattr(sys, "stderr", pipe)
-        log = DaemonLog(format="text")
-        for k in range(3000):  # a pipe holds 64 kB
-            log.say(f"line {k:050}")
-        os.set_blocking(ours, False)
-        kept = os.read(ours, 1 << 20).decode().splitlines()
-        log.say("at last")
-        after = os.read(ours, 1 << 20).decode().splitlines()
-    assert [line[9:] for line in kept] == [f"line {k:050}" for k in range(len(kept))]
-    assert [line[9:] for line in after] == [f"{3000 - len(kept)} lines left out: nobody read them", "at last"]
+    read: list[bytes] = []
+    with open(ours, "rb") as reader:
+        with open(theirs, "w") as pipe:
+            monkeypatch.setattr(sys, "stderr", pipe)
+            close = configure_logging(format="text")
+            for k in range(5000):  # a pipe holds 64 kB
+                LOGGER.info("line %050d", k)
+            thread = threading.Thread(target=lambda: read.append(reader.read()))
+            thread.start()
+            queue = logging.getLogger("imumon").handlers[0].queue  # type: ignore[attr-defined]
+            while not queue.empty():
+                time.sleep(0.01)
+            LOGGER.info("at last")
+            close()
+        thread.join(20.0)
+    text = b"".join(read).decode()
+    written = [int(number) for number in re.findall(r" line (\d+)$", text, re.MULTILINE)]
+    dropped = [int(number) for number in re.findall(r" (\d+) log lines? dropped: ", text)]
+    assert written == sorted(set(written))
+    assert len(written) + sum(dropped) == 5000
+    assert sum(dropped) > 0
+    assert text.endswith(" at last\n")
+
+
+def test_the_end_does_not_wait_for_a_full_standard_error() -> None:
+    code = """
+import logging, time
+from imumon.daemon.log import configure_logging
+close = configure_logging()
+for _ in range(5000):
+    logging.getLogger("imumon.test").warning(50 * "x")
+start = time.monotonic()
+close()
+print(time.monotonic() - start < 3.0)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.read() == "True\n"
+        assert process.wait(20) == 0
 
 
 @pytest.mark.parametrize("ignored", [True, False])
@@ -268,28 +309,52 @@ def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(ignored: bo
 
 
 @pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])
-def test_the_journal_gets_priorities_and_nobody_else(
-    form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_only_the_journal_gets_priorities(form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with (tmp_path / "err").open("w") as file:
         monkeypatch.setattr(sys, "stderr", file)
         monkeypatch.setenv("JOURNAL_STREAM", "9:1")  # inherited from another, as in a terminal of a desktop
-        DaemonLog(format=form).say("elsewhere", "warning")
-        place = os.fstat(file.fileno())
-        monkeypatch.setenv("JOURNAL_STREAM", f"{place.st_dev}:{place.st_ino}")
-        DaemonLog(format=form).say("here", "error")
+        close = configure_logging(format=form)
+        LOGGER.warning("elsewhere")
+        close()
+        status = os.fstat(file.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
+        close = configure_logging(format=form)
+        LOGGER.error("here")
+        close()
     elsewhere, here = (tmp_path / "err").read_text().splitlines()
     assert elsewhere.startswith("<4>") == (form == "journal")
     assert here.startswith("<3>")
 
 
-def test_a_user_without_a_home_is_no_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_levels_and_formats(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("JOURNAL_STREAM", raising=False)
+    with (tmp_path / "err").open("w") as file:
+        monkeypatch.setattr(sys, "stderr", file)
+        for level, form in (("info", "text"), ("warning", "json"), ("debug", "journal")):
+            close = configure_logging(level, form)
+            LOGGER.debug("one")
+            LOGGER.info("two")
+            LOGGER.warning("three\n%d", 3, extra={"kind": "gap"})
+            close()
+    two, three, packed, *journal = (tmp_path / "err").read_text().splitlines()
+    assert re.fullmatch(r"\d\d:\d\d:\d\d two", two)
+    assert re.fullmatch(r"\d\d:\d\d:\d\d warning: three 3", three)
+    assert {**json.loads(packed), "time": ""} == {
+        "time": "",
+        "level": "warning",
+        "kind": "gap",
+        "text": "three\n3",
+    }
+    assert journal == ["<7>one", "<6>two", "<4>three 3"]
+
+
+def test_a_user_without_a_home_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A dynamic user has one only where the name service knows it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("HOME", raising=False)
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
-    assert search() in (None, Path("/etc/imumon/config.toml"))
+    assert search()[0] in (None, Path("/etc/imumon/config.toml"))
 
 
 USB = """
@@ -319,16 +384,16 @@ def test_the_rule_names_one_adapter_and_starts_its_service(tmp_path: Path) -> No
         rule = tmp_path / "rules"
         rule.write_text(text.replace("A1B2C3D4", serial))
         command = ["unshare", "--mount", "sh", "-c", USB, "sh", rule]
-        said = subprocess.run(command, capture_output=True, text=True, check=False).stdout
-        assert "ACTION=add" in said
-        assert "Invalid" not in said
-        assert ("SYSTEMD_WANTS=imumon@imumon-A1B2C3D4.service" in said) == taken
-        assert ("ID_MM_DEVICE_IGNORE=1" in said) == taken
-        assert bool(re.search("latency_timer' writing '1'", said)) == taken
-        assert said.endswith("\n../ttyUSB0\n") == taken  # what /dev/imumon/A1B2C3D4 leads to
+        output = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+        assert "ACTION=add" in output
+        assert "Invalid" not in output
+        assert ("SYSTEMD_WANTS=imumon@imumon-A1B2C3D4.service" in output) == taken
+        assert ("ID_MM_DEVICE_IGNORE=1" in output) == taken
+        assert bool(re.search("latency_timer' writing '1'", output)) == taken
+        assert output.endswith("\n../ttyUSB0\n") == taken  # what /dev/imumon/A1B2C3D4 leads to
 
 
-def test_the_service_of_the_rule_reads_its_name() -> None:
+def test_the_service_of_the_udev_rule_reads_the_link_of_the_rule() -> None:
     """The instance of the unit, unescaped, is the path below /dev."""
     instance = re.search(r"imumon@(\S+)\.service", RULE.read_text())
     link = re.search(r'SYMLINK\+="([^"]+)"', RULE.read_text())

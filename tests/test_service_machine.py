@@ -60,7 +60,7 @@ def tell(what: str, seconds: float) -> None:
 def test_nothing_in_the_unit_is_complained_of(machine: Machine) -> None:
     words = ["sh", "-c", f"systemd-analyze verify {UNIT} 2>&1"]  # with the program and its manual installed
     assert machine.run(*words) == ""
-    assert "EXIT STATUS" in machine.run("man", "imumon-run")
+    assert "EXIT STATUS" in machine.run("man", "imumon")
 
 
 def test_it_is_active_when_samples_come_and_shows_the_grade(machine: Machine) -> None:

@@ -1,4 +1,4 @@
-"""`imumon wait`: done when it is so, 4 when it is late, 3 when nobody is there."""
+"""`imumon wait`: exit code 0 when the condition holds, 4 when it is late, 3 without a daemon."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from imumon.samples import sensor_of
 from imumon.units import READABLE
 
 
-def changed(made: Report, name: str, **coefficients: float | None) -> Report:
+def changed(report: Report, name: str, **coefficients: float | None) -> Report:
     """The report with another upper limit, SI, of some coefficients of a channel; None: pending."""
-    channel = made.channels[name]
+    channel = report.channels[name]
     parts = {}
     for letter, high in coefficients.items():
         found, factor = getattr(channel, letter), READABLE[sensor_of(name), letter].factor
@@ -33,92 +33,93 @@ def changed(made: Report, name: str, **coefficients: float | None) -> Report:
             if high is None
             else replace(found, value=None, low=None, high=high, status="upper_bound", readable=shown)
         )
-    return replace(made, channels={**made.channels, name: replace(channel, **parts)})
+    return replace(report, channels={**report.channels, name: replace(channel, **parts)})
 
 
-def graded(made: Report, provisional: bool) -> Report:
+def graded(report: Report, provisional: bool) -> Report:
     headline = SensorGrade(nearest="industrial", meets="industrial", provisional=provisional)
-    return replace(made, grade={"gyro": headline, "accel": headline})
+    return replace(report, grade={"gyro": headline, "accel": headline})
 
 
 LONG = graded(reports.report(100_000.0), False)
 
 
 def test_a_final_grade_counts_for_itself_and_all_worse_ones() -> None:
-    assert WaitCondition(grade="industrial").lacks(LONG) is None
-    assert WaitCondition(grade="consumer").lacks(LONG) is None
-    assert "industrial" in str(WaitCondition(grade="tactical").lacks(LONG))
+    assert WaitCondition(grade="industrial").unmet(LONG) is None
+    assert WaitCondition(grade="consumer").unmet(LONG) is None
+    assert "industrial" in str(WaitCondition(grade="tactical").unmet(LONG))
 
 
-def test_a_provisional_grade_counts_when_no_limit_can_take_it_away() -> None:
+def test_a_provisional_grade_counts_if_every_limit_has_it() -> None:
     maybe = graded(LONG, True)
     good = changed(maybe, "gyro/x", B=4.0e-5)  # 8 deg/h at most: industrial
-    assert WaitCondition(grade="industrial").lacks(good) is None
+    assert WaitCondition(grade="industrial").unmet(good) is None
     bad = changed(maybe, "gyro/x", B=4.0e-4)  # 82 deg/h: it may be consumer
     assert (
-        WaitCondition(grade="industrial").lacks(bad) == "B of gyro/x may be up to 82.5 °/h, that is consumer"
+        WaitCondition(grade="industrial").unmet(bad) == "B of gyro/x may be up to 82.5 °/h, that is consumer"
     )
-    assert WaitCondition(grade="consumer").lacks(bad) is None
-    assert WaitCondition(grade="industrial", channels=("accel",)).lacks(bad) is None
-    assert "pending" in str(WaitCondition(grade="industrial").lacks(changed(maybe, "accel/y", B=None)))
+    assert WaitCondition(grade="consumer").unmet(bad) is None
+    assert WaitCondition(grade="industrial", channels=("accel",)).unmet(bad) is None
+    assert "pending" in str(WaitCondition(grade="industrial").unmet(changed(maybe, "accel/y", B=None)))
 
 
-def test_a_grade_of_a_record_mostly_cut_out_does_not_count() -> None:
+def test_a_provisional_grade_of_a_mostly_excluded_record_does_not_count() -> None:
     maybe = graded(LONG, True)
     session = replace(maybe.session, excluded_s=0.6 * maybe.session.elapsed_s)
-    assert "not certain" in str(WaitCondition(grade="industrial").lacks(replace(maybe, session=session)))
+    assert "not certain" in str(WaitCondition(grade="industrial").unmet(replace(maybe, session=session)))
 
 
-def test_no_grade_tells_its_reason() -> None:
+def test_a_missing_grade_has_its_reason() -> None:
     none = replace(LONG, grade={"gyro": SensorGrade(reason="the sensor is not at rest")})
-    assert WaitCondition(grade="consumer").lacks(none) == "gyro has no grade yet: the sensor is not at rest"
+    assert WaitCondition(grade="consumer").unmet(none) == "gyro has no grade yet: the sensor is not at rest"
 
 
 def test_a_precision_needs_every_axis_measured() -> None:
-    assert WaitCondition(coefficient="N", precision=0.5).lacks(LONG) is None
-    assert "wanted 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).lacks(LONG))
+    assert WaitCondition(coefficient="N", precision=0.5).unmet(LONG) is None
+    assert "required 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).unmet(LONG))
     bounded = changed(LONG, "accel/z", K=1.0)
-    assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).lacks(bounded))
-    assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).lacks(LONG) is None
-    asked = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
-    assert asked.unknown(LONG) == "mag/q"
-    assert asked.unknown(replace(LONG, channels={})) is None  # it has not shown what it has
-    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).lacks(LONG))
+    assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).unmet(bounded))
+    assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(LONG) is None
+    condition = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
+    assert condition.unknown_channel(LONG) == "mag/q"
+    assert condition.unknown_channel(replace(LONG, channels={})) is None  # its channels are not known yet
+    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(LONG))
 
 
-def test_what_was_reached_is_what_was_asked() -> None:
+def test_the_description_names_what_the_condition_asks_for() -> None:
     halves = {
         name: (n.high - n.low) / (2.0 * n.value)
         for name, channel in LONG.channels.items()
         if name[:4] in ("gyro", "acce") and (n := channel.N) and n.value and n.high and n.low
     }
     worst = max(halves, key=lambda name: halves[name])
-    said = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, asked 5 %"
-    assert WaitCondition(coefficient="N", precision=0.05).reached(LONG) == said
+    text = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, required 5 %"
+    assert WaitCondition(coefficient="N", precision=0.05).description(LONG) == text
     grades = "gyro industrial, accel industrial"
-    assert WaitCondition(grade="consumer").reached(LONG) == grades
-    assert WaitCondition(grade="consumer", channels=("gyro/x",)).reached(LONG) == "gyro industrial"
+    assert WaitCondition(grade="consumer").description(LONG) == grades
+    assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(LONG) == "gyro industrial"
     assert (
-        WaitCondition(grade="consumer", coefficient="N", precision=0.05).reached(LONG) == f"{said}, {grades}"
+        WaitCondition(grade="consumer", coefficient="N", precision=0.05).description(LONG)
+        == f"{text}, {grades}"
     )
-    assert WaitCondition().reached(LONG) == grades
-    assert WaitCondition().reached(replace(LONG, grade={})) == "running"
+    assert WaitCondition().description(LONG) == grades
+    assert WaitCondition().description(replace(LONG, grade={})) == "running"
 
 
-def test_nothing_asked_is_the_first_sample() -> None:
-    assert WaitCondition().lacks(LONG) is None
-    assert "no sample yet" in str(WaitCondition().lacks(replace(LONG, session=SessionCounters())))
+def test_an_empty_condition_is_the_first_sample() -> None:
+    assert WaitCondition().unmet(LONG) is None
+    assert "no sample yet" in str(WaitCondition().unmet(replace(LONG, session=SessionCounters())))
 
 
 @pytest.mark.parametrize("text", ["", "x", "5 parsecs", "-1", "0", "h", "1h x", "1e999"])
-def test_a_length_of_time_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(Exception, match="no length of time"):
+def test_an_invalid_duration_is_refused(text: str) -> None:
+    with pytest.raises(Exception, match="not a duration"):
         seconds(text)
 
 
 @pytest.mark.parametrize("text", ["", "0", "1", "-5%", "100%", "nan", "one"])
-def test_a_precision_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(Exception, match="no precision"):
+def test_an_invalid_precision_is_refused(text: str) -> None:
+    with pytest.raises(Exception, match="not a precision"):
         share(text)
 
 
@@ -127,7 +128,7 @@ def wait(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
-def test_nobody_there_is_3_within_2_seconds() -> None:
+def test_without_a_daemon_it_is_3_within_2_seconds() -> None:
     start = time.monotonic()
     done = wait("--connect", free_endpoint())
     assert done.returncode == 3
@@ -136,13 +137,13 @@ def test_nobody_there_is_3_within_2_seconds() -> None:
     assert wait("--connect", free_endpoint(), "--timeout", "0.3").returncode == 3
 
 
-def test_a_daemon_answers_in_time_and_too_late(tmp_path: Path) -> None:
+def test_exit_codes_with_a_daemon(tmp_path: Path) -> None:
     with Daemon("sim", tmp_path, "--speed", "100", "--seed", "1") as daemon:
         where = ("--connect", daemon.endpoint)
         reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "30s")
         assert (reached.returncode, reached.stderr) == (0, "")
         assert reached.stdout.startswith("vn100-0100056785: N known to ")
-        assert " or better, asked 10 % after " in reached.stdout
+        assert " or better, required 10 % after " in reached.stdout
         assert reached.stdout.count("\n") == 1
         settings = tmp_path / "config.toml"
         settings.write_text(f'[zenoh]\nlisten = ["{daemon.endpoint}"]\n[report]\ngrade = "consumer"\n')
@@ -157,7 +158,7 @@ def test_a_daemon_answers_in_time_and_too_late(tmp_path: Path) -> None:
         daemon.stop()
 
 
-def test_of_several_daemons_one_answers_and_the_others_are_named(tmp_path: Path) -> None:
+def test_of_several_daemons_one_answers_and_the_others_are_listed(tmp_path: Path) -> None:
     with ExitStack() as both:
         one, other = (
             both.enter_context(Daemon("sim", tmp_path / name, "--id", name, "--seed", "1"))
@@ -179,21 +180,21 @@ def test_of_several_daemons_one_answers_and_the_others_are_named(tmp_path: Path)
         assert done.stdout.startswith("bert: ")
 
 
-def test_it_waits_for_a_daemon_that_is_not_there_yet(tmp_path: Path) -> None:
+def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:
     place = free_endpoint()
     command = [sys.executable, "-m", "imumon", "wait", "--connect", place, "--timeout", "30s"]
     waiting = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, listen=place) as daemon:
-        said, _ = waiting.communicate(timeout=30)
+        text, _ = waiting.communicate(timeout=30)
         daemon.stop()
     assert waiting.returncode == 0
-    assert said.startswith("vn100-")
+    assert text.startswith("vn100-")
 
 
 @pytest.mark.parametrize(
     "words", [("--precision", "0.1"), ("--grade", "splendid"), ("--timeout", "soon"), ("--timeout", "0")]
 )
-def test_wrong_words_are_one_line_and_2(words: tuple[str, ...]) -> None:
+def test_invalid_options_are_one_line_and_2(words: tuple[str, ...]) -> None:
     done = wait(*words)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

@@ -1,4 +1,4 @@
-"""Use of the machine by a process, as its kernel tells."""
+"""Memory and processor time of a process, from /proc."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 
 
 def resident_kb(pid: int) -> int:
-    """Resident memory, kB."""
+    """Return the resident memory, kB."""
     found = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())
     return int(found[1]) if found else 0
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time used so far, s, user and system."""
+    """Return the processor time so far, s, user and system."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

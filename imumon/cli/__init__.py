@@ -1,11 +1,5 @@
 """Commands of the program: one module per group."""
 
-from imumon.cli.main import (
-    main,
-    parsers,
-)
+from imumon.cli.main import main, parsers
 
-__all__ = [
-    "main",
-    "parsers",
-]
+__all__ = ["main", "parsers"]

@@ -1,115 +1,91 @@
-"""Commands that look after an installation: doctor, config, completion."""
+"""Commands that check and configure an installation: doctor, config."""
 
 from __future__ import annotations
 
 import argparse
-import sys
+import json
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import asdict
+from datetime import UTC, datetime
 from typing import Any
 
-from imumon.cli.options import DONE, FAILED, Parser, add_endpoints, settings, state_directory
+from imumon.cli import options
+from imumon.cli.exit_codes import FAILURE, SUCCESS
+from imumon.cli.options import Parser
+from imumon.cli.output import print_json, print_status
 
-COLUMN = 13
+NAME_COLUMNS = 13
+"""Width of the names of the checks, characters."""
 
 
 def add_doctor(parser: Parser) -> None:
     parser.add_argument("--port", metavar="PORT", help="device path, URL, or sim; default: the one found")
-    parser.add_argument("--config", metavar="FILE", help="settings; flags win over the file")
-    parser.add_argument("--json", action="store_true", help="the checks as JSON")
-    add_endpoints(parser)
+    options.add_config(parser)
+    parser.add_argument("--json", action="store_true", help="print the checks as JSON")
+    options.add_endpoints(parser)
 
 
-def doctor(words: argparse.Namespace) -> int:
-    """One line a check; failed when one has failed."""
-    from contextlib import nullcontext
-    from pathlib import Path
-
-    from imumon.config import ConfigError, Settings, load
+def doctor(arguments: argparse.Namespace) -> int:
+    """Run all checks and print one line each; fail if one has failed."""
+    from imumon.config import ConfigError, Settings
     from imumon.devices.registry import driver
     from imumon.doctor import Case, examine
 
     faults: tuple[str, ...] = ()
-    made = Settings()
+    settings = Settings()
     try:
-        made = load(words.config)
+        settings = options.settings(arguments)
     except ConfigError as error:
         faults = tuple(map(str, error.faults))
-    port = words.port or made.device.port or None
+    port = arguments.port or settings.device.port or None
     emulator: Any = driver().emulator() if port == "sim" else nullcontext(port)
     with emulator as port:
         case = Case(
-            settings=made,
+            settings=settings,
             faults=faults,
             port=port,
-            state_directory=Path(state_directory(made)),
-            connect=tuple(words.connect or ()),
+            state_directory=options.state_directory(settings),
+            connect=tuple(arguments.connect or ()),
         )
-        found = []
-        for check in examine(case, _progress):
-            _progress("")
-            found.append(check)
-            if not words.json:
+        checks = []
+        for check in examine(case, print_status):
+            print_status("")
+            checks.append(check)
+            if not arguments.json:
                 cure = f" -> {check.cure}" if check.cure else ""
-                print(f"{check.status:<8}{check.name:<{COLUMN}}{check.text}{cure}", flush=True)
-    if words.json:
-        _print_json(found)
-    return FAILED if any(check.status == "failed" for check in found) else DONE
+                print(f"{check.status:<8}{check.name:<{NAME_COLUMNS}}{check.text}{cure}", flush=True)
+    if arguments.json:
+        _print_checks(checks)
+    return FAILURE if any(check.status == "failed" for check in checks) else SUCCESS
 
 
-def _progress(text: str) -> None:
-    """What takes long, on a line of the terminal that is written over; nothing elsewhere."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
-
-
-def _print_json(checks: list[Any]) -> None:
-    import json
-    from dataclasses import asdict
-    from datetime import UTC, datetime
-
-    from imumon.cli.encoding import print_json
+def _print_checks(checks: Sequence[Any]) -> None:
     from imumon.report import stamp
 
     counts = {kind: sum(check.status == kind for check in checks) for kind in ("ok", "warning", "failed")}
-    told = {"schema": "imumon.doctor/1", "time": stamp(datetime.now(UTC)), **counts}
-    whole = told | {"checks": [asdict(check) for check in checks]}
-    print_json(json.dumps(whole, ensure_ascii=False, indent=1))
+    summary = {"schema": "imumon.doctor/1", "time": stamp(datetime.now(UTC)), **counts}
+    document = summary | {"checks": [asdict(check) for check in checks]}
+    print_json(json.dumps(document, ensure_ascii=False, indent=1))
 
 
 def add_config(parser: Parser) -> None:
     parser.add_argument(
-        "what",
+        "action",
         choices=("show", "check"),
-        metavar="{show,check}",  # so it is named where it is missing
+        metavar="{show,check}",  # so that the error names it if it is missing
         help="show: every setting with its origin; check: all faults of the file",
     )
-    parser.add_argument("--config", metavar="FILE", help="file to read instead of the first that is found")
+    options.add_config(parser, help="file to read instead of the first that is found")
 
 
-def config(words: argparse.Namespace) -> int:
+def config(arguments: argparse.Namespace) -> int:
     """Show or check the settings."""
-    made = settings(words)
-    if words.what == "check":
-        print(f"{made.path}: no faults" if made.path else "no file, the defaults hold")
-        return DONE
+    settings = options.settings(arguments)
+    if arguments.action == "check":
+        print(f"{settings.path}: no faults" if settings.path else "no file, the defaults apply")
+        return SUCCESS
     from imumon.config import render
 
-    print(f"# {made.path or 'no file, the defaults hold'}\n{render(made, origins=True)}", end="")
-    return DONE
-
-
-def add_completion(parser: Parser) -> None:
-    parser.add_argument(
-        "shell",
-        choices=("bash", "zsh", "fish"),
-        metavar="{bash,zsh,fish}",
-        help="the shell to print the script for",
-    )
-
-
-def completion(words: argparse.Namespace) -> int:
-    """The script that lets a shell complete our command line."""
-    from imumon.cli import parsers
-    from imumon.cli.shells import script
-
-    print(script(words.shell, parsers()[1]), end="")
-    return DONE
+    print(f"# {settings.path or 'no file, the defaults apply'}\n{render(settings, origins=True)}", end="")
+    return SUCCESS

@@ -1,16 +1,8 @@
-"""Words on the command line.
+"""Command line of imumon: the parser, and one place where errors become messages and exit codes.
 
-    run         run, demo, sim                    cli/run.py
-    look        tui, status, wait                 cli/look.py
-    recording   replay                            cli/recording.py
-    care        doctor, config, completion        cli/care.py
-    documents   report                            cli/documents.py
-    words       what all commands share           cli/words.py
-    letters     text on a stream that lacks some  cli/letters.py
-
-Each command imports what it needs when it runs, so that `imumon --version` costs nothing. stdout carries
-data, stderr talk. A user's mistake is one line: what, and how to mend it; a traceback is a defect. Exit
-codes: 0 done, 1 failed, 2 usage or configuration, 3 nothing there, 4 not reached in time, 130 interrupted.
+Each command imports what it needs when it runs, so `imumon --version` is quick. Standard output carries data,
+standard error carries messages. An error is one line that says what is wrong and how to fix it; a traceback is
+a defect.
 """
 
 from __future__ import annotations
@@ -19,119 +11,127 @@ import argparse
 import difflib
 import errno
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from imumon import __version__
-from imumon.cli import admin, query, replay_command, report_command, run_command
-from imumon.cli.encoding import write_whatever_comes
-from imumon.cli.options import DONE, FAILED, INTERRUPTED, USAGE, CommandError, Parser
+from imumon.cli import admin, completion, query, replay_command, report_command, run_command
+from imumon.cli.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
+from imumon.cli.options import Parser
+from imumon.cli.output import discard_stdout, prepare_streams, print_error
+from imumon.errors import ImumonError
+
+Handler: TypeAlias = Callable[[argparse.Namespace], int]
+
+COMMANDS: dict[str, tuple[Handler, Callable[[Parser], None], str]] = {
+    "run": (run_command.run, run_command.add_run, "read a device and publish its noise figures"),
+    "demo": (run_command.demo, run_command.add_demo, "emulator, daemon and terminal UI in one command"),
+    "tui": (query.tui, query.add_tui, "show the live terminal UI"),
+    "status": (query.status, query.add_status, "print one report from a running daemon"),
+    "wait": (query.wait, query.add_wait, "wait until a grade or a precision is reached"),
+    "sim": (run_command.sim, run_command.add_sim, "run an emulated VN-100 on a pseudo-terminal"),
+    "replay": (
+        replay_command.run_replay,
+        replay_command.add_replay,
+        "process a recording with the same pipeline",
+    ),
+    "report": (
+        report_command.report,
+        report_command.add_report,
+        "write the datasheet of a sensor, or configuration for other software",
+    ),
+    "doctor": (admin.doctor, admin.add_doctor, "check port, device, Zenoh, state and service"),
+    "config": (admin.config, admin.add_config, "show the settings with their origin, or check them"),
+    "completion": (completion.completion, completion.add_completion, "print a shell completion script"),
+}
+"""Function, options and help text of each command."""
+
+_OUT_OF_MEMORY = "grant more; the last saved state is kept"
+_WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; the exit code."""
+    """Run a command and return its exit code."""
     try:
         code = _run(argv)
     except KeyboardInterrupt:
         code = INTERRUPTED
     if code == INTERRUPTED:
-        import signal
-
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # ^C once more, while the interpreter ends, is no news
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second ^C must not interrupt the interpreter's end
     return code
 
 
 def _run(argv: Sequence[str] | None) -> int:
-    # numpy's thread pool costs 64 MB of address space and helps nothing here
+    # a thread pool of OpenBLAS costs 64 MB of address space and does not speed up this program
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _stand_in()
-    write_whatever_comes(sys.stdout, sys.stderr)
+    prepare_streams()
+    if completion.VARIABLE in os.environ:
+        completion.complete(parsers)
     words = list(sys.argv[1:] if argv is None else argv)
+    arguments = argparse.Namespace()
+    try:
+        handler = _parse(words, arguments)
+        code = handler(arguments)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        discard_stdout()  # the reader of the output has left (`imumon status | head -1`)
+        return SUCCESS
+    except MemoryError:
+        return _out_of_memory(arguments)
+    except OSError as error:
+        if error.errno == errno.ENOMEM:
+            return _out_of_memory(arguments)
+        if error.errno not in _WRITE_ERRORS:
+            raise
+        discard_stdout()
+        message = f"cannot write {error.filename or 'the output'}: {os.strerror(error.errno).lower()}"
+        return _fail(CommandError("output_not_writable", message), arguments)
+    except ImumonError as error:
+        return _fail(error, arguments)
+
+
+def _parse(words: Sequence[str], arguments: argparse.Namespace) -> Handler:
+    """Parse the command line into `arguments` and return the function of the command."""
     parser, commands = parsers(only=words[0] if words else "")
     if words and not words[0].startswith("-") and words[0] not in commands:
         close = difflib.get_close_matches(words[0], commands, 1, 0.5)
-        hint = f"did you mean {close[0]}?" if close else "imumon --help lists them"
-        print(f"imumon: no command {words[0]!r}; {hint}", file=sys.stderr)
-        return USAGE
-    try:
-        arguments, unknown = parser.parse_known_args(words)
-        if not hasattr(arguments, "act"):
-            parser.print_help()
-            return USAGE
-        if unknown:
-            sub = commands[arguments.command]
-            sub.error(f"unknown argument {unknown[0]}{sub.nearest(unknown[0])}")
-        act: Act = arguments.act
-        code = act(arguments)
-        sys.stdout.flush()
-        return code
-    except CommandError as stop:
-        print(f"imumon: {stop}", file=sys.stderr)
-        return stop.code
-    except BrokenPipeError:
-        # the reader of our output has left (`imumon status | head -1`): no complaint, no traceback
-        _write_no_more()
-        return DONE
-    except (MemoryError, RuntimeError, ImportError, OSError) as error:
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-            _write_no_more()
-            place = error.filename or "the output"
-            print(f"imumon: cannot write {place}: {os.strerror(error.errno).lower()}", file=sys.stderr)
-            return FAILED
-        if not _out_of_memory(error):
-            raise
-        print("imumon: out of memory: grant more; what was saved last is kept", file=sys.stderr, flush=True)
-        os._exit(FAILED)  # what is left to do would want memory, and wait for it
+        cure = f"did you mean {close[0]}?" if close else "imumon --help lists the commands"
+        raise CommandError("unknown_command", f"no command {words[0]!r}", cure, USAGE)
+    _, unknown = parser.parse_known_args(words, arguments)
+    if arguments.command is None:
+        return lambda _: _no_command(parser)
+    if unknown:
+        command = commands[arguments.command]
+        command.error(f"unknown argument {unknown[0]}{command.suggestion(unknown[0])}")
+    return COMMANDS[arguments.command][0]
 
 
-def _stand_in() -> None:
-    """Have nobody hear what goes to a standard stream that was closed before we began.
-
-    Else Python sends what is for stderr to stdout, and a file of ours would get the stream's number.
-    """
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+def _no_command(parser: Parser) -> int:
+    parser.print_help()
+    return USAGE
 
 
-def _write_no_more() -> None:
-    """Let what is left for stdout go nowhere, or the end of the interpreter would complain again."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _fail(error: ImumonError, arguments: argparse.Namespace) -> int:
+    """Print an error and return its exit code."""
+    print_error(error, as_json=getattr(arguments, "json", False))
+    return exit_code(error)
 
 
-def _out_of_memory(error: Exception) -> bool:
-    """Whether that is the cause: each library says it in its own words."""
-    said = ("start new thread", "failed to map segment", "Cannot allocate memory")
-    return isinstance(error, MemoryError) or any(text in str(error) for text in said)
-
-
-Act: TypeAlias = Callable[[argparse.Namespace], int]
-
-COMMANDS: dict[str, tuple[Act, Callable[[Parser], None], str]] = {
-    "run": (run_command.run, run_command.add_run, "read a sensor and publish its noise figures"),
-    "demo": (run_command.demo, run_command.add_demo, "emulated sensor, daemon and screen in one command"),
-    "tui": (query.show, query.add_tui, "the live screen"),
-    "status": (query.status, query.add_status, "one report from a running daemon"),
-    "wait": (query.wait, query.add_wait, "until a grade or a precision is reached"),
-    "sim": (run_command.sim, run_command.add_sim, "an emulated VN-100 on a pseudo-terminal"),
-    "replay": (replay_command.run_replay, replay_command.add_replay, "a recording through the same pipeline"),
-    "report": (
-        report_command.report,
-        report_command.add_report,
-        "the datasheet of a sensor, and settings to paste",
-    ),
-    "doctor": (admin.doctor, admin.add_doctor, "check port, sensor, bus, state and service"),
-    "config": (admin.config, admin.add_config, "show the settings and their origins, or check them"),
-    "completion": (admin.completion, admin.add_completion, "what a shell needs to complete imumon"),
-}
-"""What each does, its options, and a line of help."""
+def _out_of_memory(arguments: argparse.Namespace) -> int:
+    _fail(CommandError("out_of_memory", "out of memory", _OUT_OF_MEMORY), arguments)
+    sys.stderr.flush()
+    os._exit(FAILURE)  # an orderly end would need more memory
 
 
 def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
-    """The command line and its commands; with `only`, the options of that command alone are there.
+    """Return the parser of the program and those of its commands.
 
-    Some options tell defaults of what they start, which takes its time to import.
+    Parameters
+    ----------
+    only : add the options of this command only, because those of others import packages; None: of all.
     """
     parser = Parser(
         prog="imumon",
@@ -139,12 +139,13 @@ def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
         epilog="Try it without a sensor: imumon demo",
     )
     parser.add_argument("--version", action="version", version=f"imumon {__version__}")
-    sub = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    subparsers = parser.add_subparsers(
+        title="commands", dest="command", metavar="COMMAND", parser_class=Parser
+    )
     commands: dict[str, Parser] = {}
-    for name, (act, add, text) in COMMANDS.items():
-        new: Parser = sub.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-        new.set_defaults(act=act)
+    for name, (_, add_options, text) in COMMANDS.items():
+        command = subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         if only in (None, name):
-            add(new)
-        commands[name] = new
+            add_options(command)
+        commands[name] = command
     return parser, commands

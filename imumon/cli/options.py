@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, errors in one line, settings, endpoints, how a report is printed."""
+"""Arguments that several commands share: the parser, types of values, settings, and access to a daemon."""
 
 from __future__ import annotations
 
@@ -6,42 +6,56 @@ import argparse
 import difflib
 import os
 import re
-import shutil
-import sys
 import time
-from contextlib import suppress
+from pathlib import Path
 from typing import Any, NoReturn
 
-DONE, FAILED, USAGE, NOTHING_THERE, NOT_IN_TIME, INTERRUPTED = 0, 1, 2, 3, 4, 130
+from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
+from imumon.cli.output import print_message, print_message_once
 
-
-class CommandError(Exception):
-    """End the command with one line on stderr and an exit code."""
-
-    def __init__(self, text: str, code: int = FAILED) -> None:
-        super().__init__(text)
-        self.code = code
+GRADES = ("navigation", "tactical", "industrial", "consumer")
+STREAMS = ("deltas", "uncompensated", "compensated")
+GATHER_S = 0.3
+"""How much longer to wait for other daemons after the first has answered, s."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line that names the nearest right word."""
+    """Parser whose errors are one line that names the nearest valid option."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**({"allow_abbrev": False} | settings))
+        self.register("type", int, integer)
+        self.register("type", float, number)
 
     def error(self, message: str) -> NoReturn:
-        said = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message.replace("\n", " "))
-        said = re.sub(r"invalid float value: (.*)", r"\1 is not a number", said)
-        self.exit(USAGE, f"{self.prog}: {said} (try {self.prog} --help)\n")
+        text = message.replace("\n", " ")
+        self.exit(USAGE, f"{self.prog}: {text} (try {self.prog} --help)\n")
 
-    def nearest(self, word: str) -> str:
-        """``; did you mean --port?`` where one of this parser's options is near, else nothing."""
+    def suggestion(self, word: str) -> str:
+        """Return ``; did you mean --port?`` if an option of this parser is similar, else empty text."""
         known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
         close = difflib.get_close_matches(word.partition("=")[0].lstrip("-"), known, 1, 0.6)
         return f"; did you mean {known[close[0]]}?" if close else ""
 
 
+def integer(text: str) -> int:
+    """Return the value of an option that is a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+
+
+def number(text: str) -> float:
+    """Return the value of an option that is a number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+
+
 def positive(text: str) -> float:
+    """Return the value of an option that is a number above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -52,13 +66,13 @@ def positive(text: str) -> float:
 
 
 def rate(text: str) -> float:
-    """Sample rate, Hz, as far as the settings allow one."""
+    """Return a sample rate, Hz, within the limits of the settings."""
     from imumon.config import FASTEST_HZ, SLOWEST_HZ
 
     value = positive(text)
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
         raise argparse.ArgumentTypeError(
-            f"{text} Hz is no sample rate; it is from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+            f"{text} Hz is not a sample rate; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
         )
     return value
 
@@ -67,24 +81,24 @@ _SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def seconds(text: str) -> float:
-    """Length of time in seconds.
+    """Return a duration in seconds.
 
     >>> seconds("90"), seconds("90s"), seconds("10m"), seconds("1h30m"), seconds("0.5 d")
     (90.0, 90.0, 600.0, 5400.0, 43200.0)
     """
     parts = re.findall(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*", text.lower())
-    whole = "".join(f"{number}{unit}" for number, unit in parts) == re.sub(r"\s+", "", text.lower())
+    complete = "".join(f"{value}{unit}" for value, unit in parts) == re.sub(r"\s+", "", text.lower())
     try:
-        total = sum(float(number) * _SECONDS[unit or "s"] for number, unit in parts)
+        total = sum(float(value) * _SECONDS[unit or "s"] for value, unit in parts)
     except KeyError:
         total = 0.0
-    if not whole or not 0.0 < total < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is no length of time; write 90, 90s, 10m, 2h or 1h30m")
+    if not complete or not 0.0 < total < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a duration; write 90, 90s, 10m, 2h or 1h30m")
     return total
 
 
 def share(text: str) -> float:
-    """Share of a value.
+    """Return a share of a value.
 
     >>> share("0.05"), share("5%")
     (0.05, 0.05)
@@ -94,24 +108,19 @@ def share(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0.0 < value < 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no precision; write 0.05 or 5%")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a precision; write 0.05 or 5%")
     return value
 
 
 def baud(text: str) -> str:
+    """Return ``auto`` or a baud rate, as text."""
     if text != "auto" and not (text.isdigit() and int(text) > 0):
         raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number")
     return text
 
 
-def add_endpoints(parser: Parser, *, listen: bool = False) -> None:
-    add = parser.add_argument
-    if listen:
-        add("--listen", action="append", metavar="EP", help="Zenoh endpoint to listen on, repeatable")
-    add("--connect", action="append", metavar="EP", help="Zenoh endpoint to connect to, repeatable")
-
-
 def theme(text: str) -> str:
+    """Return the name of a theme of the terminal UI."""
     from imumon.tui import themes
 
     if text not in themes():
@@ -119,66 +128,45 @@ def theme(text: str) -> str:
     return text
 
 
-def add_look(parser: Parser) -> None:
-    parser.add_argument(
-        "--theme", type=theme, metavar="NAME", help="colours; the palette (ctrl+p) lists them"
-    )
-    parser.add_argument("--ascii", action="store_true", help="plain characters only")
+def add_endpoints(parser: Parser, *, listen: bool = False) -> None:
+    """Add ``--connect`` and, for commands that publish, ``--listen``."""
+    add = parser.add_argument
+    if listen:
+        add("--listen", action="append", metavar="EP", help="Zenoh endpoint to listen on, repeatable")
+    add("--connect", action="append", metavar="EP", help="Zenoh endpoint to connect to, repeatable")
 
 
-def print_report(made: Any, as_json: bool, baseline: Any = None) -> None:
-    """A report on stdout, in words with what has changed against a baseline."""
-    if as_json:
-        from imumon.cli.encoding import print_json
-        from imumon.report import to_json
-
-        print_json(to_json(made))
-    else:
-        from imumon.datasheet.signal_text import signal, unchanged
-        from imumon.datasheet.text_table import table
-
-        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        same = unchanged(made, baseline) if baseline is not None else None
-        lines = [table(made, width), "", *signal(made, width), *([same] if same else [])]
-        print("\n".join(lines).rstrip())
+def add_config(parser: Parser, help: str = "settings; options override the file") -> None:
+    """Add ``--config``."""
+    parser.add_argument("--config", metavar="FILE", help=help)
 
 
-def settings(words: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
-    """Settings of the file named by ``--config``, or of the first found, with flags on top."""
-    from imumon.config import ConfigError, load
-
-    try:
-        return load(getattr(words, "config", None), overrides or {})
-    except ConfigError as error:
-        raise CommandError(str(error), USAGE) from None
+def add_appearance(parser: Parser) -> None:
+    """Add the options of the terminal UI."""
+    add = parser.add_argument
+    add("--theme", type=theme, metavar="NAME", help="color theme; the palette (ctrl+p) lists them")
+    add("--ascii", action="store_true", help="plain ASCII characters only")
 
 
-def settings_apart(words: argparse.Namespace, overrides: dict[str, Any]) -> Any:
-    """`settings`, read in a process of its own; meanwhile this one begins to import the daemon."""
-    from threading import Thread
+def settings(arguments: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
+    """Return the settings of ``--config``, or of the first file found, with options on top.
 
-    from imumon.config import ConfigError, load_apart
+    Raises
+    ------
+    ConfigError : the file or the options have faults.
+    """
+    from imumon.config import load
 
-    answer = load_apart(words.config, overrides)
-    Thread(target=_import_the_daemon).start()
-    try:
-        return answer()
-    except ConfigError as error:
-        raise CommandError(str(error), USAGE) from None
-
-
-def _import_the_daemon() -> None:
-    """Begin to; what goes wrong goes wrong again, and is told, where the daemon is needed."""
-    with suppress(Exception):
-        import imumon.daemon  # noqa: F401
+    loaded = load(getattr(arguments, "config", None), overrides or {})
+    if loaded.ignored is not None:
+        print_message_once(f"{loaded.ignored} has no table of imumon and is ignored")
+    return loaded
 
 
-def state_directory(made: Any) -> Any:
-    """Where the statistics live: as the settings say, the service manager's place, or the user's."""
-    from pathlib import Path
-
-    if made.state.directory:
-        return Path(made.state.directory)
+def state_directory(settings: Any) -> Path:
+    """Return the directory of the accumulated statistics: configured, of the service manager, or the user's."""
+    if settings.state.directory:
+        return Path(settings.state.directory)
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if given:
         return Path(given)
@@ -186,64 +174,55 @@ def state_directory(made: Any) -> Any:
     return Path(home) / "imumon"
 
 
-def viewer(words: argparse.Namespace) -> Any:
-    """Subscriber to the daemons that ``--connect`` or the settings name; to be used as a context.
+def subscriber(arguments: argparse.Namespace) -> Any:
+    """Return a subscriber to the daemons of ``--connect`` or of the settings, as a context manager.
 
-    The device that is asked for gets the name its daemon gave it.
+    ``--id`` becomes the name that the daemon uses in its keys.
     """
     from imumon.bus import BusError, Subscriber, clean_id
 
-    made = settings(words)
+    loaded = settings(arguments)
+    if arguments.id:
+        try:
+            arguments.id = clean_id(arguments.id)
+        except BusError as error:
+            raise CommandError(error.code, error.message, error.cure, USAGE) from None
     try:
-        words.id = words.id and clean_id(words.id)
+        return Subscriber(arguments.connect, settings=loaded.zenoh)
     except BusError as error:
-        raise CommandError(str(error), USAGE) from None
-    try:
-        return Subscriber(words.connect, settings=made.zenoh)
-    except BusError as error:
-        raise bus_stop(error, made) from None
+        raise with_origin(error, loaded) from None
 
 
-GATHER_S = 0.3
-"""How much later than the first other daemons may answer."""
-
-
-def first_report(feed: Any, id: str | None, timeout: float, cure: str) -> Any:
-    """Newest report of the device that is asked for, else of the first that answers; which others there are.
+def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> Any:
+    """Return the newest report of a device, or of the first that answers; print which others there are.
 
     Parameters
     ----------
-    cure : what else one might do where nobody answers.
+    cure : what to do if no daemon answers, beside starting one.
     """
-    made = feed.wait_report(id, timeout)
-    if made is None:
-        who = f"no daemon answers as {id}" if id else "no daemon answers"
-        raise CommandError(f"{who}: start one with imumon run, or {cure}", NOTHING_THERE)
+    report = subscriber.wait_report(id, timeout_s)
+    if report is None:
+        name = f" as {id}" if id else ""
+        cure = f"start one with imumon run, or {cure}"
+        raise CommandError("no_daemon", f"no daemon answers{name}", cure, NOT_FOUND)
     if id is None:
         time.sleep(GATHER_S)
-        others = sorted({*feed.alive(), *feed.reports()} - {made.device.id})
+        others = sorted({*subscriber.alive(), *subscriber.reports()} - {report.device.id})
         if others:
-            mention(f"this is {made.device.id}; --id shows the others: {', '.join(others)}")
-    return made
+            print_message(f"this is {report.device.id}; --id shows the others: {', '.join(others)}")
+    return report
 
 
-def mention(text: str) -> None:
-    """A line beside the data."""
-    print(f"imumon: {text}", file=sys.stderr)
-
-
-def bus_stop(error: Exception, made: Any) -> CommandError:
-    """The bus cannot be had; where a setting is at fault, it is one of usage, with its place."""
-    text = str(error)
-    name = re.match(r"zenoh\.\w+", text)
-    if name is None:
-        return CommandError(text)
-    origin = made.origins.get(name[0], "default")
-    return CommandError(text if origin == "default" else f"{origin}: {text}", USAGE)
+def with_origin(error: Any, settings: Any) -> Any:
+    """Return an error of the bus with the place of the setting that causes it, if a setting does."""
+    origin = settings.origins.get(error.setting, "default") if error.setting else "default"
+    if origin == "default":
+        return error
+    return CommandError(error.code, f"{origin}: {error.message}", error.cure, USAGE)
 
 
 def baseline(path: str | None) -> Any:
-    """A saved report, None without a path."""
+    """Return a saved report; None without a path."""
     if path is None:
         return None
     from imumon.report import Report, from_json
@@ -252,8 +231,9 @@ def baseline(path: str | None) -> Any:
         with open(path, "rb") as file:
             return from_json(Report, file.read())
     except OSError as error:
-        raise CommandError(f"baseline {path}: {(error.strerror or str(error)).lower()}", USAGE) from None
+        reason = (error.strerror or str(error)).lower()
+        message = f"baseline {path}: {reason}"
+        raise CommandError("baseline_unreadable", message, "name a readable file", USAGE) from None
     except ValueError:
-        raise CommandError(
-            f"baseline {path} is no report: make one with imumon report --format json", USAGE
-        ) from None
+        message, cure = f"baseline {path} is not a report", "make one with imumon report --format json"
+        raise CommandError("baseline_not_a_report", message, cure, USAGE) from None

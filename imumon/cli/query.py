@@ -1,4 +1,4 @@
-"""Commands that look at a running daemon: tui, status, wait."""
+"""Commands that ask a running daemon: tui, status, wait."""
 
 from __future__ import annotations
 
@@ -8,164 +8,162 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from imumon.cli.options import (
-    DONE,
-    NOT_IN_TIME,
-    NOTHING_THERE,
-    USAGE,
-    CommandError,
-    Parser,
-    add_endpoints,
-    add_look,
-    baseline,
-    first_report,
-    print_report,
-    seconds,
-    settings,
-    share,
-    viewer,
-)
+from imumon.cli import options
+from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
+from imumon.cli.options import Parser
+from imumon.cli.output import print_report, print_status
+
+ANSWER_S = 2.0
+"""How long to wait for a daemon, s."""
+
+GONE_S = 5.0
+"""A daemon whose liveliness token is gone is given up after this time without a report, s."""
+
+POLL_S = 0.1
+"""Between two looks for the next report, s."""
+
+_CONFIG_HELP = "settings of the bus; options override the file"
 
 
 def add_tui(parser: Parser) -> None:
-    add_endpoints(parser)
-    parser.add_argument("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    options.add_endpoints(parser)
+    options.add_config(parser, _CONFIG_HELP)
     parser.add_argument("--id", metavar="NAME", help="device to show first")
     parser.add_argument("--baseline", metavar="FILE", help="a saved report (JSON) behind the live curve")
-    add_look(parser)
+    options.add_appearance(parser)
 
 
 def add_status(parser: Parser) -> None:
-    add_endpoints(parser)
-    parser.add_argument("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    options.add_endpoints(parser)
+    options.add_config(parser, _CONFIG_HELP)
     parser.add_argument("--id", metavar="NAME", help="device; default: the first that answers")
-    parser.add_argument("--json", action="store_true", help="the report as JSON")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
 def add_wait(parser: Parser) -> None:
     add = parser.add_argument
-    add_endpoints(parser)
-    add("--config", metavar="FILE", help="settings of the bus; flags win over the file")
+    options.add_endpoints(parser)
+    options.add_config(parser, _CONFIG_HELP)
     add("--id", metavar="NAME", help="device; default: the first that answers")
     add(
         "--grade",
-        choices=("navigation", "tactical", "industrial", "consumer"),
-        help="until gyroscope and accelerometer are this or better for certain; default: the settings'",
+        choices=options.GRADES,
+        help="until gyroscope and accelerometer have this grade or better with certainty; "
+        "default: from the settings",
     )
-    add("--coefficient", choices=("N", "B", "K"), help="until this is known to the precision on every axis")
+    add("--coefficient", choices=("N", "B", "K"), help="until this has the precision on every axis")
     add(
         "--precision",
-        type=share,
+        type=options.share,
         metavar="P",
-        help="half of the 95 %% interval as a share of the value, 0.05 or 5%%; default: the settings'",
+        help="half-width of the 95 %% interval as a share of the value, 0.05 or 5%%; "
+        "default: from the settings",
     )
     add(
         "--channel",
         action="append",
         metavar="NAME",
-        help="count this one alone, gyro or gyro/x, repeatable; default gyro and accel",
+        help="consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel",
     )
     add(
         "--timeout",
-        type=seconds,
+        type=options.seconds,
         metavar="T",
-        help="give up after so long (90, 90s, 10m, 2h); also how long to wait for a daemon, else 2 s",
+        help="give up after T (90, 90s, 10m, 2h); also how long to wait for a daemon, else 2 s",
     )
 
 
-GONE_S = 5.0
-"""After so long without a word a daemon that has left is not waited for any more."""
-
-
-def show(
-    words: argparse.Namespace, starting: str | None = None, ended: Callable[[], str | None] | None = None
+def tui(
+    arguments: argparse.Namespace, starting: str | None = None, ended: Callable[[], str | None] | None = None
 ) -> int:
-    """The live screen; of a daemon that is just `starting`, and what its end was when it has `ended`."""
+    """Show the terminal UI.
+
+    Parameters
+    ----------
+    starting : what to show until the daemon answers, if it is being started.
+    ended : returns why the daemon has ended, None while it runs.
+    """
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        raise CommandError("the screen needs a terminal; without one use: imumon status --json", USAGE)
+        cure = "without one use: imumon status --json"
+        raise CommandError("no_terminal", "the terminal UI needs a terminal", cure, USAGE)
     from imumon.tui import run
 
-    behind = baseline(words.baseline)
-    with viewer(words) as feed:
-        tried = ", ".join(feed.endpoints) if len(feed.endpoints) < 3 else None
+    baseline = options.baseline(arguments.baseline)
+    with options.subscriber(arguments) as subscriber:
+        endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
         return run(
-            feed,
-            id=words.id,
-            ascii=words.ascii,
-            theme=words.theme,
-            baseline=behind,
-            endpoint=tried,
+            subscriber,
+            id=arguments.id,
+            ascii=arguments.ascii,
+            theme=arguments.theme,
+            baseline=baseline,
+            endpoint=endpoint,
             starting=starting,
             ended=ended,
         )
 
 
-def _cure(words: argparse.Namespace) -> str:
-    """What to do where no daemon answers, beside starting one."""
-    if not words.connect:
-        return "name it with --connect"
-    return f"see whether it listens there, on {', '.join(words.connect)}"
+def _cure(arguments: argparse.Namespace) -> str:
+    """Return what to do if no daemon answers, beside starting one."""
+    if not arguments.connect:
+        return "name its endpoint with --connect"
+    return f"check that it listens on {', '.join(arguments.connect)}"
 
 
-def status(words: argparse.Namespace) -> int:
-    """One report of a running daemon."""
-    with viewer(words) as feed:
-        made = first_report(feed, words.id, 2.0, _cure(words))
-    print_report(made, words.json)
-    return DONE
+def status(arguments: argparse.Namespace) -> int:
+    """Print one report of a running daemon."""
+    with options.subscriber(arguments) as subscriber:
+        report = options.first_report(subscriber, arguments.id, ANSWER_S, _cure(arguments))
+    print_report(report, arguments.json)
+    return SUCCESS
 
 
-def wait(words: argparse.Namespace) -> int:
-    """Until a report holds what is asked, or the settings ask for; else until the first sample."""
+def wait(arguments: argparse.Namespace) -> int:
+    """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
     from imumon.cli.wait_condition import WaitCondition
     from imumon.units import duration
 
-    if words.precision is not None and words.coefficient is None:
-        raise CommandError("--precision needs --coefficient N, B or K", USAGE)
-    told = settings(words).report
-    by_default = {"N": told.precision_n, "B": told.precision_b, "K": told.precision_k}
-    goal = WaitCondition(
-        grade=words.grade or (None if words.coefficient else told.grade or None),
-        coefficient=words.coefficient,
-        precision=words.precision or by_default.get(words.coefficient),
-        channels=tuple(words.channel or ()),
+    if arguments.precision is not None and arguments.coefficient is None:
+        raise CommandError(
+            "coefficient_required", "--precision has no coefficient", "add --coefficient N, B or K", USAGE
+        )
+    configured = options.settings(arguments).report
+    precisions = {"N": configured.precision_n, "B": configured.precision_b, "K": configured.precision_k}
+    condition = WaitCondition(
+        grade=arguments.grade or (None if arguments.coefficient else configured.grade or None),
+        coefficient=arguments.coefficient,
+        precision=arguments.precision or precisions.get(arguments.coefficient),
+        channels=tuple(arguments.channel or ()),
     )
-    start = time.monotonic()
-    end = start + words.timeout if words.timeout else float("inf")
-    with viewer(words) as feed:
-        made = first_report(feed, words.id, words.timeout or 2.0, _cure(words))
-        said = ""
-        while lacks := goal.lacks(made):
-            if goal.unknown(made):
-                _mention("")
-                raise CommandError(f"--channel: {lacks}", USAGE)
-            if lacks != said:
-                said = lacks
-                _mention(lacks)
-            if time.monotonic() >= end:
-                _mention("")
-                raise CommandError(f"not reached in {duration(words.timeout)}: {lacks}", NOT_IN_TIME)
-            made = _next(feed, made, end)
-    _mention("")
-    print(f"{made.device.id}: {goal.reached(made)} after {duration(made.session.elapsed_s)}")
-    return DONE
+    end_s = time.monotonic() + arguments.timeout if arguments.timeout else float("inf")
+    with options.subscriber(arguments) as subscriber:
+        report = options.first_report(
+            subscriber, arguments.id, arguments.timeout or ANSWER_S, _cure(arguments)
+        )
+        try:
+            while unmet := condition.unmet(report):
+                if condition.unknown_channel(report):
+                    raise CommandError("unknown_channel", f"--channel: {unmet}", "name one of these", USAGE)
+                print_status(unmet)
+                if time.monotonic() >= end_s:
+                    message = f"not reached in {duration(arguments.timeout)}: {unmet}"
+                    raise CommandError("not_reached", message, exit_code=NOT_REACHED)
+                report = _next_report(subscriber, report, end_s)
+        finally:
+            print_status("")
+    print(f"{report.device.id}: {condition.description(report)} after {duration(report.session.elapsed_s)}")
+    return SUCCESS
 
 
-def _next(feed: Any, made: Any, end: float) -> Any:
-    """The next report of the same device; the same one again at the end of the time."""
-    while (left := end - time.monotonic()) > 0:
-        newest, moment = feed.reports()[made.device.id]
-        if newest is not made:
+def _next_report(subscriber: Any, report: Any, end_s: float) -> Any:
+    """Return the next report of the same device, or the same one at the end of the time (monotonic, s)."""
+    while (left_s := end_s - time.monotonic()) > 0:
+        newest, arrived_s = subscriber.reports()[report.device.id]
+        if newest is not report:
             return newest
-        gone = time.monotonic() - moment > max(GONE_S, 3.0 * made.period_s)
-        if gone and made.device.id not in feed.alive():
-            _mention("")
-            raise CommandError(f"the daemon of {made.device.id} has ended; start it again", NOTHING_THERE)
-        time.sleep(min(left, 0.1))
-    return made
-
-
-def _mention(text: str) -> None:
-    """What is still missing, on a line of the terminal that is written over; nothing elsewhere."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text[:120]}", end="", file=sys.stderr, flush=True)
+        late = time.monotonic() - arrived_s > max(GONE_S, 3.0 * report.period_s)
+        if late and report.device.id not in subscriber.alive():
+            message = f"the daemon of {report.device.id} has ended"
+            raise CommandError("daemon_ended", message, "start it again", NOT_FOUND)
+        time.sleep(min(left_s, POLL_S))
+    return report

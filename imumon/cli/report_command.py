@@ -1,4 +1,4 @@
-"""Command that makes documents of a report: report."""
+"""Command that writes documents from a report: report."""
 
 from __future__ import annotations
 
@@ -9,19 +9,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from imumon.cli.options import (
-    DONE,
-    USAGE,
-    CommandError,
-    Parser,
-    add_endpoints,
-    first_report,
-    mention,
-    viewer,
-)
+from imumon.cli import options
+from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
+from imumon.cli.options import Parser
+from imumon.cli.output import print_message
+from imumon.cli.query import ANSWER_S
 from imumon.cli.replay_command import FILES, add_reading, task_of
 
-STATE_MARK = b"imumon-state "
+STATE_MAGIC = b"imumon-state "
+"""First bytes of a saved state."""
 
 
 def add_report(parser: Parser) -> None:
@@ -37,102 +33,105 @@ def add_report(parser: Parser) -> None:
     )
     add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
-    add("-o", "--output", metavar="OUT", help="file to write; default: stdout")
+    add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
     add_reading(parser.add_argument_group("of a recording"))
-    add("--config", metavar="FILE", help="settings; flags win over the file")
-    add_endpoints(parser)
+    options.add_config(parser)
+    options.add_endpoints(parser)
 
 
-def report(words: argparse.Namespace) -> int:
-    """A document of a running daemon, a recording, a state or a saved report."""
-    from imumon.datasheet import CannotDraw, document
+def report(arguments: argparse.Namespace) -> int:
+    """Write a document from a running daemon, a recording, a state or a saved report."""
+    from imumon.datasheet import document
 
-    form = _form(words)
-    if form == "png" and words.output is None and sys.stdout.isatty():
-        raise CommandError("a PNG is not for a terminal: name a file with -o", USAGE)
-    if words.file and words.id:
-        raise CommandError("give a FILE or the --id of a daemon's device, not both", USAGE)
-    if words.output:
-        _refuse_what_is_read(words.output, words.file, words.config)
-    made = _of_file(words) if words.file else _of_daemon(words)
-    try:
-        data = document(made, form)
-    except CannotDraw as error:
-        raise CommandError(str(error)) from None
-    if words.output is None or words.output == "-":
+    form = _form(arguments)
+    if form == "png" and arguments.output is None and sys.stdout.isatty():
+        raise CommandError("binary_to_terminal", "a PNG is not for a terminal", "name a file with -o", USAGE)
+    if arguments.file and arguments.id:
+        raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
+    if arguments.output:
+        _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
+    source = _from_file(arguments) if arguments.file else _from_daemon(arguments)
+    data = document(source, form)
+    if arguments.output is None or arguments.output == "-":
         sys.stdout.buffer.write(data)
-        return DONE
+        return SUCCESS
     try:
-        Path(words.output).write_bytes(data)
+        Path(arguments.output).write_bytes(data)
     except OSError as error:
-        raise CommandError(f"cannot write {words.output}: {(error.strerror or str(error)).lower()}") from None
-    return DONE
+        message = f"cannot write {arguments.output}: {_reason(error)}"
+        raise CommandError("output_not_writable", message) from None
+    return SUCCESS
 
 
-def _form(words: argparse.Namespace) -> str:
+def _form(arguments: argparse.Namespace) -> str:
+    """Return the form of the document: of ``--format``, else by the extension of the output."""
     from imumon.datasheet import FORMS
 
-    if words.format:
-        return str(words.format)
-    suffix = Path(words.output).suffix[1:].lower() if words.output else ""
+    if arguments.format:
+        return str(arguments.format)
+    suffix = Path(arguments.output).suffix[1:].lower() if arguments.output else ""
     form = {"": "md", "htm": "html", "markdown": "md"}.get(suffix, suffix)
     if form not in FORMS:
-        raise CommandError(
-            f"-o {words.output}: no form is called {suffix}; give --format {' | '.join(FORMS)}", USAGE
-        )
+        message = f"-o {arguments.output}: no format is named {suffix}"
+        raise CommandError("unknown_format", message, f"give --format {' | '.join(FORMS)}", USAGE)
     return form
 
 
-def _refuse_what_is_read(out: str, *read: str | None) -> None:
-    """Stop where a document would take the place of what it is made of; links lead to the same file."""
-    for path in filter(None, read):
-        there = Path(path)
-        parts = list(there.iterdir()) if there.is_dir() else [0 if path == "-" else there]
-        for part in parts if os.path.isfile(out) else ():
-            with suppress(OSError):  # what cannot be read is told where it is read
-                if os.path.samefile(out, part):
-                    raise CommandError(f"-o {out} is read to make it: name another file", USAGE)
+def _check_output_is_no_input(output: str, *inputs: str | None) -> None:
+    """Raise an error if the output would overwrite a file that is read, also through links."""
+    for path in filter(None, inputs):
+        source = Path(path)
+        files = list(source.iterdir()) if source.is_dir() else [0 if path == "-" else source]
+        for file in files if os.path.isfile(output) else ():
+            with suppress(OSError):  # an unreadable file is reported where it is read
+                if os.path.samefile(output, file):
+                    raise CommandError(
+                        "output_is_input", f"-o {output} is also read", "name another file", USAGE
+                    )
 
 
-def _of_daemon(words: argparse.Namespace) -> Any:
-    with viewer(words) as feed:
-        return first_report(feed, words.id, 2.0, "give a FILE (imumon report --help)")
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
 
 
-def _of_file(words: argparse.Namespace) -> Any:
-    """By what the file holds, not by its name."""
+def _from_daemon(arguments: argparse.Namespace) -> Any:
+    with options.subscriber(arguments) as subscriber:
+        return options.first_report(subscriber, arguments.id, ANSWER_S, "give a FILE (imumon report --help)")
+
+
+def _from_file(arguments: argparse.Namespace) -> Any:
+    """Return the report of a file, by what it holds and not by its name."""
     head = b""
-    if words.file != "-":
+    if arguments.file != "-":
         try:
-            with open(words.file, "rb") as file:
+            with open(arguments.file, "rb") as file:
                 head = file.read(64)
         except IsADirectoryError:
             pass  # a bag of two or more files
         except OSError as error:
-            raise CommandError(
-                f"cannot read {words.file}: {(error.strerror or str(error)).lower()}"
-            ) from None
-    if head.startswith(STATE_MARK):
-        return _of_state(Path(words.file))
+            message = f"cannot read {arguments.file}: {_reason(error)}"
+            raise CommandError("file_unreadable", message) from None
+    if head.startswith(STATE_MAGIC):
+        return _from_state(Path(arguments.file))
     if head.lstrip().startswith(b"{"):
-        return _of_report(Path(words.file))
-    return _of_recording(words)
+        return _from_report(Path(arguments.file))
+    return _from_recording(arguments)
 
 
-def _of_report(path: Path) -> Any:
+def _from_report(path: Path) -> Any:
     from imumon.report import Report, from_json
 
     try:
         return from_json(Report, path.read_bytes())
     except ValueError as error:
-        raise CommandError(f"{path} is no saved report: {error}") from None
+        raise CommandError("not_a_report", f"{path} is not a saved report: {error}") from None
 
 
-def _of_state(path: Path) -> Any:
-    """Report of a saved state, as it was when it was saved."""
+def _from_state(path: Path) -> Any:
+    """Return the report of a saved state, as of the time when it was saved."""
     from datetime import datetime
 
-    from imumon.checkpoint import StateError, decode
+    from imumon.checkpoint import decode
     from imumon.pipeline import Monitor, MonitorOptions
     from imumon.report import DeviceDescription, SessionCounters
 
@@ -151,20 +150,12 @@ def _of_state(path: Path) -> Any:
             caveats = tuple(dict.fromkeys((*caveats, "compensated")))
         saved = datetime.fromisoformat(meta["saved"])
         return monitor.report(saved, device, "stopped", session, device_caveats=caveats)
-    except StateError as error:
-        raise CommandError(str(error)) from None
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
-        raise CommandError(f"the state {path} is of another version of imumon") from None
+        message = f"the state {path} is of another version of imumon"
+        raise CommandError("state_of_another_version", message) from None
 
 
-def _of_recording(words: argparse.Namespace) -> Any:
-    from imumon.pipeline import RateRequired
-    from imumon.recordings import OptionNotApplicable, SourceError
+def _from_recording(arguments: argparse.Namespace) -> Any:
     from imumon.replay.replay import bar, replay
 
-    try:
-        return replay(task_of(words), progress=bar(), tell=mention)
-    except (RateRequired, OptionNotApplicable) as error:
-        raise CommandError(str(error), USAGE) from None
-    except SourceError as error:
-        raise CommandError(str(error)) from None
+    return replay(task_of(arguments), progress=bar(), tell=print_message)

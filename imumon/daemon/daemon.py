@@ -141,7 +141,7 @@ class Daemon:
         ImumonError : there is no device at the start (a service manager's daemon waits for one), the address or
             the state belongs to another daemon, the recording cannot be written, or a rate is required.
         """
-        if not self._notifier.listens:
+        if not self._notifier.enabled:
             self._recorder.check_file()
         with self._shutdown.handling_signals():
             try:
@@ -215,7 +215,7 @@ class Daemon:
                 self._event("waiting", f"the device is there again, but {text}", "warning")
             self._last_open_error = text
             return
-        if not self._notifier.listens:
+        if not self._notifier.enabled:
             raise error
         self._release_name()
         if text != self._last_open_error:
@@ -356,7 +356,7 @@ class Daemon:
 
     def _do_duties(self, now: float) -> None:
         if self._notifier.watchdog_s is not None and now >= self._next_watchdog:
-            self._notifier.alive()
+            self._notifier.watchdog()
             self._next_watchdog = now + self._notifier.watchdog_s
         if self._bus is not None and now >= self._next_report:
             period = self.settings.report.period_s

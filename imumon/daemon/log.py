@@ -1,104 +1,224 @@
-"""Service manager and log: what the daemon says of itself.
+"""Log of the daemon on standard error, by `logging`.
 
-`sd_notify` is a datagram to ``$NOTIFY_SOCKET``; log lines go to stderr, with the journal's priorities where
-the journal reads them. Each thing is said once per change: the layers below only count.
+Modules log with ``logging.getLogger(__name__)``; an event adds its kind with ``extra={"kind": kind}``. A
+record goes into a bounded queue, and a thread of its own writes it, so that a standard error that is full or
+that no one reads never blocks the daemon. Records that do not fit are dropped and counted; the next one that
+fits is preceded by their number.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import os
-import select
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
-from typing import Literal, TypeAlias
+from logging.handlers import QueueHandler, QueueListener
+from queue import Full, Queue
+from typing import Any, Literal, TypeAlias
 
 from imumon.report import stamp
 
 Level: TypeAlias = Literal["error", "warning", "info", "debug"]
-PRIORITY: dict[str, int] = {"error": 3, "warning": 4, "info": 6, "debug": 7}
+LEVELS: dict[str, int] = {
+    "error": logging.ERROR,
+    "warning": logging.WARNING,
+    "info": logging.INFO,
+    "debug": logging.DEBUG,
+}
+"""Levels of the settings and events as those of `logging`."""
+
+PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}
+"""Levels as priorities of the journal (sd-daemon(3))."""
+
+QUEUE_RECORDS = 1000
+"""Records that may wait to be written. Not critical."""
+
+CLOSE_S = 1.0
+"""How long to wait at the end until all records are written, s. Not critical."""
+
+ROOT = "imumon"
+"""Name of the logger that all others of this program are below."""
 
 
-class DaemonLog:
-    """Lines for people or for the journal.
+def configure_logging(level: str = "info", format: str = "auto") -> Callable[[], None]:
+    """Log to standard error.
 
     Parameters
     ----------
-    level : least weight that is said.
-    format : ``text``, ``journal`` (no time, which the journal has), ``json``, or ``auto``: journal where it
-        reads our stderr, else text.
+    level : lowest level that is logged: ``error``, ``warning``, ``info`` or ``debug``.
+    format : ``text``, ``journal`` (without the time, which the journal adds), ``json``, or ``auto``: journal if
+        the journal reads standard error, else text.
+
+    Returns
+    -------
+    Function that writes what waits, for at most `CLOSE_S`, and ends logging.
+
+    Raises
+    ------
+    MemoryError : the thread that writes cannot be started.
     """
-
-    def __init__(self, level: str = "info", format: str = "auto") -> None:
-        self._limit = PRIORITY[level]
-        read = _journal_reads()
-        self._form = ("journal" if read else "text") if format == "auto" else format
-        self._ranked = read or format == "journal"
-        self._left_out = 0
-
-    def say(self, text: str, level: Level = "info", kind: str = "") -> None:
-        """One line; never raises nor waits, whether stderr is full, closed or read by nobody."""
-        if PRIORITY[level] > self._limit:
-            return
-        if not _takes_a_line():
-            self._left_out += 1
-            return
-        if self._left_out:
-            count, self._left_out = self._left_out, 0
-            self._write(f"{count} line{'s' * (count > 1)} left out: nobody read them", "info", "")
-        self._write(text, level, kind)
-
-    def _write(self, text: str, level: Level, kind: str) -> None:
-        weight = PRIORITY[level]
-        if self._form == "journal":
-            line = text
-        elif self._form == "json":
-            said = {"time": stamp(datetime.now(UTC)), "level": level, "kind": kind, "text": text}
-            line = json.dumps(said, ensure_ascii=False)
-        else:
-            line = f"{datetime.now():%H:%M:%S} {'' if level == 'info' else level + ': '}{text}"
-        rank = f"<{weight}>" if self._ranked else ""  # the journal takes it off
-        try:
-            print(f"{rank}{line}", file=sys.stderr, flush=True)
-        except (OSError, ValueError):
-            return
-
-
-def _takes_a_line() -> bool:
-    """Whether stderr has room for a line: a full pipe or a stopped terminal would hold the daemon up."""
+    to_journal = _journal_reads_stderr()
+    form = ("journal" if to_journal else "text") if format == "auto" else format
+    writer = _Writer()
+    writer.setFormatter(_FORMATTERS[form](priority=to_journal or format == "journal"))
+    handler = _BoundedHandler(Queue(QUEUE_RECORDS))
+    listener = _Listener(handler.queue, writer)
     try:
-        return bool(select.select([], [sys.stderr.fileno()], [], 0.0)[1])
-    except (OSError, ValueError, AttributeError):
+        listener.start()
+    except RuntimeError as error:  # it says "can't start new thread"
+        raise MemoryError from error
+    logger = logging.getLogger(ROOT)
+    logger.setLevel(LEVELS[level])
+    logger.addHandler(handler)
+    logger.propagate = False
+
+    def close() -> None:
+        logger.removeHandler(handler)
+        logger.propagate = True
+        handler.report_dropped()
+        listener.stop()
+
+    return close
+
+
+class _BoundedHandler(QueueHandler):
+    """Handler that drops records and counts them while the queue is full."""
+
+    def __init__(self, queue: Queue[Any]) -> None:
+        super().__init__(queue)
+        self._dropped = 0
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        return record  # the listener is a thread of the same process: nothing needs to be pickled
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        self.report_dropped()
+        if self._dropped or not self._put(record):
+            self._dropped += 1
+
+    def report_dropped(self) -> None:
+        """Enqueue the number of dropped records, if there are any and the queue has space for it."""
+        if self._dropped and self.queue.qsize() < QUEUE_RECORDS // 2:  # type: ignore[attr-defined]
+            count = self._dropped
+            text = f"{count} log line{'s' * (count > 1)} dropped: standard error is full or too slow"
+            if self._put(logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None)):
+                self._dropped = 0
+
+    def _put(self, record: logging.LogRecord) -> bool:
+        try:
+            self.queue.put_nowait(record)
+        except Full:
+            return False
         return True
 
 
-def _journal_reads() -> bool:
-    """Whether stderr goes to the journal; its variable alone is inherited by every shell of a desktop."""
-    try:
-        ours = os.fstat(sys.stderr.fileno())
-    except (OSError, ValueError, AttributeError):
-        return False
-    return os.environ.get("JOURNAL_STREAM") == f"{ours.st_dev}:{ours.st_ino}"
+class _Listener(QueueListener):
+    """Listener that can be ended while standard error blocks."""
+
+    def enqueue_sentinel(self) -> None:
+        self.queue.put(self._sentinel, timeout=CLOSE_S)  # type: ignore[attr-defined]
+
+    def stop(self) -> None:
+        if self._thread is None:
+            return
+        with suppress(Full):  # standard error blocks: what waits is lost
+            self.enqueue_sentinel()
+            self._thread.join(CLOSE_S)
+        self._thread = None
 
 
-import logging
+class _Writer(logging.Handler):
+    """Handler that writes straight to the descriptor of standard error.
 
-LEVELS = {"debug": 10, "info": 20, "notice": 25, "warning": 30, "error": 40}
+    `sys.stderr` has a lock. A thread that blocks while it holds that lock would keep the interpreter from
+    ending.
+    """
 
-
-class _Handler(logging.Handler):
-    def __init__(self, log: DaemonLog) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._log = log
+        self._stream = sys.stderr
+        try:
+            self._descriptor: int | None = self._stream.fileno()
+        except (OSError, ValueError, AttributeError):
+            self._descriptor = None
+
+    def handle(self, record: logging.LogRecord) -> bool:
+        # one thread writes, and it may block: with the lock of the handler, the end of `logging` would wait for it
+        self.emit(record)
+        return True
 
     def emit(self, record: logging.LogRecord) -> None:
-        level = {10: "debug", 20: "info", 25: "info", 30: "warning", 40: "error"}.get(record.levelno, "info")
-        self._log.say(record.getMessage(), level, getattr(record, "kind", ""))  # type: ignore[arg-type]
+        try:
+            line = self.format(record) + "\n"
+            if self._descriptor is None:
+                self._stream.write(line)
+                return
+            data = line.encode(self._stream.encoding or "utf-8", self._stream.errors or "replace")
+            while data:
+                data = data[os.write(self._descriptor, data) :]
+        except (OSError, ValueError, AttributeError):
+            return  # it is closed, or its disk is full: the daemon continues
 
 
-def configure_logging(settings: object) -> None:
-    """Temporary."""
-    logger = logging.getLogger("imumon")
-    logger.handlers = [_Handler(DaemonLog(settings.level, settings.format))]  # type: ignore[attr-defined]
-    logger.setLevel(1)
-    logger.propagate = False
+class _Formatter(logging.Formatter):
+    """Base class: one line per record, with the prefix ``<N>`` if the journal reads it.
+
+    Parameters
+    ----------
+    priority : add the prefix, which the journal removes.
+    """
+
+    def __init__(self, *, priority: bool) -> None:
+        super().__init__()
+        self._priority = priority
+
+    def format(self, record: logging.LogRecord) -> str:
+        prefix = f"<{PRIORITIES.get(record.levelno, 6)}>" if self._priority else ""
+        return prefix + self.line(record).replace("\n", " ")
+
+    def line(self, record: logging.LogRecord) -> str:
+        """Return the line without the prefix."""
+        return record.getMessage()
+
+
+class _TextFormatter(_Formatter):
+    """Local time, level unless it is ``info``, text."""
+
+    def line(self, record: logging.LogRecord) -> str:
+        level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
+        return f"{datetime.fromtimestamp(record.created):%H:%M:%S} {level}{record.getMessage()}"
+
+
+class _JsonFormatter(_Formatter):
+    """An object with ``time``, ``level``, ``kind`` and ``text``."""
+
+    def line(self, record: logging.LogRecord) -> str:
+        fields = {
+            "time": stamp(datetime.fromtimestamp(record.created, UTC)),
+            "level": record.levelname.lower(),
+            "kind": getattr(record, "kind", ""),
+            "text": record.getMessage(),
+        }
+        return json.dumps(fields, ensure_ascii=False)
+
+
+_FORMATTERS: dict[str, type[_Formatter]] = {
+    "text": _TextFormatter,
+    "journal": _Formatter,
+    "json": _JsonFormatter,
+}
+
+
+def _journal_reads_stderr() -> bool:
+    """Return whether standard error goes to the journal.
+
+    The variable alone does not show it: every shell of a desktop inherits it.
+    """
+    try:
+        stderr = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError, AttributeError):
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{stderr.st_dev}:{stderr.st_ino}"

@@ -1,4 +1,8 @@
-"""Service manager notification (sd_notify): ready, status, watchdog, stopping."""
+"""Messages to the service manager, by the protocol of sd_notify(3).
+
+A message is a datagram to the socket that ``$NOTIFY_SOCKET`` names. Without a service manager nothing is sent,
+and a manager that is gone is no error.
+"""
 
 from __future__ import annotations
 
@@ -9,56 +13,56 @@ from imumon.report import Report
 
 
 class ServiceNotifier:
-    """The service manager's ear; does nothing where there is none.
+    """Connection to the service manager.
 
     Attributes
     ----------
-    watchdog_s : s, half of the time within which the manager wants a sign of life; None: it wants none.
+    enabled : a service manager has started this process and listens.
+    watchdog_s : s, half of the time within which the manager expects `watchdog`; None: it expects none.
     """
 
     def __init__(self) -> None:
         self._path = os.environ.get("NOTIFY_SOCKET", "")
-        within = os.environ.get("WATCHDOG_USEC", "")
-        self.watchdog_s = int(within) / 2e6 if within.isdigit() and self._path else None
+        timeout_us = os.environ.get("WATCHDOG_USEC", "")
+        self.enabled = bool(self._path)
+        self.watchdog_s = int(timeout_us) / 2e6 if timeout_us.isdigit() and self.enabled else None
         self._ready = False
         self._status = ""
 
-    @property
-    def listens(self) -> bool:
-        """Whether a service manager started us."""
-        return bool(self._path)
-
     def ready(self) -> None:
-        """Up: the first valid sample has come, or the first "waiting"."""
+        """Report that the daemon is up: it has the first valid sample, or waits for a device. Sent once."""
         if not self._ready:
             self._ready = True
             self._send("READY=1")
 
     def status(self, text: str) -> None:
+        """Set the status line. Sent when it changes."""
         if text != self._status:
             self._status = text
             self._send(f"STATUS={text}")
 
-    def alive(self) -> None:
+    def watchdog(self) -> None:
+        """Report that the daemon is alive."""
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
+        """Report that the daemon is ending."""
         self._send("STOPPING=1")
 
-    def _send(self, text: str) -> None:
-        if not self._path:
+    def _send(self, message: str) -> None:
+        if not self.enabled:
             return
         address = "\0" + self._path[1:] if self._path.startswith("@") else self._path
         try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as ear:
-                ear.sendto(text.encode(), address)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as connection:
+                connection.sendto(message.encode(), address)
         except OSError:
-            return  # the manager is gone: nothing depends on being heard
+            return  # the manager is gone; nothing depends on it
 
 
-def status_line(made: Report) -> str:
-    """One line for the service manager."""
-    if made.state != "running":
-        return f"{made.state}"
-    grades = [f"{sensor} {grade.nearest}" for sensor, grade in made.grade.items() if grade.nearest]
-    return f"running, {', '.join(grades) or 'no grade yet'}, {made.session.samples} samples"
+def status_line(report: Report) -> str:
+    """Return the status line of a report: state, grades and samples."""
+    if report.state != "running":
+        return f"{report.state}"
+    grades = [f"{sensor} {grade.nearest}" for sensor, grade in report.grade.items() if grade.nearest]
+    return f"running, {', '.join(grades) or 'no grade yet'}, {report.session.samples} samples"

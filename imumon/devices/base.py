@@ -302,14 +302,15 @@ class DeviceDriver(ABC):
         """Return the settings that these options override, by dotted name; None: not given."""
         return {}
 
-    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str] | None:
-        """Return a running emulator as a context that gives its port; None if there is none.
+    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str]:
+        """Return a running emulator as a context that gives its port.
 
         Raises
         ------
+        DeviceError : there is no emulator.
         InvalidOption : the emulator cannot run at this speed or with this seed.
         """
-        return None
+        raise DeviceError("no_emulator", f"there is no emulator of {self.title}")
 
     def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:  # noqa: B027
         """Add the options of `imumon sim`."""

@@ -1,0 +1,51 @@
+"""Exit codes of the commands, and the exit code of each error.
+
+Commands raise errors and do not choose exit codes for those of other packages: `exit_code` is the only place
+that does. An error that arises in a command itself is a `CommandError` and carries its own exit code.
+"""
+
+from __future__ import annotations
+
+from imumon.errors import ImumonError, OptionNotApplicable, RateRequired
+
+SUCCESS = 0
+FAILURE = 1
+"""Any failure; ``doctor``: at least one check failed."""
+USAGE = 2
+"""Wrong usage, or faults in the settings."""
+NOT_FOUND = 3
+"""No port, no device or no daemon."""
+NOT_REACHED = 4
+"""A condition or a device did not come in time."""
+INTERRUPTED = 130
+"""Interrupted from the keyboard."""
+
+_BY_CODE = {
+    "invalid_settings": USAGE,
+    "invalid_device_name": USAGE,
+    "unknown_device_scheme": USAGE,
+}
+"""Exit codes by the code of an error, where its type does not decide."""
+
+
+class CommandError(ImumonError):
+    """End the command with one line on standard error and this exit code."""
+
+    def __init__(self, code: str, message: str, cure: str = "", exit_code: int = FAILURE) -> None:
+        super().__init__(code, message, cure)
+        self.exit_code = exit_code
+
+
+def exit_code(error: ImumonError) -> int:
+    """Return the exit code of an error that a user sees."""
+    if isinstance(error, CommandError):
+        return error.exit_code
+    if error.code in _BY_CODE:
+        return _BY_CODE[error.code]
+    if isinstance(error, RateRequired | OptionNotApplicable) or getattr(error, "setting", None):
+        return USAGE
+    from imumon.devices.base import DeviceNotFound, InvalidOption
+
+    if isinstance(error, InvalidOption):
+        return USAGE
+    return NOT_FOUND if isinstance(error, DeviceNotFound) else FAILURE

@@ -1,0 +1,115 @@
+"""Output of the commands: data on standard output, messages on standard error.
+
+A standard stream may be closed, full, or have an encoding that lacks characters such as ° and √. None of this
+is an error of the command: a character that cannot be encoded is replaced by an ASCII spelling, and JSON escapes
+it, so no data is lost.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+import json
+import os
+import shutil
+import sys
+from dataclasses import asdict
+from functools import cache
+from typing import Any
+
+STATUS_COLUMNS = 120
+"""Longest status line, characters."""
+
+_ASCII = str.maketrans(
+    {
+        "√": "sqrt ", "°": "deg", "²": "^2", "³": "^3", "½": "1/2", "±": "+-", "×": "x", "÷": "/", "·": "*",
+        "−": "-", "–": "-", "—": "-", "…": "...", "χ": "chi", "σ": "sigma", "τ": "tau", "π": "pi", "≥": ">=",
+        "≤": "<=", "→": "->",
+    }
+)  # fmt: skip
+
+
+def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
+    """Return the ASCII spelling of the characters that an encoding lacks, and where encoding continues.
+
+    This is an error handler of `codecs`. A character without a spelling becomes a question mark.
+    """
+    assert isinstance(error, UnicodeEncodeError)
+    text = error.object[error.start : error.end].translate(_ASCII)
+    return "".join(character if character.isascii() else "?" for character in text), error.end
+
+
+codecs.register_error("imumon", _replace_unencodable)
+
+
+def prepare_streams() -> None:
+    """Open closed standard streams on the null device, and set the error handler of their encoding.
+
+    If a standard stream is closed, Python would send messages for it elsewhere, and the next file that is
+    opened would get its descriptor.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="imumon")
+
+
+def discard_stdout() -> None:
+    """Send the rest of standard output to the null device, so that the final flush cannot fail."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def print_message(text: str) -> None:
+    """Print one line on standard error."""
+    print(f"imumon: {text}", file=sys.stderr)
+
+
+print_message_once = cache(print_message)
+
+
+def print_error(error: Exception, as_json: bool = False) -> None:
+    """Print an error on standard error: one line, or as JSON."""
+    if not as_json:
+        print_message(str(error))
+        return
+    described: dict[str, Any] = {
+        "code": getattr(error, "code", "failed"),  # not every error is an ImumonError yet
+        "message": getattr(error, "message", str(error)),
+        "cure": getattr(error, "cure", ""),
+    }
+    if faults := getattr(error, "faults", ()):
+        described["faults"] = [asdict(fault) for fault in faults]
+    print(json.dumps({"error": described}), file=sys.stderr)
+
+
+def print_status(text: str) -> None:
+    """Overwrite the status line of a terminal; print nothing where standard error is not one."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text[:STATUS_COLUMNS]}", end="", file=sys.stderr, flush=True)
+
+
+def print_json(text: str) -> None:
+    """Print JSON on standard output; characters that the encoding lacks are escaped (RFC 8259, section 7)."""
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(json.loads(text))
+    print(text)
+
+
+def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
+    """Print a report as JSON, or as a table with the changes against a baseline."""
+    if as_json:
+        from imumon.report import to_json
+
+        print_json(to_json(report))
+        return
+    from imumon.datasheet.signal_text import signal, unchanged
+    from imumon.datasheet.text_table import table
+
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    comparison = unchanged(report, baseline) if baseline is not None else None
+    lines = [table(report, width), "", *signal(report, width), *([comparison] if comparison else [])]
+    print("\n".join(lines).rstrip())

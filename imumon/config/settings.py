@@ -1,0 +1,396 @@
+"""Settings: a TOML file and the options of the command line become one immutable tree.
+
+All faults of a file are reported at once, each with its line, what is allowed and the nearest valid name, and
+`Settings.origins` keeps where each value comes from. A setting is declared once: its type and limits are checked
+by pydantic, its description is the comment in `config.toml`, which is ``render(Settings())``. An empty file is
+valid. Empty text, 0 and [] mean "not given".
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le, Lt, MaxLen
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from imumon.config.toml_file import (
+    ConfigError,
+    ConfigFault,
+    Places,
+    line_numbers,
+    parse,
+    read_text,
+    toml_text,
+)
+
+Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
+NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
+TextList: TypeAlias = Annotated[tuple[str, ...], Field(strict=False)]
+"""A TOML list of texts; not strict, because a list is not a tuple."""
+
+SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
+"""Limits of a sample rate, Hz."""
+SHOWN_CHARACTERS = 40
+"""Longest value in a message, characters."""
+SECTION_CUTOFF, SETTING_CUTOFF = 0.5, 0.6
+"""Least similarity (`difflib`) of a name that is suggested."""
+
+
+class Section(BaseModel):
+    """Section of the file: values have exactly the declared type."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+class DeviceSettings(Section):
+    """The device, its port and what to request from it"""
+
+    port: str = ""
+    """device path, pyserial URL or "sim"; empty: the only sensor found"""
+    baud: Baud = "auto"
+    '"auto" detects it'
+    set_baud: NewBaud = 0
+    """change the baud of the sensor until its next power-up; 0: never"""
+    rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
+    """sample rate of a stream without a clock; 0: not given"""
+    listen_only: bool = False
+    """write nothing to the sensor; characterize the stream that it already sends"""
+    stream: Literal["deltas", "uncompensated", "compensated"] = "deltas"
+    """stream to request from the sensor: deltas, uncompensated or compensated"""
+    id: str = Field("", max_length=64)
+    """name in the Zenoh keys; empty: vn100-<serial number>"""
+
+
+class ZenohSettings(Section):
+    """The bus: where the daemon listens, and who may connect"""
+
+    listen: TextList = ()
+    """endpoints; empty: first free of tcp/127.0.0.1:7448 to 7463"""
+    connect: TextList = ()
+    """endpoints of routers to publish through as well; they may come and go"""
+    mode: Literal["peer", "router"] = "peer"
+    """peer; or router: others may connect as to one"""
+    user: str = ""
+    """name to log in with; others who connect must give it too"""
+    password: str = ""
+    """its password; protect this file (of a service: group dialout, mode 0640)"""
+    users_file: str = ""
+    """who else may connect: file of lines user:password; empty, and no user: everybody"""
+    certificate: str = ""
+    """own TLS certificate, PEM"""
+    key: str = ""
+    """its private key, PEM"""
+    ca: str = ""
+    """authority that must have signed the certificate of the other side, PEM"""
+    verify_name: bool = True
+    """the certificate must also name the host of the connection"""
+    read_only: bool = True
+    """others may subscribe and query, but publish nothing"""
+    allow: TextList = ()
+    """certificate or user names that may read; empty: all that may connect"""
+    insecure: bool = False
+    """allow listening beyond this machine without TLS"""
+    raw: Mapping[str, Any] = Field(default_factory=dict)
+    """more settings of Zenoh: "path/of/setting" = value"""
+
+
+class StateSettings(Section):
+    """The accumulated statistics on disk"""
+
+    directory: str = ""
+    """empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
+    save_period_s: float = Field(30.0, ge=1.0, le=3600.0)
+    """between two saves, which a power cut may lose, in seconds"""
+
+
+class RecordSettings(Section):
+    """The raw bytes, saved for replay"""
+
+    file: str = ""
+    """empty: nothing is saved"""
+    rotate_mb: float = Field(0.0, ge=0.0, le=1e6)
+    """start a new file at this size; 0: never"""
+    gzip: bool = False
+    """compress"""
+
+
+class ReportSettings(Section):
+    """What is published, and the required precision"""
+
+    period_s: float = Field(1.0, ge=0.1, le=60.0)
+    """between two reports, in seconds"""
+    precision_n: float = Field(0.01, gt=0.0, lt=1.0)
+    """required half-width of the 95 % interval of N, as a share of N"""
+    precision_b: float = Field(0.2, gt=0.0, lt=1.0)
+    """the same for B"""
+    precision_k: float = Field(0.5, gt=0.0, lt=1.0)
+    """the same for K"""
+    grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = ""
+    """grade that imumon wait waits for: navigation, tactical, industrial or consumer; empty: the first sample"""
+
+
+class GuardSettings(Section):
+    """What is excluded from the statistics: knocks, motion, warm-up"""
+
+    enabled: bool = True
+    """false: every valid sample counts"""
+
+
+class LogSettings(Section):
+    """The log of the daemon on standard error"""
+
+    level: Literal["error", "warning", "info", "debug"] = "info"
+    """lowest level that is logged: error, warning, info or debug"""
+    format: Literal["auto", "text", "journal", "json"] = "auto"
+    """auto (journal under systemd, else text), text, journal or json"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """All settings.
+
+    Attributes
+    ----------
+    path : file they were read from, None without one.
+    ignored : ``config.toml`` of the current directory that belongs to another program; None: there is none.
+    origins : where each value comes from by its dotted name: ``default``, ``config.toml:12`` or
+        ``command line``.
+    """
+
+    device: DeviceSettings = field(default_factory=DeviceSettings)
+    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    state: StateSettings = field(default_factory=StateSettings)
+    record: RecordSettings = field(default_factory=RecordSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
+    guards: GuardSettings = field(default_factory=GuardSettings)
+    log: LogSettings = field(default_factory=LogSettings)
+    path: Path | None = None
+    ignored: Path | None = None
+    origins: Mapping[str, str] = field(default_factory=dict)
+
+
+SECTIONS: dict[str, type[Section]] = {
+    name: cls
+    for name, cls in get_type_hints(Settings).items()
+    if isinstance(cls, type) and issubclass(cls, Section)
+}
+NAMES = tuple(f"{section}.{name}" for section, cls in SECTIONS.items() for name in cls.model_fields)
+"""Dotted name of every setting."""
+
+
+def search() -> tuple[Path | None, Path | None]:
+    """Return the first settings file there is, and the ``./config.toml`` of another program that was ignored.
+
+    The files are ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml and /etc/imumon/config.toml. The first
+    counts only if it has a section of imumon, for many programs use this name.
+    """
+    local, ignored = Path("config.toml"), None
+    if local.is_file():
+        try:
+            if SECTIONS.keys() & line_numbers(read_text(local)).keys():
+                return local, None
+            ignored = local
+        except ConfigError:
+            return local, None  # `load` reports why it is unreadable
+    # expanduser, unlike Path.home(), accepts a user without a home directory, as a service may run as one
+    home = Path(os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config"))
+    others = (home / "imumon" / "config.toml", Path("/etc/imumon/config.toml"))
+    return next((path for path in others if path.is_file()), None), ignored
+
+
+def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
+    """Return the settings of a file with values of the command line on top.
+
+    Parameters
+    ----------
+    path : file to read; None: the one that `search` finds, if any.
+    overrides : dotted name to value, such as ``{"device.baud": 115200}``; None values are ignored.
+
+    Raises
+    ------
+    ConfigError : with all faults.
+    """
+    given = {name: value for name, value in (overrides or {}).items() if value is not None}
+    found, ignored = search() if path is None else (Path(path), None)
+    text = "" if found is None else read_text(found)
+    values = parse(text, str(found))
+    places = Places(str(found), {name: f"{found}:{line}" for name, line in line_numbers(text).items()})
+    for name, value in given.items():
+        section, _, setting = name.partition(".")
+        if isinstance(table := values.setdefault(section, {}), dict):
+            table[setting] = value
+        places.known[name] = "command line"
+    sections: dict[str, Section] = {}
+    faults: list[ConfigFault] = []
+    for section, table in values.items():
+        try:
+            sections[section] = _check_section(section, table, places)
+        except ConfigError as error:
+            faults += error.faults
+    faults += _contradictions(sections, places)
+    if faults:
+        raise ConfigError(*sorted(faults, key=places.order))
+    present = {f"{section}.{name}" for section, table in values.items() for name in table}
+    origins = {name: places.of(name) if name in present else "default" for name in NAMES}
+    tables: dict[str, Any] = dict(sections)
+    return Settings(**tables, path=found, ignored=ignored, origins=origins)
+
+
+def render(settings: Settings, *, origins: bool = False) -> str:
+    """Return the settings as a TOML file with a comment above each: its description, or its origin.
+
+    With `origins` it is for people to read: a password is not shown.
+    """
+    lines: list[str] = []
+    if not origins:
+        lines += [
+            "# Settings of imumon: all of them, with their defaults. Options override this file.",
+            "# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml.",
+            "",
+        ]
+    for section, cls in SECTIONS.items():
+        lines.append(f"[{section}]" if origins else f"[{section}]  # {(cls.__doc__ or '').strip()}")
+        for name, info in cls.model_fields.items():
+            origin = settings.origins.get(f"{section}.{name}", "default")
+            value = getattr(getattr(settings, section), name)
+            shown = "********" if origins and value and name == "password" else value
+            lines += [f"# {origin if origins else info.description}", f"{name} = {toml_text(shown)}"]
+        lines.append("")
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def _check_section(section: str, table: Any, places: Places) -> Section:
+    """Return the checked section; raise `ConfigError` with all its faults."""
+    if section not in SECTIONS:
+        raise ConfigError(_unknown(section, isinstance(table, dict), places))
+    if not isinstance(table, dict):
+        message = f"must be a section, [{section}]"
+        raise ConfigError(ConfigFault("not_a_section", places.of(section), section, message))
+    cls = SECTIONS[section]
+    try:
+        bad = [name for name, value in table.items() if not _encodable(value)]
+    except RecursionError:
+        raise ConfigError(
+            ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
+        ) from None
+    faults = [
+        ConfigFault("invalid_character", places.of(name), name, _INVALID_CHARACTER)
+        for name in (f"{section}.{name}" for name in bad)
+    ]
+    try:
+        checked = cls.model_validate({name: value for name, value in table.items() if name not in bad})
+    except ValidationError as error:
+        # a list has a fault for each of its items: the first is enough
+        first = {str(found["loc"][0]): found for found in reversed(error.errors())}
+        faults += [_fault(section, name, found, table, places) for name, found in first.items()]
+    if faults:
+        raise ConfigError(*faults)
+    return checked
+
+
+def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
+    """Return pydantic's error of a setting as a fault."""
+    full = f"{section}.{name}"
+    if found["type"] == "extra_forbidden":
+        return _unknown(full, False, places)
+    value = toml_text(_value_at(table, found["loc"]))
+    shown = value if len(value) <= SHOWN_CHARACTERS else value[: SHOWN_CHARACTERS - 3] + "..."
+    message = f"{_allowed(found, SECTIONS[section].model_fields[name])}, not {shown}"
+    return ConfigFault("invalid_value", places.of(full), full, message)
+
+
+def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
+    """Return the fault of an unknown name, with the nearest valid one."""
+    place = places.of(name)
+    if is_section:
+        near = difflib.get_close_matches(name, SECTIONS, n=1, cutoff=SECTION_CUTOFF)
+        cure = f"did you mean [{near[0]}]?" if near else ""
+        return ConfigFault("unknown_section", place, f"[{name}]", "no such section", cure)
+    section, _, setting = name.rpartition(".")
+    everywhere = {full.partition(".")[2]: full for full in reversed(NAMES)}
+    here = {full.partition(".")[2]: full for full in NAMES if full.startswith(f"{section}.")}
+    candidates = here or everywhere
+    near = difflib.get_close_matches(setting, candidates, n=1, cutoff=SETTING_CUTOFF)
+    right = everywhere.get(setting) or (candidates[near[0]] if near else None)
+    cure = f"did you mean {right}?" if right else ""
+    return ConfigFault("unknown_setting", place, name, "no such setting", cure)
+
+
+def _value_at(table: Any, path: Iterable[Any]) -> Any:
+    """Return the value at a path of a section, or the nearest one around it."""
+    for step in path:
+        try:
+            table = table[step]
+        except (KeyError, IndexError, TypeError):
+            break
+    return table
+
+
+_TYPES = {
+    "string_type": "must be text in quotes",
+    "bool_type": "must be true or false",
+    "tuple_type": 'must be a list, such as ["..."]',
+    "mapping_type": "must be a table",
+    "dict_type": "must be a table",
+}
+
+
+def _allowed(found: Any, info: Any) -> str:
+    """Return what a setting may be."""
+    if get_origin(info.annotation) is Literal:
+        return "must be one of " + ", ".join(map(toml_text, get_args(info.annotation)))
+    limits = {type(limit): limit for limit in info.metadata}
+    if Ge in limits:
+        return f"must be a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
+    if Gt in limits:
+        return f"must be a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}"
+    if found["type"] == "string_too_long":
+        return f"must be at most {limits[MaxLen].max_length} characters"
+    return _TYPES.get(found["type"]) or str(found["msg"]).lower()
+
+
+_INVALID_CHARACTER = (
+    "has a character that no file name and no key can have: a zero byte, or one that is not UTF-8"
+)
+
+
+def _encodable(value: Any) -> bool:
+    """Return whether every text in a value can be a file name and a key."""
+    if isinstance(value, str):
+        return "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
+    if isinstance(value, dict):
+        return all(map(_encodable, (*value, *value.values())))
+    return not isinstance(value, list | tuple) or all(map(_encodable, value))
+
+
+_TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"), ("key", "certificate"))
+"""Settings of ``[zenoh]`` of which the first needs the second."""
+
+
+def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[ConfigFault]:
+    """Yield the faults of settings that are valid alone but not together."""
+
+    def fault(name: str, message: str) -> ConfigFault:
+        return ConfigFault("contradiction", places.of(name), name, message)
+
+    zenoh = sections.get("zenoh", ZenohSettings())
+    for name, other in _TOGETHER:
+        if getattr(zenoh, name) and not getattr(zenoh, other):
+            yield fault(f"zenoh.{name}", f"needs zenoh.{other} as well")
+    device = sections.get("device", DeviceSettings())
+    if device.listen_only and device.set_baud:
+        yield fault("device.set_baud", "is not possible with device.listen_only")
+    if 0.0 < device.rate_hz < SLOWEST_HZ:
+        message = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}, not {device.rate_hz:g}"
+        yield ConfigFault("invalid_value", places.of("device.rate_hz"), "device.rate_hz", message)
+    if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
+        message = "needs a letter or a digit, such as imu-1"
+        yield ConfigFault("invalid_value", places.of("device.id"), "device.id", message)

@@ -1,0 +1,140 @@
+"""Settings file: its text, the line of each setting, its faults, and the TOML text of values."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date, time
+from pathlib import Path
+from typing import Any
+
+from imumon.errors import ImumonError
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigFault:
+    """One fault of a file or of the command line.
+
+    Attributes
+    ----------
+    code : ``file_unreadable``, ``not_utf8``, ``not_toml``, ``unknown_section``, ``unknown_setting``,
+        ``not_a_section``, ``invalid_value``, ``invalid_character``, ``too_deep`` or ``contradiction``.
+    place : ``config.toml:12``, ``config.toml`` or ``command line``.
+    setting : dotted name, empty for a fault of the whole file.
+    message, cure : what is wrong, and what to do; the cure may be empty.
+    """
+
+    code: str
+    place: str
+    setting: str
+    message: str
+    cure: str = ""
+
+    def __str__(self) -> str:
+        text = ": ".join(filter(None, (self.place, self.setting, self.message)))
+        return f"{text}; {self.cure}" if self.cure else text
+
+
+class ConfigError(ImumonError):
+    """The settings have faults.
+
+    Attributes
+    ----------
+    faults : all of them, in the order of the file.
+    """
+
+    def __init__(self, *faults: ConfigFault) -> None:
+        super().__init__("invalid_settings", "\n".join(map(str, faults)))
+        self.faults = faults
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file; raise `ConfigError` if it cannot be read."""
+    try:
+        return path.read_text("utf-8-sig")
+    except OSError as error:
+        fault = ConfigFault("file_unreadable", str(path), "", f"cannot be read: {error.strerror}")
+    except UnicodeDecodeError as error:
+        fault = ConfigFault("not_utf8", str(path), "", f"is not UTF-8 text (byte {error.start})")
+    raise ConfigError(fault)
+
+
+def parse(text: str, file: str) -> dict[str, Any]:
+    """Return the values of a TOML text; raise `ConfigError` if it is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        fault = ConfigFault("not_toml", file, "", "not TOML: nested too deeply")
+    except ValueError as error:  # also a number of thousands of digits
+        # the standard library gives the place of an error only in its text
+        found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
+        what = found[1] if found else str(error)
+        line, column = (found[2], found[3]) if found and found[2] else (str(text.count("\n") + 1), "1")
+        place = f"{file}:{line}" if isinstance(error, tomllib.TOMLDecodeError) else file
+        column = f" (column {column})" if isinstance(error, tomllib.TOMLDecodeError) else ""
+        fault = ConfigFault("not_toml", place, "", f"not TOML: {what[:1].lower()}{what[1:]}{column}")
+    raise ConfigError(fault)
+
+
+def line_numbers(text: str) -> dict[str, int]:
+    """Return the line of each section and setting by its dotted name, as far as single lines show it."""
+    found: dict[str, int] = {}
+    table = ""
+    name = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := re.match(r"\s*\[\s*([^\[\]]+?)\s*\]", line):
+            table = _unquoted(header[1])
+            full = table
+        elif key := re.match(rf"\s*({name}(?:\s*\.\s*{name})*)\s*=", line):
+            full = f"{table}.{_unquoted(key[1])}".lstrip(".")
+        else:
+            continue
+        while full:
+            found.setdefault(full, number)
+            full = full.rpartition(".")[0]
+    return found
+
+
+def _unquoted(key: str) -> str:
+    return ".".join(part.strip().strip("\"'") for part in key.split("."))
+
+
+@dataclass
+class Places:
+    """Place of each setting: a line of the file, or the command line."""
+
+    file: str
+    known: dict[str, str]
+
+    def of(self, name: str) -> str:
+        """Return the place of a setting, or of the nearest thing around it that has one."""
+        while name and name not in self.known:
+            name = name.rpartition(".")[0]
+        return self.known.get(name, self.file)
+
+    def order(self, fault: ConfigFault) -> tuple[bool, int, str]:
+        """Return the sort key of a fault: by line of the file, then the command line."""
+        head, _, line = fault.place.rpartition(":")
+        in_file = head == self.file and line.isdigit()
+        return (not in_file, int(line) if in_file else 0, str(fault))
+
+
+def toml_text(value: Any) -> str:
+    """Return the TOML text of a value.
+
+    >>> toml_text(("a", True, 0.5)), toml_text({"x/y": 1})
+    ('["a", true, 0.5]', '{ "x/y" = 1 }')
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + re.sub(r"[\x00-\x1f\x7f]", lambda m: f"\\u{ord(m[0]):04x}", escaped) + '"'
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{toml_text(str(key))} = {toml_text(item)}" for key, item in value.items())
+        return f"{{ {inner} }}" if inner else "{}"
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_text(item) for item in value) + "]"
+    return value.isoformat() if isinstance(value, date | time) else repr(value)
