@@ -249,6 +249,9 @@ def test_a_port_that_vanishes_during_the_search_does_not_end_it(monkeypatch: pyt
     assert device._path == "/b"
 
 
+LOGGER = logging.getLogger("imumon.daemon")
+
+
 def test_a_full_standard_error_does_not_block_and_drops_are_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -117,6 +117,6 @@ def _rate(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
         raise argparse.ArgumentTypeError(
-            f"{text} Hz is no sample rate; give {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+            f"{text} Hz is no sample rate; it is from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
         )
     return value
