@@ -102,12 +102,12 @@ print(resident_kb() - before)
 NAMES = """
 import tracemalloc
 import numpy as np
-from imumon.noise.statistics.spectral_lines import BINS, beside
+from imumon.noise.statistics.spectral_lines import BINS, side_levels
 power = np.ones((1, BINS))
-beside(power)
+side_levels(power)
 tracemalloc.start()
 for _ in range(4000):
-    beside(power)
+    side_levels(power)
 print(tracemalloc.get_traced_memory()[0])
 """
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.histogram import BINS, DistributionShape, HistogramAccumulator, quantum
+from imumon.noise.statistics.histogram import HISTOGRAM_BINS, DistributionShape, HistogramAccumulator, quantum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
@@ -120,7 +120,7 @@ def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
     assert results[0] == results[1] == results[2]
     for c, found in enumerate(results[0]):
         assert found is not None
-        assert len(found.counts) <= BINS
+        assert len(found.counts) <= HISTOGRAM_BINS
         edges = found.start + found.width * np.arange(len(found.counts) + 1)
         counted, _ = np.histogram(values[valid[:, c // 2], c], edges)
         assert found.counts == tuple(counted.tolist())

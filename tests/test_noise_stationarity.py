@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import pytest
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import Estimator
-from imumon.noise.nonstationarity.change import Behaviour, Change, Estimate, changes
+from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.synthesis import synthesise
+from imumon.report import Change
 from imumon.samples import Floats
 
 RATE = 10.0
 HOUR = 36_000
 
 
-def behaviour(values: Floats) -> list[Behaviour]:
+class Limited(NamedTuple):
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+def summaries(values: Floats) -> list[NoiseSummary]:
     """How each channel behaved over a stretch."""
     cascade = OctaveCascade(values.shape[1], 1 / RATE)
     cascade.update(values)
     fits = Estimator(averaged=True).fit(cascade.result())
     means = values.mean(axis=0).tolist()
-    return [Behaviour.of(fit, mean, len(values) / RATE) for fit, mean in zip(fits, means, strict=True)]
+    return [NoiseSummary.of(fit, mean, len(values) / RATE) for fit, mean in zip(fits, means, strict=True)]
 
 
 def judged(values: Floats) -> list[list[Change]]:
     """Changes of each channel in the last hour."""
-    before, last = behaviour(values[:-HOUR]), behaviour(values[-HOUR:])
-    return [changes(old, new) for old, new in zip(before, last, strict=True)]
+    before, last = summaries(values[:-HOUR]), summaries(values[-HOUR:])
+    return [detect_changes(old, new, "hours before") for old, new in zip(before, last, strict=True)]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -52,11 +61,11 @@ def test_what_changed_is_told() -> None:
 
 
 def test_against_a_saved_baseline() -> None:
-    def known(n: float, mean: float) -> Behaviour:
-        wander = MeanCovariance(n, 1e-5, 1e-7)
-        return Behaviour(Estimate(n, n * 0.99, n * 1.01), Estimate(None, None, 2e-5), mean, wander, 3600.0)
+    def known(n: float, mean: float) -> NoiseSummary:
+        noise = MeanCovariance(n, 1e-5, 1e-7)
+        return NoiseSummary(Limited(n, n * 0.99, n * 1.01), Limited(None, None, 2e-5), mean, noise, 3600.0)
 
-    assert changes(known(1e-4, 0.0), known(1.01e-4, 0.1), None) == []
-    (change,) = changes(known(1e-4, 0.0), known(1.4e-4, 0.1), None)
+    assert detect_changes(known(1e-4, 0.0), known(1.01e-4, 0.1), "baseline", None) == []
+    (change,) = detect_changes(known(1e-4, 0.0), known(1.4e-4, 0.1), "baseline", None)
     assert (change.quantity, change.ratio) == ("N", pytest.approx(1.4))
-    assert changes(known(1e-4, 0.0), known(1e-4, 0.1), 0.0)[0].quantity == "bias"
+    assert detect_changes(known(1e-4, 0.0), known(1e-4, 0.1), "baseline", 0.0)[0].quantity == "bias"

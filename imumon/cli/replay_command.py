@@ -71,7 +71,7 @@ def add_replay(parser: Parser) -> None:
 
 
 def run_replay(words: argparse.Namespace) -> int:
-    from imumon.pipeline import RateRequired
+    from imumon.errors import RateRequired
     from imumon.recordings import OptionNotApplicable, SourceError
     from imumon.replay.replay import bar, replay
 

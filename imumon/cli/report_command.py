@@ -140,8 +140,8 @@ def _of_state(path: Path) -> Any:
         state = decode(path.read_bytes())
         meta = state.meta
         monitor = Monitor(MonitorOptions(guarded=bool(meta["monitor"]["guarded"])))
-        monitor.resume(meta["monitor"], state.arrays, 0.0)
-        monitor.take_up()
+        monitor.restore(meta["monitor"], state.arrays, 0.0)
+        monitor.accept_restored()
         known = {"serial": meta.get("serial")} | meta.get("device", {})
         caveats = tuple(known.pop("caveats", ()))
         name = path.name.partition(".state")[0]
@@ -158,7 +158,7 @@ def _of_state(path: Path) -> Any:
 
 
 def _of_recording(words: argparse.Namespace) -> Any:
-    from imumon.pipeline import RateRequired
+    from imumon.errors import RateRequired
     from imumon.recordings import OptionNotApplicable, SourceError
     from imumon.replay.replay import bar, replay
 

@@ -148,7 +148,7 @@ def _daemon(words: argparse.Namespace, settings: Any, path: str | None, director
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.connection import NoDevice
     from imumon.devices.vn100.vn100_session import SessionError
-    from imumon.pipeline import RateRequired
+    from imumon.errors import RateRequired
     from imumon.recordings import PortError, SourceError
 
     task = RunOptions(

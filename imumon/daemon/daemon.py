@@ -44,7 +44,6 @@ __all__ = ["Daemon", "RunOptions", "RunResult"]
 RETRY_S = 0.5
 GATHER_S, LOOK_S = 0.5, 0.1  # bytes gather so long at most; how often to look whether they still may
 AHEAD_S = 0.01  # before a report is due they are taken in, so that it has them
-TIDY_S, IDLE_S = 5.0, 60.0  # between two times that memory is tidied: after a fit, and else
 INTERRUPTED = ("reconfigured", "found", "lost", "garbage", "silent")
 """Notices of the session behind which a stream without a clock has a gap of unknown length."""
 
@@ -83,7 +82,6 @@ class Daemon:
         self._stop = Shutdown(task.duration_s)
         self._silence = DataTimeout()
         self._next_report = self._next_save = self._next_alive = 0.0
-        self._tidied, self._tidied_at = 0, 0.0  # renewals at the last tidying, and when that was
         self._fed_at: float | None = None
         self._lost_at: float | None = None
         self._obstacle: str | None = None  # as it was told last
@@ -247,7 +245,7 @@ class Daemon:
                 if self._monitor.rate_hz is None:
                     self._monitor.rate_hz = facts.sample_rate_hz
             self._feed(item)
-            if self._monitor.refused is not None and self._keeping is not None:
+            if self._monitor.mismatch is not None and self._keeping is not None:
                 self._tell("state", self._keeping.refuse() or "", "warning")
                 self._started = None
         arrived = self._monitor.samples not in (0, before)
@@ -261,7 +259,7 @@ class Daemon:
         now = uptime_s()
         passed, self._fed_at = now - (self._fed_at or now), now
         before = self._monitor.samples
-        self._monitor.feed(block, room_s=passed if self.task.speed == 1.0 else None)
+        self._monitor.feed(block, host_s=passed if self.task.speed == 1.0 else None)
         if self._keeping is not None and self._monitor.samples != before:
             self._keeping.fed_s = now
 
@@ -348,10 +346,6 @@ class Daemon:
         if self._keeping is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._keeping.save(self._session(), self._started)
-        idle = self._monitor.renewals == self._tidied
-        if now - self._tidied_at >= (IDLE_S if idle else TIDY_S):
-            self._tidied, self._tidied_at = self._monitor.renewals, now
-            heap.tidy()
 
     def _publish(self) -> report.Report:
         assert self._bus is not None

@@ -104,9 +104,9 @@ class Persistence:
         try:
             counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
             away, saved = _since(meta) + float(meta.get("age_s", 0.0)), meta["saved"]
-            self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
+            self._monitor.restore(meta["monitor"], state.arrays, max(0.0, away) * self._run.speed)
         except RecordMismatch as error:
-            return self._refuse("other-settings", str(error))
+            return self._refuse("other-settings", error.message)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
             return self._refuse(
                 "unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}"
@@ -124,8 +124,8 @@ class Persistence:
 
     def refuse(self) -> str | None:
         """Set aside a record that the stream does not go on with, once that shows; in words."""
-        why, self._monitor.refused = self._monitor.refused, None
-        return None if why is None else self._refuse("other-stream", why)
+        mismatch, self._monitor.mismatch = self._monitor.mismatch, None
+        return None if mismatch is None else self._refuse("other-stream", mismatch.message)
 
     def differing(self, facts: Vn100Info) -> list[str]:
         """Settings that are not what the record was made with, in words."""

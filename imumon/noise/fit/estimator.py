@@ -80,7 +80,7 @@ class Estimator:
                 due.append(channel)
         if due:
             self._renew(problems.take(np.array(due)), due, curve)
-        fits = [nothing(len(curve.m), reason or "") for reason in reasons]
+        fits = [nothing(len(curve.m), *(reason or ("", None))) for reason in reasons]
         if rows := [channel for channel, reason in enumerate(reasons) if reason is None]:
             part = problems.take(np.array(rows))
             made = channel_fits(curve, rows, part, [self._known[channel] for channel in rows])
@@ -108,7 +108,7 @@ def fit_curve(
 
 def _problems(
     curve: AllanCurve, k: int, averaged: Sequence[bool], resolution: Sequence[float] | None
-) -> tuple[Problems, list[str | None]]:
+) -> tuple[Problems, list[tuple[str, str | None] | None]]:
     """The first k octaves of the curve as problems, one a channel, and why a channel has none."""
     kinds = sorted(set(averaged))
     table = tuple(tables(curve.span, k, averaged=kind) for kind in kinds)
@@ -116,17 +116,17 @@ def _problems(
     variance = curve.avar[:k].T
     used = (terms > 0) & (variance > _LEAST) & (variance < _MOST)
     thinning = np.sqrt(table[0].full / np.maximum(terms, 1))
-    reasons: list[str | None] = []
+    reasons: list[tuple[str, str | None] | None] = []  # text and code
     for row in range(len(used)):
         seen = terms[row] > 0
         if not seen.any():
-            reasons.append("no difference yet")
+            reasons.append(("no difference yet", None))
         elif not used[row].any():
-            reasons.append("the channel is constant")
+            reasons.append(("the channel is constant", "constant"))
         elif resolution is not None and variance[row, 0] < 0.25 * resolution[row] ** 2:
-            reasons.append(f"its resolution of {resolution[row]:.3g} hides the noise")
+            reasons.append((f"its resolution of {resolution[row]:.3g} hides the noise", "resolution"))
         elif used[row].sum() < OCTAVES_N:
-            reasons.append(f"{int(used[row].sum())} octaves, {OCTAVES_N} are needed")
+            reasons.append((f"{int(used[row].sum())} octaves, {OCTAVES_N} are needed", None))
         else:
             reasons.append(None)
     problems = Problems(

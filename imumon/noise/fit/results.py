@@ -34,6 +34,7 @@ class Coefficient:
     high: float | None = None
     status: Status = "pending"
     reason: str | None = None
+    reason_code: str | None = None  # see `imumon.report.Coefficient`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,9 +76,9 @@ class ChannelFit:
     caveats: tuple[str, ...] = ()
 
 
-def nothing(octaves: int, reason: str) -> ChannelFit:
+def nothing(octaves: int, reason: str, code: str | None = None) -> ChannelFit:
     """The fit of a channel of which nothing can be said."""
-    none = Coefficient(reason=reason)
+    none = Coefficient(reason=reason, reason_code=code)
     zeros = np.zeros(octaves)
     unused = np.zeros(octaves, dtype=bool)
     return ChannelFit(N=none, B=none, K=none, model=zeros, used=unused, low=zeros, high=zeros, edf=zeros)
