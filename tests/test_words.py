@@ -23,7 +23,7 @@ def test_a_caveat_has_a_line_and_a_paragraph() -> None:
 def test_caveats_of_the_whole_record_name_no_channel() -> None:
     made = reports.report(caveats=("aliased",))
     assert messages.caveats(made) == {"aliased": [], "vibration": ["accel/y"]}
-    aliased, vibration = messages.told(made)
+    aliased, vibration = messages.caveat_lines(made)
     assert aliased == CAVEATS["aliased"].line
     assert vibration == f"accel y: {CAVEATS['vibration'].line}"
 

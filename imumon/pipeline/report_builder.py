@@ -169,7 +169,7 @@ def with_bias(
             return distribution
         cosine = mean / length
         if abs(cosine) < NEARLY_VERTICAL:
-            return replace(distribution, bias_reason="cannot be told from tilt")
+            return replace(distribution, bias_reason="not separable from tilt")
         mean = (length - STANDARD_GRAVITY) / cosine
         extra = GRAVITY_SPREAD + HORIZONTAL_BIAS * math.sqrt(1.0 - cosine**2)
     flicker = 2.0 * math.log(2.0) / math.pi
