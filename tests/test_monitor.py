@@ -1,4 +1,4 @@
-"""Laws of the monitor: the best stream, honest counts, events, state."""
+"""Laws of the monitor: the best stream, counts, events, state."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_a_slow_stream_without_clock_and_rate_is_refused_in_seconds_too() -> Non
         slow.feed(block(1, 6, stream=silent), host_s=1.0)
 
 
-def test_stream_without_a_clock_is_passed_over_where_a_better_one_comes() -> None:
+def test_stream_without_a_clock_is_ignored_if_a_better_one_follows() -> None:
     monitor = Monitor()
     monitor.feed(block(20, stream=Stream("compensated", GYRO + ACCEL, "$VNYMR", "none")))
     monitor.feed(block(500))
@@ -160,7 +160,7 @@ def test_any_chunking_gives_the_same_report(guarded: bool) -> None:
         assert channel.allan.sigma == pytest.approx(other.allan.sigma, rel=1e-12)
 
 
-def test_knock_is_cut_out_counted_and_told() -> None:
+def test_knock_is_excluded_counted_and_reported() -> None:
     quiet, knocked = Monitor(), Monitor()
     for monitor, size in ((quiet, 0.0), (knocked, 0.1)):
         for start in range(0, 60_000, 4000):
@@ -181,7 +181,7 @@ def test_knock_is_cut_out_counted_and_told() -> None:
     assert after.value == pytest.approx(before.value, rel=5e-3)
 
 
-def test_saved_monitor_goes_on_as_if_nothing_had_happened() -> None:
+def test_restored_monitor_continues_identically() -> None:
     one = Monitor()
     one.feed(block(5000))
     meta, arrays = one.save()
@@ -196,16 +196,16 @@ def test_saved_monitor_goes_on_as_if_nothing_had_happened() -> None:
     assert a.channels["gyro/y"].std == b.channels["gyro/y"].std
 
 
-def test_a_grade_on_the_line_between_two_is_told_when_it_stays() -> None:
-    def told(events: EventLog, lengths: range, flips: int) -> list[str]:
+def test_a_grade_change_is_an_event_when_it_lasts() -> None:
+    def reported(events: EventLog, lengths: range, flips: int) -> list[str]:
         for k, length in enumerate(lengths):
             nearest = "industrial" if k // flips % 2 == 0 else "consumer"
             at = cast(Accumulators, SimpleNamespace(elapsed_s=float(length)))
             events.update_grades({"gyro": SensorGrade(nearest=nearest)}, at)
         return [event.text for event in events.drain()]
 
-    assert told(EventLog(), range(1000, 2000), 20) == ["gyro is industrial"]
-    assert told(EventLog(), range(1000, 1600), 300) == [
+    assert reported(EventLog(), range(1000, 2000), 20) == ["gyro is industrial"]
+    assert reported(EventLog(), range(1000, 1600), 300) == [
         "gyro is industrial",
         "gyro is consumer (was industrial)",
     ]
@@ -216,8 +216,8 @@ def test_a_grade_on_the_line_between_two_is_told_when_it_stays() -> None:
     assert len(lost.drain()) == 1
     again = EventLog()
     again.record_restored(cast(Accumulators, SimpleNamespace(gaps=0, missing=0)))
-    assert told(again, range(1000, 1100), 200) == [], "told before the restart"
-    assert told(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
+    assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
+    assert reported(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
 
 
 def test_a_hole_is_known_though_another_stream_comes_back_first() -> None:
@@ -257,7 +257,7 @@ def warmed(minutes: tuple[int, ...], time_s: float, follows: float = 0.0) -> tup
     return monitor, made
 
 
-def test_a_warm_up_that_does_not_show_is_told_to_be_over_and_nothing_is_cut() -> None:
+def test_the_end_of_a_warm_up_that_does_not_show_is_an_event() -> None:
     monitor, (early, late, later) = warmed((3, 20, 30), 600.0)
     assert "warming_up" in early.caveats
     assert "warming_up" not in {*late.caveats, *late.channels["gyro/x"].caveats}
@@ -266,11 +266,11 @@ def test_a_warm_up_that_does_not_show_is_told_to_be_over_and_nothing_is_cut() ->
     assert "nothing is excluded" in event.text
 
 
-def test_a_warm_up_that_shows_has_its_caveat_until_it_is_cut_out() -> None:
+def test_a_warm_up_that_shows_has_its_caveat_until_it_is_excluded() -> None:
     monitor, made = warmed((3, 12, 20, 26), 200.0, follows=4e-3)
-    told = ["warming_up" in each.channels["gyro/x"].caveats for each in made]
-    beside = ["warming_up" in each.channels["gyro/y"].caveats for each in made]
-    assert (told, beside) == ([True, True, True, False], [True, False, False, False])
+    found = ["warming_up" in each.channels["gyro/x"].caveats for each in made]
+    other = ["warming_up" in each.channels["gyro/y"].caveats for each in made]
+    assert (found, other) == ([True, True, True, False], [True, False, False, False])
     assert [each.session.warmup_s for each in made] == [0.0, 0.0, 300.0, 600.0]  # what is left shows later
     events = [event.text for event in monitor.events() if event.kind == "warmup"]
     assert len(events) == 2
@@ -278,7 +278,7 @@ def test_a_warm_up_that_shows_has_its_caveat_until_it_is_cut_out() -> None:
 
 
 def test_a_sensor_that_is_set_down_has_no_warm_up() -> None:
-    """What was shaken at the beginning is motion, and in none of the statistics."""
+    """Motion at the beginning is excluded from all statistics."""
     monitor, part = Monitor(), block(30_000)
     part.values[:1000, :3] += 0.5 * np.random.default_rng(4).normal(size=(1000, 3))
     monitor.feed(part)
@@ -310,7 +310,7 @@ def test_moving_sensor_is_never_graded() -> None:
     assert "not_at_rest" in made.caveats
 
 
-def test_what_is_left_of_a_record_that_was_mostly_cut_out_is_not_graded() -> None:
+def test_a_mostly_excluded_record_is_not_graded() -> None:
     monitor = Monitor()
     part = block(6000)
     part.values[:, 0] += np.where(np.arange(6000) % 250 < 20, 0.1, 0.0)  # knock after knock
@@ -325,7 +325,7 @@ def test_what_is_left_of_a_record_that_was_mostly_cut_out_is_not_graded() -> Non
     assert made.channels["gyro/x"].grade.nearest is None
 
 
-def test_a_range_that_was_exceeded_is_told() -> None:
+def test_saturation_is_a_caveat() -> None:
     monitor = Monitor()
     flags = np.zeros(6000, dtype=bool)
     flags[3000:3004] = True
@@ -348,7 +348,7 @@ def test_a_line_is_not_called_rounding() -> None:
     assert channels["accel/y"].caveats == ()
 
 
-def test_an_axis_that_never_changes_is_told_and_its_sensor_not_graded() -> None:
+def test_a_constant_axis_is_a_caveat_and_its_sensor_has_no_grade() -> None:
     monitor = Monitor()
     part = block(6000)
     part.values[:, 1] = 0.0
@@ -372,7 +372,7 @@ def test_an_axis_that_never_changes_is_told_and_its_sensor_not_graded() -> None:
     assert [event.channel for event in events] == ["gyro/y"]
 
 
-def test_baseline_tells_what_has_grown() -> None:
+def test_changes_against_a_baseline_are_reported() -> None:
     old = Monitor()
     old.feed(block(60_000))
     saved = report(old)
@@ -388,7 +388,7 @@ def test_baseline_tells_what_has_grown() -> None:
     assert any("grown by 4" in event.text for event in new.events())
 
 
-def test_rate_that_was_told_does_not_overrule_the_sensors_clock() -> None:
+def test_configured_rate_does_not_override_the_sample_clock() -> None:
     monitor = Monitor(rate_hz=40.0)
     monitor.feed(block(1000))
     made = report(monitor)
@@ -426,7 +426,7 @@ def at_rate(n: int, tick: int, start: int = 0) -> SampleBlock:
     return replace(whole, time_ns=start + np.arange(n) * tick)
 
 
-def test_another_rate_begins_another_record() -> None:
+def test_another_rate_starts_a_new_record() -> None:
     monitor = Monitor()
     monitor.feed(at_rate(2000, TICK))
     monitor.feed(at_rate(4000, TICK // 2, 2000 * TICK))

@@ -1,4 +1,4 @@
-"""Histogram: exact counts in bounded bins, and a verdict of effect size."""
+"""Histogram: exact counts in bounded bins, and a verdict by effect size."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ CASES: dict[str, tuple[Callable[[int], Floats], str]] = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("n", [5000, 300_000])
-def test_what_is_not_gaussian_is_told_with_its_reason(case: str, n: int) -> None:
+def test_verdict_names_how_values_differ_from_a_gaussian(case: str, n: int) -> None:
     make, reason = CASES[case]
     result = shape(np.asarray(make(n), dtype=np.float64))
     assert result.is_gaussian is False

@@ -1,4 +1,4 @@
-"""Strips: every extreme is in its column, however the samples came."""
+"""Envelope: every extreme is in its column, for any chunking."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def columns_equal(a: EnvelopeColumns, b: EnvelopeColumns) -> None:
 
 
 @pytest.mark.parametrize("hole", [1, 15, 500, 5000, 400_000])
-def test_a_hole_is_as_long_as_as_many_invalid_samples(hole: int) -> None:
+def test_a_gap_equals_as_many_invalid_samples(hole: int) -> None:
     values, valid = record(3000)
     skipped, filled = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
     for strip in (skipped, filled):

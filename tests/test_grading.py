@@ -1,4 +1,4 @@
-"""Grades: the table, both readings of the word, and who decides the headline."""
+"""Grades: the table, nearest and met grades, and the deciding coefficient."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Stationarity: an hour that differs is told, one that does not is not."""
+"""Changes: an hour that differs is reported, an ordinary one is not."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Limited(NamedTuple):
 
 
 def summaries(values: Floats) -> list[NoiseSummary]:
-    """How each channel behaved over a stretch."""
+    """Noise of each channel over a stretch."""
     cascade = OctaveCascade(values.shape[1], 1 / RATE)
     cascade.update(values)
     fits = Estimator(averaged=True).fit(cascade.result())
@@ -33,25 +33,25 @@ def summaries(values: Floats) -> list[NoiseSummary]:
     return [NoiseSummary.of(fit, mean, len(values) / RATE) for fit, mean in zip(fits, means, strict=True)]
 
 
-def judged(values: Floats) -> list[list[Change]]:
+def found(values: Floats) -> list[list[Change]]:
     """Changes of each channel in the last hour."""
     before, last = summaries(values[:-HOUR]), summaries(values[-HOUR:])
     return [detect_changes(old, new, "hours before") for old, new in zip(before, last, strict=True)]
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_an_ordinary_hour_is_not_told(seed: int) -> None:
+def test_an_ordinary_hour_is_no_change(seed: int) -> None:
     values = synthesise(
         6 * HOUR, RATE, N=[1e-4] * 4, B=[2e-5, 5e-6, 2e-5, 0.0], K=[1e-7, 1e-6, 0, 0], seed=seed
     )
-    assert judged(values) == [[], [], [], []]
+    assert found(values) == [[], [], [], []]
 
 
-def test_what_changed_is_told() -> None:
+def test_changes_are_found() -> None:
     values = synthesise(6 * HOUR, RATE, N=[1e-4] * 4, B=1e-5, K=1e-8, seed=9)
     values[5 * HOUR :, 1] *= 1.4
     values[5 * HOUR :, 2] += 5e-4
-    nothing, louder, moved, also_nothing = judged(values)
+    nothing, louder, moved, also_nothing = found(values)
     assert nothing == also_nothing == []
     (change,) = [c for c in louder if c.quantity == "N"]
     assert change.ratio == pytest.approx(1.4, rel=0.03)

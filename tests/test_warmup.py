@@ -1,4 +1,4 @@
-"""Warm-up: recognised and left out where the sensor settles, never where it wanders."""
+"""Warm-up: detected if the sensor settles, never in a random walk."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_steady_drift_is_no_warmup() -> None:
     assert warmup(values) == 0.0
 
 
-def test_what_is_unknown_settles_nothing() -> None:
+def test_unknown_slopes_have_not_settled() -> None:
     assert not has_settled(None, None)
     assert not has_settled(Slope(1.0, 1e-3, 10, 1e-3), None)
     assert has_settled(Slope(1.0, 1e-3, 10, 1e-3), Slope(0.1, 1e-3, 10, 1e-3))
@@ -91,7 +91,7 @@ def falling(seconds: int, size: float, time_s: float) -> Floats:
 
 @pytest.mark.parametrize("walk", [0.0, 1e-7, 1e-6, 3e-6])
 @pytest.mark.parametrize("flicker", [0.0, 2.4e-5])
-def test_noise_does_not_decay(walk: float, flicker: float) -> None:
+def test_noise_does_not_settle(walk: float, flicker: float) -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 60, B=flicker, K=walk, seed=11)
     found = decays(values, tuple(share * 1200.0 for share in OVER_SHARES))
     assert len(found) == 60
@@ -99,7 +99,7 @@ def test_noise_does_not_decay(walk: float, flicker: float) -> None:
     assert np.quantile([d.evidence for d in found], 0.9) < 9.0
 
 
-def test_a_faint_decay_is_seen_where_the_curve_has_only_a_walk() -> None:
+def test_a_faint_exponential_is_found() -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 24, seed=12) + falling(3000, 1e-4, 600.0)
     found = [d for d in decays(values, tuple(share * 1200.0 for share in OVER_SHARES)) if d.significant]
     assert len(found) >= 16  # 0.85 of them, less three deviations
@@ -107,7 +107,7 @@ def test_a_faint_decay_is_seen_where_the_curve_has_only_a_walk() -> None:
     assert np.median([d.start for d in found]) == pytest.approx(1e-4, rel=0.1)
 
 
-def test_a_decay_that_goes_on_is_told_and_a_steady_drift_is_not() -> None:
+def test_lasting_settling_is_found_and_a_steady_drift_is_none() -> None:
     noise = synthesise(900, 1.0, N=[6.1e-5] * 6, B=5e-6, seed=13)
     for values, lasts in (
         (noise + falling(900, 1e-3, 300.0), True),
@@ -121,7 +121,7 @@ def test_a_decay_that_goes_on_is_told_and_a_steady_drift_is_not() -> None:
         assert [find_settling(drift, c, 0.0) is not None for c in range(6)] == [lasts] * 6
 
 
-def test_holes_do_not_hide_a_decay_nor_make_one() -> None:
+def test_gaps_neither_hide_settling_nor_imitate_it() -> None:
     noise = synthesise(3000, 1.0, N=[6.1e-5] * 6, K=1e-7, seed=14)
     ok = np.ones((3000, 1), dtype=bool)
     ok[200:420] = ok[1500:1900] = False

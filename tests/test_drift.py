@@ -1,4 +1,4 @@
-"""Drift: a slope is told when it is one, and a random walk is not."""
+"""Drift: slopes are found with correct limits, and a random walk is no slope."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def trends(values: Floats, noise_model: MeanCovariance, temperature: int | None 
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_slopes_scatter_as_their_errors_say_and_none_is_invented(noise: str) -> None:
+def test_slopes_scatter_as_their_errors_predict_and_none_is_significant(noise: str) -> None:
     n, b, k = NOISES[noise]
     z = []
     for seed in range(2):
@@ -43,7 +43,7 @@ def test_slopes_scatter_as_their_errors_say_and_none_is_invented(noise: str) -> 
     assert abs(np.mean(z)) < 0.6
 
 
-def test_a_drift_is_told_with_its_limits() -> None:
+def test_drift_is_found_with_its_limits() -> None:
     slope = 2e-7  # 7.2e-4 in an hour
     values = synthesise(36_000, RATE, N=[1e-4] * 12, B=2e-5, K=1e-7, seed=5)
     values += slope * np.arange(len(values))[:, None] / RATE
@@ -169,7 +169,7 @@ def test_a_step_of_the_bias_is_found_where_it_is(at: float) -> None:
     assert drift.bias_step(0, noise_model) is drift.bias_step(2, noise_model) is None
 
 
-def test_no_step_is_seen_in_what_wanders_drifts_or_follows_the_weather() -> None:
+def test_random_walk_drift_and_slow_waves_are_no_step() -> None:
     n, found = 72_000, 0
     t = np.arange(n) / RATE
     slow = np.stack((1e-7 * t, 1e-4 * np.sin(t / 900.0), 1e-3 * np.exp(-t / 600.0)), axis=1)

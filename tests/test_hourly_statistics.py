@@ -40,7 +40,7 @@ def feed(values: np.ndarray, cuts: Sequence[int] = ()) -> HourlyStatistics:
 
 @pytest.fixture(scope="module")
 def warm() -> np.ndarray:
-    """Two hours of which the first decay with a time constant of 5 min."""
+    """Two hours that begin with an exponential with a time constant of 5 min."""
     x = noise(2.2, 3)
     t = np.arange(len(x)) / RATE
     return x + 1e-3 * np.exp(-t / 300.0)[:, None]
@@ -97,7 +97,7 @@ def test_saved_history_continues(warm: np.ndarray) -> None:
     assert [h.start for h in again.hours()] == [h.start for h in one.hours()]
 
 
-def test_noisier_hour_is_told() -> None:
+def test_noisier_hour_is_a_change() -> None:
     x = noise(3.1, 4)
     x[round(2 * 3600 * RATE) :, 1] *= 1.5
     made = feed(x)
@@ -110,7 +110,7 @@ def test_noisier_hour_is_told() -> None:
     assert restored.changes() == changes
 
 
-def test_a_month_away_costs_little() -> None:
+def test_a_gap_of_a_month_costs_little() -> None:
     made = history()
     made.update(noise(2.0, 6))
     made.skip(round(30 * 86400 * RATE))
@@ -119,8 +119,8 @@ def test_a_month_away_costs_little() -> None:
     assert made.moments().channels[0].count == round(3 * 3600 * RATE)
 
 
-def test_a_warm_up_counts_what_came_and_was_not_cut(warm: np.ndarray) -> None:
-    """Holes in it are missing, and cuts in it excluded, already."""
+def test_warm_up_counts_valid_samples_only(warm: np.ndarray) -> None:
+    """Missing and excluded samples within it are counted elsewhere."""
     ok = np.ones((len(warm), 1), dtype=bool)
     ok[100:300] = False
     made = history()
