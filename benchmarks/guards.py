@@ -25,7 +25,7 @@ import numpy as np
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard
 from imumon.noise.fit import ChannelFit, Estimator
-from imumon.noise.nonstationarity.drift import Drift
+from imumon.noise.nonstationarity.drift import DriftAccumulator
 from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.statistics.psd import SpectrumAccumulator
@@ -176,7 +176,7 @@ def cost() -> None:
         "histogram": lambda: HistogramAccumulator(GROUPS),
         "spectrum": lambda: SpectrumAccumulator(GROUPS, 200.0),
         "strip": lambda: Envelope(GROUPS, 200.0),
-        "drift": lambda: Drift(GROUPS, 200.0),
+        "drift": lambda: DriftAccumulator(GROUPS, 200.0),
         "cascade, to compare": lambda: OctaveCascade(9, 1 / 200.0, groups=GROUPS),
     }
     for block, rows in ((8000, 200_000), (1000, 200_000), (40, 40_000)):

@@ -16,7 +16,7 @@ import numpy as np
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.nonstationarity import HourlyStatistics
-from imumon.noise.nonstationarity.warmup import lasting
+from imumon.noise.nonstationarity.warmup import find_settling
 from imumon.noise.synthesis import synthesise
 
 RATE_HZ, LENGTH_S, CHANNELS, N = 4.0, 6020.0, 6, 6.1e-5
@@ -30,12 +30,12 @@ def fit(curve: AllanCurve) -> tuple[ChannelFit, ...]:
 
 def watched(values: np.ndarray) -> tuple[float, bool]:
     """Seconds that were cut out as a warm-up, and whether one is still told at the end."""
-    history = HourlyStatistics([0] * CHANNELS, CHANNELS, 1.0 / RATE_HZ, fit, warming=range(CHANNELS))
+    history = HourlyStatistics([0] * CHANNELS, CHANNELS, 1.0 / RATE_HZ, fit, warmup_channels=range(CHANNELS))
     for begin in range(0, len(values), 4000):
         history.update(values[begin : begin + 4000])
     drift, begin_s, fits = history.drift, history.begin_s, fit(history.curve())
     seen = [c for c, found in enumerate(fits) if found.K.value is not None]
-    return history.warmup_s, any(lasting(drift, c, begin_s) is not None for c in seen)
+    return history.warmup_s, any(find_settling(drift, c, begin_s) is not None for c in seen)
 
 
 def main() -> int:

@@ -1,8 +1,8 @@
-"""Words: what a report's caveats and grades mean, for people.
+"""Texts for caveats, clocks, exclusions and grades of a report.
 
-The screen, the datasheet and the text table speak of the same things; that they use the same words is
-the purpose of this file. A caveat has a line, for where there is room for one, and a paragraph that adds
-what to do about it. Unknown words, of a newer program, stand for themselves.
+The terminal UI, the datasheet and the text table show the same things with the same texts, which are here. A
+caveat has one line, and a paragraph that adds what to do about it. An unknown caveat, from a newer version, is
+its own text.
 """
 
 from __future__ import annotations
@@ -13,122 +13,127 @@ from dataclasses import dataclass
 from imumon.report import Coefficient, Drift, Report
 from imumon.samples import sensor_of
 
+FILTERED_BELOW_HZ = 200.0
+"""Hz, output rate below which the factory filter of a VN-100 passes noise that folds."""
+
 
 @dataclass(frozen=True, slots=True)
-class Meaning:
-    """What a caveat means: in a line, and with its consequence and cure."""
+class CaveatText:
+    """Meaning of a caveat: in one line, and with its consequence and cure."""
 
     line: str
     advice: str
 
 
-CAVEATS: Mapping[str, Meaning] = {
-    "aliased": Meaning(
+CAVEATS: Mapping[str, CaveatText] = {
+    "aliased": CaveatText(
         "the sensor's own filter folds noise: N is too high",
         "The sensor's own filter lets noise from above half the output rate fold down: N of this stream is "
-        "too high. It is right for whoever uses this very stream, and wrong as a figure of the sensor. Take "
-        "delta angles and velocities, or widen the filter (register 85) to 800 Hz divided by the rate.",
+        "too high. It is right for a user of this stream, and wrong as a figure of the sensor. Use delta "
+        "angles and velocities, or widen the filter (register 85) to 800 Hz divided by the rate.",
     ),
-    "unknown_compensation": Meaning(
-        "the sensor may take its bias out of the deltas: it was only listened to",
-        "Nobody knows whether the sensor takes its gyroscope bias out of its deltas (it was only listened "
-        "to). If it does, mean, B and K describe its filter.",
+    "unknown_compensation": CaveatText(
+        "unknown whether the sensor subtracts its bias from the deltas",
+        "It is unknown whether the sensor subtracts its gyroscope bias from its deltas (listen-only). If it "
+        "does, mean, B and K describe its filter.",
     ),
-    "compensated": Meaning(
-        "the sensor takes its bias out live: B and K describe its filter, not the device",
-        "The sensor's Kalman filter takes its gyroscope bias out of this stream live: mean, B and K of the "
-        "gyroscope describe that filter, not the device. N is not touched. Take deltas or the uncompensated "
+    "compensated": CaveatText(
+        "the sensor subtracts its bias: B and K describe its filter, not the device",
+        "The sensor's Kalman filter subtracts its gyroscope bias from this stream: mean, B and K of the "
+        "gyroscope describe that filter, not the device. N is not affected. Use deltas or the uncompensated "
         "fields.",
     ),
-    "warming_up": Meaning(
+    "warming_up": CaveatText(
         "still warming up: drift may look like K",
-        "The temperature still rises, or the mean still settles: drift that a warm-up makes looks like K. "
-        "When it is over, what shows of it in the record is cut out; where none shows, nothing is.",
+        "The temperature still rises, or the mean still settles: the drift of a warm-up looks like K. When it "
+        "is over, the part that shows in the record is excluded; if none shows, nothing is.",
     ),
-    "vibration": Meaning(
+    "vibration": CaveatText(
         "something vibrates: short times are distorted",
-        "A vibration or a spectral line shows in the curve: the octaves that it bends were left out of the "
-        "fit.",
+        "A vibration or a spectral line shows in the curve: the fit does not use the octaves that it bends.",
     ),
-    "misfit": Meaning(
+    "misfit": CaveatText(
         "the curve is not N + B + K: the limits are widened",
-        "The curve is not the sum of N, B and K: the limits are widened by what is left over, and what the "
-        "figures mean is not sure.",
+        "The curve is not the sum of N, B and K: the limits are widened by the residuals, and the meaning of "
+        "the figures is uncertain.",
     ),
-    "not_at_rest": Meaning(
+    "not_at_rest": CaveatText(
         "the sensor moves: motion is not noise",
         "The sensor moved. Motion is not noise, and no grade is given.",
     ),
-    "gaps": Meaning(
+    "gaps": CaveatText(
         "more than a tenth of the samples is missing",
         "More than a tenth of the samples is missing: the limits at long times are somewhat too narrow.",
     ),
-    "correlated": Meaning(
-        "neighbouring samples are not independent: the shortest times are left out",
-        "Neighbouring samples are not independent (a filter, or values that repeat): the shortest octaves "
-        "were left out of the fit.",
+    "correlated": CaveatText(
+        "neighbouring samples are not independent: the shortest times are not used",
+        "Neighbouring samples are not independent (a filter, or values that repeat): the fit does not use the "
+        "shortest octaves.",
     ),
-    "ramp": Meaning(
-        "the mean runs away steadily: a ramp is part of the model",
-        "The mean runs away steadily: a ramp is part of the fitted model, beside K.",
+    "ramp": CaveatText(
+        "the mean drifts steadily: a ramp is part of the model",
+        "The mean drifts steadily: a ramp is part of the fitted model, beside K.",
     ),
-    "changed": Meaning(
+    "changed": CaveatText(
         "differs from the hours before or from the baseline: see the events",
         "N, B or the bias differs from the hours before or from the baseline.",
     ),
-    "truncated": Meaning(
-        "the recording is damaged or cut off",
-        "The recording is damaged or cut off: only what comes before that is in it.",
+    "truncated": CaveatText(
+        "the recording is damaged or truncated",
+        "The recording is damaged or truncated: only what precedes the damage is used.",
     ),
-    "constant": Meaning(
+    "constant": CaveatText(
         "the values never changed: dead, stuck or not measured",
         "The values never changed: the axis is dead, stuck, or was not measured. Its sensor gets no grade.",
     ),
-    "stuck": Meaning(
-        "the values stand still: an axis or the whole sensor hangs",
-        "The values stand still: an axis or the whole sensor hangs. What repeats is left out, and no grade "
-        "is given.",
+    "stuck": CaveatText(
+        "the values do not change: an axis or the whole sensor hangs",
+        "The values do not change: an axis or the whole sensor hangs. Repeated samples are excluded, and no "
+        "grade is given.",
     ),
-    "loop": Meaning(
+    # not produced any more, for reports of earlier versions
+    "loop": CaveatText(
         "the same samples over and over: replayed, not measured",
         "The same samples come over and over: replayed, not measured. They count once; no grade is given.",
     ),
-    "disturbed": Meaning(
-        "more than a tenth of the record was cut out: knocks or motion",
-        "More than a tenth of the record was cut out as disturbed (knocks, motion): the numbers are of what "
-        "is left. Put the sensor where nothing touches or moves it.",
+    "disturbed": CaveatText(
+        "more than a tenth of the record is excluded: knocks or motion",
+        "More than a tenth of the record is excluded as disturbed (knocks, motion): the numbers describe the "
+        "rest. Put the sensor where nothing touches or moves it.",
     ),
-    "saturated": Meaning("a range was exceeded", "A range was exceeded."),
-    "quantised": Meaning(
+    "saturated": CaveatText("a range was exceeded", "A range was exceeded."),
+    "quantised": CaveatText(
         "the resolution of the values shows in the curve",
         "The resolution of the values shows in the curve.",
     ),
-    "temperature": Meaning(
+    "temperature": CaveatText(
         "the temperature explains part of the drift", "Temperature explains part of the drift."
     ),
 }
-
+"""Texts by caveat."""
 
 CLOCKS: Mapping[str, str] = {
     "startup": "the sensor's own clock",
     "counter": "a count of the sensor's loop",
     "dt": "the interval of each sample",
-    "none": "a count of the samples, at the rate that was given or that stamps of a host tell",
+    "none": "a count of the samples, at a configured rate or the mean rate of host stamps",
 }
 """Where the time of the samples comes from, by its name in a report."""
 
+NEVER_CHANGES = "never changes"
+ROUNDED_AWAY = "rounded away"
+_NO_VALUE = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY}
 
-NEVER_CHANGES, ROUNDED_AWAY = "never changes", "rounded away"
-_LACKING = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY}
+FILTER_NOT_KNOWN = "filter not known"
 
 
-def lacking(found: Coefficient) -> str | None:
-    """Why a coefficient will not be known, in at most 14 letters; None where more time may tell."""
-    return next((short for word, short in _LACKING.items() if word in (found.reason or "")), None)
+def no_value_text(coefficient: Coefficient) -> str | None:
+    """Return why a coefficient will never be known, in at most 14 cells; None if more data may show it."""
+    return _NO_VALUE.get(coefficient.reason_code or "")
 
 
 def line(caveat: str) -> str:
-    """What a caveat means, in a line.
+    """Return the meaning of a caveat in one line.
 
     >>> line("saturated"), line("of_tomorrow")
     ('a range was exceeded', 'of tomorrow')
@@ -138,7 +143,7 @@ def line(caveat: str) -> str:
 
 
 def uncertainty(about: str = "±", times: str = "×÷") -> str:
-    """What the signs beside a coefficient mean, in a line.
+    """Return the meaning of the signs beside a coefficient in one line.
 
     >>> uncertainty()
     '± half the 95 % interval; ×÷ its factor if wide; < bound'
@@ -146,25 +151,23 @@ def uncertainty(about: str = "±", times: str = "×÷") -> str:
     return f"{about} half the 95 % interval; {times} its factor if wide; < bound"
 
 
-FILTER_NOT_KNOWN = "filter not known"
-
-
 def filter_not_known(report: Report) -> str | None:
-    """Warning of point samples of a sensor that nobody could ask for its filter; None elsewhere."""
+    """Return a warning about point samples of a sensor whose filter is unknown; None for other streams."""
     device, rate = report.device, report.device.sample_rate_hz
     if device.alias_factor is not None or device.stream not in ("compensated", "uncompensated"):
         return None
-    here = f", here {(200.0 / rate) ** 0.5:.2f}" if rate is not None and rate < 200.0 else ""
+    folds = rate is not None and rate < FILTERED_BELOW_HZ
+    here = f", here {(FILTERED_BELOW_HZ / rate) ** 0.5:.2f}" if folds and rate is not None else ""
     return (
-        "Nobody could ask the sensor for its filter. With that of a VN-100 as it leaves the factory, "
-        f"N of point samples below 200 Hz is too high by √(200 Hz / rate){here}."
+        "The filter of the sensor is unknown. With the factory settings of a VN-100, N of point samples below "
+        f"200 Hz is too high by √(200 Hz / rate){here}."
     )
 
 
-def cut_by(report: Report) -> tuple[dict[str, float], float]:
-    """Seconds cut out by reason, which add up to `excluded_s`, and those of the magnetometer alone.
+def excluded_by(report: Report) -> tuple[dict[str, float], float]:
+    """Return the excluded seconds by reason, which add up to `excluded_s`, and those of the magnetometer alone.
 
-    Where there are inertial sensors, what hits the magnetometer alone is no part of that sum.
+    In a stream with inertial sensors, disturbances of the magnetometer alone are not part of that sum.
     """
     by = dict(report.session.excluded_by)
     inertial = any(sensor_of(name) in ("gyro", "accel") for name in report.channels)
@@ -172,20 +175,25 @@ def cut_by(report: Report) -> tuple[dict[str, float], float]:
     return by, alone
 
 
-def cut_out(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
-    """What was cut out as disturbed, with seconds told by `text`; nothing where nothing was."""
-    by, alone = cut_by(report)
-    whole = report.session.excluded_s
+def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
+    """Return what is excluded as disturbed; empty if nothing is.
+
+    Parameters
+    ----------
+    text : function that formats seconds.
+    """
+    by, alone = excluded_by(report)
+    total = report.session.excluded_s
     reasons = ", ".join(f"{why} {text(seconds)}" for why, seconds in by.items())
     parts = (
-        f"{text(whole)}{f' ({reasons})' if reasons else ''}" if whole else "",
+        f"{text(total)}{f' ({reasons})' if reasons else ''}" if total else "",
         f"{text(alone)} of the magnetometer alone" if alone else "",
     )
     return tuple(part for part in parts if part)
 
 
 def caveats(report: Report) -> dict[str, list[str]]:
-    """Names of the channels by caveat; none for one that holds for the whole record."""
+    """Return the channels by caveat; empty for a caveat of the whole record."""
     found: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
     for name, channel in report.channels.items():
         for caveat in channel.caveats:
@@ -195,7 +203,7 @@ def caveats(report: Report) -> dict[str, list[str]]:
 
 
 def joined(channels: Iterable[str]) -> str:
-    """Names of channels in few words.
+    """Return a short list of channels.
 
     >>> joined(["gyro/x", "gyro/y", "accel/z", "temperature"])
     'gyro xy, accel z, temperature'
@@ -207,18 +215,18 @@ def joined(channels: Iterable[str]) -> str:
     return ", ".join(f"{sensor} {some}".strip() for sensor, some in axes.items())
 
 
-def told(report: Report) -> list[str]:
-    """Each caveat in a line, with the channels it holds for."""
+def caveat_lines(report: Report) -> list[str]:
+    """Return each caveat in one line, with its channels."""
     return [f"{joined(names)}: {line(c)}" if names else line(c) for c, names in caveats(report).items()]
 
 
-def follows(drift: Drift | None) -> bool:
-    """Whether a mean follows the temperature beyond what the noise makes: else its slope is no figure."""
+def follows_temperature(drift: Drift | None) -> bool:
+    """Return whether a mean follows the temperature significantly: otherwise its slope is no figure."""
     return drift is not None and drift.per_degC is not None and drift.steady_N is not None
 
 
 def within(meets: str | None) -> str:
-    """The grade whose limits every figure keeps, beside the headline, which is the nearest one.
+    """Return the text of the grade that every figure meets, for use beside the nearest grade.
 
     >>> within("consumer"), within(None)
     ('every figure within consumer limits', 'some figure beyond consumer limits')

@@ -1,8 +1,8 @@
-"""Report: what is published, as frozen dataclasses, and its JSON.
+"""Report: the published data model as frozen dataclasses, and its JSON.
 
-Standard library only, so that any tool may read a report with this file alone. The fields are the
-contract of the project (docs/ZENOH.md): extended now and then, never bent. Unknown is None with a
-reason, never 0 and never NaN; units are SI unless a name says otherwise.
+Standard library only, so that any tool can read a report with this file alone. The fields are the contract of
+the project (docs/ZENOH.md): they are extended, but never changed. Unknown is None with a reason, never 0 and
+never NaN; units are SI unless a name says otherwise.
 """
 
 from __future__ import annotations
@@ -28,50 +28,50 @@ COEFFICIENTS = ("N", "B", "K")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceDescription:
-    """Whose numbers these are, and what they describe."""
+    """The device and the stream that the numbers describe."""
 
     id: str  # name of the device, as in the keys
-    model: str | None = None  # as the sensor says it
-    serial: str | None = None  # serial number, as the sensor says it
-    firmware: str | None = None  # version, as the sensor says it
-    port: str | None = None  # path or URL; of a recording its file
+    model: str | None = None  # as the sensor reports it
+    serial: str | None = None  # serial number, as the sensor reports it
+    firmware: str | None = None  # version, as the sensor reports it
+    port: str | None = None  # path or URL; for a recording its file
     baud: int | None = None  # bit/s
     stream: str | None = None  # "deltas", "uncompensated" or "compensated": what the samples are
-    sample_rate_hz: float | None = None  # Hz, by the sensor's clock; before that is known, by its settings
-    alias_factor: float | None = None  # by how much the sensor's filter inflates N; null: not known
-    source: str | None = None  # the message the samples are taken from
-    clock: str | None = None  # where their time comes from: "startup", "counter", "dt" or "none"
+    sample_rate_hz: float | None = None  # Hz, by the sample clock; before that is known, from the settings
+    alias_factor: float | None = None  # factor by which the sensor's filter inflates N; null: unknown
+    source: str | None = None  # message that the samples are taken from
+    clock: str | None = None  # where the time of the samples comes from: "startup", "counter", "dt" or "none"
     settings: Mapping[str, str] = field(default_factory=dict)  # registers that change the data, as text
-    remarks: tuple[str, ...] = ()  # what is not known or not as it should be, one line each
+    remarks: tuple[str, ...] = ()  # what is unknown or not as it should be, one line each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionCounters:
-    """What was received, lost and left out since the first sample; the counts add up."""
+    """What was received, lost and excluded since the first sample; the counts add up."""
 
-    started: str | None = None  # ISO 8601 in UTC; null: no sample yet, or a recording that does not say
-    elapsed_s: float = 0.0  # s by the sensor's clock, of samples and missing together
-    samples: int = 0  # received, what was cut out included
-    missing: int = 0  # samples that the sensor's clock shows and that did not come
-    gaps: int = 0  # stretches of missing samples, those of unknown length too
-    discarded_bytes: int = 0  # bytes of no valid message
-    bad_checksums: int = 0  # messages that failed their check, or rows of a table that were no good
-    disturbances: int = 0  # stretches cut out, a running one included
-    excluded_s: float = 0.0  # s of received samples that were cut out
-    warmup_s: float = 0.0  # s of received samples that a recognised warm-up took
-    restarts: int = 0  # times the daemon, the sensor's clock or the record began anew
-    duplicates: int = 0  # samples that came twice and were counted once
-    received_bytes: int = 0  # bytes that were read
-    overruns: int = 0  # times the kernel or the queue had to drop bytes
-    kernel_overruns: int | None = None  # of these the kernel's, in this run; null: its driver counts none
-    most_queued_bytes: int | None = None  # most that ever waited for the daemon at once, in this run
-    # seconds by reason; `magnetic` is not part of excluded_s where there are gyro or accel
+    started: str | None = None  # ISO 8601 in UTC; null: no sample yet, or a recording without a date
+    elapsed_s: float = 0.0  # s of the sample clock, samples and missing ones together
+    samples: int = 0  # received, excluded ones included
+    missing: int = 0  # samples that the sample clock proves and that did not arrive valid
+    gaps: int = 0  # gaps, those of unknown length included
+    discarded_bytes: int = 0  # bytes that belong to no valid message
+    bad_checksums: int = 0  # messages that failed their checksum; for tables: invalid rows
+    disturbances: int = 0  # excluded disturbances, a running one included
+    excluded_s: float = 0.0  # s of received samples that the guards excluded
+    warmup_s: float = 0.0  # s of received samples excluded as a detected warm-up
+    restarts: int = 0  # restarts of the daemon, the sample clock or the record
+    duplicates: int = 0  # samples that arrived twice and count once
+    received_bytes: int = 0  # bytes read
+    overruns: int = 0  # times that the kernel or the queue dropped bytes
+    kernel_overruns: int | None = None  # of these, in the kernel, in this run; null: not counted
+    most_queued_bytes: int | None = None  # most bytes that waited for the daemon at once, in this run
+    # s by reason; `magnetic` is not part of excluded_s of a stream with gyro or accel
     excluded_by: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readable:
-    """The figures of a coefficient in the unit that people read."""
+    """A coefficient in the unit that people read."""
 
     value: float | None  # in `unit`; null unless measured
     low: float | None  # in `unit`, lower 95 % limit
@@ -86,15 +86,16 @@ class Coefficient:
     value: float | None  # in `unit`
     low: float | None  # in `unit`, lower 95 % limit; 0 of an upper bound, null while pending
     high: float | None  # in `unit`, upper 95 % limit, or the upper bound; null while pending
-    status: Status  # "upper_bound": not seen, but no larger than `high`; "pending": nothing known yet
+    status: Status  # "upper_bound": does not show, at most `high`; "pending": unknown so far
     unit: str  # such as rad/s/sqrt(Hz)
-    readable: Readable  # the same in the unit that people read
+    readable: Readable  # the same in the readable unit
     reason: str | None = None  # why there is no value
+    reason_code: str | None = None  # "constant" or "resolution": more data will not give a value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grading:
-    """Grade of one coefficient; None where there is none to give."""
+    """Grade of one coefficient; None if there is none."""
 
     nearest: GradeName | None = None  # grade whose limit is nearest on a logarithmic scale
     meets: GradeName | None = None  # best grade whose limit is not exceeded; null too if worse than consumer
@@ -112,7 +113,7 @@ class ChannelGrade:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecidedBy:
-    """The coefficient that a headline hangs on."""
+    """The coefficient that decides a headline."""
 
     axis: str  # "x", "y" or "z"
     coefficient: str  # "N" or "B"
@@ -124,14 +125,14 @@ class SensorGrade:
 
     nearest: GradeName | None = None  # the headline: nearest limit on a logarithmic scale
     meets: GradeName | None = None  # best grade that all its N and B meet; null too if worse than consumer
-    decided_by: DecidedBy | None = None  # what the headline hangs on
+    decided_by: DecidedBy | None = None  # coefficient that decides the headline
     provisional: bool = True  # whether it may still change
     reason: str | None = None  # why there is no grade, or why it is provisional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
-    """Classical slope readings of the curve; None where the curve has none."""
+    """Classical slope readings of the curve; None if the curve has none."""
 
     N: float | None = None  # unit of the channel's N, line of slope -1/2 read at 1 s
     B: float | None = None  # channel unit, flat part over 0.664
@@ -140,33 +141,33 @@ class Readings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeTo:
-    """Sensor seconds until the asked precision; 0 once reached; None while not measured, or not within a
-    year."""
+    """Seconds of the sample clock until the configured precision; 0 once reached; None while not measured,
+    or not within a year."""
 
-    N: float | None = None  # s, until N is known as well as asked
-    B: float | None = None  # s, until B is
-    K: float | None = None  # s, until K is
+    N: float | None = None  # s, until N has the configured precision
+    B: float | None = None  # s, until B has it
+    K: float | None = None  # s, until K has it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitQuality:
-    """Test of what the fitted model leaves; None while there is nothing to test."""
+    """Test of the residuals of the fitted model; None while there is nothing to test."""
 
-    chi2: float | None = None  # 1, chi-square of what is left
+    chi2: float | None = None  # 1, chi-square of the residuals
     dof: int | None = None  # its degrees of freedom
-    p_value: float | None = None  # chance of a larger one were the model true
+    p_value: float | None = None  # probability of a larger one if the model holds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Allan:
-    """The curve, one entry an octave: measured points, their limits, and the fitted model."""
+    """The curve, one entry per octave: measured points, their limits, and the fitted model."""
 
     tau_s: tuple[float, ...] = ()  # s, averaging times
     sigma: tuple[float, ...] = ()  # channel unit, Allan deviation
     low: tuple[float | None, ...] = ()  # channel unit, lower 95 % limit of the deviation
     high: tuple[float | None, ...] = ()  # channel unit, upper 95 % limit
     edf: tuple[float | None, ...] = ()  # 1, equivalent degrees of freedom
-    model: tuple[float | None, ...] = ()  # channel unit, fitted deviation; null where there is no fit
+    model: tuple[float | None, ...] = ()  # channel unit, fitted deviation; null without a fit
     used: tuple[bool, ...] = ()  # octaves that the fit rests on
 
 
@@ -182,17 +183,17 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
-    """Shape of the values: verdict in words, modes found, the last minute beside everything."""
+    """Shape of the values: verdict as text, modes, and the last minute."""
 
     verdict: str | None = None  # "Gaussian", "not Gaussian: heavy tails", "constant", "too few samples"
-    gaussian: bool | None = None  # whether it is; null: too few samples to tell, or constant
+    gaussian: bool | None = None  # whether it is Gaussian; null: too few samples, or constant
     modes: tuple[float, ...] = ()  # channel unit, places of the maxima, highest first
-    recent_mean: float | None = None  # channel unit, of the last minute, what was cut out included
-    recent_std: float | None = None  # channel unit, of the last minute, what was cut out included
-    bias: float | None = None  # channel unit, mean less what a sensor at rest reads
+    recent_mean: float | None = None  # channel unit, of the last minute, excluded samples included
+    recent_std: float | None = None  # channel unit, of the last minute, excluded samples included
+    bias: float | None = None  # channel unit, mean minus the reading of a sensor at rest
     bias_low: float | None = None  # channel unit, lower 95 % limit of the bias
     bias_high: float | None = None  # channel unit, upper 95 % limit of the bias
-    bias_reason: str | None = None  # why there is no bias where there might be one
+    bias_reason: str | None = None  # why there is no bias
     correlation: Mapping[str, float] = field(default_factory=dict)  # -1 to 1, by the sensor's other channels
 
 
@@ -202,138 +203,136 @@ class Line:
 
     frequency_hz: float  # Hz, as it appears
     amplitude: float  # channel unit, of the sinusoid
-    aliases_hz: tuple[float, ...] = ()  # Hz, mains and harmonics that would fold to here
-    name: str | None = None  # "50 Hz mains", where one fits; of magnetometers only
+    aliases_hz: tuple[float, ...] = ()  # Hz, mains and harmonics that fold to it
+    name: str | None = None  # "50 Hz mains", if one fits; magnetometers only
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spectrum:
-    """One-sided power spectral density, unit^2/Hz, with the averages behind each bin."""
+    """One-sided power spectral density, unit^2/Hz, with the number of averages of each bin."""
 
     frequency_hz: tuple[float, ...]  # Hz, rising
     density: tuple[float, ...]  # (channel unit)^2/Hz
     averages: tuple[int, ...]  # periodograms averaged in each
-    lines: tuple[Line, ...] = ()  # what stands out, strongest first
-    white: float | None = None  # N read from the white level, in the unit of the channel's N
+    lines: tuple[Line, ...] = ()  # spectral lines, strongest first
+    white: float | None = None  # N from the white level, in the unit of the channel's N
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Slope of the mean, with 95 % limits against the fitted noise; N, B and K as they would be had the
-    temperature stood still, where that matters: the channel's own include its part."""
+    """Slope of the mean, with 95 % limits from the fitted noise; N, B and K as they would be at a constant
+    temperature, if that matters: those of the channel include the effect of the temperature."""
 
-    per_hour: float | None = None  # channel unit an hour
-    per_hour_low: float | None = None  # channel unit an hour, lower 95 % limit
-    per_hour_high: float | None = None  # channel unit an hour, upper 95 % limit
+    per_hour: float | None = None  # channel unit per hour
+    per_hour_low: float | None = None  # channel unit per hour, lower 95 % limit
+    per_hour_high: float | None = None  # channel unit per hour, upper 95 % limit
     significant: bool | None = None  # whether per_hour is beyond 3.9 standard errors
-    per_degC: float | None = None  # channel unit a degC; null: no temperature, or it stood still
-    per_degC_low: float | None = None  # channel unit a degC, lower 95 % limit
-    per_degC_high: float | None = None  # channel unit a degC, upper 95 % limit
+    per_degC: float | None = None  # channel unit per degC; null: no temperature, or a constant one
+    per_degC_low: float | None = None  # channel unit per degC, lower 95 % limit
+    per_degC_high: float | None = None  # channel unit per degC, upper 95 % limit
     explained: float | None = None  # share of the long-tau variance that temperature explains, 0 to 1
-    steady_N: Coefficient | None = None  # N had the temperature stood still; null: no significant per_degC
-    steady_B: Coefficient | None = None  # B had the temperature stood still; null: no significant per_degC
-    steady_K: Coefficient | None = None  # K had the temperature stood still; null: no significant per_degC
+    steady_N: Coefficient | None = None  # N at a constant temperature; null: no significant per_degC
+    steady_B: Coefficient | None = None  # B at a constant temperature; null: no significant per_degC
+    steady_K: Coefficient | None = None  # K at a constant temperature; null: no significant per_degC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """N, B or bias against the hours before, before a step, or against a baseline."""
+    """Change of N, B or bias against the hours before, the time before a step, or a baseline."""
 
     against: str  # "hours before", "time before" (a step of the bias) or "baseline"
     quantity: str  # "N", "B" or "bias"
     before: float  # in the channel's unit of the quantity
     now: float  # in the channel's unit of the quantity
     ratio: float | None  # now over before; null for the bias
-    sigma: float  # by how many standard errors they differ
+    sigma: float  # standard errors by which they differ
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """Least and greatest value in equal columns of time, oldest first; None where nothing came."""
+    """Minimum and maximum in equal columns of time, oldest first; None without a sample."""
 
     start_s: float  # s since the first sample
     column_s: float  # s, length of a column
-    low: tuple[float | None, ...]  # channel unit, least value
-    high: tuple[float | None, ...]  # channel unit, greatest value
+    low: tuple[float | None, ...]  # channel unit, minimum
+    high: tuple[float | None, ...]  # channel unit, maximum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """What a signal view draws of one channel; published beside the report, one key a channel."""
+    """Signal view of one channel, published on its own key."""
 
     channel: str  # such as gyro/x
     unit: str  # channel unit
     minute: Strip | None = None  # the last 60 s
     hour: Strip | None = None  # the last hour
     everything: Strip | None = None  # all since the first sample
-    histogram: Histogram | None = None  # null: the report has it
-    spectrum: Spectrum | None = None  # null: the report has it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One axis, or temperature or pressure, which have no curve; on its own key `allan`, `histogram` and
-    `spectrum` are left out."""
+    """One axis, or temperature or pressure, which have no curve. On its own key without `allan`, `histogram`
+    and `spectrum`."""
 
     unit: str  # channel unit: rad/s, m/s^2, gauss, degC or kPa
-    count: int = 0  # samples that count: not cut out, behind the warm-up
-    mean: float | None = None  # channel unit, of these samples, as std to last
+    count: int = 0  # samples that count: not excluded, after the warm-up
+    mean: float | None = None  # channel unit, of these samples, like std to last
     std: float | None = None  # channel unit, with n - 1
-    min: float | None = None  # channel unit, least value
-    max: float | None = None  # channel unit, greatest value
+    min: float | None = None  # channel unit, minimum
+    max: float | None = None  # channel unit, maximum
     skewness: float | None = None  # 1; null without spread
     excess_kurtosis: float | None = None  # 1; null without spread
-    last: float | None = None  # channel unit, the newest that counts
+    last: float | None = None  # channel unit, the newest of them
     N: Coefficient | None = None  # white noise (random walk of the integral); null: no curve
     B: Coefficient | None = None  # flicker (bias instability); null: no curve
     K: Coefficient | None = None  # random walk of the rate; null: no curve
     grade: ChannelGrade | None = None  # of N and B; null: neither gyro nor accel
     readings: Readings | None = None  # N, B, K read off the curve, for comparison
-    time_to: TimeTo | None = None  # until N, B, K are as precise as asked
+    time_to: TimeTo | None = None  # until N, B, K have the configured precision
     fit: FitQuality | None = None  # how well the model describes the curve
-    caveats: tuple[str, ...] = ()  # one word each, those of the whole record included; none without a curve
+    caveats: tuple[str, ...] = ()  # one word each, those of the record included; none without a curve
     allan: Allan | None = None  # Allan deviation; null: no curve
     distribution: Distribution | None = None  # shape of the values, and the bias
     histogram: Histogram | None = None  # at most 64 bins, warm-up included
     spectrum: Spectrum | None = None  # at most 24 points a decade, warm-up included; null: no curve
-    drift: Drift | None = None  # slope of the mean; null: noise not known, or too short a record
-    changes: tuple[Change, ...] = ()  # what differs beyond chance
+    drift: Drift | None = None  # slope of the mean; null: noise unknown, or record too short
+    changes: tuple[Change, ...] = ()  # changes beyond chance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that happened: `kind` is one word, `text` a line for people."""
+    """Something that happened: `kind` is one word, `text` one line of text."""
 
-    time: str  # ISO 8601 in UTC, when it was told
+    time: str  # ISO 8601 in UTC, when it was reported
     kind: str  # such as connect, gap, disturbance, grade
-    text: str  # what happened, in a line
+    text: str  # what happened, in one line
     device: str  # id of the device
-    elapsed_s: float | None = None  # s of the record, of a disturbance its begin; null: of no record
+    elapsed_s: float | None = None  # s of the record, of a disturbance its begin; null: no record
     channel: str | None = None  # such as gyro/x; null: no single one
-    length_s: float | None = None  # s, of what was cut out or is missing
+    length_s: float | None = None  # s, of what was excluded or is missing
     size: float | None = None  # channel unit, greatest distance of a disturbance from the level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """Everything known of one device at one moment."""
+    """Everything known about one device at one moment."""
 
     schema: str = SCHEMA  # imumon.report/1
     time: str  # ISO 8601 in UTC, when it was made
-    device: DeviceDescription  # whose numbers these are
-    state: State  # "starting": no sample yet; "waiting": sensor gone or silent; "stopped": last report
-    session: SessionCounters  # what was received, lost and left out
+    device: DeviceDescription  # device that the numbers describe
+    state: State  # "starting": no sample yet; "waiting": disconnected or silent; "stopped": last report
+    session: SessionCounters  # what was received, lost and excluded
     grade: Mapping[str, SensorGrade] = field(default_factory=dict)  # headlines: gyro, accel
     channels: Mapping[str, Channel] = field(default_factory=dict)  # gyro/x ... mag/z, temperature, pressure
     caveats: tuple[str, ...] = ()  # those that hold for the whole record
     period_s: float = 1.0  # s between two reports
-    speed: float = 1.0  # sensor seconds in a second of the room, other than 1 in a time-lapse
-    # SI, of gyro and accel, by N and B and grade: the most that each grade allows
+    speed: float = 1.0  # device seconds per second of the host clock; not 1 in time-lapse
+    # SI, by gyro and accel, N and B, and grade: largest value that each grade allows
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
 
 
 def stamp(moment: datetime) -> str:
-    """ISO 8601 in UTC, with Z.
+    """Return the time in ISO 8601, UTC, with Z.
 
     >>> stamp(datetime(2026, 1, 2, 3, 4, 5, 678000, tzinfo=UTC))
     '2026-01-02T03:04:05.678Z'
@@ -345,7 +344,7 @@ _PLAIN = {str, int, bool, type(None)}
 
 
 def to_dict(part: Any) -> Any:
-    """Plain dicts, lists and numbers of a report or any part of one.
+    """Return a report or a part of one as plain dicts, lists and numbers.
 
     Raises
     ------
@@ -367,12 +366,12 @@ def to_dict(part: Any) -> Any:
 
 @cache
 def _names(cls: type) -> tuple[str, ...]:
-    """Fields of a dataclass; none of anything else."""
+    """Return the fields of a dataclass; empty for anything else."""
     return tuple(f.name for f in fields(cls)) if is_dataclass(cls) else ()
 
 
 def to_json(part: Any, *, indent: int | None = None) -> str:
-    """JSON text of a report or any part of one: UTF-8, finite numbers or null.
+    """Return a report or a part of one as JSON text: UTF-8, finite numbers or null.
 
     Raises
     ------
@@ -390,17 +389,17 @@ T = typing.TypeVar("T")
 
 
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-_BESIDE: Mapping[type, tuple[str, ...]] = {
+_PARALLEL: Mapping[type, tuple[str, ...]] = {
     Allan: ("tau_s", "sigma", "low", "high", "edf", "model", "used"),
     Histogram: ("counts", "gaussian"),
     Spectrum: ("frequency_hz", "density", "averages"),
     Strip: ("low", "high"),
 }
-"""Arrays that lie beside one another: as long as each other, or not there."""
+"""Arrays of equal length, or empty."""
 
 
 def plain(text: str) -> str:
-    """Text without what would steer a terminal or turn the direction of writing.
+    """Return text without control characters and changes of the writing direction.
 
     >>> plain("VN-100\\x1b[2J T\\u202e")
     'VN-100[2J T'
@@ -409,9 +408,9 @@ def plain(text: str) -> str:
 
 
 def from_json(cls: type[T], text: str | bytes) -> T:
-    """Read JSON as `cls` (`Report`, `Event`, `Signal` ...); what it does not know is passed over.
+    """Read JSON as `cls` (`Report`, `Event`, `Signal` ...); unknown fields are ignored.
 
-    Strangers write reports too: text is taken as `plain`.
+    A report may come from any program: text is made `plain`.
 
     Raises
     ------
@@ -425,27 +424,27 @@ def from_json(cls: type[T], text: str | bytes) -> T:
 
 @cache
 def _reader(hint: Any) -> Callable[[Any], Any]:
-    """Function that makes a value of type `hint` of plain JSON data."""
-    origin, words = typing.get_origin(hint), typing.get_args(hint)
+    """Return the function that makes a value of type `hint` from plain JSON data."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        inner = _reader(next(word for word in words if word is not type(None)))
+        inner = _reader(next(each for each in arguments if each is not type(None)))
         return lambda data: None if data is None else inner(data)
     if isinstance(hint, type) and is_dataclass(hint):
-        readers = {name: _reader(word) for name, word in typing.get_type_hints(hint).items()}
-        beside = _BESIDE.get(hint, ())
+        readers = {name: _reader(each) for name, each in typing.get_type_hints(hint).items()}
+        parallel = _PARALLEL.get(hint, ())
 
         def make(data: Any) -> Any:
             made = hint(**{n: readers[n](value) for n, value in data.items() if n in readers})
-            if len({len(getattr(made, name)) for name in beside} - {0}) > 1:
+            if len({len(getattr(made, name)) for name in parallel} - {0}) > 1:
                 raise TypeError(f"arrays of different lengths in {hint.__name__}")
             return made
 
         return make
     if origin is tuple:
-        inner = _reader(words[0])
+        inner = _reader(arguments[0])
         return lambda data: tuple(map(inner, _checked(data, list)))
     if origin is Mapping:
-        inner = _reader(words[1])
+        inner = _reader(arguments[1])
         return lambda data: {plain(key): inner(value) for key, value in data.items()}
     kind = str if origin is Literal else hint
     if kind is str:
@@ -454,11 +453,11 @@ def _reader(hint: Any) -> Callable[[Any], Any]:
 
 
 def _checked(data: Any, kind: Any) -> Any:
-    """Data of that type: a whole number may stand for a number and the other way round, NaN for none."""
+    """Return data of type `kind`: an integer is a valid float, an integral float a valid integer."""
     if type(data) is kind and (kind is not float or math.isfinite(data)):
         return data
     if kind is float and type(data) is int:
         return data
     if kind is int and type(data) is float and data.is_integer():
         return int(data)
-    raise TypeError(f"{str(data)[:40]!r} where {kind.__name__} belongs")
+    raise TypeError(f"{str(data)[:40]!r} instead of {kind.__name__}")

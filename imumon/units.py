@@ -1,7 +1,7 @@
-"""Units: SI to the ones people read, and numbers to text.
+"""Units: SI to readable units, and numbers to text.
 
 Factors are exact by definition: a degree is pi/180 rad, an hour 3600 s, a g 9.80665 m/s^2.
-ASCII spellings go into JSON; `pretty` gives the ones for a screen.
+JSON uses ASCII spellings, `pretty` returns those for a screen.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ STANDARD_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
-class Readable:
-    """How a quantity in SI is shown: multiply by `factor` and write `unit`."""
+class ReadableUnit:
+    """Readable unit of a quantity in SI: multiply by `factor` and write `unit`."""
 
     factor: float
     unit: str
@@ -36,15 +36,15 @@ SI = {
 """SI spelling of a coefficient's unit by (sensor, coefficient)."""
 
 READABLE = {
-    ("gyro", "N"): Readable(DEG * 60.0, "deg/sqrt(h)"),
-    ("gyro", "B"): Readable(DEG * HOUR, "deg/h"),
-    ("gyro", "K"): Readable(DEG * HOUR * 60.0, "deg/h/sqrt(h)"),
-    ("accel", "N"): Readable(60.0, "m/s/sqrt(h)"),
-    ("accel", "B"): Readable(1000.0 / STANDARD_GRAVITY, "mg"),
-    ("accel", "K"): Readable(HOUR * 60.0, "m/s/h/sqrt(h)"),
-    ("mag", "N"): Readable(1000.0, "mG/sqrt(Hz)"),
-    ("mag", "B"): Readable(1000.0, "mG"),
-    ("mag", "K"): Readable(1000.0, "mG*sqrt(Hz)"),
+    ("gyro", "N"): ReadableUnit(DEG * 60.0, "deg/sqrt(h)"),
+    ("gyro", "B"): ReadableUnit(DEG * HOUR, "deg/h"),
+    ("gyro", "K"): ReadableUnit(DEG * HOUR * 60.0, "deg/h/sqrt(h)"),
+    ("accel", "N"): ReadableUnit(60.0, "m/s/sqrt(h)"),
+    ("accel", "B"): ReadableUnit(1000.0 / STANDARD_GRAVITY, "mg"),
+    ("accel", "K"): ReadableUnit(HOUR * 60.0, "m/s/h/sqrt(h)"),
+    ("mag", "N"): ReadableUnit(1000.0, "mG/sqrt(Hz)"),
+    ("mag", "B"): ReadableUnit(1000.0, "mG"),
+    ("mag", "K"): ReadableUnit(1000.0, "mG*sqrt(Hz)"),
 }
 """Readable unit of a coefficient by (sensor, coefficient)."""
 
@@ -52,7 +52,7 @@ _PRETTY = str.maketrans({"*": "·"})
 
 
 def pretty(unit: str) -> str:
-    """Unit as a person writes it.
+    """Return a unit for a screen.
 
     >>> pretty("deg/sqrt(h)"), pretty("m/s^2/sqrt(Hz)"), pretty("rad/s*sqrt(Hz)")
     ('°/√h', 'm/s²/√Hz', 'rad/s·√Hz')
@@ -62,7 +62,7 @@ def pretty(unit: str) -> str:
 
 
 def figures(value: float, digits: int = 3) -> str:
-    """Number with so many significant digits, in plain notation where that is short.
+    """Return a number with `digits` significant digits, in plain notation if that is short.
 
     >>> figures(0.21037), figures(12.0), figures(12345.6), figures(3.2e-7)
     ('0.210', '12.0', '12,300', '3.20e-07')
@@ -80,7 +80,7 @@ def figures(value: float, digits: int = 3) -> str:
 
 
 def number(value: float, digits: int) -> str:
-    """Number in at most eight cells, its sign not counted.
+    """Return a number in at most eight cells without its sign.
 
     >>> number(0.30451, 4), number(8.858e-5, 4), number(123456.7, 4)
     ('0.3045', '8.86e-05', '123,500')
@@ -90,7 +90,7 @@ def number(value: float, digits: int) -> str:
 
 
 def short(value: float) -> str:
-    """Positive number in at most seven cells.
+    """Return a positive number in at most seven cells.
 
     >>> short(0.03213), short(0.00057), short(12345.6)
     ('0.0321', '5.7e-04', '12,300')
@@ -100,7 +100,7 @@ def short(value: float) -> str:
 
 
 def percent(relative: float) -> str:
-    """Relative uncertainty below a hundred in at most four cells.
+    """Return a relative uncertainty below 100 % in at most four cells.
 
     >>> percent(0.0312), percent(1.234), percent(34.2)
     ('0.1%', '1.2%', '34%')
@@ -108,12 +108,12 @@ def percent(relative: float) -> str:
     return f"{max(relative, 0.1):.1f}%" if relative < 9.95 else f"{relative:.0f}%"
 
 
-WIDE = 50.0
-"""Half-width of limits in percent beyond which they are told as a factor: they are skewed, and above 0."""
+WIDE_PERCENT = 50.0
+"""Percent, half-width of limits beyond which they are shown as a factor: they are skewed, and above 0."""
 
 
 def measured(value: float, low: float | None, high: float | None, about: str = "±", times: str = "×÷") -> str:
-    """Value with the half-width of its limits in percent, or, where they are wide, with their factor.
+    """Return a value with the half-width of its limits in percent, or with their factor if they are wide.
 
     >>> measured(0.30451, 0.301, 0.308), measured(0.00123, 0.0002, 0.0031), measured(1.2, None, None)
     ('0.305 ±1.1%', '0.0012 ×÷3.9', '1.20')
@@ -121,7 +121,7 @@ def measured(value: float, low: float | None, high: float | None, about: str = "
     if low is None or high is None or value <= 0.0:
         return number(value, 3)
     relative = 50.0 * (high - low) / value
-    if relative > WIDE:
+    if relative > WIDE_PERCENT:
         factor = math.sqrt(high / low) if low > 0.0 else math.inf
         return f"{number(value, 2)} {times}{f'{factor:.1f}' if factor < 9.95 else '>9'}"
     digits = 4 if relative < 0.5 else 3 if relative < 10.0 else 2
@@ -129,7 +129,7 @@ def measured(value: float, low: float | None, high: float | None, about: str = "
 
 
 def counted(count: int, what: str) -> str:
-    """So many of something.
+    """Return a number of things.
 
     >>> counted(1, "gap"), counted(1200, "sample")
     ('1 gap', '1,200 samples')
@@ -138,7 +138,7 @@ def counted(count: int, what: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Length of time in the two largest units that matter.
+    """Return a length of time in its two largest units.
 
     >>> duration(7.2), duration(138), duration(5400), duration(200000)
     ('7 s', '2 min 18 s', '1 h 30 min', '2 d 7 h')

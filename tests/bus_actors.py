@@ -25,12 +25,12 @@ from imumon.report import (
     Coefficient,
     DeviceDescription,
     Event,
-    Histogram,
     Readable,
     Report,
     SensorGrade,
     SessionCounters,
     Signal,
+    Strip,
 )
 
 CHANNELS = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
@@ -73,8 +73,8 @@ def event(id: str, number: int) -> Event:
 
 
 def view(channel: str, number: int) -> Signal:
-    shape = Histogram(start=0.0, width=1.0, counts=(number,), gaussian=(1.0,))
-    return Signal(channel=channel, unit=UNIT[channel.partition("/")[0]], histogram=shape)
+    strip = Strip(start_s=0.0, column_s=1.0, low=(0.0,), high=(float(number),))
+    return Signal(channel=channel, unit=UNIT[channel.partition("/")[0]], minute=strip)
 
 
 def emit(**values: Any) -> None:

@@ -202,6 +202,8 @@ def channel(name: str, elapsed_s: float, *, cut: int = 0, scale: float = 1.0) ->
             per_degC=0.8 * half,
             explained=0.12,
         ),
+        histogram=shapes(name)[0],
+        spectrum=shapes(name)[1],
     )
 
 
@@ -287,8 +289,37 @@ def report(
 
 
 @cache
+def shapes(name: str) -> tuple[Histogram, Spectrum]:
+    """Histogram and a spectrum with one line of a channel."""
+    _, _, _, mean, std = TRUTH[name]
+    rng = np.random.default_rng(7)
+    width = 8 * std / 60
+    centres = mean - 4 * std + width * (np.arange(60) + 0.5)
+    gaussian = 432000 * width / (std * math.sqrt(2 * math.pi)) * np.exp(-0.5 * ((centres - mean) / std) ** 2)
+    counts = np.maximum(gaussian + np.sqrt(gaussian) * rng.standard_normal(60), 0).astype(int)
+    frequency = np.geomspace(0.002, 20.0, 160)
+    density = 2 * TRUTH[name][0] ** 2 * (1 + 0.03 / frequency) * np.exp(0.1 * rng.standard_normal(160))
+    peak = int(np.argmin(np.abs(frequency - 9.8)))
+    density[peak] *= 40.0
+    line = Line(
+        frequency_hz=float(frequency[peak]), amplitude=2e-4, aliases_hz=(9.8, 30.2, 49.8), name="50 Hz mains?"
+    )
+    histogram = Histogram(
+        start=mean - 4 * std, width=width, counts=tuple(counts.tolist()), gaussian=tuple(gaussian.tolist())
+    )
+    spectrum = Spectrum(
+        frequency_hz=tuple(frequency.tolist()),
+        density=tuple(density.tolist()),
+        averages=(64,) * 160,
+        lines=(line,),
+        white=TRUTH[name][0],
+    )
+    return histogram, spectrum
+
+
+@cache
 def signal(name: str = "gyro/x") -> Signal:
-    """Signal of a channel: strips, histogram and a spectrum with one line."""
+    """Signal view of a channel."""
     _, _, _, mean, std = TRUTH[name]
     rng = np.random.default_rng(7)
 
@@ -303,40 +334,12 @@ def signal(name: str = "gyro/x") -> Signal:
             low[70:82] = high[70:82] = [None] * 12
         return Strip(start_s=10801.0 - span, column_s=span / columns, low=tuple(low), high=tuple(high))
 
-    width = 8 * std / 60
-    centres = mean - 4 * std + width * (np.arange(60) + 0.5)
-    gaussian = 432000 * width / (std * math.sqrt(2 * math.pi)) * np.exp(-0.5 * ((centres - mean) / std) ** 2)
-    counts = np.maximum(gaussian + np.sqrt(gaussian) * rng.standard_normal(60), 0).astype(int)
-    frequency = np.geomspace(0.002, 20.0, 160)
-    density = 2 * TRUTH[name][0] ** 2 * (1 + 0.03 / frequency) * np.exp(0.1 * rng.standard_normal(160))
-    peak = int(np.argmin(np.abs(frequency - 9.8)))
-    density[peak] *= 40.0
     return Signal(
         channel=name,
         unit="rad/s",
         minute=strip(60.0, 240, 10),
         hour=strip(3600.0, 240, 600, hole=True),
         everything=strip(10801.0, 240, 1800),
-        histogram=Histogram(
-            start=mean - 4 * std,
-            width=width,
-            counts=tuple(counts.tolist()),
-            gaussian=tuple(gaussian.tolist()),
-        ),
-        spectrum=Spectrum(
-            frequency_hz=tuple(frequency.tolist()),
-            density=tuple(density.tolist()),
-            averages=(64,) * 160,
-            lines=(
-                Line(
-                    frequency_hz=float(frequency[peak]),
-                    amplitude=2e-4,
-                    aliases_hz=(9.8, 30.2, 49.8),
-                    name="50 Hz mains?",
-                ),
-            ),
-            white=TRUTH[name][0],
-        ),
     )
 
 

@@ -115,29 +115,29 @@ def test_what_is_not_known_is_never_a_number(age: str) -> None:
                 assert f"# {name}: ?" in text(made, "kalibr")
 
 
-def with_k(made: Report, reason: str | None) -> Report:
-    """The same with gyroscopes whose K is not known for that reason; None: without gyroscopes."""
-    some = {n: c for n, c in made.channels.items() if not n.startswith("gyro") or reason is not None}
+def with_k(made: Report, code: str | None, *, gyro: bool) -> Report:
+    """The same with gyroscopes whose K is not known for the reason of this code, or without gyroscopes."""
+    some = {n: c for n, c in made.channels.items() if not n.startswith("gyro") or gyro}
     none = Readable(value=None, low=None, high=None, unit="")
     lacking = Coefficient(
-        value=None, low=None, high=None, status="pending", unit="", readable=none, reason=reason
+        value=None, low=None, high=None, status="pending", unit="", readable=none, reason_code=code
     )
     changed = {n: replace(c, K=lacking) if n.startswith("gyro") else c for n, c in some.items()}
     return replace(made, channels=changed)
 
 
 @pytest.mark.parametrize(
-    ("reason", "cure"),
+    ("code", "gyro", "cure"),
     [
-        ("too few", "record longer"),
-        ("the values are constant", "dead or stuck"),
-        ("below the resolution", "more digits"),
-        (None, "holds no gyroscope"),
+        (None, True, "record longer"),
+        ("constant", True, "dead or stuck"),
+        ("resolution", True, "more digits"),
+        (None, False, "holds no gyroscope"),
     ],
 )
-def test_a_longer_record_is_advised_only_where_it_helps(reason: str | None, cure: str) -> None:
+def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: bool, cure: str) -> None:
     for form in ("kalibr", "px4", "ardupilot", "gtsam", "openvins"):
-        said = text(with_k(report(10801.0), reason), form)
+        said = text(with_k(report(10801.0), code, gyro=gyro), form)
         assert cure in said
         assert ("record longer" in said) == (cure == "record longer")
 

@@ -124,7 +124,7 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     upright = channels["accel/z"]["distribution"]
     assert upright["bias_low"] < 0.02 < upright["bias_high"]
     assert channels["accel/x"]["distribution"]["bias"] is None
-    assert f"accel/x{'cannot be told from tilt':>29}" in shown
+    assert f"accel/x{'not separable from tilt':>29}" in shown
     drift = channels["gyro/y"]["drift"]
     assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
     assert drift["explained"] > 0.9

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-
 from imumon.daemon.connection import _others
+
 from imumon.devices import serial_port as port_module
 from imumon.recordings import (
     CaptureWriter,

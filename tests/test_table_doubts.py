@@ -10,7 +10,7 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, told, truth
 
-from imumon.pipeline import RateRequired
+from imumon.errors import RateRequired
 from imumon.recordings import SourceError
 from imumon.recordings.columns import layout, parse_map
 from imumon.timebase.timestamps import interval_of, typical_step

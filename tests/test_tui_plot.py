@@ -123,8 +123,8 @@ def test_means_and_deviations_fit_their_columns(value: float) -> None:
 
 def test_a_bias_stands_beside_the_mean_only_where_it_can_be_known() -> None:
     shape = Distribution(bias=0.002, bias_low=-0.025, bias_high=0.029)
-    unknown = Distribution(bias_reason="cannot be told from tilt")
-    for told, expected in ((shape, "bias 0.00200 ± 0.027"), (unknown, "bias cannot be told from tilt")):
+    unknown = Distribution(bias_reason="not separable from tilt")
+    for told, expected in ((shape, "bias 0.00200 ± 0.027"), (unknown, "bias not separable from tilt")):
         made = reports.report()
         channels = {**made.channels, "accel/z": replace(made.channels["accel/z"], distribution=told)}
         scene = replace(SCENE, channel="accel/z", reports={reports.ID: replace(made, channels=channels)})

@@ -139,8 +139,8 @@ def _from_state(path: Path) -> Any:
         state = decode(path.read_bytes(), f"the state {path}")
         meta = state.meta
         monitor = Monitor(MonitorOptions(guarded=bool(meta["monitor"]["guarded"])))
-        monitor.resume(meta["monitor"], state.arrays, 0.0)
-        monitor.take_up()
+        monitor.restore(meta["monitor"], state.arrays, 0.0)
+        monitor.accept_restored()
         known = {"serial": meta.get("serial")} | meta.get("device", {})
         caveats = tuple(known.pop("caveats", ()))
         name = path.name.partition(".state")[0]

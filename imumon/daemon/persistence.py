@@ -87,9 +87,9 @@ class Persistence:
         try:
             counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
             away, saved = _since(meta) + float(meta.get("age_s", 0.0)), meta["saved"]
-            self._monitor.resume(meta["monitor"], state.arrays, max(0.0, away) * self._speed)
+            self._monitor.restore(meta["monitor"], state.arrays, max(0.0, away) * self._speed)
         except RecordMismatch as error:
-            return self._set_aside("other-settings", str(error))
+            return self._set_aside("other-settings", error.message)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
             return self._set_aside(
                 "unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}"
@@ -107,8 +107,8 @@ class Persistence:
 
     def set_aside_rejected(self) -> str | None:
         """Set aside a restored record that the stream does not continue; return what was done."""
-        why, self._monitor.refused = self._monitor.refused, None
-        return None if why is None else self._set_aside("other-stream", why)
+        mismatch, self._monitor.mismatch = self._monitor.mismatch, None
+        return None if mismatch is None else self._set_aside("other-stream", mismatch.message)
 
     def differing(self, info: DeviceInfo) -> list[str]:
         """Return the settings that differ from those of the record, as text."""

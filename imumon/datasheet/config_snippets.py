@@ -23,8 +23,8 @@ from imumon.messages import (
     caveats,
     filter_not_known,
     joined,
-    lacking,
     line,
+    no_value_text,
 )
 from imumon.report import Coefficient, Report
 from imumon.samples import AXES
@@ -83,7 +83,7 @@ def _unknown(sensor: str, found: Mapping[str, Coefficient]) -> str:
     if not found:
         return f"the record holds no {NAMES[sensor]}; make one that does"
     for part in found.values():
-        if (why := lacking(part)) is not None:
+        if (why := no_value_text(part)) is not None:
             return f"will not be known ({why}); {CURES[why]}"
     why = next((part.reason for part in found.values() if part.reason), "too few samples")
     return f"not known yet ({why}); record longer"
@@ -103,7 +103,7 @@ def _told(part: Coefficient) -> str:
         return f"{part.value:.4e}{limits}"
     if part.status == "upper_bound" and part.high is not None:
         return f"< {part.high:.3e} (95 %), not seen"
-    return lacking(part) or "not known yet"
+    return no_value_text(part) or "not known yet"
 
 
 def who(made: Report) -> str:

@@ -24,7 +24,7 @@ from imumon.datasheet.config_snippets import kalibr, who
 from imumon.datasheet.reference_values import LABORATORY, LABORATORY_GRADE, MANUFACTURER
 from imumon.datasheet.svg_figure import curves
 from imumon.datasheet.text_table import coefficient, spoilt
-from imumon.messages import CAVEATS, CLOCKS, FILTER_NOT_KNOWN, caveats, cut_out, filter_not_known, within
+from imumon.messages import CAVEATS, CLOCKS, FILTER_NOT_KNOWN, caveats, exclusions, filter_not_known, within
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import AXES
 from imumon.units import READABLE, counted, duration, figures, pretty
@@ -253,7 +253,7 @@ def _grades(made: Report) -> Iterator[Block]:
 
 def _record(made: Report) -> Iterator[Block]:
     device, session = made.device, made.session
-    left_out = cut_out(made, _seconds)
+    left_out = exclusions(made, _seconds)
     share = session.missing / (session.samples + session.missing) if session.samples else 0.0
     rows = [
         ("Stream", " ".join(part for part in (device.stream, device.source) if part) or "not known"),

@@ -11,10 +11,10 @@ import textwrap
 from collections.abc import Iterator
 
 from imumon.datasheet.text_table import coefficient
-from imumon.messages import follows
+from imumon.messages import follows_temperature
 from imumon.report import COEFFICIENTS, Channel, Report
 from imumon.samples import sensor_of
-from imumon.units import READABLE, Readable, figures, pretty
+from imumon.units import READABLE, ReadableUnit, figures, pretty
 
 LINES = 4
 """Spectral lines told of a channel."""
@@ -92,7 +92,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield f"lines at {', '.join(told)}" + (f" and {more} more" if more > 0 else "")
     if drift is not None and drift.significant:
         yield "the drift is more than the noise makes"
-    if drift is not None and drift.per_degC is not None and follows(drift):
+    if drift is not None and drift.per_degC is not None and follows_temperature(drift):
         half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
         share = "" if drift.explained is None else f", {drift.explained:.0%} of what is slow"
         steady = ", ".join(
@@ -105,7 +105,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
             f"without that (the table is with it) {steady}"
         )
     for change in channel.changes:
-        scale = READABLE.get((sensor_of(name), change.quantity), Readable(1.0, channel.unit))
+        scale = READABLE.get((sensor_of(name), change.quantity), ReadableUnit(1.0, channel.unit))
         before, now = (figures(value * scale.factor) for value in (change.before, change.now))
         yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} (against the {change.against})"
 

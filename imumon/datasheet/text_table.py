@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from imumon.messages import (
     FILTER_NOT_KNOWN,
     caveats,
-    cut_out,
+    exclusions,
     filter_not_known,
     joined,
-    lacking,
     line,
+    no_value_text,
     uncertainty,
     within,
 )
@@ -77,7 +77,7 @@ def coefficient(found: Coefficient | None) -> str:
         )
     if found.status == "upper_bound" and shown.high is not None:
         return f"< {figures(shown.high)}"
-    return lacking(found) or "too short"
+    return no_value_text(found) or "too short"
 
 
 def digits(value: float, width: float) -> int:
@@ -102,7 +102,7 @@ def _head(made: Report) -> list[str]:
         f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, spoilt(device))}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
-    left_out = cut_out(made, lambda seconds: f"{seconds:.1f} s")
+    left_out = exclusions(made, lambda seconds: f"{seconds:.1f} s")
     if session.disturbances or left_out:
         cut = f"cut out {' and '.join(left_out)}" if left_out else "nothing cut out"
         lines.append(f"{counted(session.disturbances, 'disturbance')}, {cut}")

@@ -1,22 +1,22 @@
 """Grade of a sensor: navigation, tactical, industrial or consumer, from N and B.
 
 The limits are table 3.1 of the VectorNav inertial navigation primer, kept in the units it prints and
-turned into SI by the exact factors of `units`. Two readings of the word are given:
+converted to SI by the exact factors of `units`. There are two grades:
 
-- ``meets``: the best grade whose limit is not exceeded; None when it is worse than consumer.
-- ``nearest``: the grade whose limit is nearest on a logarithmic scale; this one is the headline.
+- ``meets``: the best grade whose limit is not exceeded; None if worse than consumer.
+- ``nearest``: the grade whose limit is nearest on a logarithmic scale. This is the headline.
 
-The rules
----------
-1. Only N and B have limits. A coefficient that is pending has no grade.
-2. A bounded coefficient (``upper_bound``) stands in with its bound: ``meets`` holds at 95 %. A bound
-   says how little is known and not how bad the sensor is, so it decides ``nearest`` only where nothing
-   is measured. Where it is worse than the headline it makes that provisional, and the reason
-   names it unless something is pending.
-3. A channel is as good as the worse of its coefficients, a sensor as the worst of its axes. The one
-   that decides is, within the worst grade, the one largest against that grade's limit.
-4. The headline is provisional while it could still change: something is pending, or the headline
-   of all lower limits differs from that of all upper limits.
+Rules:
+
+1. Only N and B have limits. A pending coefficient has no grade.
+2. A bounded coefficient (``upper_bound``) is graded by its bound: ``meets`` holds at 95 %. A bound says how
+   little is known and not how bad the sensor is, so it decides ``nearest`` only if nothing is measured. If it
+   is worse than the headline, the headline is provisional, and the reason names the bound unless a
+   coefficient is pending.
+3. A channel is as good as the worse of its coefficients, a sensor as the worst of its axes. The deciding
+   coefficient is, within the worst grade, the one that is largest relative to that grade's limit.
+4. The headline is provisional while it may still change: a coefficient is pending, or the headline of all
+   lower limits differs from that of all upper limits.
 """
 
 from __future__ import annotations
@@ -24,12 +24,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import Protocol
 
+from imumon.report import ChannelGrade, DecidedBy, GradeName, Grading, SensorGrade, Status
 from imumon.units import READABLE
-
-GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer"]
-Status: TypeAlias = Literal["measured", "upper_bound", "pending"]
 
 GRADES: tuple[GradeName, ...] = ("navigation", "tactical", "industrial", "consumer")
 """From the best to the worst."""
@@ -41,8 +39,8 @@ READABLE_LIMITS: Mapping[str, Mapping[str, tuple[float, float, float, float]]] =
 """Table 3.1 by sensor and coefficient, one limit for each of `GRADES`, in readable units."""
 
 
-class Estimate(Protocol):
-    """What grading reads of a coefficient: value and 95 % limits in SI, and what they are worth."""
+class GradedCoefficient(Protocol):
+    """A coefficient with its 95 % limits in SI."""
 
     @property
     def value(self) -> float | None: ...
@@ -54,55 +52,8 @@ class Estimate(Protocol):
     def status(self) -> Status: ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Grading:
-    """Grade of one coefficient; None where there is none to give."""
-
-    nearest: GradeName | None = None
-    meets: GradeName | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelGrade:
-    """Grades of a channel's N and B, and the worse of them."""
-
-    N: Grading = Grading()
-    B: Grading = Grading()
-    nearest: GradeName | None = None
-    meets: GradeName | None = None
-
-
-class DecidedBy(NamedTuple):
-    """The coefficient that a headline hangs on.
-
-    Attributes
-    ----------
-    axis : as the caller named it.
-    coefficient : ``N`` or ``B``.
-    """
-
-    axis: str
-    coefficient: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorGrade:
-    """Headline of a sensor: the worst of its axes, and what decides it.
-
-    Attributes
-    ----------
-    reason : why there is no grade, or why it is provisional.
-    """
-
-    nearest: GradeName | None = None
-    meets: GradeName | None = None
-    decided_by: DecidedBy | None = None
-    provisional: bool = True
-    reason: str | None = None
-
-
 def limits() -> dict[str, dict[str, dict[str, float]]]:
-    """Limits in SI by sensor, coefficient and grade.
+    """Return the limits in SI by sensor, coefficient and grade.
 
     >>> f"{limits()['gyro']['N']['industrial']:.3e} rad/s/sqrt(Hz)"
     '5.818e-05 rad/s/sqrt(Hz)'
@@ -119,149 +70,151 @@ def limits() -> dict[str, dict[str, dict[str, float]]]:
 LIMITS = limits()
 
 
-def grade_coefficient(
-    sensor: str,
-    coefficient: str,
-    value: float | None,
-    low: float | None = None,
-    high: float | None = None,
-    status: Status = "measured",
-) -> Grading:
-    """Grade one coefficient.
+def grade_coefficient(sensor: str, coefficient: str, value: float | None) -> Grading:
+    """Return the grade of a value of a coefficient.
 
     Parameters
     ----------
     sensor : ``gyro`` or ``accel``; others have no grades.
     coefficient : ``N`` or ``B``; K has none.
-    value, low, high : SI, the estimate and its 95 % limits; `high` stands in for a bounded one.
+    value : SI; None: unknown.
 
     >>> grade_coefficient("gyro", "N", 8.858211836469779e-5)
     Grading(nearest='industrial', meets='consumer')
     """
-    figure = _figure(value, high, status)
     table = LIMITS.get(sensor, {}).get(coefficient)
-    if figure is None or table is None:
+    if table is None or value is None:
         return Grading()
-    return Grading(nearest=_nearest(table, figure), meets=_meets(table, figure))
+    return Grading(nearest=_nearest(table, value), meets=_meets(table, value))
 
 
-def grade_channel(sensor: str, *, N: Estimate | None = None, B: Estimate | None = None) -> ChannelGrade:
-    """Grade a channel by its N and B."""
-    found = {"N": N, "B": B}
-    known = [
-        _Known(sensor, "", name, estimate) for name, estimate in found.items() if _counts(sensor, estimate)
-    ]
-    gradings = {name: _grading(sensor, name, estimate) for name, estimate in found.items()}
+def grade_channel(
+    sensor: str, *, N: GradedCoefficient | None = None, B: GradedCoefficient | None = None
+) -> ChannelGrade:
+    """Return the grades of a channel's N and B."""
+    candidates = _candidates(sensor, "", {"N": N, "B": B})
+    gradings = {each.coefficient: Grading(nearest=each.nearest, meets=each.meets) for each in candidates}
     return ChannelGrade(
-        N=gradings["N"],
-        B=gradings["B"],
-        nearest=_deciding(known).nearest if known else None,
-        meets=_worst_meets(known),
+        N=gradings.get("N", Grading()),
+        B=gradings.get("B", Grading()),
+        nearest=_deciding(candidates).nearest if candidates else None,
+        meets=_worst_meets(candidates),
     )
 
 
-def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate | None]]) -> SensorGrade:
-    """Headline grade of a sensor.
+def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, GradedCoefficient | None]]) -> SensorGrade:
+    """Return the headline grade of a sensor.
 
     Parameters
     ----------
     sensor : ``gyro`` or ``accel``.
-    axes : by axis (any name, it comes back in `decided_by`), the estimates of N and B.
+    axes : N and B by axis; `decided_by` uses the same names of the axes.
     """
     if sensor not in LIMITS:
         return SensorGrade(provisional=False, reason=f"the table has no grades for {sensor}")
-    known = [
-        _Known(sensor, axis, name, estimates.get(name))
-        for axis, estimates in axes.items()
-        for name in LIMITS[sensor]
-        if _counts(sensor, estimates.get(name))
-    ]
-    pending = sum(len(LIMITS[sensor]) for _ in axes) - len(known)
-    if not known:
+    candidates = [each for axis, known in axes.items() for each in _candidates(sensor, axis, known)]
+    pending = len(LIMITS[sensor]) * len(axes) - len(candidates)
+    if not candidates:
         return SensorGrade(reason="no coefficient is measured or bounded yet")
-    decides = _deciding(known)
-    best = max(GRADES.index(item.at_low) for item in known)
-    worst = max(GRADES.index(item.at_high) for item in known)
+    deciding = _deciding(candidates)
+    best = max(GRADES.index(each.at_low) for each in candidates)
+    worst = max(GRADES.index(each.at_high) for each in candidates)
     reason = None
-    loose = [item for item in known if GRADES.index(item.nearest) > GRADES.index(decides.nearest)]
+    loose = [each for each in candidates if GRADES.index(each.nearest) > GRADES.index(deciding.nearest)]
     if pending:
         verb = "is" if pending == 1 else "are"
-        reason = f"{pending} of {pending + len(known)} coefficients {verb} pending"
+        reason = f"{pending} of {pending + len(candidates)} coefficients {verb} pending"
     elif loose:
         bound = _worst(loose)
         reason = f"{bound.coefficient} of {bound.axis} is only bounded: it may still be {bound.nearest}"
     elif best != worst:
         reason = f"the intervals reach from {GRADES[best]} to {GRADES[worst]}"
     return SensorGrade(
-        nearest=decides.nearest,
-        meets=_worst_meets(known),
-        decided_by=DecidedBy(decides.axis, decides.coefficient),
+        nearest=deciding.nearest,
+        meets=_worst_meets(candidates),
+        decided_by=DecidedBy(axis=deciding.axis, coefficient=deciding.coefficient),
         provisional=reason is not None,
         reason=reason,
     )
 
 
-class _Known:
-    """A coefficient that counts, with its grades at its figure and at both of its limits."""
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A measured or bounded coefficient, with its grades at its size and at both of its limits.
 
-    def __init__(self, sensor: str, axis: str, coefficient: str, estimate: Estimate | None) -> None:
-        assert estimate is not None
-        table = LIMITS[sensor][coefficient]
-        figure = _figure(estimate.value, estimate.high, estimate.status)
-        assert figure is not None
-        self.axis = axis
-        self.coefficient = coefficient
-        self.measured = estimate.status == "measured"
-        self.nearest = _nearest(table, figure)
-        self.meets = _meets(table, figure)
-        self.excess = figure / table[self.nearest]
-        low = estimate.low if estimate.low is not None else (figure if self.measured else 0.0)
-        self.at_low = _nearest(table, low)
-        self.at_high = _nearest(table, estimate.high if estimate.high is not None else figure)
+    Attributes
+    ----------
+    excess : 1, size over the limit of the nearest grade.
+    """
+
+    axis: str
+    coefficient: str
+    measured: bool
+    nearest: GradeName
+    meets: GradeName | None
+    excess: float
+    at_low: GradeName
+    at_high: GradeName
 
 
-def _figure(value: float | None, high: float | None, status: Status) -> float | None:
-    """The number a coefficient is graded by: its value, or its bound; None while it is pending."""
+def _candidates(
+    sensor: str, axis: str, coefficients: Mapping[str, GradedCoefficient | None]
+) -> list[_Candidate]:
+    """Return the coefficients of an axis that have a limit and are not pending."""
+    found = []
+    for name, table in LIMITS.get(sensor, {}).items():
+        known = coefficients.get(name)
+        size = None if known is None else _graded_size(known.value, known.high, known.status)
+        if known is None or size is None:
+            continue
+        measured = known.status == "measured"
+        nearest = _nearest(table, size)
+        low = known.low if known.low is not None else (size if measured else 0.0)
+        high = known.high if known.high is not None else size
+        found.append(
+            _Candidate(
+                axis=axis,
+                coefficient=name,
+                measured=measured,
+                nearest=nearest,
+                meets=_meets(table, size),
+                excess=size / table[nearest],
+                at_low=_nearest(table, low),
+                at_high=_nearest(table, high),
+            )
+        )
+    return found
+
+
+def _graded_size(value: float | None, high: float | None, status: Status) -> float | None:
+    """Return the number that a coefficient is graded by: its value or its bound; None while pending."""
     return {"measured": value, "upper_bound": high, "pending": None}[status]
 
 
-def _counts(sensor: str, estimate: Estimate | None) -> bool:
-    if estimate is None or sensor not in LIMITS:
-        return False
-    return _figure(estimate.value, estimate.high, estimate.status) is not None
-
-
-def _grading(sensor: str, name: str, estimate: Estimate | None) -> Grading:
-    if estimate is None:
-        return Grading()
-    return grade_coefficient(sensor, name, estimate.value, estimate.low, estimate.high, estimate.status)
-
-
-def _nearest(table: Mapping[str, float], figure: float) -> GradeName:
-    """Grade nearest on a logarithmic scale; the better one on a tie."""
-    if figure <= 0.0:
+def _nearest(table: Mapping[str, float], size: float) -> GradeName:
+    """Return the grade that is nearest on a logarithmic scale; the better one on a tie."""
+    if size <= 0.0:
         return GRADES[0]
-    return min(GRADES, key=lambda grade: abs(math.log(figure / table[grade])))
+    return min(GRADES, key=lambda grade: abs(math.log(size / table[grade])))
 
 
-def _meets(table: Mapping[str, float], figure: float) -> GradeName | None:
-    return next((grade for grade in GRADES if figure <= table[grade]), None)
+def _meets(table: Mapping[str, float], size: float) -> GradeName | None:
+    return next((grade for grade in GRADES if size <= table[grade]), None)
 
 
-def _deciding(known: Iterable[_Known]) -> _Known:
-    """The worst of the measured ones, or of the bounds where nothing is measured."""
-    items = list(known)
-    candidates = [item for item in items if item.measured] or items
-    return _worst(candidates)
+def _deciding(candidates: Iterable[_Candidate]) -> _Candidate:
+    """Return the worst of the measured ones, or of the bounds if nothing is measured."""
+    every = list(candidates)
+    return _worst([each for each in every if each.measured] or every)
 
 
-def _worst(known: Iterable[_Known]) -> _Known:
-    return max(known, key=lambda item: (GRADES.index(item.nearest), item.excess))
+def _worst(candidates: Iterable[_Candidate]) -> _Candidate:
+    return max(candidates, key=lambda each: (GRADES.index(each.nearest), each.excess))
 
 
-def _worst_meets(known: Iterable[_Known]) -> GradeName | None:
-    """Worst `meets` of all; None when nothing is known or one meets no grade."""
-    found = [item.meets for item in known]
+def _worst_meets(candidates: Iterable[_Candidate]) -> GradeName | None:
+    """Return the worst `meets`; None if nothing is known or one meets no grade."""
+    found = [each.meets for each in candidates]
     if not found or None in found:
         return None
     return max((grade for grade in found if grade), key=GRADES.index)

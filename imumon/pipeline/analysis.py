@@ -1,9 +1,9 @@
-"""Findings: fits, spectra and shapes of a record, renewed when it has grown enough to show.
+"""Analysis: fits, spectra and shapes of a record, recomputed when it has grown enough to show.
 
-They cost many times what the samples of a second do, and hardly move in it. So a report that follows
-another takes them over until the record has grown by a tenth, or by five seconds and 2 %, or by a minute,
-whichever is first: what was found belongs to one moment, curve and fit together. Counts, means and all else
-that is cheap is of the moment of the report.
+They cost many times what the samples of a second cost and hardly change in a second. A report therefore
+reuses the last ones until the record has grown by a tenth, or by five seconds and 2 %, or by a minute,
+whichever comes first. Curve and fit always belong to the same moment. Counts, means and everything else that
+is cheap belong to the moment of the report.
 """
 
 from __future__ import annotations
@@ -12,43 +12,48 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from imumon.noise.fit import ChannelFit, Estimator
-from imumon.noise.grading import LIMITS
-from imumon.noise.nonstationarity.drift import Step
+from imumon.noise.grading import LIMITS, GradedCoefficient, grade_sensor
 from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.trends import Trends
-from imumon.report import Channel, SensorGrade
+from imumon.report import Change, Channel, SensorGrade
 from imumon.samples import UNITS, sensor_of
+
+YOUNG_GROWTH = 0.1
+"""Growth of a young record, as a share, after which it is analysed again: each result changes visibly."""
+BASE_PAUSE_S = 5.0
+"""s, with `OLD_GROWTH` the pause from one analysis to the next, for the processor time. Not critical."""
+OLD_GROWTH = 0.02
+"""Growth of an older record, as a share, after which it is analysed again. `Estimator` recomputes limits,
+its most expensive part, after the same growth."""
+LONGEST_PAUSE_S = 60.0
+"""s, longest pause, so that the end of the curve moves every minute. Not critical."""
 
 
 def pause_s(elapsed_s: float) -> float:
-    """Growth after which a record so long is worth working out anew, s.
-
-    Up to a minute it is young: what is known changes with every look. For a long one the dearest part,
-    limits and terms, waits for 2 % (`Estimator`), but no curve stands still for more than a minute.
+    """Return the growth, s, after which a record of this length is analysed again.
 
     >>> pause_s(10.0), pause_s(100.0), pause_s(86400.0)
     (1.0, 7.0, 60.0)
     """
-    return min(0.1 * elapsed_s, 5.0 + 0.02 * elapsed_s, 60.0)
+    return min(YOUNG_GROWTH * elapsed_s, BASE_PAUSE_S + OLD_GROWTH * elapsed_s, LONGEST_PAUSE_S)
 
 
 class Analysis:
-    """What is dear to work out of a record.
+    """The expensive results of a record.
 
     Parameters
     ----------
-    averaged : (c,) which channels are true averages over their interval.
-    precision : asked 95 % half-width by coefficient, as a share of its value.
+    averaged : (c,) channels that are true averages over their interval.
+    precision : target of the 95 % half-width by coefficient, as a share of the value.
 
     Attributes
     ----------
-    fits : of the channels that have a curve.
-    shapes : of the distribution of each channel; None where nothing came.
-    channels : what a report says of each channel from here.
-    grades : headline of each sensor that has a grade, by the fits alone.
-    renewals : how often all was worked out.
+    fits : by channel, of those with a curve.
+    shapes : (c,) shape of the distribution of each channel; None without samples.
+    channels : by channel, the fields of a report that come from the analysis.
+    grades : headline of each graded sensor, from the fits alone.
     """
 
     def __init__(
@@ -58,50 +63,54 @@ class Analysis:
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._trends = Trends(record, averaged=averaged)
         self._due_s = 0.0
-        # samples of the grid, those past the guard, and warm-up then; and whether all of it was renewed
-        self._seen = (-1, -1, 0.0, False)
+        self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
         self.shapes: list[DistributionShape | None] = []
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
-        self.renewals = 0
 
-    def step(self, column: int) -> Step | None:
-        """Sudden change of a channel's mean; None where there is none."""
-        return self._trends.step(column)
+    def bias_step(self, column: int) -> Change | None:
+        """Return the sudden change of a channel's mean; None if there is none."""
+        return self._trends.bias_step(column)
 
-    def settling(self, column: int) -> bool:
-        """Whether a channel's mean plainly settles, and no cut has taken that out."""
-        return self._trends.settling(column)
+    def is_settling(self, column: int) -> bool:
+        """Return whether the mean of a channel still settles in the samples that count."""
+        return self._trends.is_settling(column)
 
-    def renew(self, *, now: bool) -> None:
-        """Work everything out anew where it is due, or whatever has changed, `now`."""
+    def update(self, *, force: bool) -> None:
+        """Recompute everything if it is due, or, with `force`, if anything has changed."""
         record = self._record
-        seen = (record.span, record.history.position, record.warmup_s, now)
+        current = (record.span, record.history.position, record.warmup_s, force)
         elapsed = record.elapsed_s
-        waits = not now and elapsed < self._due_s and seen[2] == self._seen[2]
-        if waits or seen == self._seen:
+        early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
+        if early or current == self._analysed:
             return
-        self._seen, self._due_s = seen, elapsed + pause_s(elapsed)
-        self.renewals += 1
+        self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
         curve, density = record.history.curve(), record.spectrum.result()
         self.shapes = record.histogram.result()
-        steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.noisy]]
-        fits = self._estimator.fit(curve, renew=now or None, resolution=steps)
+        steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
+        fits = self._estimator.fit(curve, renew=force or None, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self._trends.renew(fits, curve, now=now)
+        self._trends.update(fits, curve, force=force)
         self.grades = {
-            sensor: report_builder.sensor_grade(sensor, axes)
-            for sensor in LIMITS
-            if (axes := {n.partition("/")[2]: fit for n, fit in self.fits.items() if sensor_of(n) == sensor})
+            sensor: grade_sensor(sensor, axes) for sensor in LIMITS if (axes := self._graded_axes(sensor))
         }
         for column, name in enumerate(record.channels):
             sensor, fit = sensor_of(name), self.fits.get(name)
-            made = Channel(unit=UNITS[sensor], histogram=report_builder.histogram(self.shapes[column]))
+            channel = Channel(unit=UNITS[sensor], histogram=report_builder.histogram(self.shapes[column]))
             if fit is not None:
-                made = replace(
-                    report_builder.with_fit(made, sensor, curve, column, fit),
+                trends = self._trends
+                channel = replace(
+                    report_builder.with_fit(channel, sensor, curve, column, fit),
                     spectrum=report_builder.spectrum(sensor, density, column),
-                    drift=report_builder.drift(sensor, self._trends.of(column), self._trends.steady(column)),
+                    drift=report_builder.drift(sensor, trends.trend(column), trends.steady_fit(column)),
                 )
-            self.channels[name] = made
+            self.channels[name] = channel
+
+    def _graded_axes(self, sensor: str) -> dict[str, dict[str, GradedCoefficient]]:
+        """Return N and B of a sensor by axis."""
+        return {
+            name.partition("/")[2]: {"N": fit.N, "B": fit.B}
+            for name, fit in self.fits.items()
+            if sensor_of(name) == sensor
+        }

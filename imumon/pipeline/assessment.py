@@ -1,161 +1,175 @@
-"""Verdict: what may be said of a record now.
+"""Assessment: what the results of a record mean now.
 
-Every figure of a channel with its caveats, what has changed, the grade of each sensor, and what stands in a
-grade's way: motion, an axis that never changes, a source that repeats itself, a record that is mostly cut
-out, holes, a warm-up that is not over.
+Every channel with its caveats, what has changed, the grade of each sensor, and what prevents a grade: motion,
+an axis that never changes, a sensor that repeats its values, a record that is mostly excluded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 
 from imumon.noise.fit import ChannelFit
 from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
-from imumon.pipeline.trends import against_baseline
+from imumon.pipeline.trends import compare_with_baseline
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
-ROUNDED = 0.3
-"""Step of the values against the Allan deviation at the shortest time from which rounding may show in it."""
-STRONG = 0.05
-"""Share of the variance from which a spectral line bends the curve."""
-DISTURBED, MOSTLY = 0.1, 0.5
-"""Share of the record cut out above which it is called disturbed, and above which nothing is graded."""
+COARSE_STEP = 0.3
+"""Quantisation step, as a share of the Allan deviation at the shortest tau, from which rounding may show in
+the curve: uniform rounding then adds 1 % to the deviation."""
+STRONG_LINE = 0.05
+"""Share of the variance of a channel from which a spectral line bends the curve visibly."""
+DISTURBED_SHARE = 0.1
+"""Share of the samples excluded from which the record has the caveat ``disturbed``."""
+GAPS_SHARE = 0.1
+"""Share of the samples missing from which the record has the caveat ``gaps``."""
+UNGRADED_SHARE = 0.5
+"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
 
 
-def caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
-    """Words that stand for the whole record."""
-    repeating = record.repeating
-    words = {
+def record_caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
+    """Return the caveats that hold for the whole record."""
+    holds = {
         "not_at_rest": not record.at_rest,
-        "disturbed": record.excluded_share > DISTURBED,
+        "disturbed": record.excluded_share > DISTURBED_SHARE,
         "saturated": "clipped" in record.excluded_by,
-        "stuck": repeating == "stuck",
-        "loop": repeating == "loop",
-        "gaps": record.missing_share > DISTURBED,
-        "warming_up": guarded and record.warming(),
+        "stuck": record.stuck,
+        "gaps": record.missing_share > GAPS_SHARE,
+        "warming_up": guarded and record.is_warming_up(),
     }
-    return tuple(word for word, stands in words.items() if stands)
+    return tuple(caveat for caveat, true in holds.items() if true)
 
 
-def bent(
-    fit: ChannelFit, made: Channel, shape: DistributionShape | None, std: float | None
+def fit_caveats(
+    fit: ChannelFit, channel: Channel, shape: DistributionShape | None, std: float | None
 ) -> tuple[str, ...]:
-    """Caveats of a fit, what bends its shortest octaves by its right name; `std` is the channel's deviation.
+    """Return the caveats of a fit, with the right name for what bends its shortest octaves.
 
-    The curve alone cannot tell a line from rounding or a filter; the spectrum and the steps of values can.
+    The curve alone cannot distinguish a spectral line from rounding or a filter. The spectrum and the
+    quantisation step can.
+
+    Parameters
+    ----------
+    std : channel unit, standard deviation of the channel.
     """
-    lines = made.spectrum.lines if made.spectrum is not None else ()
-    shakes = any(0.5 * line.amplitude**2 > STRONG * (std or 0.0) ** 2 for line in lines)
+    lines = channel.spectrum.lines if channel.spectrum is not None else ()
+    vibrates = any(0.5 * line.amplitude**2 > STRONG_LINE * (std or 0.0) ** 2 for line in lines)
     step = shape.step if shape is not None else None
-    sigma = made.allan.sigma if made.allan is not None else ()
-    rounded = step is not None and len(sigma) > 0 and step > ROUNDED * sigma[0]
-    other = "vibration" if shakes else "correlated"
-    names = {"correlated": other, "quantised": "quantised" if rounded else other}
-    return tuple(names.get(word, word) for word in fit.caveats)
+    sigma = channel.allan.sigma if channel.allan is not None else ()
+    coarse = step is not None and len(sigma) > 0 and step > COARSE_STEP * sigma[0]
+    other = "vibration" if vibrates else "correlated"
+    names = {"correlated": other, "quantised": "quantised" if coarse else other}
+    return tuple(names.get(caveat, caveat) for caveat in fit.caveats)
 
 
-def obstacle(record: Accumulators) -> str | None:
-    """Why nothing of this record can be graded, None where nothing stands in the way."""
+def no_grade_reason(record: Accumulators) -> str | None:
+    """Return why nothing of this record can be graded; None if it can."""
     if not record.at_rest:
         return "the sensor is not at rest"
-    repeating = record.repeating
-    if repeating or record.repeated_share > MOSTLY:
-        what = "stuck" if repeating == "stuck" else "stuck or replayed"
-        return f"{record.repeated_share:.0%} of the samples repeat: {what}"
-    if record.excluded_share > MOSTLY:
-        return f"{record.excluded_share:.0%} of the record was cut out: was it moved?"
+    if record.stuck or record.stuck_share > UNGRADED_SHARE:
+        return f"{record.stuck_share:.0%} of the samples repeat: stuck"
+    if record.excluded_share > UNGRADED_SHARE:
+        return f"{record.excluded_share:.0%} of the record is excluded: was it moved?"
     return None
 
 
-def constants(findings: Analysis) -> tuple[str, ...]:
-    """Channels that should show noise and have not changed once: dead, stuck, or never measured."""
+def constant_channels(analysis: Analysis) -> tuple[str, ...]:
+    """Return the channels that should show noise and never changed: dead, stuck, or not measured."""
     return tuple(
         name
-        for name, shape in zip(findings.fits, findings.shapes, strict=False)
+        for name, shape in zip(analysis.fits, analysis.shapes, strict=False)
         if shape is not None and shape.constant
     )
 
 
-def changes(
-    record: Accumulators, findings: Analysis, baseline: Report | None
+def detect_changes(
+    record: Accumulators, analysis: Analysis, baseline: Report | None
 ) -> dict[int, tuple[Change, ...]]:
-    """What differs from the time before, and from a saved baseline, by column."""
-    fits = findings.fits
-    found: dict[int, list[Change]] = {}
-    for moved in record.history.moved():
-        found.setdefault(moved.column, []).append(report_builder.change(moved.change, "hours before"))
-    for column in range(len(fits)):
-        step = findings.step(column)
-        if step is not None and not any(change.quantity == "bias" for change in found.get(column, ())):
-            found.setdefault(column, []).append(report_builder.step(step))
-    if baseline is not None:
-        for column, (name, fit) in enumerate(fits.items()):
-            for change in against_baseline(baseline, name, fit, record.elapsed_s):
-                found.setdefault(column, []).append(report_builder.change(change, "baseline"))
-    return {column: tuple(of_channel) for column, of_channel in found.items()}
+    """Return what differs from the time before and from a saved baseline, by column."""
+    changes = {column: list(each) for column, each in record.history.changes().items()}
+    for column, (name, fit) in enumerate(analysis.fits.items()):
+        found = changes.setdefault(column, [])
+        step = analysis.bias_step(column)
+        if step is not None and not any(change.quantity == "bias" for change in found):
+            found.append(step)
+        if baseline is not None:
+            found += compare_with_baseline(baseline, name, fit, record.elapsed_s)
+    return {column: tuple(found) for column, found in changes.items() if found}
 
 
-def channels(
+def assess_channels(
     record: Accumulators,
-    findings: Analysis,
-    whole: tuple[str, ...],
-    changed: Mapping[int, tuple[Change, ...]],
-    hindered: str | None,
+    analysis: Analysis,
+    record_caveats: tuple[str, ...],
+    changes: Mapping[int, tuple[Change, ...]],
+    no_grade: str | None,
 ) -> dict[str, Channel]:
-    """Every channel; `whole` are the caveats that stand for all of them, `hindered` the record's obstacle."""
-    fits, running, recent = findings.fits, record.history.running(), record.strip.recent()
-    means = {name: each.mean for name, each in zip(record.channels, running.channels, strict=True)}
+    """Return every channel of the report.
+
+    Parameters
+    ----------
+    record_caveats : caveats that hold for all channels.
+    changes : by column.
+    no_grade : why nothing of the record can be graded; None if it can.
+    """
+    fits, moments, recent = analysis.fits, record.history.moments(), record.envelope.recent()
+    means = {name: each.mean for name, each in zip(record.channels, moments.channels, strict=True)}
     correlations: dict[str, dict[str, float]] = {}
-    for group, covariance in enumerate(running.covariance):
+    for group, covariance in enumerate(moments.covariance):
         axes = [name for name, own in zip(record.channels, record.groups, strict=True) if own == group]
         correlations |= report_builder.correlations(axes, covariance)
-    dead, shown = constants(findings), {}
+    constant, channels = constant_channels(analysis), {}
     for column, name in enumerate(record.channels):
-        found, fit, shape = findings.channels[name], fits.get(name), findings.shapes[column]
-        words: tuple[str, ...] = ()
+        channel, fit, shape = analysis.channels[name], fits.get(name), analysis.shapes[column]
+        own = moments.channels[column]
+        caveats: tuple[str, ...] = ()
         if fit is not None:
-            own = {
-                "constant": name in dead,
-                "changed": column in changed,
-                "temperature": found.drift is not None and found.drift.steady_N is not None,
-                "warming_up": findings.settling(column),
+            holds = {
+                "constant": name in constant,
+                "changed": column in changes,
+                "temperature": channel.drift is not None and channel.drift.steady_N is not None,
+                "warming_up": analysis.is_settling(column),
             }
-            words = (
-                *whole,
-                *bent(fit, found, shape, running.channels[column].std),
-                *(word for word, stands in own.items() if stands),
+            caveats = (
+                *record_caveats,
+                *fit_caveats(fit, channel, shape, own.std),
+                *(caveat for caveat, true in holds.items() if true),
             )
-        shown[name] = report_builder.running(
-            found,
-            running.channels[column],
-            distribution=report_builder.distribution(
-                shape,
-                (float(recent.mean[column]), float(recent.std[column])),
-                report_builder.bias(name, means, fit, record.elapsed_s),
-                correlations[name],
-            ),
-            grade=ChannelGrade() if found.grade is not None and hindered else found.grade,
-            changes=changed.get(column, ()) if fit is not None else (),
-            caveats=tuple(dict.fromkeys(words)),
+        distribution = report_builder.distribution(
+            shape,
+            (float(recent.mean[column]), float(recent.std[column])),
+            correlations[name],
         )
-    return shown
+        channels[name] = replace(
+            channel,
+            **asdict(own),
+            distribution=report_builder.with_bias(distribution, name, means, fit, record.elapsed_s),
+            grade=ChannelGrade() if channel.grade is not None and no_grade else channel.grade,
+            changes=changes.get(column, ()) if fit is not None else (),
+            caveats=tuple(dict.fromkeys(caveats)),
+        )
+    return channels
 
 
-def grades(findings: Analysis, hindered: str | None) -> dict[str, SensorGrade]:
-    """Headlines; none of a record with an obstacle, nor of a sensor with an axis that never changes."""
-    dead, made = constants(findings), {}
-    for sensor, grade in findings.grades.items():
-        still = [name.partition("/")[2] for name in dead if sensor_of(name) == sensor]
-        if hindered is not None:
-            made[sensor] = SensorGrade(reason=hindered)
-        elif still:
-            made[sensor] = SensorGrade(
-                reason=f"{', '.join(still)} never changed: dead, stuck or not measured"
-            )
+def sensor_grades(analysis: Analysis, no_grade: str | None) -> dict[str, SensorGrade]:
+    """Return the headline of each sensor, without a grade if the record or a constant axis prevents it.
+
+    Parameters
+    ----------
+    no_grade : why nothing of the record can be graded; None if it can.
+    """
+    constant, grades = constant_channels(analysis), {}
+    for sensor, grade in analysis.grades.items():
+        axes = [name.partition("/")[2] for name in constant if sensor_of(name) == sensor]
+        if no_grade is not None:
+            grades[sensor] = SensorGrade(reason=no_grade)
+        elif axes:
+            reason = f"{', '.join(axes)} never changed: dead, stuck or not measured"
+            grades[sensor] = SensorGrade(reason=reason)
         else:
-            made[sensor] = grade
-    return made
+            grades[sensor] = grade
+    return grades

@@ -1,7 +1,7 @@
-"""Events of a monitor: what happened, each thing told once.
+"""Events of the pipeline: what happened, each thing once.
 
-The record only counts; here its counts are compared with what was told before. An event has no time of the
-room: whoever knows a clock stamps it.
+The record only counts. The event log compares its counts with those of the last call and keeps what is new.
+An event has no time: the caller, which has a clock, adds it.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Change, Event, SensorGrade, stamp
 from imumon.units import duration
 
-GAP_TELL_S = 10.0
-"""Sensor seconds between two events that tell of gaps."""
+GAP_EVENT_S = 10.0
+"""s of device time between two events about gaps: a lossy link must not flood the log. Not critical."""
 
-GRADE_STAYS = 1.1
-"""Growth of the record in which another grade must stay before it is told."""
+GRADE_HOLD = 1.1
+"""Growth of the record, as a factor, over which another grade must hold before it is an event: a value near
+the limit of two grades changes sides with every fit. Not critical."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectedEvent:
-    """An event without its time."""
+    """An event without its time; see `imumon.report.Event`."""
 
     kind: str
     text: str
@@ -34,31 +35,32 @@ class DetectedEvent:
     size: float | None = None
 
     def stamped(self, now: datetime, device: str) -> Event:
-        """The event of a report, told at `now` of `device`."""
+        """Return the event of `device` at the time `now`."""
         return Event(time=stamp(now), device=device, **asdict(self))
 
 
 class EventLog:
-    """Tell it what is; it keeps what is new until it is taken."""
+    """Events that were not read yet, and what earlier events have reported."""
 
     def __init__(self) -> None:
-        self._found: list[DetectedEvent] = []
-        self._gaps = (0, 0, 0.0)  # gaps and missing samples told so far, and when to tell again
+        self._events: list[DetectedEvent] = []
+        self._gaps, self._missing = 0, 0  # reported so far
+        self._next_gap_s = 0.0  # s of the record, earliest time of the next event about gaps
         self._at_rest = True
         self._warmup_s = 0.0
-        self._warming = self._warmed = False
-        self._constants: set[str] = set()
+        self._warming_up = self._warmup_reported = False
+        self._constant: set[str] = set()
         self._changes: set[tuple[int, str, str]] = set()
-        self._grades: dict[str, str | None] = {}  # as told
-        self._turning: dict[str, tuple[str | None, float]] = {}  # what they are instead, and since when
-        self._grades_known = False
+        self._grades: dict[str, str | None] = {}  # as reported
+        self._candidates: dict[str, tuple[str | None, float]] = {}  # other grades, and since when, s
+        self._first_grades_known = False
 
-    def take(self) -> list[DetectedEvent]:
-        """What happened since the last call, in order."""
-        found, self._found = self._found, []
-        return found
+    def drain(self) -> list[DetectedEvent]:
+        """Return and forget the events since the last call, in order."""
+        events, self._events = self._events, []
+        return events
 
-    def tell(
+    def add(
         self,
         kind: str,
         text: str,
@@ -66,99 +68,98 @@ class EventLog:
         length_s: float | None = None,
         channel: str | None = None,
     ) -> None:
-        """Tell one thing, `length_s` long, at the present end of the record."""
+        """Add one event, `length_s` long, at the present end of the record."""
         elapsed = record.elapsed_s if record else None
-        self._found.append(DetectedEvent(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
+        self._events.append(DetectedEvent(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
 
-    def resumed(self, record: Accumulators) -> None:
-        """The record was taken up: the gaps and grades it has were told before."""
-        self._gaps = (record.gaps, record.missing, 0.0)
-        self._grades_known = True
+    def record_restored(self, record: Accumulators) -> None:
+        """Note that the gaps and grades of a restored record have been reported before."""
+        self._gaps, self._missing, self._next_gap_s = record.gaps, record.missing, 0.0
+        self._first_grades_known = True
 
-    def from_guards(self, record: Accumulators) -> None:
-        """Tell what the guards cut out, of a warm-up that is over, and of rest and motion."""
-        for cut in record.found():
-            name = None if cut.channel is None else record.channels[cut.channel]
+    def update_guard(self, record: Accumulators) -> None:
+        """Add what the guard excluded, the end of a warm-up, and rest and motion."""
+        for found in record.new_disturbances():
+            name = None if found.channel is None else record.channels[found.channel]
             where = "" if name is None else f" on {name}"
-            length = cut.length * record.interval_s
-            self._found.append(
+            length = found.length * record.interval_s
+            shown = duration(length) if length >= 1 else f"{length:.2g} s"
+            self._events.append(
                 DetectedEvent(
                     "disturbance",
-                    f"{cut.kind}{where}: {duration(length) if length >= 1 else f'{length:.2g} s'} left out",
-                    elapsed_s=cut.start * record.interval_s,
+                    f"{found.kind}{where}: {shown} excluded",
+                    elapsed_s=found.start * record.interval_s,
                     channel=name,
                     length_s=length,
-                    size=cut.size,
+                    size=found.size,
                 )
             )
         warmup = record.warmup_s
         if warmup > self._warmup_s:
             self._warmup_s = warmup
-            self.tell("warmup", f"a warm-up of {duration(warmup)} is over and left out", record, warmup)
+            self.add("warmup", f"a warm-up of {duration(warmup)} is over and excluded", record, warmup)
         if record.at_rest != self._at_rest:
             self._at_rest = record.at_rest
             text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
-            self.tell("rest" if record.at_rest else "motion", text, record)
+            self.add("rest" if record.at_rest else "motion", text, record)
 
-    def from_warming(self, record: Accumulators, warming: bool) -> None:
-        """Tell, once, when a warm-up is over of which nothing is cut out; where something is, the cut is
-        told."""
-        over = self._warming and not warming
-        self._warming = warming
-        if over and not self._warmed and not record.warmup_s:
-            self._warmed = True
-            text = "the warm-up is over: it does not show in the record so far, nothing is cut out"
-            self.tell("warmup", text, record)
+    def update_warmup(self, record: Accumulators, warming_up: bool) -> None:
+        """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it."""
+        over = self._warming_up and not warming_up
+        self._warming_up = warming_up
+        if over and not self._warmup_reported and not record.warmup_s:
+            self._warmup_reported = True
+            text = "the warm-up is over: it does not show in the record so far, nothing is excluded"
+            self.add("warmup", text, record)
 
-    def from_gaps(self, record: Accumulators) -> None:
-        """Tell of gaps, those that came since the last telling in one line, ten seconds apart."""
-        new = record.gaps - self._gaps[0]
-        if not new or record.elapsed_s < self._gaps[2]:
-            return
-        missing = record.missing - self._gaps[1]
-        if not missing:
-            return  # of unknown length: told when it came
+    def update_gaps(self, record: Accumulators) -> None:
+        """Add the gaps since the last event about gaps as one event."""
+        new = record.gaps - self._gaps
+        missing = record.missing - self._missing
+        if not new or not missing or record.elapsed_s < self._next_gap_s:
+            return  # without missing samples the length is unknown: the monitor has added that event
         length = missing * record.interval_s
         plural = "gap" if new == 1 else f"{new} gaps"
-        self.tell("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", record, length)
-        self._gaps = (record.gaps, record.missing, record.elapsed_s + GAP_TELL_S)
+        self.add("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", record, length)
+        self._gaps, self._missing = record.gaps, record.missing
+        self._next_gap_s = record.elapsed_s + GAP_EVENT_S
 
-    def from_constants(self, names: Iterable[str], record: Accumulators) -> None:
-        """Tell of channels that never change, and of one that does after all."""
+    def update_constant(self, names: Iterable[str], record: Accumulators) -> None:
+        """Add channels that never change, and those that change after all."""
         now = set(names)
-        for name in sorted(now - self._constants):
-            self.tell("constant", f"{name} never changed: dead, stuck or not measured", record, channel=name)
-        for name in sorted(self._constants - now):
-            self.tell("constant", f"{name} changes now", record, channel=name)
-        self._constants = now
+        for name in sorted(now - self._constant):
+            self.add("constant", f"{name} never changed: dead, stuck or not measured", record, channel=name)
+        for name in sorted(self._constant - now):
+            self.add("constant", f"{name} changes now", record, channel=name)
+        self._constant = now
 
-    def from_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
-        """Tell of changes that are new, by column."""
-        told = {
-            (column, each.against, each.quantity): report_builder.sentence(record.channels[column], each)
+    def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
+        """Add changes that are new, by column."""
+        current = {
+            (column, each.against, each.quantity): report_builder.change_text(record.channels[column], each)
             for column, of_channel in changes.items()
             for each in of_channel
         }
-        for key, sentence in told.items():
+        for key, text in current.items():
             if key not in self._changes:
-                self.tell("change", sentence, record)
-        self._changes = set(told)
+                self.add("change", text, record)
+        self._changes = set(current)
 
-    def from_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
-        """Tell when a headline is another and has stayed so for a while: on the line between two it flips."""
+    def update_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
+        """Add a headline grade that differs from the reported one and has held for `GRADE_HOLD`."""
         elapsed = record.elapsed_s
         for sensor, grade in grades.items():
             now, before = grade.nearest, self._grades.get(sensor)
             if now == before:
-                self._turning.pop(sensor, None)
+                self._candidates.pop(sensor, None)
                 continue
-            turned, since = self._turning.get(sensor, (None, elapsed))
-            if turned != now or elapsed < since:  # of another record
+            candidate, since = self._candidates.get(sensor, (None, elapsed))
+            if candidate != now or elapsed < since:  # a shorter record is another one
                 since = elapsed
-            self._turning[sensor] = (now, since)
-            if sensor not in self._grades or elapsed >= since * GRADE_STAYS:
+            self._candidates[sensor] = (now, since)
+            if sensor not in self._grades or elapsed >= since * GRADE_HOLD:
                 self._grades[sensor] = now
-                if not self._grades_known:
+                if not self._first_grades_known:
                     was = f" (was {before})" if before else ""
-                    self.tell("grade", f"{sensor} is {now or 'without a grade'}{was}", record)
-        self._grades_known &= not grades
+                    self.add("grade", f"{sensor} is {now or 'without a grade'}{was}", record)
+        self._first_grades_known &= not grades

@@ -1,8 +1,8 @@
-"""Samples on the grid: from steps to dense blocks with a mask, holes and breaks.
+"""Gap filling: from steps of the sample clock to dense blocks, long gaps and breaks.
 
-The accumulators want equal steps. A few missing samples become rows that are marked invalid, so that a lossy
-line is still worked through in whole blocks; a long hole is one `Hole`, however long; a gap of unknown
-length is a `Break`.
+The accumulators need equal steps. A few missing samples become rows that are marked as missing, so that a
+lossy stream is still processed in whole blocks. A long gap of known length is one `LongGap`, however long. A
+gap of unknown length is a `Break`.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import numpy as np
 from imumon.samples import Bools, Floats
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
-LONG = 256
-"""Missing samples from which a gap is not filled row by row."""
+LONG_GAP = 256
+"""Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """Consecutive ticks.
+class DenseBlock:
+    """Consecutive ticks of the grid.
 
     Attributes
     ----------
-    values : (n, c) channel unit; 0 where nothing came.
-    present : (n,) whether a sample came, or None where all did.
-    saturated : (n,) or None.
+    values : (n, c) channel unit; 0 where the sample is missing.
+    present : (n,) ticks with a sample; None: all.
+    saturated : (n,) samples beyond a range; None: unknown.
     """
 
     values: Floats
@@ -38,8 +38,8 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Hole:
-    """So many ticks without a sample."""
+class LongGap:
+    """`ticks` consecutive ticks without a sample."""
 
     ticks: int
 
@@ -49,34 +49,35 @@ class Break:
     """A gap of unknown length."""
 
 
-Stretch: TypeAlias = Run | Hole | Break
+Segment: TypeAlias = DenseBlock | LongGap | Break
 
 
-def stretches(placed: PlacedSamples) -> Iterator[Stretch]:
-    """The grid of some placed samples, in order."""
+def fill_gaps(placed: PlacedSamples) -> Iterator[Segment]:
+    """Yield the grid of placed samples in order."""
     steps = placed.steps
     if not len(steps):
         return
     if (steps == 1).all():
-        yield Run(placed.values, None, placed.saturated)
+        yield DenseBlock(placed.values, None, placed.saturated)
         return
-    cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG)).tolist())
+    cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())
     edges = sorted({0, len(steps), *cuts})
     for start, end in itertools.pairwise(edges):
         if start in cuts:
-            yield Break() if steps[start] == BREAK else Hole(int(steps[start]) - 1)
-        yield _dense(placed, start, end, first=0 if start in cuts else int(steps[start]) - 1)
+            yield Break() if steps[start] == BREAK else LongGap(int(steps[start]) - 1)
+        yield _dense(placed, start, end, missing=0 if start in cuts else int(steps[start]) - 1)
 
 
-def _dense(placed: PlacedSamples, start: int, end: int, first: int) -> Run:
-    """Rows `start` to `end` with their short gaps filled; `first` ticks are missing before them."""
+def _dense(placed: PlacedSamples, start: int, end: int, missing: int) -> DenseBlock:
+    """Return rows `start` to `end` with their short gaps filled, after `missing` missing ticks."""
     steps = placed.steps[start:end].copy()
-    steps[0] = first + 1
+    steps[0] = missing + 1
     saturated = placed.saturated
     if (steps == 1).all():
-        return Run(placed.values[start:end], None, None if saturated is None else saturated[start:end])
+        flags = None if saturated is None else saturated[start:end]
+        return DenseBlock(placed.values[start:end], None, flags)
     rows = np.cumsum(steps) - 1
-    values = np.zeros((placed.values.shape[1], int(rows[-1]) + 1)).T  # one channel behind the other
+    values = np.zeros((placed.values.shape[1], int(rows[-1]) + 1)).T  # column-major: channels are contiguous
     values[rows] = placed.values[start:end]
     present = np.zeros(len(values), dtype=bool)
     present[rows] = True
@@ -84,4 +85,4 @@ def _dense(placed: PlacedSamples, start: int, end: int, first: int) -> Run:
     if saturated is not None:
         flags = np.zeros(len(values), dtype=bool)
         flags[rows] = saturated[start:end]
-    return Run(values, present, flags)
+    return DenseBlock(values, present, flags)

@@ -1,17 +1,17 @@
 """Monitor: samples in, Report out.
 
-    Monitor     chooses the stream, keeps its record, says what may be shown     monitor/__init__.py
-    grid        steps to dense blocks, holes and breaks                          monitor/grid.py
-    record      every accumulator of one stream                                  monitor/record.py
-    findings    fits, spectra and shapes, renewed when the record has grown      monitor/findings.py
-    trends      drift and comparisons, renewed now and then                      monitor/trends.py
-    verdict     what may be said of all this: caveats, changes, grades           monitor/verdict.py
-    describe    results in the words of the report                               monitor/describe.py
-    events      what happened, each thing told once                              monitor/events.py
+    monitor         chooses the stream, keeps its record, makes the report
+    gap_fill        steps of the sample clock to dense blocks, long gaps and breaks
+    accumulators    every accumulator of one stream
+    analysis        fits, spectra and shapes, recomputed when the record has grown
+    trends          drift and comparisons, recomputed less often
+    assessment      what the results mean: caveats, changes, grades
+    report_builder  results as parts of the report
+    events          what happened, each thing once
 
-It touches no port, no clock and no log: time is handed in. When several streams are on the line, the best
-is characterised (deltas, else uncompensated, else compensated); a better one that turns up later
-starts the record anew, for nothing may be mixed.
+The pipeline does no I/O and reads no clock: time is an argument. If several streams arrive, the best one is
+characterised: deltas, else uncompensated, else compensated. A better stream that appears later starts a new
+record, because streams must not be mixed.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from imumon.errors import ImumonError, RateRequired
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
@@ -33,24 +34,28 @@ from imumon.report import DeviceDescription, Report, SessionCounters, Signal, St
 from imumon.samples import SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
-PATIENCE = 100
-"""Samples of a stream without clock and rate after which no better one is waited for."""
+NO_CLOCK_SAMPLES = 100
+"""Samples of a stream without clock and rate after which the monitor stops waiting for another stream: a
+device that sends several streams has sent all of them by then. Not critical."""
 
-PATIENCE_S = 5.0
-"""s of such a stream after which none is waited for either: a hundred samples of a slow one take long."""
+NO_CLOCK_S = 5.0
+"""s, the same limit by the host clock, because 100 samples of a slow stream take long. Not critical."""
 
-SAME_RATE = 1e-3
-"""Relative difference up to which two intervals are one, learned twice."""
+SAME_INTERVAL = 1e-3
+"""Relative difference up to which a measured interval is that of the record: clocks agree to 1e-4."""
 
-RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
+SAME_GIVEN_RATE = 1e-6
+"""Relative difference up to which two configured rates are the same: they are equal but for rounding."""
+
+STREAM_RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
+"""Rank of a kind of stream: the highest is characterised."""
 
 
-class RateRequired(Exception):
-    """The stream has no clock and nobody told its rate."""
+class RecordMismatch(ImumonError):
+    """A record cannot be continued: ``other_guards``, ``other_stream`` or ``other_rate``.
 
-
-class RecordMismatch(ValueError):
-    """A saved record is whole, but of a run that counted other samples."""
+    The message completes "the record is ...".
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +64,10 @@ class MonitorOptions:
 
     Attributes
     ----------
-    guarded : cut out disturbances, motion and warm-up.
-    precision : asked 95 % half-width by coefficient, as a share of its value.
+    guarded : exclude disturbances, motion and warm-up.
+    precision : target of the 95 % half-width by coefficient, as a share of the value.
     period_s : s, between two reports.
-    baseline : an earlier report of this sensor, to compare with; None: there is none.
+    baseline : an earlier report of this sensor to compare with; None: there is none.
     """
 
     guarded: bool = True
@@ -71,103 +76,100 @@ class MonitorOptions:
     baseline: Report | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _RestoredRecord:
+    """A restored record that waits for the first samples to confirm its stream."""
+
+    stream: Stream
+    clock: SampleClock
+    record: Accumulators
+    restarts: int
+
+
 class Monitor:
-    """Feed it sample blocks, ask it for a report.
+    """Turn sample blocks into reports.
+
+    Parameters
+    ----------
+    rate_hz : Hz, configured rate, for a stream without a clock; None: unknown.
 
     Attributes
     ----------
-    stream : the one that is characterised, None before the first sample.
-    refused : why a saved record could not be taken up, once it is known; None: it was, or there was none.
-    rate_hz : told from outside: by the sensor's registers or by the user; None where nobody knows.
+    options : how to monitor.
+    stream : the stream that is characterised; None before the first sample.
+    mismatch : why the record before this one could not be continued; None: it was, or there was none. The
+        caller resets it.
+    rate_hz : Hz; the caller may set it when the device reports its rate.
+    restarts : breaks of unknown length and new records.
     """
 
-    def __init__(self, wanted: MonitorOptions | None = None, *, rate_hz: float | None = None) -> None:
-        self.wanted = wanted or MonitorOptions()
+    def __init__(self, options: MonitorOptions | None = None, *, rate_hz: float | None = None) -> None:
+        self.options = options or MonitorOptions()
         self.rate_hz = rate_hz
         self.stream: Stream | None = None
+        self.mismatch: RecordMismatch | None = None
         self.restarts = 0
-        self._timeline: SampleClock | None = None
+        self._clock: SampleClock | None = None
         self._record: Accumulators | None = None
-        self._findings: Analysis | None = None
+        self._analysis: Analysis | None = None
         self._events = EventLog()
-        self._unrated = ""  # message of a stream that wants a rate
-        self._waited, self._waited_s = 0, 0.0
-        self._passed_s = 0.0  # of the room, with blocks of other streams
-        self._resumed: tuple[Stream, SampleClock, Accumulators, int] | None = None
-        self.refused: str | None = None
+        self._restored: _RestoredRecord | None = None
+        self._no_clock_source = ""  # message of a stream that needs a rate
+        self._no_clock_samples, self._no_clock_s = 0, 0.0
+        self._other_streams_s = 0.0  # by the host clock, since the last block of this stream
 
-    def feed(self, block: SampleBlock, *, room_s: float | None = None) -> None:
-        """Take a block; those of other streams than the characterised one are passed over.
+    def feed(self, block: SampleBlock, *, host_s: float | None = None) -> None:
+        """Process a block. Blocks of other streams than the characterised one are ignored.
 
         Parameters
         ----------
-        room_s : s of the sensor's time since the last call by another clock; None where nobody knows.
+        host_s : s of device time since the last call, by the host clock; None: unknown.
 
         Raises
         ------
-        RateNeeded : the stream has no clock and no rate was given.
+        RateRequired : the stream has no clock and no rate is configured.
         """
-        passed = None if room_s is None else self._passed_s + room_s
-        if not len(block) or not self._chosen(block.stream):
-            self._passed_s = passed or 0.0
-            self._without_rate(block, room_s or 0.0)
+        passed = None if host_s is None else self._other_streams_s + host_s
+        if not len(block) or not self._select(block.stream):
+            self._other_streams_s = passed or 0.0
+            self._count_without_rate(block, host_s or 0.0)
             return
-        assert self._timeline is not None
-        self._passed_s = 0.0
-        for placed in self._timeline.place(block, room_s=passed):
-            self._take(placed)
-        rest = self._timeline.rest
-        if self._timeline.changed and rest is not None:
-            self._begin_anew(
-                f"of another rate, {self.sample_rate_hz or 0.0:g} Hz", "the sensor's rate has changed"
-            )
-            self._timeline = SampleClock(rest.stream.clock)
+        assert self._clock is not None
+        self._other_streams_s = 0.0
+        for placed in self._clock.place(block, room_s=passed):
+            self._accumulate(placed)
+        rest = self._clock.rest
+        if self._clock.changed and rest is not None:
+            rate = self.sample_rate_hz or 0.0
+            mismatch = RecordMismatch("other_rate", f"of another rate, {rate:g} Hz")
+            self._start_new_record(mismatch, "the sample rate of the sensor has changed")
+            self._clock = SampleClock(rest.stream.clock)
             self.feed(rest)
 
-    def _without_rate(self, block: SampleBlock, room_s: float) -> None:
-        """Ask for the rate of a stream without a clock, unless another one comes soon."""
-        if self.stream is None:
-            self._unrated = block.stream.source
-            self._waited += len(block)
-            self._waited_s += room_s
-            if self._waited > PATIENCE or self._waited_s > PATIENCE_S:
-                raise self._rate_needed()
-
-    def _rate_needed(self) -> RateRequired:
-        return RateRequired(f"{self._unrated} has no clock: give its sample rate with --rate")
-
-    def _begin_anew(self, refused: str, why: str) -> None:
-        """The record that was is over; nothing of it goes on."""
-        if self._record is not None:
-            self.refused = refused
-            self.restarts += 1
-        self._events.tell("restart", f"{why}: a new record begins", self._record)
-        self._record = self._findings = None
-
     def gap(self, length_s: float | None = None) -> None:
-        """The link was lost, about so long by the room's clock; the sensor's tells exactly, later."""
-        if self._timeline is not None:
-            self._timeline.gap(length_s)
+        """Note that the connection was interrupted for `length_s` by the host clock; None: unknown."""
+        if self._clock is not None:
+            self._clock.gap(length_s)
 
     def flush(self) -> None:
-        """The stream has ended or stands still: let nothing be held back.
+        """Process everything that is held back: the stream has ended or is interrupted.
 
         Raises
         ------
-        RateNeeded : there was nothing but a stream without a clock, and no rate was given.
+        RateRequired : there was only a stream without a clock, and no rate is configured.
         """
-        if self.stream is None and self._unrated:
-            raise self._rate_needed()
-        if self._timeline is not None:
-            for placed in self._timeline.finish():
-                self._take(placed)
+        if self.stream is None and self._no_clock_source:
+            raise self._rate_required()
+        if self._clock is not None:
+            for placed in self._clock.finish():
+                self._accumulate(placed)
         if self._record is not None:
             self._record.flush()
-            self._events.from_guards(self._record)
+            self._events.update_guard(self._record)
 
     def events(self) -> list[DetectedEvent]:
-        """What happened since the last call, in order."""
-        return self._events.take()
+        """Return what happened since the last call, in order."""
+        return self._events.drain()
 
     @property
     def samples(self) -> int:
@@ -176,7 +178,7 @@ class Monitor:
 
     @property
     def sample_rate_hz(self) -> float | None:
-        """Rate of the grid, None before it is known."""
+        """Rate of the grid; None before it is known."""
         return 1.0 / self._record.interval_s if self._record else None
 
     def report(
@@ -189,37 +191,37 @@ class Monitor:
         device_caveats: tuple[str, ...] = (),
         speed: float = 1.0,
     ) -> Report:
-        """Everything known now.
+        """Return everything known at this moment.
 
         Parameters
         ----------
         now : time of the report.
-        device, session : as the caller knows them (identity, link counters); the rest is filled in here.
-        device_caveats : from the stream and the sensor's settings, such as ``aliased``.
+        device, session : what the caller knows (identity, link counters); the monitor adds the rest.
+        device_caveats : from the stream and the settings of the sensor, such as ``aliased``.
+        speed : device seconds per second of the host clock.
         """
-        session = self._session(session)
-        device = self._device(device)
+        counters = self._counters(session)
         bare = Report(
             time=stamp(now),
-            device=device,
+            device=self._described(device),
             state=state,
-            session=session,
-            period_s=self.wanted.period_s,
+            session=counters,
+            period_s=self.options.period_s,
             speed=speed,
         )
-        record, findings = self._record, self._findings
-        if record is None or findings is None:
+        record, analysis = self._record, self._analysis
+        if record is None or analysis is None:
             return bare
-        findings.renew(now=state != "running")
-        caveats = (*device_caveats, *assessment.caveats(record, guarded=self.wanted.guarded))
-        changes = assessment.changes(record, findings, self.wanted.baseline)
-        obstacle = assessment.obstacle(record)
-        grades = assessment.grades(findings, obstacle)
-        self._events.from_constants(assessment.constants(findings), record)
-        self._events.from_changes(changes, record)
-        self._events.from_grades(grades, record)
-        channels = assessment.channels(record, findings, caveats, changes, obstacle)
-        self._events.from_warming(record, any("warming_up" in made.caveats for made in channels.values()))
+        analysis.update(force=state != "running")
+        caveats = (*device_caveats, *assessment.record_caveats(record, guarded=self.options.guarded))
+        changes = assessment.detect_changes(record, analysis, self.options.baseline)
+        reason = assessment.no_grade_reason(record)
+        grades = assessment.sensor_grades(analysis, reason)
+        self._events.update_constant(assessment.constant_channels(analysis), record)
+        self._events.update_changes(changes, record)
+        self._events.update_grades(grades, record)
+        channels = assessment.assess_channels(record, analysis, caveats, changes, reason)
+        self._events.update_warmup(record, any("warming_up" in each.caveats for each in channels.values()))
         return replace(
             bare,
             grade=grades,
@@ -228,24 +230,21 @@ class Monitor:
             limits=LIMITS,
         )
 
-    @property
-    def renewals(self) -> int:
-        """How often all that is dear was worked out, which takes memory that is free again then."""
-        return self._findings.renewals if self._findings else 0
-
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
-        """What a signal view draws of some channels: strips; histogram and spectrum are in the report."""
+        """Return minimum and maximum per time column of some channels."""
         record = self._record
         if record is None:
             return {}
         return {
-            name: signal(name, record.strip, record.channels.index(name), record.interval_s)
+            name: signal(name, record.envelope, record.channels.index(name), record.interval_s)
             for name in channels
             if name in record.channels
         }
 
+    # ------------------------------------------------------------------ saved state
+
     def save(self) -> tuple[dict[str, Any], Mapping[str, npt.NDArray[Any]]]:
-        """State that `resume` continues from; only of a monitor that has samples.
+        """Return the state that `restore` continues from. The monitor must have samples.
 
         Returns
         -------
@@ -253,133 +252,158 @@ class Monitor:
         arrays : small arrays by name.
         """
         assert self.stream is not None
-        assert self._timeline is not None
+        assert self._clock is not None
         assert self._record is not None
-        meta, arrays = self._record.save()
-        whole = {
+        record, arrays = self._record.save()
+        meta = {
             "stream": asdict(self.stream),
-            "timeline": self._timeline.save(),
-            "record": meta,
-            "guarded": self.wanted.guarded,
+            "clock": self._clock.save(),
+            "record": record,
+            "guarded": self.options.guarded,
             "restarts": self.restarts,
         }
-        return whole, arrays
+        return meta, arrays
 
-    def resume(self, meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], away_s: float) -> None:
-        """Take up a saved record, once the first samples show that the stream is the same.
+    def restore(self, meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], away_s: float) -> None:
+        """Continue a saved record as soon as the first samples show that the stream is the same.
 
         Parameters
         ----------
-        meta, arrays : as `save` gave them.
-        away_s : s of the sensor's time since it was saved, as far as the room's clock tells.
+        meta, arrays : from `save`.
+        away_s : s of device time since it was saved, by the host clock.
 
         Raises
         ------
-        OtherRun : it was made with the guards on, and they are off, or the other way round.
+        RecordMismatch : it was made with guards and they are off, or the other way round.
         KeyError, ValueError, TypeError : not a state of this version.
         """
         stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
-        if bool(meta["guarded"]) != self.wanted.guarded:
-            raise RecordMismatch("of a run with the guards " + ("on" if meta["guarded"] else "off"))
-        timeline = SampleClock.restore(stream.clock, dict(meta["timeline"]))
-        timeline.gap(away_s)
-        interval = float(meta["timeline"]["interval_s"])
-        record = self._new_record(stream, interval)
-        record.resume(meta["record"], dict(arrays))
-        self._resumed = (stream, timeline, record, int(meta["restarts"]))
+        if bool(meta["guarded"]) != self.options.guarded:
+            setting = "on" if meta["guarded"] else "off"
+            raise RecordMismatch("other_guards", f"of a run with the guards {setting}")
+        clock = SampleClock.restore(stream.clock, dict(meta["clock"]))
+        clock.gap(away_s)
+        record = self._new_record(stream, float(meta["clock"]["interval_s"]))
+        record.restore(meta["record"], dict(arrays))
+        self._restored = _RestoredRecord(stream, clock, record, int(meta["restarts"]))
 
-    def take_up(self) -> None:
-        """Stand by the record that `resume` took, with no sample to confirm it: to report, not to go on."""
-        if self._resumed is not None:
-            self._take_up(self._resumed[0], None)
+    def accept_restored(self) -> None:
+        """Use the restored record without samples that confirm its stream: to report, not to continue."""
+        if self._restored is not None:
+            self._continue_restored(self._restored.stream, None)
 
-    def _take_up(self, stream: Stream, interval: float | None) -> bool:
-        """Whether the saved record is one of this stream; else it is refused, with the reason."""
-        if self._resumed is None:
+    def _continue_restored(self, stream: Stream, interval_s: float | None) -> bool:
+        """Return whether the restored record belongs to `stream` and is continued; else note why not."""
+        restored, self._restored = self._restored, None
+        if restored is None:
             return False
-        saved, timeline, record, restarts = self._resumed
-        self._resumed = None
-        known = record.interval_s
+        saved, known = restored.stream, restored.record.interval_s
         if saved != stream:
-            self.refused = f"of another stream, {saved.kind} from {saved.source}"
-        elif stream.clock == "none" and interval is not None and abs(interval / known - 1.0) > 1e-6:
-            self.refused = f"of another rate, {1.0 / known:g} Hz"
-        else:
-            self.stream, self._timeline, self.restarts = stream, timeline, restarts
-            self._begin(record)
-            self._events.resumed(record)
-            return True
-        return False
+            text = f"of another stream, {saved.kind} from {saved.source}"
+            self.mismatch = RecordMismatch("other_stream", text)
+            return False
+        given = stream.clock == "none" and interval_s is not None
+        if given and interval_s is not None and abs(interval_s / known - 1.0) > SAME_GIVEN_RATE:
+            self.mismatch = RecordMismatch("other_rate", f"of another rate, {1.0 / known:g} Hz")
+            return False
+        self.stream, self._clock, self.restarts = stream, restored.clock, restored.restarts
+        self._set_record(restored.record)
+        self._events.record_restored(restored.record)
+        return True
 
-    def _chosen(self, stream: Stream) -> bool:
-        """Whether `stream` is the one to characterise; a better one starts a new record."""
-        now = self.stream
-        if now is not None:
-            if stream == now:
+    # ------------------------------------------------------------------ streams and records
+
+    def _select(self, stream: Stream) -> bool:
+        """Return whether `stream` is the one to characterise. A better one starts a new record."""
+        current = self.stream
+        if current is not None:
+            if stream == current:
                 return True
-            if _rank(stream) <= _rank(now):
+            if _rank(stream) <= _rank(current):
                 return False
-            better = f"a better stream is on the line, {stream.kind} from {stream.source}"
-            self._begin_anew(f"of another stream, {now.kind} from {now.source}", better)
+            text = f"of another stream, {current.kind} from {current.source}"
+            why = f"there is a better stream, {stream.kind} from {stream.source}"
+            self._start_new_record(RecordMismatch("other_stream", text), why)
         interval = stream.interval_s
         if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
-        if self._take_up(stream, interval):
+        if self._continue_restored(stream, interval):
             return True
         if stream.clock == "none" and interval is None:
             return False
         self.stream = stream
-        self._timeline = SampleClock(stream.clock, interval)
+        self._clock = SampleClock(stream.clock, interval)
         return True
 
-    def _take(self, placed: PlacedSamples) -> None:
-        """Samples with their place, into the record."""
+    def _count_without_rate(self, block: SampleBlock, host_s: float) -> None:
+        """Require a rate for a stream without a clock, unless another stream appears soon."""
+        if self.stream is None:
+            self._no_clock_source = block.stream.source
+            self._no_clock_samples += len(block)
+            self._no_clock_s += host_s
+            if self._no_clock_samples > NO_CLOCK_SAMPLES or self._no_clock_s > NO_CLOCK_S:
+                raise self._rate_required()
+
+    def _rate_required(self) -> RateRequired:
+        message = f"{self._no_clock_source} has no clock"
+        return RateRequired("rate_required", message, "give its sample rate with --rate")
+
+    def _accumulate(self, placed: PlacedSamples) -> None:
+        """Add placed samples to the record; samples of another interval start a new one."""
         assert self.stream is not None
-        assert self._timeline is not None
-        if self._record is None:
-            interval = self._timeline.interval_s
-            assert interval is not None
-            self._begin(self._new_record(self.stream, interval))
-        elif abs(self._record.interval_s / (self._timeline.interval_s or 1.0) - 1.0) > SAME_RATE:
-            known = f"of another rate, {1.0 / self._record.interval_s:g} Hz"
-            self._begin_anew(known, "the sensor's rate is not that of the saved record")
+        assert self._clock is not None
+        interval = self._clock.interval_s
+        record = self._record
+        if record is not None and abs(record.interval_s / (interval or 1.0) - 1.0) > SAME_INTERVAL:
+            text = f"of another rate, {1.0 / record.interval_s:g} Hz"
+            why = "the sample rate of the sensor is not that of the saved record"
+            self._start_new_record(RecordMismatch("other_rate", text), why)
             placed.steps[0] = 1
-            self._take(placed)
-            return
+        if self._record is None:
+            assert interval is not None
+            self._set_record(self._new_record(self.stream, interval))
         assert self._record is not None
         breaks = int((placed.steps == BREAK).sum())
         if breaks:
             self.restarts += breaks
-            self._events.tell(
-                "restart", "the sensor's clock began anew: a gap of unknown length", self._record
-            )
+            text = "the clock of the sensor was reset: a gap of unknown length"
+            self._events.add("restart", text, self._record)
         self._record.feed(placed)
-        self._events.from_guards(self._record)
+        self._events.update_guard(self._record)
 
     def _new_record(self, stream: Stream, interval_s: float) -> Accumulators:
-        return Accumulators(
-            stream.channels, interval_s, averaged=stream.averaged, guarded=self.wanted.guarded
-        )
+        guarded = self.options.guarded
+        return Accumulators(stream.channels, interval_s, averaged=stream.averaged, guarded=guarded)
 
-    def _begin(self, record: Accumulators) -> None:
+    def _set_record(self, record: Accumulators) -> None:
         assert self.stream is not None
         self._record = record
-        averaged = self.stream.averaged
-        self._findings = Analysis(record, averaged=averaged, precision=self.wanted.precision)
+        averaged, precision = self.stream.averaged, self.options.precision
+        self._analysis = Analysis(record, averaged=averaged, precision=precision)
 
-    def _session(self, link: SessionCounters) -> SessionCounters:
-        """The caller's counters with those of the record."""
-        record, timeline = self._record, self._timeline
+    def _start_new_record(self, mismatch: RecordMismatch, why: str) -> None:
+        """End the record; the next samples start a new one."""
+        if self._record is not None:
+            self.mismatch = mismatch
+            self.restarts += 1
+        self._events.add("restart", f"{why}: a new record begins", self._record)
+        self._record = self._analysis = None
+
+    # ------------------------------------------------------------------ parts of the report
+
+    def _counters(self, link: SessionCounters) -> SessionCounters:
+        """Return the counters of the caller with those of the record."""
+        record, clock = self._record, self._clock
         if record is None:
             return link
-        self._events.from_gaps(record)
+        self._events.update_gaps(record)
         return replace(
             link,
             elapsed_s=record.elapsed_s,
             samples=record.samples,
             missing=record.missing,
             gaps=record.gaps,
-            duplicates=timeline.duplicates if timeline else 0,
+            duplicates=clock.duplicates if clock else 0,
             disturbances=record.disturbances,
             excluded_s=record.excluded_s,
             excluded_by=record.excluded_by,
@@ -387,8 +411,8 @@ class Monitor:
             restarts=link.restarts + self.restarts,
         )
 
-    def _device(self, device: DeviceDescription) -> DeviceDescription:
-        """The caller's facts, filled in with what the samples themselves say."""
+    def _described(self, device: DeviceDescription) -> DeviceDescription:
+        """Return the description of the caller with what the samples show."""
         if self.stream is None:
             return device
         return replace(
@@ -402,9 +426,9 @@ class Monitor:
 
 
 def _rank(stream: Stream) -> tuple[int, int, int]:
-    """Which of two streams is to be characterised: the greater."""
+    """Return the rank of a stream: the stream of the highest rank is characterised."""
     return (
-        RANK[stream.kind],
+        STREAM_RANK[stream.kind],
         sum(name.startswith(("gyro", "accel")) for name in stream.channels),
         len(stream.channels),
     )

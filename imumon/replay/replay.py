@@ -17,6 +17,7 @@ from typing import Any, Protocol, TextIO
 from imumon import pipeline, report
 from imumon.bus import Publisher
 from imumon.devices.vn100 import Vn100Decoder
+from imumon.errors import RateRequired
 from imumon.pipeline import Monitor
 from imumon.recordings import (
     LinkLoss,
@@ -214,7 +215,7 @@ def replay(
                 run.publish(bus, "running")
             pace.keep(run.elapsed_s)
     except RateUnknown as error:
-        raise pipeline.RateRequired(str(error)) from None
+        raise RateRequired("rate_required", str(error)) from None
     run.monitor.flush()
     final = run.report("stopped")
     if not final.session.samples:

@@ -307,9 +307,7 @@ def _tick(value: float, ticks: Sequence[float]) -> str:
 def histogram(scene: ViewState, width: int, height: int) -> list[Line]:
     """Distribution of the values, with the Gaussian of the same mean and deviation over it."""
     channel = scene.channel or ""
-    found: Histogram | None = scene.signal.histogram if scene.signal is not None else None
-    if found is None and scene.chosen is not None:
-        found = scene.chosen.histogram
+    found: Histogram | None = scene.chosen.histogram if scene.chosen is not None else None
     factor, unit = scene.notation.scale(channel)
     title = padded(
         [
@@ -345,9 +343,7 @@ def histogram(scene: ViewState, width: int, height: int) -> list[Line]:
 def spectrum(scene: ViewState, width: int, height: int) -> list[Line]:
     """Root of the spectral density over frequency, log-log, with its lines marked."""
     channel = scene.channel or ""
-    found: Spectrum | None = scene.signal.spectrum if scene.signal is not None else None
-    if found is None and scene.chosen is not None:
-        found = scene.chosen.spectrum
+    found: Spectrum | None = scene.chosen.spectrum if scene.chosen is not None else None
     factor, unit = scene.notation.scale(channel)
     root = scene.notation.unit("sqrt(Hz)")
     title = padded([(" " * GUTTER, "text"), ("spectrum", "title"), (f"  [{unit}/{root}]", "muted")], width)

@@ -115,14 +115,15 @@ def _signal(scene: ViewState) -> list[Iterable[object]]:
     if strip is not None:
         times = (strip.start_s + k * strip.column_s for k in range(len(strip.low)))
         out += zip(times, strip.low, strip.high, strict=False)
-    if found.histogram is not None:
-        h = found.histogram
+    channel = scene.chosen
+    if channel is not None and channel.histogram is not None:
+        h = channel.histogram
         out += [(), ("bin_start", "count", "gaussian")]
         out += [
             (h.start + k * h.width, c, g) for k, (c, g) in enumerate(zip(h.counts, h.gaussian, strict=False))
         ]
-    if found.spectrum is not None:
-        s = found.spectrum
+    if channel is not None and channel.spectrum is not None:
+        s = channel.spectrum
         out += [
             (),
             ("frequency_hz", "density", "averages"),

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imumon.messages import lacking
+from imumon.messages import no_value_text
 from imumon.report import Coefficient, TimeTo
 from imumon.samples import UNITS, sensor_of
 from imumon.units import DEG, READABLE, SI, duration, measured, number, pretty
@@ -150,7 +150,7 @@ class Notation:
             return measured(value, low, high, self.about, self.times)[:CELL], "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
-        if (why := lacking(part)) is not None:
+        if (why := no_value_text(part)) is not None:
             return why, "warn"
         return (f"in {about(seconds)}", "muted") if seconds else ("pending", "faint")
 

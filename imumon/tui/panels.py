@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from imumon.messages import caveats, told, within
+from imumon.messages import caveat_lines, caveats, within
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import sensor_of
 from imumon.tui.block_letters import headline
@@ -290,7 +290,7 @@ def _caveats(scene: ViewState, width: int, height: int) -> list[Line]:
     if report is None or height < 1:
         return []
     lines: list[Line] = []
-    for caveat in told(report):
+    for caveat in caveat_lines(report):
         for k, text in enumerate(wrap(caveat, max(width - 6, 10))):
             lines.append([("   ! " if not k else "     ", "warn"), (text, "muted")])
     return [padded(line, width) for line in lines[:height]]

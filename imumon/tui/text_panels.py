@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from imumon.devices.vn100.register_text import describe_setting
-from imumon.messages import CLOCKS, cut_by, follows, told
+from imumon.messages import CLOCKS, caveat_lines, excluded_by, follows_temperature
 from imumon.report import Channel, Drift, Event, Report
 from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
@@ -125,7 +125,7 @@ def _link(report: Report) -> list[Line]:
 
 def _left_out(report: Report) -> list[Line]:
     s = report.session
-    by, alone = cut_by(report)
+    by, alone = excluded_by(report)
     return [
         _title("Cut out"),
         _pair("disturbances", f"{s.disturbances:,}"),
@@ -139,7 +139,7 @@ def _left_out(report: Report) -> list[Line]:
 def _notes(report: Report, width: int) -> list[Line]:
     """Caveats of the numbers, and what is not known of the sensor or not as it should be."""
     lines: list[Line] = []
-    for caveat in (*told(report), *report.device.remarks):
+    for caveat in (*caveat_lines(report), *report.device.remarks):
         for k, text in enumerate(wrap(caveat, max(width - 5, 10))):
             lines.append([("  ! " if not k else "    ", "warn"), (text, "text")])
     return [_title("Caveats"), *lines] if lines else []
@@ -293,7 +293,7 @@ def _effect(found: Drift | None, factor: float, unit: str) -> list[Line]:
     """What a degree does to the mean, where it does more than the noise."""
     if found is None or found.per_degC is None:
         return []
-    if not follows(found):
+    if not follows_temperature(found):
         return [[("   its effect: no more than noise", "muted")]]
     parts: list[Line] = [[(f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text")]]
     if found.explained is not None:

@@ -1,14 +1,14 @@
-"""Reference: what a sensor's own noise looks like, learned robustly while it runs.
+"""Baseline: the noise of a sensor at rest, learned robustly while it runs.
 
-To tell a knock from noise one must know the noise. Time is cut into *frames* of ten *parts*, about 1 s and
-0.1 s. Of every quiet frame four figures are kept for each channel: its mean, the deviation of the samples
-about it, that of the parts about it, and how far the mean lies from the level, the median of the `NEAR` quiet
-frames before it. Medians over the last `FRAMES` of them are the reference: half of those frames may be
-disturbed before it moves.
+To detect a knock one must know the noise. Time is cut into *frames* of ten *parts*, about 1 s and 0.1 s. Of
+every quiet frame four figures are kept for each channel: its mean, the deviation of the samples about it,
+that of the parts about it, and the distance of the mean from the level, which is the median of the
+`LEVEL_FRAMES` quiet frames before it. Medians over the last `BASELINE_FRAMES` of them are the baseline: half
+of those frames may be disturbed before it moves.
 
-The scales change at fixed frame numbers only (2, 3, 4, 6, 8, 12, 16, 32, 64, 128, then every `FRAMES`), so
-that decisions do not depend on how the samples were handed in. While few frames stand behind them, the
-thresholds are wider by the uncertainty of the scales themselves.
+The scales change at fixed frame numbers only (2, 3, 4, 6, 8, 12, 16, 32, 64, 128, then every
+`BASELINE_FRAMES`), so that decisions do not depend on how the samples are chunked. While they rest on few
+frames, the thresholds are wider by the uncertainty of the scales themselves.
 """
 
 from __future__ import annotations
@@ -20,46 +20,86 @@ import numpy as np
 from imumon.samples import Bools, Floats
 
 PARTS = 10
-FRAMES = 128
-NEAR = 8
+"""Parts of a frame: of about 0.1 s, the shortest time that is excluded."""
+BASELINE_FRAMES = 128
+"""Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes."""
+LEVEL_FRAMES = 8
+"""Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it."""
 SCHEDULE = (2, 3, 4, 6, 8, 12, 16, 32, 64, 128)
-REST_FRAMES = 16
-"""Frames that are asked whether they are rest."""
+"""Quiet frames after which the scales change. Not critical."""
+KNOWN_SHARE = 0.25
+"""Valid share of a frame from which it is assessed. Not critical."""
 
 SAMPLE_SIGMA = 7.0
+"""Standard deviations of a sample that are unusual: 3e-12, less than one in a month at 800 Hz."""
 PART_SIGMA = 7.0
+"""Standard deviations of the mean of a part that are unusual."""
 MEAN_SIGMA = 7.0
+"""Standard deviations of the mean of a frame from the level that are unusual."""
 SPREAD_SIGMA = 6.0
+"""Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`."""
 LEAST_RATIO = 1.5
-"""A frame is called restless when its deviation exceeds the usual one by `SPREAD_SIGMA` of the usual scatter
-of its logarithm, and by this factor at least."""
+"""Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little."""
 
-REST_LIMIT = {"gyro": 1.5e-3, "accel": 3e-2}
-"""Allan deviation at 1 s, rad/s and m/s^2, above which a sensor with a coloured spectrum is not at rest: two
-to three times what the consumer grade has; a parked car with its engine running stays below, a driven one
-does not."""
-ABSURD = 20.0
-"""Times `REST_LIMIT`: 100 deg/sqrt(h), above which a sensor with a white spectrum is not at rest either. No
-sensor is so noisy; one that is shaken is."""
-TURNING = 0.1
-"""rad/s that the gyroscope reads on end, by its length: more than the bias of a sensor at rest."""
+REST_LIMIT_GYRO = 1.5e-3
+"""rad/s, Allan deviation at 1 s above which a gyroscope with a coloured spectrum is not at rest: two to three
+times the consumer grade. A parked car with its engine running stays below, a driven one does not."""
+REST_LIMIT_ACCEL = 3e-2
+"""m/s^2, the same limit of an accelerometer."""
+WHITE_FACTOR = 20.0
+"""Factor on these limits above which a sensor with a white spectrum is not at rest either: 100 deg/sqrt(h) is
+no sensor, but one that is shaken."""
+TURN_RATE = 0.1
+"""rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest."""
+REST_FRAMES = 16
+"""Frames by which rest is assessed, the last ones. Not critical."""
+LEAST_REST_FRAMES = 4
+"""Frames below which the sensor is taken to be at rest. Not critical."""
+COLOURED_STEP = 2.0
+"""Ratio of the steps between frames to what white noise of the parts makes, above which noise is coloured."""
+COLOURED_PARTS = 1.5
+"""Ratio of the deviation of the parts to what white noise of the samples makes, above which it is
+coloured."""
+FILTER_RATE_HZ = 200.0
+"""Hz, rate above which samples are not independent: behind a sensor filter of 5 ms. Not critical."""
+
+MAD_SIGMA = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745."""
+MEDIAN_ERROR = 1.25
+"""Standard error of a median over that of a mean, sqrt(pi / 2)."""
+SCALE_MARGIN = 4.0
+"""Standard errors of a scale by which thresholds of samples and parts are wider. Not critical."""
+SHIFT_ERROR = 1.2
+"""Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
+SHIFT_MARGIN = 3.0
+"""Standard errors of the scatter of the means by which its threshold is wider. Not critical."""
+MOST_SCATTER = 3.0
+"""Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
+
+COARSE_SIGMA = 0.3
+"""Deviation, in quantisation steps, below which a channel mostly stands still and is not knocked by a
+step."""
+COARSE_PEAK_STEPS = 3.0
+"""Quantisation steps that a sample of such a channel may be off."""
+COARSE_MEAN_STEPS = 2.0
+"""Quantisation steps that the mean of a part or a frame of such a channel may be off."""
 
 ROUNDING = 1e-12
-"""Of the level: what sums of equal numbers may be off by."""
+"""Share of the level by which sums of equal numbers may differ."""
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
-    """Figures of some frames, in channel units, one row a frame.
+class FrameStatistics:
+    """Figures of some frames, in channel units, one row per frame.
 
     Attributes
     ----------
     mean : (k, c) about zero.
-    rms : (k, c) deviation of the samples about the frame's mean.
-    parts : (k, c) deviation of the parts' means about the frame's mean.
-    peak : (k, c) greatest distance of a sample from the frame's mean.
-    part_peak : (k, c) greatest distance of a part's mean from the frame's mean.
-    known : (k,) enough samples are valid to say so.
+    rms : (k, c) deviation of the samples about the mean of the frame.
+    parts : (k, c) deviation of the means of the parts about the mean of the frame.
+    peak : (k, c) greatest distance of a sample from the mean of the frame.
+    part_peak : (k, c) greatest distance of the mean of a part from the mean of the frame.
+    known : (k,) enough samples are valid.
     """
 
     mean: Floats
@@ -69,26 +109,26 @@ class Frames:
     part_peak: Floats
     known: Bools
 
-    def __getitem__(self, rows: slice | Bools) -> Frames:
-        return Frames(*(getattr(self, name)[rows] for name in self.__slots__))
+    def __getitem__(self, rows: slice | Bools) -> FrameStatistics:
+        return FrameStatistics(*(getattr(self, name)[rows] for name in self.__slots__))
 
     @classmethod
-    def joined(cls, frames: list[Frames]) -> Frames:
-        """Several in a row as one."""
+    def joined(cls, frames: list[FrameStatistics]) -> FrameStatistics:
+        """Return consecutive frames as one object."""
         return cls(*(np.concatenate([getattr(f, name) for f in frames]) for name in cls.__slots__))
 
     @classmethod
-    def of(cls, d: Floats, seen: Bools | None, level: Floats) -> Frames:
-        """Figures of frames given as parts.
+    def of(cls, d: Floats, usable: Bools | None, level: Floats) -> FrameStatistics:
+        """Return the figures of frames.
 
         Parameters
         ----------
-        d : (c, k, PARTS, part) channel unit, distance from `level`; 0.0 where not seen.
-        seen : (k, PARTS, part) samples that may be judged; None: all.
+        d : (c, k, PARTS, part) channel unit, distance from `level`; 0.0 if not usable.
+        usable : (k, PARTS, part) samples that may be assessed; None: all.
         level : (c,) channel unit.
         """
         c, k, parts, part = d.shape
-        if seen is None:
+        if usable is None:
             means = (d.reshape(-1, part) @ np.full(part, 1.0 / part)).reshape(c, k, parts)
             mean = means.mean(axis=2)
             flat = d.reshape(c, k, parts * part)
@@ -99,17 +139,17 @@ class Frames:
             part_peak = np.abs(means).max(axis=2)
             known = np.ones(k, dtype=bool)
         else:
-            count = seen.sum(axis=2)  # (k, PARTS)
+            count = usable.sum(axis=2)  # (k, PARTS)
             n = np.maximum(count.sum(axis=1), 1)
             filled = np.maximum((count > 0).sum(axis=1), 1)
             mean = d.sum(axis=(2, 3)) / n
             square = np.einsum("ckpm,ckpm->ck", d, d) / n
-            peak = (np.abs(d - mean[:, :, None, None]) * seen).max(axis=(2, 3))
+            peak = (np.abs(d - mean[:, :, None, None]) * usable).max(axis=(2, 3))
             # A part with few samples scatters more: weighted so that full parts give the plain deviation.
             means = d.sum(axis=3) / np.maximum(count, 1) - mean[:, :, None]
             spread = (count * means**2).sum(axis=2) / n * (n / (filled * part))
             part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
-            known = n >= 0.25 * parts * part
+            known = n >= KNOWN_SHARE * parts * part
         rms = np.sqrt(np.maximum(square - mean**2, 0.0))
         return cls((mean + level[:, None]).T, rms.T, np.sqrt(spread).T, peak.T, part_peak.T, known)
 
@@ -119,45 +159,45 @@ class NoiseBaseline:
 
     Parameters
     ----------
-    sensors : sensor of each channel.
+    sensors : (c,) sensor of each channel.
     frame : samples of a frame, a multiple of `PARTS`.
     rate_hz : Hz.
 
     Attributes
     ----------
     frames : quiet frames learned from, in all.
-    rests : what was learned can be a sensor at rest.
     stale : frames since the last quiet one.
-    origin : (c,) channel unit, near the level: a place to count from, so that no digits are lost.
-    sample, part, shift : (c,) channel unit, thresholds for a sample's distance from its frame's mean, a
-        part's
-        from it, and the frame's mean from the level.
+    at_rest : what was learned can be a sensor at rest.
+    origin : (c,) channel unit, near the level: sums are relative to it and lose no digits.
+    sample, part, shift : (c,) channel unit, thresholds for the distance of a sample from the mean of its
+        frame, of a part from it, and of the mean of a frame from the level.
     """
 
     def __init__(self, sensors: tuple[str, ...], frame: int, rate_hz: float) -> None:
         c = len(sensors)
+        limits = {"gyro": REST_LIMIT_GYRO, "accel": REST_LIMIT_ACCEL}
         self._frame = frame
         self._gyro = [i for i, s in enumerate(sensors) if s == "gyro"]
-        self._limit = np.array([REST_LIMIT.get(s, np.inf) for s in sensors])
-        # Behind the sensor's own filter of 5 ms, samples faster than 200 Hz are not independent.
-        self._white = np.sqrt(PARTS / frame * max(1.0, rate_hz / 200.0))
-        self._ring = np.full((FRAMES, 4, c), np.nan)  # mean, ln rms, ln parts, |mean - level|
+        self._rest_limit = np.array([limits.get(s, np.inf) for s in sensors])
+        self._white = np.sqrt(PARTS / frame * max(1.0, rate_hz / FILTER_RATE_HZ))
+        # ring by frame number: mean, ln rms, ln parts, |mean - level|
+        self._ring = np.full((BASELINE_FRAMES, 4, c), np.nan)
         self.frames = 0
         self.stale = 0
+        self.at_rest = True
         self.origin = np.zeros(c)
-        self._near = np.zeros((NEAR, c))
+        self._recent_means = np.zeros((LEVEL_FRAMES, c))  # newest first
         self._scale = np.zeros((2, c))  # ln rms, ln parts
-        self._scatter = np.zeros((2, c))
-        self.rests = True
+        self._scatter = np.zeros((2, c))  # standard deviation of these
         self.sample = np.full(c, np.inf)
         self.part = np.full(c, np.inf)
         self.shift = np.full(c, np.inf)
-        self._step = np.full(c, np.inf)  # least peak of a frame other than 0: one step of a quantised channel
-        self._allowed = np.full((5, c), np.inf)
+        self._step = np.full(c, np.inf)  # least peak of a frame but 0: a step of a quantised channel
+        self._limits = np.full((5, c), np.inf)
 
     @property
     def ready(self) -> bool:
-        """Whether enough quiet frames were learned from to judge others."""
+        """Whether it has learned from enough quiet frames to assess others."""
         return bool(self.frames >= SCHEDULE[0])
 
     @property
@@ -166,31 +206,31 @@ class NoiseBaseline:
         for at in SCHEDULE:
             if self.frames < at:
                 return at - self.frames
-        return FRAMES - self.frames % FRAMES
+        return BASELINE_FRAMES - self.frames % BASELINE_FRAMES
 
     @property
     def level(self) -> Floats:
         """(c,) channel unit, median of the means of the last quiet frames."""
-        return _median(self._near[: min(self.frames, NEAR)], self.origin)
+        return _median(self._recent_means[: min(self.frames, LEVEL_FRAMES)], self.origin)
 
     def levels(self, means: Floats) -> Floats:
-        """(k, c) Level before each of some frames, were they all quiet.
+        """Return (k, c) the level before each of some frames, if they all were quiet.
 
         Parameters
         ----------
         means : (k, c) channel unit.
         """
-        k, before = len(means), min(self.frames, NEAR)
-        row = np.concatenate((self._near[:before][::-1], means))
-        if before == NEAR:
-            windows = np.empty((NEAR, *means.shape))
-            for i in range(NEAR):
-                windows[i] = row[i : i + k]
+        k, before = len(means), min(self.frames, LEVEL_FRAMES)
+        row = np.concatenate((self._recent_means[:before][::-1], means))
+        if before == LEVEL_FRAMES:
+            windows = np.stack([row[i : i + k] for i in range(LEVEL_FRAMES)])
             windows.sort(axis=0)
-            return np.asarray(0.5 * (windows[NEAR // 2 - 1] + windows[NEAR // 2]), dtype=np.float64)
-        return np.stack([_median(row[max(0, before + i - NEAR) : before + i], self.origin) for i in range(k)])
+            middle = windows[(LEVEL_FRAMES - 1) // 2] + windows[LEVEL_FRAMES // 2]
+            return np.asarray(0.5 * middle, dtype=np.float64)
+        spans = [row[max(0, before + i - LEVEL_FRAMES) : before + i] for i in range(k)]
+        return np.stack([_median(span, self.origin) for span in spans])
 
-    def add(self, quiet: Frames) -> None:
+    def add(self, quiet: FrameStatistics) -> None:
         """Learn from quiet frames, all of them known."""
         step = self.next_change
         if len(quiet.mean) > step:
@@ -200,110 +240,128 @@ class NoiseBaseline:
         k = len(quiet.mean)
         if not k:
             return
-        self._see(quiet)
+        self._update_step(quiet)
         tiny = np.finfo(np.float64).tiny
         ring = self._ring
-        at = (self.frames + np.arange(k)) % FRAMES
+        at = (self.frames + np.arange(k)) % BASELINE_FRAMES
         ring[at, 0] = quiet.mean
         ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
         ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
         ring[at, 3] = np.abs(quiet.mean - self.levels(quiet.mean))
         if not self.frames:
             ring[0, 3] = np.nan
-        self._near = np.concatenate((quiet.mean[::-1][:NEAR], self._near))[:NEAR]
+        newest = quiet.mean[::-1][:LEVEL_FRAMES]
+        self._recent_means = np.concatenate((newest, self._recent_means))[:LEVEL_FRAMES]
         self.stale = 0
         self.frames += k
         if k == step:
-            self._change()
+            self._update_scales()
 
-    def _see(self, frames: Frames) -> None:
+    def skip(self, frames: int) -> None:
+        """Note that `frames` frames were disturbed or missing: the level may have moved."""
+        self.stale += frames
+
+    def unusual(self, frames: FrameStatistics) -> Bools:
+        """Return (k, c) the frames that are not the noise of this sensor."""
+        self._update_step(frames)
+        if not self.ready:
+            return np.zeros(frames.mean.shape, dtype=bool)
+        peak, part_peak, mean, rms, parts = self._limits
+        found = (frames.peak > peak) | (frames.part_peak > part_peak)
+        # a random walk continues during the frames that were not learned from
+        shift = mean * np.sqrt(1.0 + self.stale / LEVEL_FRAMES)
+        found |= np.abs(frames.mean - self.levels(frames.mean)) > shift
+        found |= (frames.rms > rms) | (frames.parts > parts)
+        return np.asarray(found & frames.known[:, None], dtype=bool)
+
+    def _update_step(self, frames: FrameStatistics) -> None:
         """Note the least step that a channel makes."""
         least = np.where(frames.peak > 0.0, frames.peak, np.inf).min(axis=0, initial=np.inf)
         np.minimum(self._step, least, out=self._step)
 
-    def miss(self, frames: int) -> None:
-        """So many frames were disturbed or missing: the level may have moved on."""
-        self.stale += frames
-
-    def _change(self) -> None:
-        n = min(self.frames, FRAMES)
+    def _update_scales(self) -> None:
+        """Recompute scales and thresholds from the frames in the ring."""
+        n = min(self.frames, BASELINE_FRAMES)
         self.origin = self.level
         logs = self._ring[:n, 1:3]
         self._scale = _median(logs, self._scale)
         floor = np.array([[(2.0 * self._frame) ** -0.5], [(2.0 * PARTS - 2.0) ** -0.5]])
-        scatter = 1.4826 * _median(np.abs(logs - self._scale), np.zeros_like(self._scale))
-        self._scatter = np.minimum(np.maximum(scatter, floor), 3.0 * floor)
-        unsure = 1.0 + 4.0 * 1.25 * self._scatter / np.sqrt(n)
+        scatter = MAD_SIGMA * _median(np.abs(logs - self._scale), np.zeros_like(self._scale))
+        self._scatter = np.minimum(np.maximum(scatter, floor), MOST_SCATTER * floor)
+        wider = 1.0 + SCALE_MARGIN * MEDIAN_ERROR * self._scatter / np.sqrt(n)
         rms, parts = np.exp(self._scale)
-        self.sample = SAMPLE_SIGMA * unsure[0] * rms
-        self.part = PART_SIGMA * unsure[1] * parts
-        shift = 1.4826 * _median(self._ring[:n, 3], np.zeros_like(rms))
-        # A frame's mean scatters by at least what white noise leaves of the parts; before some distances
+        self.sample = SAMPLE_SIGMA * wider[0] * rms
+        self.part = PART_SIGMA * wider[1] * parts
+        shift = MAD_SIGMA * _median(self._ring[:n, 3], np.zeros_like(rms))
+        # The mean of a frame scatters by at least what white noise leaves of the parts; before some distances
         # are known, by no more than the parts themselves.
-        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + 3.0 * 1.2 / np.sqrt(n))
-        self.shift = MEAN_SIGMA * (known if n > NEAR else np.maximum(parts, known))
-        # what is constant differs from its level by rounding
+        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
+        self.shift = MEAN_SIGMA * (known if n > LEVEL_FRAMES else np.maximum(parts, known))
+        # a constant channel differs from its level by rounding
         for limit in (self.sample, self.part, self.shift):
             np.maximum(limit, ROUNDING * np.abs(self.origin), out=limit)
-        self._allowed = self._limits()
-        self.rests = self._looks_like_rest(n)
+        self._limits = self._thresholds()
+        self.at_rest = self._is_rest(n)
 
-    def restless(self, frames: Frames) -> Bools:
-        """(k, c) Frames that are not this sensor's noise."""
-        self._see(frames)
-        if not self.ready:
-            return np.zeros(frames.mean.shape, dtype=bool)
-        allowed = self._allowed
-        odd = (frames.peak > allowed[0]) | (frames.part_peak > allowed[1])
-        # A random walk goes on while nobody looks.
-        shift = allowed[2] * np.sqrt(1.0 + self.stale / NEAR)
-        odd |= np.abs(frames.mean - self.levels(frames.mean)) > shift
-        odd |= (frames.rms > allowed[3]) | (frames.parts > allowed[4])
-        return np.asarray(odd & frames.known[:, None], dtype=bool)
-
-    def _limits(self) -> Floats:
-        """(5, c) Thresholds for peak, part_peak, distance of the mean, rms and parts."""
-        rms, parts = np.exp(self._scale + np.maximum(SPREAD_SIGMA * self._scatter, np.log(LEAST_RATIO)))
-        limits = np.stack((self.sample, self.part, self.shift, rms, parts))
+    def _thresholds(self) -> Floats:
+        """Return (5, c) thresholds for peak, part_peak, distance of the mean, rms and parts."""
+        wider = np.maximum(SPREAD_SIGMA * self._scatter, np.log(LEAST_RATIO))
+        limits = np.stack((self.sample, self.part, self.shift, *np.exp(self._scale + wider)))
         # A channel that mostly stands still and now and then moves by one step is not knocked by that step.
-        coarse = np.exp(self._scale[0]) < 0.3 * self._step
-        steps = np.array([3.0, 2.0, 2.0, 1.0, 1.0])[:, None] * np.where(coarse, self._step, 0.0)
+        coarse = np.exp(self._scale[0]) < COARSE_SIGMA * self._step
+        allowed = np.array([COARSE_PEAK_STEPS, COARSE_MEAN_STEPS, COARSE_MEAN_STEPS, 1.0, 1.0])
+        steps = allowed[:, None] * np.where(coarse, self._step, 0.0)
         return np.asarray(np.maximum(np.maximum(limits, steps), ROUNDING * np.abs(self.origin)))
 
-    def _looks_like_rest(self, n: int) -> bool:
-        """By absolute measure, over the last `REST_FRAMES` of `n` frames: see `REST_LIMIT`, `ABSURD`
-        and `TURNING`."""
-        if float(np.linalg.norm(self.level[self._gyro])) > TURNING:
+    def _is_rest(self, n: int) -> bool:
+        """Return whether the last of `n` frames can be rest, by absolute limits."""
+        if float(np.linalg.norm(self.level[self._gyro])) > TURN_RATE:
             return False
         k = min(n, REST_FRAMES)
-        if k < 4:
+        if k < LEAST_REST_FRAMES:
             return True
-        rows = self._ring[(self.frames - k + np.arange(k)) % FRAMES]
-        nothing = np.zeros(rows.shape[2])
-        step = _median(np.abs(np.diff(rows[:, 0], axis=0)), nothing) * (1.4826 / np.sqrt(2.0))
-        rms, parts = np.exp(_median(rows[:, 1], nothing)), np.exp(_median(rows[:, 2], nothing))
-        coloured = (step > 2.0 * parts / np.sqrt(PARTS)) | (parts > 1.5 * self._white * rms)
-        return not bool(np.any((step > self._limit) & (coloured | (step > ABSURD * self._limit))))
+        rows = self._ring[(self.frames - k + np.arange(k)) % BASELINE_FRAMES]
+        zero = np.zeros(rows.shape[2])
+        step = _median(np.abs(np.diff(rows[:, 0], axis=0)), zero) * (MAD_SIGMA / np.sqrt(2.0))
+        rms, parts = np.exp(_median(rows[:, 1], zero)), np.exp(_median(rows[:, 2], zero))
+        coloured = step > COLOURED_STEP * parts / np.sqrt(PARTS)
+        coloured |= parts > COLOURED_PARTS * self._white * rms
+        limit = self._rest_limit
+        return not bool(np.any((step > limit) & (coloured | (step > WHITE_FACTOR * limit))))
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
+        """Return the state as arrays."""
         return {n.strip("_"): getattr(self, n).copy() for n in _STATE} | {
-            "frames": np.array([self.frames, self.rests, self.stale])
+            "frames": np.array([self.frames, self.at_rest, self.stale])
         }
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Continue where `save` left off."""
+        """Continue from a saved state."""
         for name in _STATE:
             setattr(self, name, np.array(saved[name.strip("_")]))
-        self.frames, rests, self.stale = (int(v) for v in saved["frames"])
-        self.rests = bool(rests)
+        self.frames, at_rest, self.stale = (int(v) for v in saved["frames"])
+        self.at_rest = bool(at_rest)
 
 
-_STATE = ("_ring", "_near", "origin", "_scale", "_scatter", "sample", "part", "shift", "_step", "_allowed")
+_STATE = (
+    "_ring",
+    "_recent_means",
+    "origin",
+    "_scale",
+    "_scatter",
+    "sample",
+    "part",
+    "shift",
+    "_step",
+    "_limits",
+)
 
 
 def _median(rows: Floats, otherwise: Floats) -> Floats:
-    """Median over the first axis of what is finite; `otherwise` where nothing is."""
+    """Return the median of the finite numbers over the first axis; `otherwise` if there are none.
+
+    numpy's nanmedian takes fifty times as long on a few rows.
+    """
     if not len(rows):
         return otherwise
     rows = np.sort(rows, axis=0)  # NaN last

@@ -1,10 +1,10 @@
-"""Watch: the channels that sit on one table, what is usual there, and what is not.
+"""Disturbances: frames of the sensors on one table that differ from their baseline.
 
-Judges frame after frame against the `NoiseBaseline` and learns from the quiet ones. A frame that differs is
-searched part by part; where some parts explain it, only they are marked. Disturbed for most of ten frames
-means not at rest: everything is marked until five quiet frames follow, or until sixteen frames at a new level
-or with a new noise look like rest by themselves; they become the reference then (the engine was started, the
-table was tilted), and the record breaks there, since a difference across would be no noise either.
+The detector assesses frame after frame against the `NoiseBaseline` and learns from the quiet ones. A frame
+that differs is searched part by part; if some parts explain it, only they are marked. Disturbed for most of
+ten frames means not at rest: everything is marked until five quiet frames follow, or until sixteen frames at
+a new level or with a new noise look like rest by themselves. They become the baseline then (the engine was
+started, the table was tilted), and the record breaks there, because a difference across is not noise either.
 """
 
 from __future__ import annotations
@@ -16,35 +16,44 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.detection.baseline import PARTS, Frames, NoiseBaseline
+from imumon.noise.detection.baseline import PARTS, FrameStatistics, NoiseBaseline
 from imumon.samples import Bools, Floats
 
 Codes: TypeAlias = npt.NDArray[np.int8]
-Reason: TypeAlias = Literal["glitch", "knock", "motion", "clipped", "stuck", "loop", "magnetic"]
-REASONS: tuple[Reason, ...] = ("glitch", "knock", "motion", "clipped", "stuck", "loop", "magnetic")
-"""Reasons in rising order of rank: where several hold, the last one is told. Codes are their places, from
-1."""
+Reason: TypeAlias = Literal["glitch", "knock", "motion", "clipped", "stuck", "magnetic"]
+REASONS: tuple[Reason, ...] = ("glitch", "knock", "motion", "clipped", "stuck", "magnetic")
+"""Reasons in rising rank: if several hold, the last one counts. The code of a reason is its place, from 1."""
 
-GLITCH, KNOCK, MOTION, CLIPPED, STUCK, LOOP, MAGNETIC = range(1, 8)
+GLITCH, KNOCK, MOTION, CLIPPED, STUCK, MAGNETIC = range(1, 7)
 INERTIAL = ("gyro", "accel")
-RESTLESS_OF_TEN = 8
-QUIET_AGAIN = 5
-SETTLED = 16
-STRAY = 0.15
-"""Share of frames that a new reference may find restless among those it was learned from."""
+
+WINDOW_FRAMES = 10
+"""Frames by which motion is recognised, the last ones. Not critical."""
+MOTION_FRAMES = 8
+"""Unusual frames among them that mean motion: a knock and its echo take fewer."""
+QUIET_FRAMES = 5
+"""Quiet frames in a row that end motion."""
+NEW_BASELINE_FRAMES = 16
+"""Frames of motion that are tried as a new baseline: enough to know its scales to 20 %."""
+MOST_UNUSUAL = 0.15
+"""Share of these frames that may be unusual by the baseline that was learned from them."""
+LARGEST_SHARE = 0.5
+"""Share of the parts of a frame up to which single parts explain it. Not critical."""
+ONE_AXIS = 0.5
+"""Repeats of the median axis over those of the most repeating one, below which that one alone is stuck."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """A stretch that was cut out.
+    """An excluded stretch of samples.
 
     Attributes
     ----------
     kind : the reason.
     start : samples on the grid since the guard began, margin included.
     length : samples, margins included.
-    size : channel unit, greatest distance from the level; None where that says nothing (stuck, loop).
-    channel : index of the channel where that distance is greatest against its noise, or which alone is
+    size : channel unit, greatest distance from the level; None if that says nothing (stuck).
+    channel : index of the channel where that distance is greatest relative to its noise, or which alone is
         stuck; None: no single one.
     """
 
@@ -56,169 +65,174 @@ class Disturbance:
 
 
 class DisturbanceDetector:
-    """Guards the channels of some sensors together.
+    """Assess the channels of some sensors together.
 
     Parameters
     ----------
-    sensors : sensor of each channel of the stream.
-    kinds : the sensors to watch.
+    sensors : (c,) sensor of each channel of the stream.
+    kinds : sensors that are assessed.
     frame : samples of a frame, a multiple of `PARTS`.
     rate_hz : Hz.
 
     Attributes
     ----------
-    channels, groups : what is watched, as places in the stream.
-    reference : what is usual.
-    moving : frames since the motion was recognised, 0 at rest.
-    open : the disturbance that is running: start, end, code; empty when none is.
+    channels, groups : columns and groups of the stream that are assessed.
+    baseline : the usual noise.
+    moving : frames since motion was recognised; 0 at rest.
+    open : start, end and code of the running disturbance; empty if there is none.
     """
 
     def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int, rate_hz: float) -> None:
         self.inertial = kinds == INERTIAL
         self.channels = [i for i, s in enumerate(sensors) if s in kinds]
         self.groups = [g for g, s in enumerate(dict.fromkeys(sensors)) if s in kinds]
-        self._fresh = tuple(sensors[i] for i in self.channels), frame, rate_hz
-        self.reference = NoiseBaseline(*self._fresh)
+        self._baseline_arguments = tuple(sensors[i] for i in self.channels), frame, rate_hz
+        self.baseline = NoiseBaseline(*self._baseline_arguments)
         self.moving = 0
-        self._restless = [False] * 10  # the last frames, newest last
-        self._lately: list[Frames] = []  # while moving: candidates for a new reference
+        self._unusual = [False] * WINDOW_FRAMES  # the last frames, newest last
+        self._candidates: list[FrameStatistics] = []  # while moving: frames for a new baseline
         self.open: list[int] = []
-        self._size = (0.0, 0.0, 0)  # of it: relative to the noise, in channel unit, channel
-        self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # of it: values like the one before
+        self._size = (0.0, 0.0, 0)  # of the running disturbance: over the noise, in channel unit, channel
+        self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # within it: values equal to the last
 
-    def compare(self, x: Floats, seen: Bools | None, codes: Codes, index: int) -> list[int]:
-        """Judge frames, learn from the quiet ones; returns where on the grid the record breaks.
+    def assess(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> list[int]:
+        """Assess frames and learn from the quiet ones. Return the places on the grid of breaks.
 
         Parameters
         ----------
         x : (c, k, PARTS, part) channel unit.
-        seen : (k, PARTS, part) rows that may be judged; None: all.
-        codes : (k, PARTS), to be written.
+        usable : (k, PARTS, part) rows that may be assessed; None: all.
+        codes : (k, PARTS), output.
         index : place on the grid of the first row.
         """
         k, frame = x.shape[1], x.shape[2] * x.shape[3]
-        if not self.moving and not any(self._restless):
-            frames, _ = self._figures(x, seen)
-            if frames.known.all() and not self.reference.restless(frames).any():
+        if not self.moving and not any(self._unusual):
+            frames, _ = self._figures(x, usable)
+            if frames.known.all() and not self.baseline.unusual(frames).any():
                 self._learn(frames, codes)
                 return []
         breaks = []
         for f in range(k):
-            one = None if seen is None else seen[f : f + 1]
-            if self._one(x[:, f : f + 1], one, codes[f : f + 1]):
+            own = None if usable is None else usable[f : f + 1]
+            if self._assess_frame(x[:, f : f + 1], own, codes[f : f + 1]):
                 breaks.append(index + (f + 1) * frame)
         return breaks
 
-    def begin(self, x: Floats, seen: Bools | None, codes: Codes) -> None:
-        """Judge the first frames by one another, so that a record may begin with a knock.
+    def assess_first(self, x: Floats, usable: Bools | None, codes: Codes) -> None:
+        """Assess the first frames by one another, because a record may begin with a knock.
 
         Parameters
         ----------
-        x, seen, codes : as of `compare`.
+        x, usable, codes : see `assess`.
         """
-        frames, _ = self._figures(x, seen)
-        self.reference.add(frames[frames.known])
-        if not self.reference.ready:
+        frames, _ = self._figures(x, usable)
+        self.baseline.add(frames[frames.known])
+        if not self.baseline.ready:
             return
-        restless = self.reference.restless(frames).any(axis=1)
-        for f in np.flatnonzero(restless).tolist():
-            one = None if seen is None else seen[f : f + 1]
-            codes[f] = self._search(self._figures(x[:, f : f + 1], one)[1], one)
-        self._restless = [*self._restless, *np.ravel(restless).tolist()][-len(self._restless) :]
-        quiet = frames.known & ~restless
-        if restless.any() and quiet.sum() >= 2:
-            self.reference = NoiseBaseline(*self._fresh)
-            self.reference.add(frames[quiet])
-        self._doubt(codes)
+        unusual = np.asarray(self.baseline.unusual(frames).any(axis=1), dtype=bool)
+        for f in np.flatnonzero(unusual).tolist():
+            own = None if usable is None else usable[f : f + 1]
+            codes[f] = self._locate(self._figures(x[:, f : f + 1], own)[1], own)
+        self._unusual = [*self._unusual, *map(bool, unusual)][-WINDOW_FRAMES:]
+        quiet = frames.known & ~unusual
+        if unusual.any() and quiet.sum() >= 2:
+            self.baseline = NoiseBaseline(*self._baseline_arguments)
+            self.baseline.add(frames[quiet])
+        self._check_rest(codes)
 
-    def _figures(self, x: Floats, seen: Bools | None) -> tuple[Frames, Floats]:
-        d = x - self.reference.origin[:, None, None, None]
-        if seen is not None:
-            d *= seen
-        return Frames.of(d, seen, self.reference.origin), d
+    def _figures(self, x: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
+        d = x - self.baseline.origin[:, None, None, None]
+        if usable is not None:
+            d *= usable
+        return FrameStatistics.of(d, usable, self.baseline.origin), d
 
-    def _one(self, x: Floats, seen: Bools | None, codes: Codes) -> bool:
-        """Judge one frame; True where the record breaks behind it."""
-        frames, d = self._figures(x, seen)
-        restless = bool(self.reference.restless(frames).any())
-        self._restless = [*self._restless[1:], restless]
-        if restless:
-            codes[:] = self._search(d, seen)
-        if restless or not frames.known[0]:
-            self.reference.miss(1)
+    def _assess_frame(self, x: Floats, usable: Bools | None, codes: Codes) -> bool:
+        """Assess one frame. Return whether the record breaks behind it."""
+        frames, d = self._figures(x, usable)
+        unusual = bool(self.baseline.unusual(frames).any())
+        self._unusual = [*self._unusual[1:], unusual]
+        if unusual:
+            codes[:] = self._locate(d, usable)
+        if unusual or not frames.known[0]:
+            self.baseline.skip(1)
         if self.moving:
             self.moving += 1
             codes[:] = MOTION
             if frames.known[0]:
-                self._lately.append(frames)
-            if self.reference.ready and not any(self._restless[-QUIET_AGAIN:]):
-                self.moving, self._lately = 0, []
-            elif len(self._lately) >= SETTLED:
-                return self._settled()
-        elif sum(self._restless) >= RESTLESS_OF_TEN:
-            self.moving, self._lately = 1, []
+                self._candidates.append(frames)
+            if self.baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
+                self.moving, self._candidates = 0, []
+            elif len(self._candidates) >= NEW_BASELINE_FRAMES:
+                return self._try_new_baseline()
+        elif sum(self._unusual) >= MOTION_FRAMES:
+            self.moving, self._candidates = 1, []
             codes[:] = MOTION
-        elif not restless and frames.known[0]:
+        elif not unusual and frames.known[0]:
             self._learn(frames, codes)
         return False
 
-    def _learn(self, frames: Frames, codes: Codes) -> None:
-        """Add quiet frames."""
-        self.reference.add(frames)
-        self._doubt(codes)
+    def _learn(self, frames: FrameStatistics, codes: Codes) -> None:
+        self.baseline.add(frames)
+        self._check_rest(codes)
 
-    def _doubt(self, codes: Codes) -> None:
-        """Where what was taken for noise turns out to be motion, forget it."""
-        if self.inertial and not self.reference.rests:
-            self.reference = NoiseBaseline(*self._fresh)
-            self.moving, self._lately = 1, []
+    def _check_rest(self, codes: Codes) -> None:
+        """Discard a baseline that turns out to be motion."""
+        if self.inertial and not self.baseline.at_rest:
+            self.baseline = NoiseBaseline(*self._baseline_arguments)
+            self.moving, self._candidates = 1, []
             codes[:] = MOTION
 
-    def _settled(self) -> bool:
-        """Take the last frames as the new reference if they are rest by themselves."""
-        frames = Frames.joined(self._lately)
-        self._lately = []
-        trial = NoiseBaseline(*self._fresh)
+    def _try_new_baseline(self) -> bool:
+        """Use the last frames as the baseline if they are rest. Return whether the record breaks."""
+        frames = FrameStatistics.joined(self._candidates)
+        self._candidates = []
+        trial = NoiseBaseline(*self._baseline_arguments)
         trial.add(frames)
-        if not trial.rests or trial.restless(frames).any(axis=1).mean() > STRAY:
+        if not trial.at_rest or trial.unusual(frames).any(axis=1).mean() > MOST_UNUSUAL:
             return False
-        self.reference, self.moving = trial, 0
-        self._restless = [False] * len(self._restless)
+        self.baseline, self.moving = trial, 0
+        self._unusual = [False] * WINDOW_FRAMES
         return self.inertial
 
-    def _search(self, d: Floats, seen: Bools | None) -> Codes:
-        """(PARTS,) codes of a restless frame: the parts that explain it, or all of them.
+    def _locate(self, d: Floats, usable: Bools | None) -> Codes:
+        """Return (PARTS,) codes of an unusual frame: the parts that explain it, or all of them.
 
         Parameters
         ----------
-        d : (c, 1, PARTS, part) channel unit, distance from the level; 0.0 where not seen.
-        seen : (1, PARTS, part) or None.
+        d : (c, 1, PARTS, part) channel unit, distance from the level; 0.0 if not usable.
+        usable : (1, PARTS, part) or None.
         """
-        reference = self.reference
-        far = d[:, 0] - (reference.level - reference.origin)[:, None, None]
-        if seen is not None:
-            far *= seen[0]
-        samples = np.abs(far) > (reference.sample + reference.shift)[:, None, None]
+        baseline = self.baseline
+        distance = d[:, 0] - (baseline.level - baseline.origin)[:, None, None]
+        if usable is not None:
+            distance *= usable[0]
+        samples = np.abs(distance) > (baseline.sample + baseline.shift)[:, None, None]
         hit = samples.any(axis=(0, 2))
         rows = np.flatnonzero(samples.any(axis=0))
         glitch = len(rows) > 0 and bool(rows[-1] - rows[0] <= 1)
         if not glitch:
-            means = np.abs(far.mean(axis=2)) > (reference.part + reference.shift)[:, None]
+            means = np.abs(distance.mean(axis=2)) > (baseline.part + baseline.shift)[:, None]
             hit |= means.any(axis=0)
-        if 0 < hit.sum() <= PARTS // 2:
+        if 0 < hit.sum() <= LARGEST_SHARE * PARTS:
             rest = np.array(np.broadcast_to(~hit[None, :, None], d.shape[1:]))
-            if seen is not None:
-                rest &= seen
-            if not reference.restless(Frames.of(d * rest, rest, reference.origin)).any():
+            if usable is not None:
+                rest &= usable
+            if not baseline.unusual(FrameStatistics.of(d * rest, rest, baseline.origin)).any():
                 return np.where(hit, GLITCH if glitch else KNOCK, 0).astype(np.int8)
         return np.full(PARTS, KNOCK, dtype=np.int8)
 
-    def miss(self, frames: int) -> None:
-        """So many frames are missing altogether."""
-        self.reference.miss(frames)
+    def skip(self, frames: int) -> None:
+        """Note that `frames` frames are missing."""
+        self.baseline.skip(frames)
 
     def extend(self, start: int, end: int, code: int, values: Floats) -> None:
-        """A disturbance begins or goes on; `values` (n, c) are its samples in all channels of the stream."""
+        """Begin or extend the running disturbance.
+
+        Parameters
+        ----------
+        start, end : places on the grid.
+        values : (n, c) channel unit, its samples in all channels of the stream.
+        """
         if not self.open:
             self.open, self._size = [start, end, code], (0.0, 0.0, 0)
             self._repeats[:] = 0
@@ -226,42 +240,42 @@ class DisturbanceDetector:
         if not len(values):
             return
         self._repeats += (np.diff(values[:, self.channels], axis=0) == 0.0).sum(axis=0)
-        far = np.abs(values[:, self.channels] - self.reference.level).max(axis=0)
-        relative = far / np.maximum(self.reference.sample, np.finfo(np.float64).tiny)
+        distance = np.abs(values[:, self.channels] - self.baseline.level).max(axis=0)
+        relative = distance / np.maximum(self.baseline.sample, np.finfo(np.float64).tiny)
         worst = int(np.argmax(relative))
         if relative[worst] >= self._size[0]:
-            self._size = (float(relative[worst]), float(far[worst]), self.channels[worst])
+            self._size = (float(relative[worst]), float(distance[worst]), self.channels[worst])
 
-    def closed(self) -> Disturbance:
-        """End of the running disturbance, which is then forgotten."""
+    def close(self) -> Disturbance:
+        """End and return the running disturbance."""
         start, end, code = self.open
         self.open = []
-        told = self.inertial or code in (CLIPPED, STUCK, LOOP)
-        sized = code not in (STUCK, LOOP) and self._size[1] > 0.0
+        sized = code != STUCK and self._size[1] > 0.0
         size, channel = (self._size[1], self._size[2]) if sized else (None, None)
-        if code == STUCK and np.median(self._repeats) < 0.5 * self._repeats.max():
-            channel = self.channels[int(np.argmax(self._repeats))]  # one axis alone
-        return Disturbance(REASONS[code - 1] if told else "magnetic", start, end - start, size, channel)
+        if code == STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
+            channel = self.channels[int(np.argmax(self._repeats))]
+        named = self.inertial or code in (CLIPPED, STUCK)
+        return Disturbance(REASONS[code - 1] if named else "magnetic", start, end - start, size, channel)
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
-        out: dict[str, np.ndarray] = {"state": np.array([self.moving, *self._restless], dtype=np.int64)}
-        if self._lately:
-            frames = Frames.joined(self._lately)
-            out |= {f"lately.{name}": getattr(frames, name) for name in Frames.__slots__}
-        return out | {f"reference.{name}": value for name, value in self.reference.save().items()}
+        """Return the state as arrays."""
+        out: dict[str, np.ndarray] = {"state": np.array([self.moving, *self._unusual], dtype=np.int64)}
+        if self._candidates:
+            frames = FrameStatistics.joined(self._candidates)
+            out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
+        return out | {f"baseline.{name}": value for name, value in self.baseline.save().items()}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Continue where `save` left off."""
+        """Continue from a saved state."""
         self.moving = int(saved["state"][0])
-        self._restless = [bool(v) for v in saved["state"][1:]]
-        self._lately = []
-        if lately := under(saved, "lately."):
-            frames = Frames(*(lately[name] for name in Frames.__slots__))
-            self._lately = [frames[i : i + 1] for i in range(len(frames.mean))]
-        self.reference.restore(under(saved, "reference."))
+        self._unusual = [bool(v) for v in saved["state"][1:]]
+        self._candidates = []
+        if candidates := subset(saved, "candidates."):
+            frames = FrameStatistics(*(candidates[name] for name in FrameStatistics.__slots__))
+            self._candidates = [frames[i : i + 1] for i in range(len(frames.mean))]
+        self.baseline.restore(subset(saved, "baseline."))
 
 
-def under(saved: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
-    """The part of a saved state whose names begin with `prefix`, which is taken off."""
+def subset(saved: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    """Return the arrays of a saved state whose names begin with `prefix`, without the prefix."""
     return {name.removeprefix(prefix): value for name, value in saved.items() if name.startswith(prefix)}

@@ -1,290 +1,269 @@
-"""Repeats: samples that a source sends again instead of measuring.
+"""Stuck output: whole samples and single axes that repeat instead of being measured.
 
-Two ways a source lies: a sensor is *stuck* (the same sample over and over), or a file is *replayed* in a
-loop. Neither adds information, and both ruin every statistic without looking odd. But some sensors repeat
+A sensor that hangs sends the same sample again and again, and an axis that hangs sends its own value again.
+Neither adds information, and both distort every statistic without exceeding any limit. Some sensors repeat
 lawfully: a magnetometer that updates at 250 Hz and is read at 800 Hz, a quantised temperature, a constant
-channel. So the share of repeats p that is usual here is learned, and a run of r repeats counts as stuck only
-when p^r is beyond chance (`CHANCE`), and never before `LEAST` of them.
+channel. The detectors therefore learn the usual share p of repeats, and a run of r repeats counts as stuck
+only if p^r is less likely than `CHANCE`.
 
-Loops are found by content-selected fingerprints: a row is chosen by the value of its own hash, so a replay
-chooses the same rows again; when several of them in a row were last seen the same number of rows ago, that
-number is the period. About five rows a second are chosen (`FINGERPRINTS_HZ`). A loop of a few rows may have
-none that is chosen: so `WINDOW` rows on end are taken as they come, at the beginning and every `WINDOW_S`.
-The last `REMEMBERED` of both are kept, half an hour, in arrays that never grow.
+- `RepeatDetector` compares whole samples of a group of channels.
+- `StuckAxisDetector` compares the values of one axis over whole frames. An axis that never changed is not
+  stuck but constant, which is reported elsewhere and excludes nothing. An axis whose noise is hardly wider
+  than one quantisation step may stand still lawfully, depending on its level, and is never stuck.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from imumon.samples import Bools, Floats, Ints
+from imumon.samples import Bools, Floats
 
 CHANCE = 1e-12
-LEAST = 5
-"""Fewest repeats in a row, or fingerprints at one distance, that may count."""
+"""Probability below which a run of repeats is not chance: less than one false run in a month at 800 Hz."""
 
-REMEMBERED, RECENT = 16384, 1024
-FINGERPRINTS_HZ = 5.0
-SAVED = 1024
-"""Fingerprints that a state keeps: a longer loop that runs on is found again within one round."""
-WINDOW, WINDOW_S = 64, 20.0
-_GOLDEN = 0x9E3779B97F4A7C15
-_MASK = (1 << 64) - 1
+LEAST_REPEATS = 5
+"""Samples, shortest run of repeats that counts, however rare repeats are: a driver may send one twice."""
+LEAST_FRAMES = 2
+"""Frames, shortest run in which a stuck axis does not change at all: one may be split by a restart."""
+LAWFUL_SHARE = 0.999
+"""Share of repeats from which a channel counts as constant: no run of it is unusual."""
+
+LEARN_ROWS = 8
+"""Samples from which the share of repeats is taken as usual. Not critical."""
+LEARN_EVERY = 32
+"""Frames between two updates of the usual share, after powers of two at first. Not critical."""
+FADE_ROWS = 4096
+"""Samples after which older ones count half, so that the usual share follows the sensor. Not critical."""
+
+LEARN_FRAMES = 8
+"""Frames of one run without a change that are learned as usual at most, and moving frames in which the
+quantisation step is sought."""
+FADE_FRAMES = 4096
+"""Frames, memory of the usual share of frames without a change. Not critical."""
+WIDE_STEPS = 4.0
+"""Quantisation steps that a frame of an axis must span before standing still counts: less than that and the
+axis may rest in the middle of a step."""
+LEAST_VALID = 0.5
+"""Valid share of a frame from which it is compared. Not critical."""
+
+HASH_MULTIPLIER = 0x9E3779B97F4A7C15
+"""2^64 over the golden ratio, for multiplicative hashing (Knuth, TAOCP 3, section 6.4)."""
+
+_NEVER = int(np.iinfo(np.int64).max)
 
 
 class RepeatDetector:
-    """Finds stuck groups of channels and replayed loops.
+    """Find groups of channels that repeat whole samples.
 
     Parameters
     ----------
-    groups : group of each channel, 0 ... g-1.
-    loops : channels whose rows are fingerprinted for loops.
-    rate_hz : Hz, rows a second.
-
-    Attributes
-    ----------
-    period : rows of the loop that is running, else None.
+    groups : (c,) group of each channel, 0 ... g-1.
     """
 
-    def __init__(self, groups: Sequence[int], loops: Sequence[int], rate_hz: float) -> None:
+    def __init__(self, groups: Sequence[int]) -> None:
         self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
-        self._loops = list(loops)
-        # a row is a fingerprint when its hash is below this
-        self._select = np.uint64(1 << 64 - max(3, round(math.log2(rate_hz / FINGERPRINTS_HZ))))
-        keys = [(_GOLDEN * (2 * c + 3) * (2 * c + 3) | 1) & _MASK for c in range(len(groups))]
-        self._keys = np.array(keys, dtype=np.uint64)
-        g = len(self._channels) + 1  # the last one is the row of `loops`
-        self._every = max(2 * WINDOW, round(WINDOW_S * rate_hz))  # rows from one window to the next
-        self._previous = np.zeros(g, dtype=np.uint64)
+        # odd multipliers, different for each channel, so that a sum of products identifies a sample
+        keys = [HASH_MULTIPLIER * (2 * c + 3) ** 2 | 1 for c in range(len(groups))]
+        self._keys = np.array([key % 2**64 for key in keys], dtype=np.uint64)
+        g = len(self._channels)
+        self._previous = np.zeros(g, dtype=np.uint64)  # hash of the last sample
         self._started = np.zeros(g, dtype=bool)
-        self._run = np.zeros(g, dtype=np.int64)
-        self._repeats = np.zeros(g)
+        self._run = np.zeros(g, dtype=np.int64)  # repeats in a row
+        self._repeats = np.zeros(g)  # samples learned from: repeats, all
         self._rows = np.zeros(g)
-        self._longest = np.full(g, np.iinfo(np.int64).max, dtype=np.int64)
-        self._frames = 0
-        self._seen = _Fingerprints()
-        self._row = 0
-        self._distance = 0
-        self._matches = 0
-        self.period: int | None = None
+        self._longest = np.full(g, _NEVER, dtype=np.int64)  # repeats in a row that count as stuck
+        self._frames = np.zeros(1, dtype=np.int64)
 
     @property
     def stuck(self) -> Bools:
         """(g,) Groups that are stuck now."""
-        return np.asarray((self._run >= self._longest)[: len(self._channels)])
+        return np.asarray(self._run >= self._longest)
 
-    def update(self, values: Floats, valid: Bools) -> tuple[Bools, Bools]:
-        """Which rows are stuck, and which replayed.
+    def update(self, values: Floats, valid: Bools) -> Bools:
+        """Return the rows (n, g) that repeat the one before, in a run that chance does not make.
 
         Parameters
         ----------
         values : (n, c) channel unit.
-        valid : (n, g) rows of each group that were received.
-
-        Returns
-        -------
-        stuck : (n, g) row repeats the one before it, in a run too long for chance.
-        looped : (n,) row belongs to a loop that has been recognised.
+        valid : (n, g) received rows of each group.
         """
         stuck = np.zeros(valid.shape, dtype=bool)
         bits = values.T.view(np.uint64)
-        total = np.zeros(len(values), dtype=np.uint64)
-        received = np.ones(len(values), dtype=bool)
         for g, channels in enumerate(self._channels):
             mixed = bits[channels[0]] * self._keys[channels[0]]
             for c in channels[1:]:
                 mixed += bits[c] * self._keys[c]
-            if any(c in self._loops for c in channels):
-                total += mixed
-                received &= valid[:, g]
-            self._stuck(g, mixed, valid[:, g], stuck[:, g])
-        looped = np.zeros(len(values), dtype=bool)
-        if self._loops:
-            fresh = self._stuck(len(self._channels), total, received, np.zeros_like(looped))
-            self._looped(total, received, fresh, looped)
-        return stuck, looped
+            self._compare(g, mixed, valid[:, g], stuck[:, g])
+        return stuck
 
     def learn(self, frames: int) -> None:
-        """So many frames have passed: now and then take the share of repeats as usual; older rows fade."""
-        before, self._frames = self._frames, self._frames + frames
-        if self._frames.bit_length() == before.bit_length() and self._frames // 32 == before // 32:
+        """Count `frames` frames; now and then take the share of repeats as usual, older samples fading."""
+        before = int(self._frames[0])
+        self._frames += frames
+        now = before + frames
+        if now.bit_length() == before.bit_length() and now // LEARN_EVERY == before // LEARN_EVERY:
             return
         for g in range(len(self._rows)):
-            if self._rows[g] < 8:
+            if self._rows[g] < LEARN_ROWS:
                 continue
-            share = self._repeats[g] / self._rows[g]
-            self._longest[g] = _beyond_chance(share)
-            if self._rows[g] > 4096:
+            self._longest[g] = run_beyond_chance(self._repeats[g] / self._rows[g])
+            if self._rows[g] > FADE_ROWS:
                 self._rows[g] *= 0.5
                 self._repeats[g] *= 0.5
 
-    def _stuck(self, g: int, mixed: np.ndarray, valid: Bools, out: Bools) -> Bools:
-        """Mark stuck rows of group g in `out`; returns which rows differ from the one before."""
+    def _compare(self, g: int, mixed: np.ndarray, valid: Bools, out: Bools) -> None:
+        """Mark the stuck rows of group `g` in `out`, (n,)."""
         index = None if valid.all() else np.flatnonzero(valid)
         row = mixed if index is None else mixed[index]
         if not len(row):
-            return np.zeros(len(mixed), dtype=bool)
+            return
         same = np.empty(len(row), dtype=bool)
         same[1:] = row[1:] == row[:-1]
         same[0] = bool(self._started[g]) and row[0] == self._previous[g]
         self._previous[g], self._started[g] = row[-1], True
-        ordinary = len(row)
-        repeats = int(np.count_nonzero(same))
+        usual, repeats = len(row), int(np.count_nonzero(same))
         if repeats:
             place = np.arange(1, len(row) + 1)
             since = np.maximum.accumulate(np.where(same, 0, place))
             run = place - since
             run[since == 0] += self._run[g]
             self._run[g] = run[-1]
-            bad = run >= self._longest[g]
-            if bad.any():
-                ordinary -= int(bad.sum())
-                repeats -= int(bad.sum())
+            stuck = run >= self._longest[g]
+            if stuck.any():
+                usual -= int(stuck.sum())
+                repeats -= int(stuck.sum())
                 if index is None:
-                    out[:] = bad
+                    out[:] = stuck
                 else:
-                    out[index] = bad
+                    out[index] = stuck
         else:
             self._run[g] = 0
-        self._rows[g] += ordinary
+        self._rows[g] += usual
         self._repeats[g] += repeats
-        if index is None:
-            return ~same
-        fresh = np.zeros(len(mixed), dtype=bool)
-        fresh[index] = ~same
-        return fresh
-
-    def _looped(self, mixed: np.ndarray, received: Bools, fresh: Bools, out: Bools) -> None:
-        """Follow the fingerprints; marks rows of a recognised loop in `out`."""
-        wanted, begin = mixed < self._select, self._row
-        place = None if received.all() else np.cumsum(received)
-        if place is not None:
-            wanted |= (begin + place - 1) % self._every < WINDOW
-        else:
-            for window in range(begin // self._every * self._every, begin + len(mixed), self._every):
-                wanted[max(0, window - begin) : max(0, window + WINDOW - begin)] = True
-        chosen = np.flatnonzero(fresh & wanted)
-        rows = self._row + (chosen + 1 if place is None else place[chosen])
-        self._row += int(received.sum())
-        before = self._seen.take(mixed[chosen], rows)
-        if not (self.period or any(before)):  # nothing comes again: the usual case
-            if np.any(mixed[chosen] < self._select):
-                self._distance = self._matches = 0
-            return
-        begin = 0 if self.period else -1
-        needed = max(LEAST + 1, int(self._longest[-1]))
-        for i, here, last in zip(chosen.tolist(), rows.tolist(), before, strict=True):
-            if not last and mixed[i] >= self._select:
-                continue  # of a window: that it was not chosen before says nothing
-            distance = here - last if last else 0
-            if distance and (distance == self._distance or (self.period and distance % self.period == 0)):
-                self._matches += 1
-            else:
-                self._distance, self._matches = distance, int(distance > 0)
-                if self.period:
-                    out[begin:i] = True
-                    self.period, begin = None, -1
-            if not self.period and self._matches >= needed:
-                self.period, begin = self._distance, i
-        if begin >= 0:
-            out[begin:] = True
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
-        keys, rows = self._seen.last(SAVED)
-        return {
-            "previous": self._previous.copy(),
-            "started": self._started.copy(),
-            "run": self._run.copy(),
-            "repeats": self._repeats.copy(),
-            "rows": self._rows.copy(),
-            "longest": self._longest.copy(),
-            "seen_key": keys,
-            "seen_row": rows,
-            "loop": np.array(
-                [self._row, self._distance, self._matches, self.period or 0, self._frames], dtype=np.int64
-            ),
-        }
+        """Return the state as arrays."""
+        return {name.strip("_"): getattr(self, name).copy() for name in _REPEAT_STATE}
 
-    def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Continue where `save` left off."""
-        self._previous = saved["previous"].astype(np.uint64)
-        self._started = saved["started"].astype(bool)
-        self._run = saved["run"].astype(np.int64)
-        self._repeats = saved["repeats"].astype(np.float64)
-        self._rows = saved["rows"].astype(np.float64)
-        self._longest = saved["longest"].astype(np.int64)
-        self._seen = _Fingerprints()
-        self._seen.take(saved["seen_key"].astype(np.uint64), saved["seen_row"].astype(np.int64))
-        self._row, self._distance, self._matches = (int(v) for v in saved["loop"][:3])
-        self.period = int(saved["loop"][3]) or None
-        self._frames = int(saved["loop"][4])
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Continue from a saved state."""
+        for name in _REPEAT_STATE:
+            setattr(self, name, np.array(saved[name.strip("_")]))
 
 
-class _Fingerprints:
-    """Rows at which fingerprints were seen last.
+_REPEAT_STATE = ("_previous", "_started", "_run", "_repeats", "_rows", "_longest", "_frames")
 
-    The last `RECENT` of them are in a dict, the `REMEMBERED` before in arrays, sorted: of fixed size from the
-    start, and a tenth of what a dict of all would take.
+
+class StuckAxisDetector:
+    """Find axes that do not change at all.
+
+    Parameters
+    ----------
+    channels : columns that are watched.
+    groups : (c,) group of each channel of the stream.
     """
 
-    def __init__(self) -> None:
-        self._recent: dict[int, int] = {}
-        self._keys = np.full(REMEMBERED, _MASK, dtype=np.uint64)
-        self._rows = np.zeros(REMEMBERED, dtype=np.int64)  # from 1 on; 0: empty
+    def __init__(self, channels: Sequence[int], groups: Sequence[int]) -> None:
+        span = range(channels[0], channels[-1] + 1) if channels else range(0)
+        contiguous = list(span) == list(channels)
+        self._rows = slice(span.start, span.stop) if contiguous else np.array(channels, dtype=np.intp)
+        self._groups = [groups[c] for c in channels]
+        c = len(channels)
+        self._run = np.zeros(c, dtype=np.int64)  # frames in a row without a change
+        self._flat = np.zeros(c)  # frames learned from: those without a change, all
+        self._frames = np.zeros(c)
+        self._step = np.full(c, np.inf)  # channel unit, least step
+        self._span = np.zeros(c)  # channel unit, of the values of a moving frame
 
-    def take(self, keys: np.ndarray, rows: Ints) -> list[int]:
-        """Remember (n,) fingerprints; the row at which each was seen last, 0: it is new."""
-        recent, chosen = self._recent, keys.tolist()
-        before: list[int] = self._found(keys)[1].tolist()
-        for place, (key, row) in enumerate(zip(chosen, rows.tolist(), strict=True)):
-            before[place] = recent.get(key, before[place])
-            recent[key] = row
-        if len(recent) > RECENT:
-            self._settle()
-        return before
+    @property
+    def stuck(self) -> Bools:
+        """(c,) Watched channels that are stuck now."""
+        if not (self._run >= LEAST_FRAMES).any():
+            return np.zeros(len(self._run), dtype=bool)
+        return np.asarray(self._run >= self._needed())
 
-    def last(self, count: int) -> tuple[np.ndarray, Ints]:
-        """The last so many at most, fingerprints and rows, the oldest first."""
-        self._settle()
-        order = np.argsort(self._rows, kind="stable")[-count:]
-        order = order[self._rows[order] > 0]
-        return self._keys[order], self._rows[order]
+    def update(self, values: Floats, valid: Bools, frames: int) -> list[tuple[int, int]]:
+        """Return frame and group of each axis that is stuck.
 
-    def _found(self, keys: np.ndarray) -> tuple[Ints, Ints]:
-        """Places of fingerprints in the arrays, and their rows; 0 where they are not there."""
-        at = np.minimum(np.searchsorted(self._keys, keys), REMEMBERED - 1)
-        return at, np.where(self._keys[at] == keys, self._rows[at], 0)
+        Parameters
+        ----------
+        values : (n, c) channel unit, of whole frames.
+        valid : (n, g).
+        """
+        x = values.T[self._rows].reshape(len(self._groups), frames, -1)
+        half = x.shape[2] // 2
+        suspect = (x[:, :, 0] == x[:, :, half]) & (x[:, :, 0] == x[:, :, -1])
+        ok = None if valid.all() else valid.T[self._groups].reshape(x.shape)
+        if ok is not None:
+            suspect |= ~ok.all(axis=2)
+        found = []
+        for f in range(frames):
+            examined = suspect[:, f] | (self._run > 0) | (self._frames < LEARN_FRAMES)
+            if not examined.any():
+                self._learn(np.ones(len(x)))
+                continue
+            moved = ~examined
+            for c in np.flatnonzero(examined).tolist():
+                row = x[c, f] if ok is None else x[c, f][ok[c, f]]
+                if len(row) < LEAST_VALID * x.shape[2]:
+                    continue
+                span = float(row.max() - row.min())
+                if span > 0.0:
+                    moved[c] = True
+                    self._end_run(c, row, span)
+                    continue
+                self._run[c] += 1
+                if self.stuck[c]:
+                    found.append((f, self._groups[c]))
+            self._learn(moved.astype(np.float64))
+        return found
 
-    def _settle(self) -> None:
-        """Sort the recent ones in among the others, in the place of the oldest."""
-        keys = np.array(list(self._recent), dtype=np.uint64)
-        rows = np.array(list(self._recent.values()), dtype=np.int64)
-        self._recent.clear()
-        at, former = self._found(keys)
-        self._rows[at[former > 0]] = -1  # they have come again: the first to go
-        keys, rows = np.concatenate((self._keys, keys)), np.concatenate((self._rows, rows))
-        stays = np.ones(len(rows), dtype=bool)
-        surplus = len(rows) - REMEMBERED
-        # a partition would do, but its code is 0.2 MB that nothing else here has in memory
-        stays[np.argsort(rows, kind="stable")[:surplus]] = False
-        keys, rows = keys[stays], rows[stays]
-        order = np.argsort(keys, kind="stable")  # of two sorted parts
-        np.take(keys, order, out=self._keys)
-        np.take(rows, order, out=self._rows)
+    def _end_run(self, c: int, row: Floats, span: float) -> None:
+        """Note that a channel moves; the frames before in which it did not were usual."""
+        if self._frames[c] < LEARN_FRAMES:
+            self._step[c] = min(self._step[c], float(np.diff(np.unique(row)).min()))
+        usual = min(int(self._run[c]), LEARN_FRAMES)
+        self._run[c], self._span[c] = 0, span
+        self._frames[c] += usual
+        self._flat[c] += usual
+
+    def _learn(self, frames: Floats) -> None:
+        """Count (c,) more frames in which each channel moved; older frames fade."""
+        self._frames += frames
+        self._flat *= np.where(self._frames > FADE_FRAMES, 1.0 - 1.0 / FADE_FRAMES, 1.0)
+        np.minimum(self._frames, FADE_FRAMES, out=self._frames)
+
+    def _needed(self) -> Floats:
+        """Return (c,) frames in a row without a change that chance does not make; inf if unknown."""
+        share = np.where(self._frames > 0, self._flat / np.maximum(self._frames, 1.0), 1.0)
+        lawful = (share >= LAWFUL_SHARE) | (self._span < WIDE_STEPS * self._step)
+        needed = math.log(CHANCE) / np.log(np.clip(share, CHANCE, LAWFUL_SHARE))
+        return np.where(lawful, np.inf, np.maximum(LEAST_FRAMES, np.ceil(needed)))
+
+    def save(self) -> dict[str, np.ndarray]:
+        """Return the state as arrays."""
+        return {name.strip("_"): getattr(self, name).copy() for name in _AXIS_STATE}
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Continue from a saved state."""
+        for name in _AXIS_STATE:
+            setattr(self, name, np.array(saved[name.strip("_")]))
 
 
-def _beyond_chance(share: float) -> int:
-    """Length of a run of repeats that chance does not make, when a repeat has this probability.
+_AXIS_STATE = ("_run", "_flat", "_frames", "_step", "_span")
 
-    >>> _beyond_chance(0.0), _beyond_chance(0.69), _beyond_chance(1.0) > 10**12
+
+def run_beyond_chance(share: float) -> int:
+    """Return the length of a run of repeats that chance does not make, for this probability of a repeat.
+
+    >>> run_beyond_chance(0.0), run_beyond_chance(0.69), run_beyond_chance(1.0) > 10**12
     (5, 75, True)
     """
-    if share >= 0.999:
-        return int(np.iinfo(np.int64).max)
+    if share >= LAWFUL_SHARE:
+        return _NEVER
     if share <= 0.0:
-        return LEAST
-    return max(LEAST, math.ceil(math.log(CHANCE) / math.log(share)))
+        return LEAST_REPEATS
+    return max(LEAST_REPEATS, math.ceil(math.log(CHANCE) / math.log(share)))

@@ -99,7 +99,7 @@ class Estimator:
                 due.append(channel)
         if due:
             self._renew(problems.take(np.array(due)), due, curve)
-        fits = [pending_fit(len(curve.m), reason or "") for reason in reasons]
+        fits = [pending_fit(len(curve.m), *(reason or ("", None))) for reason in reasons]
         if rows := [channel for channel, reason in enumerate(reasons) if reason is None]:
             known_rows = [self._confidences[channel] for channel in rows]
             fitted = channel_fits(curve, rows, problems.take(np.array(rows)), known_rows)
@@ -128,7 +128,7 @@ def fit_curve(
 
 def _problems(
     curve: AllanCurve, k: int, averaged: Sequence[bool], resolution: Sequence[float] | None
-) -> tuple[FitProblems, list[str | None]]:
+) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
     """Return the first k octaves of the curve as one problem per channel, and why a channel has none."""
     kinds = sorted(set(averaged))
     table = tuple(tables(curve.span, k, averaged=kind) for kind in kinds)
@@ -136,16 +136,16 @@ def _problems(
     variance = curve.avar[:k].T
     used = (terms > 0) & (variance > LEAST_VARIANCE) & (variance < MAX_VARIANCE)
     thinning = np.sqrt(table[0].full / np.maximum(terms, 1))
-    reasons: list[str | None] = []
+    reasons: list[tuple[str, str | None] | None] = []  # text and code
     for row in range(len(used)):
         if not (terms[row] > 0).any():
-            reasons.append("no difference yet")
+            reasons.append(("no difference yet", None))
         elif not used[row].any():
-            reasons.append("the channel is constant")
+            reasons.append(("the channel is constant", "constant"))
         elif resolution is not None and variance[row, 0] < (HIDDEN_SHARE * resolution[row]) ** 2:
-            reasons.append(f"its resolution of {resolution[row]:.3g} hides the noise")
+            reasons.append((f"its resolution of {resolution[row]:.3g} hides the noise", "resolution"))
         elif used[row].sum() < confidence.OCTAVES_FOR_N:
-            reasons.append(f"{int(used[row].sum())} octaves, {confidence.OCTAVES_FOR_N} are needed")
+            reasons.append((f"{int(used[row].sum())} octaves, {confidence.OCTAVES_FOR_N} are needed", None))
         else:
             reasons.append(None)
     problems = FitProblems(

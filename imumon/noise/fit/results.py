@@ -46,6 +46,7 @@ class FittedCoefficient:
     high: float | None = None
     status: Status = "pending"
     reason: str | None = None
+    reason_code: str | None = None  # see `imumon.report.Coefficient`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,9 +87,9 @@ class ChannelFit:
     caveats: tuple[str, ...] = ()
 
 
-def pending_fit(octaves: int, reason: str) -> ChannelFit:
+def pending_fit(octaves: int, reason: str, reason_code: str | None = None) -> ChannelFit:
     """Return the fit of a channel with too little data."""
-    pending = FittedCoefficient(reason=reason)
+    pending = FittedCoefficient(reason=reason, reason_code=reason_code)
     zeros = np.zeros(octaves)
     unused = np.zeros(octaves, dtype=bool)
     return ChannelFit(

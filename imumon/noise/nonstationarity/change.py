@@ -1,8 +1,8 @@
-"""Stationarity: does this hour behave like the hours before, or like a saved baseline?
+"""Changes of N, B and the bias against the hours before or a saved baseline.
 
 N and B are compared by the logarithm of their ratio against their limits, the bias by the difference of the
-means against what the fitted noise does by itself in that time (`wander`). The same comparison against a
-saved report tells whether a sensor in the field has changed. A change is told when it is beyond chance and
+means against what the fitted noise does by itself in that time (`mean_covariance`). The comparison with a
+saved report shows whether a sensor has changed in the field. A change is reported if it is beyond chance and
 large enough to matter.
 """
 
@@ -10,114 +10,96 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
-from imumon.noise.nonstationarity.mean_covariance import Fitted, MeanCovariance
+from imumon.noise.nonstationarity.mean_covariance import FittedNoise, LimitedValue, MeanCovariance
+from imumon.report import Change
 
-SIGMA = 5.0
-"""Standard errors beyond which a change is told."""
-LEAST = {"N": 0.05, "B": 0.5}
-"""Relative change below which it does not matter."""
+CHANGE_SIGMA = 5.0
+"""Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
+LEAST_CHANGE_N = 0.05
+"""Relative change of N below which it does not matter to a user."""
+LEAST_CHANGE_B = 0.5
+"""Relative change of B below which it does not matter: B of the same sensor varies by as much."""
+MOST_SIGMA = 1e6
+"""Standard errors that are reported at most; more have no meaning. Not critical."""
+LIMIT_95 = 1.96
+"""Standard errors, half-width of a 95 % interval."""
 
-Quantity: TypeAlias = Literal["N", "B", "bias"]
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A coefficient as fitted or as read from a saved report.
-
-    Attributes
-    ----------
-    value : None where it was not measured.
-    low, high : its 95 % limits.
-    """
-
-    value: float | None
-    low: float | None
-    high: float | None
+_TINY = 1e-300  # keeps divisions by a zero deviation finite
+_LEAST_ERROR = 1e-12  # relative; keeps a ratio of equal limits finite
 
 
 @dataclass(frozen=True, slots=True)
-class Behaviour:
-    """How a channel behaved over a stretch.
+class NoiseSummary:
+    """Noise and mean of a channel over a stretch.
 
     Attributes
     ----------
-    N, B : as fitted.
-    mean : channel unit; None where unknown.
-    wander : its noise; None where unknown.
+    N, B : with their limits.
+    mean : channel unit; None if unknown.
+    noise : covariance of its means; None if unknown.
     length_s : s.
     """
 
-    N: Estimate
-    B: Estimate
+    N: LimitedValue
+    B: LimitedValue
     mean: float | None
-    wander: MeanCovariance | None
+    noise: MeanCovariance | None
     length_s: float
 
     @classmethod
-    def of(cls, fit: Fitted, mean: float | None, length_s: float) -> Behaviour:
-        """From a fit whose coefficients also have `low`."""
-        n, b = (Estimate(k.value, getattr(k, "low", None), k.high) for k in (fit.N, fit.B))
-        return cls(n, b, mean, MeanCovariance.of(fit), length_s)
+    def of(cls, fit: FittedNoise, mean: float | None, length_s: float) -> NoiseSummary:
+        """Return the summary of a fit."""
+        return cls(fit.N, fit.B, mean, MeanCovariance.of(fit), length_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """Something that differs.
-
-    Attributes
-    ----------
-    quantity : "N", "B" or "bias".
-    before, now : SI, the two values.
-    ratio : now over before; None for the bias.
-    sigma : by how many standard errors they differ.
-    """
-
-    quantity: Quantity
-    before: float
-    now: float
-    ratio: float | None
-    sigma: float
-
-
-def changes(before: Behaviour, now: Behaviour, apart_s: float | None = 0.0) -> list[Change]:
-    """What differs between two stretches beyond chance.
+def detect_changes(
+    before: NoiseSummary, now: NoiseSummary, against: str, apart_s: float | None = 0.0
+) -> list[Change]:
+    """Return what differs between two stretches beyond chance.
 
     Parameters
     ----------
-    apart_s : s, between the end of the one and the beginning of the other; None: unknown, as for a saved
-        baseline; then the bias is not compared: it differs from one switching-on to the next.
+    against : what `before` is, for the report.
+    apart_s : s, from the end of the one to the beginning of the other. None: unknown, as for a saved
+        baseline; then the bias is not compared, because it differs from one power-up to the next.
     """
-    found = []
-    pairs: tuple[tuple[Quantity, Estimate, Estimate], ...] = (("N", before.N, now.N), ("B", before.B, now.B))
-    for quantity, old, new in pairs:
-        change = _ratio(quantity, old, new)
-        if change is not None:
-            found.append(change)
+    compared = (
+        _compare(against, "N", before.N, now.N, LEAST_CHANGE_N),
+        _compare(against, "B", before.B, now.B, LEAST_CHANGE_B),
+    )
+    found = [change for change in compared if change is not None]
     if apart_s is not None and before.mean is not None and now.mean is not None:
-        # The longer stretch knows best what the noise does in a long time.
-        wander = (before if before.length_s >= now.length_s else now).wander
-        moved = now.mean - before.mean
-        if wander is not None:
-            sigma = abs(moved) / max(wander.step(before.length_s, now.length_s, apart_s), 1e-300)
-            if sigma > SIGMA:
-                found.append(Change("bias", before.mean, now.mean, None, min(sigma, 1e6)))
+        # the longer stretch knows best what the noise does over a long time
+        noise = (before if before.length_s >= now.length_s else now).noise
+        difference = now.mean - before.mean
+        if noise is not None:
+            error = noise.difference(before.length_s, now.length_s, apart_s)
+            sigma = abs(difference) / max(error, _TINY)
+            if sigma > CHANGE_SIGMA:
+                found.append(_change(against, "bias", before.mean, now.mean, None, min(sigma, MOST_SIGMA)))
     return found
 
 
-def _ratio(quantity: Quantity, old: Estimate, new: Estimate) -> Change | None:
-    """A change of a coefficient, compared on a log scale."""
-    if old.value is None or new.value is None:
-        return None
+def _compare(
+    against: str, quantity: str, before: LimitedValue, now: LimitedValue, least: float
+) -> Change | None:
+    """Return the change of a coefficient, compared on a logarithmic scale; None if there is none."""
     errors = []
-    for estimate in (old, new):
-        value, low, high = estimate.value, estimate.low, estimate.high
-        if not value or not low or not high or low <= 0.0:
+    for each in (before, now):
+        if not each.value or not each.low or not each.high or each.low <= 0.0:
             return None
-        errors.append(math.log(high / low) / (2.0 * 1.96))
-    ratio = new.value / old.value
-    sigma = abs(math.log(ratio)) / max(math.hypot(*errors), 1e-12)
-    if sigma < SIGMA or abs(math.log(ratio)) < math.log1p(LEAST[quantity]):
+        errors.append(math.log(each.high / each.low) / (2.0 * LIMIT_95))
+    assert before.value is not None
+    assert now.value is not None
+    ratio = now.value / before.value
+    sigma = abs(math.log(ratio)) / max(math.hypot(*errors), _LEAST_ERROR)
+    if sigma < CHANGE_SIGMA or abs(math.log(ratio)) < math.log1p(least):
         return None
-    return Change(quantity, old.value, new.value, ratio, sigma)
+    return _change(against, quantity, before.value, now.value, ratio, sigma)
+
+
+def _change(
+    against: str, quantity: str, before: float, now: float, ratio: float | None, sigma: float
+) -> Change:
+    return Change(against=against, quantity=quantity, before=before, now=now, ratio=ratio, sigma=sigma)

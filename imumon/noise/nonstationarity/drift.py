@@ -1,10 +1,10 @@
 """Drift: slope of the mean against time and against temperature, with limits that know the noise.
 
-The record is kept as at most 128 means over equal stretches; when they are full, neighbours join and
-stretches double. When asked, slopes are fitted to the means by generalised least squares (Aitken 1935) with
-the covariance that the channel's own N, B and K give them (`MeanCovariance`), so that a random walk is not called a
-drift. What the noise does not explain either widens the limits (residual chi-square over degrees of freedom,
-where above one: Birge 1932).
+The record is kept as at most 128 means over equal stretches; when they are full, neighbours are joined and
+stretches double. Slopes are fitted to the means by generalised least squares (Aitken 1935) with the
+covariance that the channel's own N, B and K give them (`MeanCovariance`), so that a random walk is not
+called a drift. What the noise does not explain either widens the limits (residual chi-square over degrees of
+freedom if above one: Birge 1932).
 """
 
 from __future__ import annotations
@@ -17,23 +17,41 @@ import numpy as np
 
 from imumon.noise.allan import AllanCurve
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
-from imumon.noise.nonstationarity.settling import SettlingFit, decay
+from imumon.noise.nonstationarity.settling import SettlingFit, fit_settling
+from imumon.report import Change
 from imumon.samples import Bools, Floats
 
-NODES = 128
-NODE_S = 1.0
+MEANS = 128
+"""Most means that are kept: their covariance is inverted, and twice as many take eight times as long."""
+MEAN_S = 1.0
+"""s, shortest stretch of a mean. Not critical."""
 LEAST_SHARE = 0.5
-"""Valid share of a stretch that counts."""
-LEAST_NODES = 8
-LIMIT = 1.96
-SIGNIFICANT = 3.9
-"""Standard errors beyond which a slope is told: 1e-4, for it is asked for nine channels every second."""
-STEP, ABRUPT = 6.0, 4.0
-"""Standard errors beyond which a step is told: of its size against all the noise, and of the jump from one
-mean to the next but one."""
+"""Valid share of a stretch from which its mean counts. Not critical."""
+LEAST_MEANS = 8
+"""Fewest means behind a slope, and on each side of a step."""
+LIMIT_95 = 1.96
+"""Standard errors, half-width of a 95 % interval."""
+SIGNIFICANT_SIGMA = 3.9
+"""Standard errors beyond which a slope is significant: 1e-4, because nine channels are tested every
+second."""
+STEP_SIGMA = 6.0
+"""Standard errors of the size of a step against all the noise beyond which it is reported: 128 places are
+tested again and again."""
+ABRUPT_SIGMA = 4.0
+"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift looks
+like a step only from afar."""
+STEP_WALK = 0.5
+"""Share of the fitted K that is noise in a search for a step: a step raises the K that is fitted over it."""
 LEAST_SPAN_DEGC = 0.3
-"""Range of temperature below which nothing is said about its effect."""
-HOUR = 3600.0
+"""degC, range of temperature below which nothing is said about its effect."""
+BEYOND_WHITE = 0.1
+"""Share of the variance of the means that must exceed white noise for `explained` to have a value."""
+HIGHEST_SHARE = 0.1
+"""Share of the range of means by which the last one may be below the highest. Not critical."""
+LEAST_LEFT = 1e-12
+"""Least share of the Allan variance that is left without the temperature, for its logarithm."""
+
+_TINY = 1e-300  # keeps divisions by a zero sum finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,56 +61,53 @@ class Slope:
     Attributes
     ----------
     value, error : channel unit per s, or per degC.
-    nodes : means behind it.
-    least_error : the error that the noise alone makes; `error` is larger where a line does not fit.
+    means : number of means behind it.
+    least_error : error from the noise alone; `error` is larger if a line does not fit.
     """
 
     value: float
     error: float
-    nodes: int
+    means: int
     least_error: float
 
     @property
     def low(self) -> float:
         """Lower 95 % limit, unit of `value`."""
-        return self.value - LIMIT * self.error
+        return self.value - LIMIT_95 * self.error
 
     @property
     def high(self) -> float:
         """Upper 95 % limit, unit of `value`."""
-        return self.value + LIMIT * self.error
+        return self.value + LIMIT_95 * self.error
 
     @property
     def significant(self) -> bool:
-        """Whether it is beyond `SIGNIFICANT` standard errors."""
-        return abs(self.value) > SIGNIFICANT * self.error
+        """Whether it is beyond `SIGNIFICANT_SIGMA` standard errors."""
+        return abs(self.value) > SIGNIFICANT_SIGMA * self.error
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class BiasStep:
     """A sudden change of the mean.
 
     Attributes
     ----------
     at_s : s since the first sample.
-    before, behind : channel unit, means on both sides.
-    sigma : by how many standard errors they differ.
+    change : means before and after it.
     """
 
     at_s: float
-    before: float
-    behind: float
-    sigma: float
+    change: Change
 
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """How the mean of a channel moves.
+    """Slopes of the mean of a channel.
 
     Attributes
     ----------
     time : channel unit per s.
-    temperature : channel unit per degC; None without a temperature, or when it stood still.
+    temperature : channel unit per degC; None without a temperature, or if it was constant.
     explained : share of the variance of the means beyond white noise that follows the temperature; None
         likewise.
     """
@@ -102,33 +117,33 @@ class Trend:
     explained: float | None = None
 
 
-class Drift:
+class DriftAccumulator:
     """Means over stretches of the record, and their slopes.
 
     Parameters
     ----------
-    groups : group of each channel, 0 ... g-1: validity is told by group.
+    groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     rate_hz : Hz, sampling rate.
-    temperature : channel that is the temperature, degC, or None.
+    temperature : column of the temperature, degC; None: there is none.
     """
 
     def __init__(self, groups: Sequence[int], rate_hz: float, temperature: int | None = None) -> None:
         self._groups = np.array(groups, dtype=np.int64)
         self._rate = rate_hz
         self._temperature = temperature
-        self._width = max(1, round(NODE_S * rate_hz))
+        self._width = max(1, round(MEAN_S * rate_hz))
         self._n = 0
         self._offset: Floats | None = None  # (c,) near the values, so that sums lose no digits
-        self._sums = np.zeros((NODES, len(groups)))
-        self._counts = np.zeros((NODES, len(groups)))
+        self._sums = np.zeros((MEANS, len(groups)))
+        self._counts = np.zeros((MEANS, len(groups)))
 
     @property
     def elapsed_s(self) -> float:
-        """s, length of the grid so far, but for gaps of unknown length."""
+        """s, length of the grid so far, without gaps of unknown length."""
         return self._n / self._rate
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples.
+        """Add samples.
 
         Parameters
         ----------
@@ -140,7 +155,7 @@ class Drift:
             return
         if self._offset is None:
             self._offset = np.where(np.isfinite(values[0]), values[0], 0.0)
-        self._make_room(n)
+        self._join_stretches(n)
         first = self._n // self._width
         bounds = np.arange(first, (self._n + n - 1) // self._width + 2) * self._width - self._n
         bounds[0], bounds[-1] = 0, n
@@ -157,50 +172,51 @@ class Drift:
         self._n += n
 
     def skip(self, n: int) -> None:
-        """`n` samples are missing."""
-        self._make_room(n)
+        """Note that `n` samples are missing."""
+        self._join_stretches(n)
         self._n += n
 
     def break_(self) -> None:
-        """A gap of unknown length: time goes on as if there were none."""
+        """Note a gap of unknown length: it takes no time here."""
 
-    def _make_room(self, n: int) -> None:
-        while (self._n + n - 1) // self._width >= NODES:
+    def _join_stretches(self, n: int) -> None:
+        """Double the stretches until `n` more samples fit."""
+        while (self._n + n - 1) // self._width >= MEANS:
             for array in (self._sums, self._counts):
-                array[: NODES // 2] = array[::2] + array[1::2]
-                array[NODES // 2 :] = 0.0
+                array[: MEANS // 2] = array[::2] + array[1::2]
+                array[MEANS // 2 :] = 0.0
             self._width *= 2
 
-    def result(self, wanders: Sequence[MeanCovariance | None]) -> list[Trend | None]:
-        """Trend of each channel; None where the noise is not known yet or the record too short."""
-        return [None if w is None else self._trend(c, w) for c, w in enumerate(wanders)]
+    def result(self, noises: Sequence[MeanCovariance | None]) -> list[Trend | None]:
+        """Return the trend of each channel; None if its noise is unknown or the record too short."""
+        return [None if noise is None else self._trend(c, noise) for c, noise in enumerate(noises)]
 
-    def _trend(self, c: int, wander: MeanCovariance) -> Trend | None:
-        time = self.slope(c, wander)
+    def _trend(self, c: int, noise: MeanCovariance) -> Trend | None:
+        time = self.slope(c, noise)
         if time is None or self._temperature is None or c == self._temperature:
             return None if time is None else Trend(time)
-        at, mean, count = self._nodes(c)
-        warm = self._nodes(self._temperature)
+        at, mean, count = self._means(c)
+        warm = self._means(self._temperature)
         both, mine, other = np.intersect1d(at, warm[0], assume_unique=True, return_indices=True)
         degrees = warm[1][other]
-        if len(both) < LEAST_NODES or np.ptp(degrees) < LEAST_SPAN_DEGC:
+        if len(both) < LEAST_MEANS or np.ptp(degrees) < LEAST_SPAN_DEGC:
             return Trend(time)
-        slope = self._fitted(both, mean[mine], count[mine], degrees, wander)
+        slope = self._fit_slope(both, mean[mine], count[mine], degrees, noise)
         if slope is None:
             return Trend(time)
         total = float(np.var(mean[mine]))
-        white = wander.N**2 * self._rate * float(np.mean(1.0 / count[mine]))
+        white = noise.N**2 * self._rate * float(np.mean(1.0 / count[mine]))
         rest = float(np.var(mean[mine] - slope.value * degrees))
         beyond = total - white
-        explained = min(1.0, max(0.0, (total - rest) / beyond)) if beyond > 0.1 * total else None
+        explained = min(1.0, max(0.0, (total - rest) / beyond)) if beyond > BEYOND_WHITE * total else None
         return Trend(time, slope, explained)
 
     def without_temperature(self, curve: AllanCurve, trends: Sequence[Trend | None]) -> AllanCurve | None:
-        """The Allan curve as it would be if the temperature had stood still.
+        """Return the Allan curve as it would be at a constant temperature.
 
         At long tau, where temperature acts, each variance is scaled by what is left of the variance of the
-        means kept here, once slope times temperature is subtracted. None where no channel follows the
-        temperature significantly.
+        means after subtracting slope times temperature. None if no channel follows the temperature
+        significantly.
 
         Parameters
         ----------
@@ -216,13 +232,13 @@ class Drift:
         return replace(curve, avar=avar) if changed else None
 
     def _left(self, c: int, slope: float, tau: Floats) -> Floats:
-        """(k,) Share of the Allan variance at tau, s, that does not follow the temperature."""
+        """Return (k,) the share of the Allan variance at tau, s, that does not follow the temperature."""
         assert self._temperature is not None
-        series = np.full((2, NODES), np.nan)  # the channel, and the channel less what follows the temperature
-        at, mean, _ = self._nodes(c)
+        series = np.full((2, MEANS), np.nan)  # the channel, and the channel less what follows the temperature
+        at, mean, _ = self._means(c)
         series[:, at] = mean
-        degrees = np.full(NODES, np.nan)
-        warm, value, _ = self._nodes(self._temperature)
+        degrees = np.full(MEANS, np.nan)
+        warm, value, _ = self._means(self._temperature)
         degrees[warm] = value
         series[1] -= slope * degrees
         series[0, np.isnan(series[1])] = np.nan
@@ -237,86 +253,92 @@ class Drift:
             m *= 2
         if not known:
             return np.ones_like(tau)
-        share = np.exp(np.interp(np.log(tau), np.log(known), np.log(np.maximum(left, 1e-12))))
+        share = np.exp(np.interp(np.log(tau), np.log(known), np.log(np.maximum(left, LEAST_LEFT))))
         # Below the shortest stretch temperature is a ramp, whose share of white noise grows with tau^3.
         return np.where(tau < known[0], 1.0 - (1.0 - left[0]) * (tau / known[0]) ** 3, share)
 
     def slope(
-        self, c: int, wander: MeanCovariance, begin_s: float = 0.0, end_s: float = math.inf
+        self, c: int, noise: MeanCovariance, begin_s: float = 0.0, end_s: float = math.inf
     ) -> Slope | None:
-        """Slope of a channel over part of the record, channel unit per s; None where too little is known.
+        """Return the slope of a channel over part of the record, channel unit per s; None if unknown.
 
         Parameters
         ----------
-        begin_s, end_s : s since the first sample; whole stretches inside are used.
+        begin_s, end_s : s since the first sample; stretches within it are used.
         """
-        at, mean, count = self._nodes(c)
+        at, mean, count = self._means(c)
         width = self._width / self._rate
         inside = (at * width >= begin_s - 0.5 * width) & ((at + 1) * width <= end_s + 0.5 * width)
         at, mean, count = at[inside], mean[inside], count[inside]
-        if len(at) < LEAST_NODES:
+        if len(at) < LEAST_MEANS:
             return None
-        return self._fitted(at, mean, count, at * width, wander)
+        return self._fit_slope(at, mean, count, at * width, noise)
 
-    def decay(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> SettlingFit | None:
-        """The exponential along which a channel settles from a time on; None where too little is known.
+    def settling(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> SettlingFit | None:
+        """Return the exponential along which a channel settles from a time on; None if unknown.
 
         Parameters
         ----------
-        times_s : s, time constants in question.
-        begin_s : s since the first sample; whole stretches behind it are used.
+        times_s : s, possible time constants.
+        begin_s : s since the first sample; stretches after it are used.
         """
-        at, mean, count = self._nodes(c)
+        at, mean, count = self._means(c)
         inside = at * self._width / self._rate >= begin_s - 0.5 * self._width / self._rate
         at, mean, share = at[inside], mean[inside], count[inside] / self._width
-        return decay(at, mean, share, self._width / self._rate, np.array(times_s))
+        return fit_settling(at, mean, share, self._width / self._rate, np.array(times_s))
 
-    def step(self, c: int, wander: MeanCovariance, begin_s: float = 0.0) -> Step | None:
-        """The greatest sudden change of a channel's mean beside a slope; None where noise explains it.
+    def bias_step(self, c: int, noise: MeanCovariance, begin_s: float = 0.0) -> BiasStep | None:
+        """Return the greatest sudden change of a channel's mean beside a slope; None if noise explains it.
 
-        A step between two means is one element of their differences. So with P the inverse covariance of
-        these, the slope's part taken off, its generalised least-squares size is (P d)_j / P_jj, for all
-        places at once. What drifts may look like a step from afar: so it must also be seen close by. A step
-        raises the K that is fitted over it: half of that is taken.
+        A step between two means is one element of their differences d. With P the inverse covariance of
+        these, less the part of the slope, its generalised least-squares size is (P d)_j / P_jj, for all
+        places at once.
 
         Parameters
         ----------
-        begin_s : s since the first sample; from there on.
+        begin_s : s since the first sample; the search begins there.
         """
-        at, mean, count = self._nodes(c)
+        at, mean, count = self._means(c)
         width = self._width / self._rate
         inside = at * width >= begin_s - 0.5 * width
         at, mean, count = at[inside], mean[inside], count[inside]
-        if len(at) < 2 * LEAST_NODES:
+        if len(at) < 2 * LEAST_MEANS:
             return None
-        noise = self._contrasts(at, count, replace(wander, K=0.5 * wander.K))
+        covariance = self._contrasts(at, count, replace(noise, K=STEP_WALK * noise.K))
         try:
-            weights = np.linalg.inv(noise)
+            weights = np.linalg.inv(covariance)
         except np.linalg.LinAlgError:
             return None
         jumps, slope = np.diff(mean), np.diff(at * width)
         along = weights @ slope
-        weights -= np.outer(along, along) / max(float(slope @ along), 1e-300)
+        weights -= np.outer(along, along) / max(float(slope @ along), _TINY)
         pulls = weights @ jumps
-        own = np.maximum(np.diag(weights), 1e-300)
+        own = np.maximum(np.diag(weights), _TINY)
         scores = np.abs(pulls) / np.sqrt(own)
         j = int(np.argmax(scores))
         misfit = (float(jumps @ pulls) - float(scores[j]) ** 2) / (len(jumps) - 2)
         sigma = float(scores[j]) / math.sqrt(max(1.0, misfit))
         near = [mean[min(j + b, len(mean) - 1)] - mean[max(j - a, 0)] for a, b in ((0, 1), (1, 1), (0, 2))]
-        close = max(abs(float(v)) for v in near) / math.sqrt(float(noise[j, j]))
-        if not (sigma > STEP and close > ABRUPT):
+        close = max(abs(float(v)) for v in near) / math.sqrt(float(covariance[j, j]))
+        if not (sigma > STEP_SIGMA and close > ABRUPT_SIGMA):
             return None
         offset = 0.0 if self._offset is None else float(self._offset[c])
         sides = [
             float(np.average(mean[part], weights=count[part])) for part in (slice(j + 1), slice(j + 1, None))
         ]
-        return Step(float(at[j] + 1) * width, offset + sides[0], offset + sides[1], sigma)
+        change = Change(
+            against="time before",
+            quantity="bias",
+            before=offset + sides[0],
+            now=offset + sides[1],
+            ratio=None,
+            sigma=sigma,
+        )
+        return BiasStep(float(at[j] + 1) * width, change)
 
-    def change(self, c: int, begin_s: float, end_s: float) -> float | None:
-        """How far a channel moved between two times, by the stretches they fall into; None where one is
-        empty."""
-        at, mean, _ = self._nodes(c)
+    def mean_change(self, c: int, begin_s: float, end_s: float) -> float | None:
+        """Return the difference of the means at two times, channel unit; None if there are none."""
+        at, mean, _ = self._means(c)
         width = self._width / self._rate
         places = np.searchsorted(
             at, [int(begin_s / width), min(int(end_s / width), (self._n - 1) // self._width)]
@@ -325,32 +347,32 @@ class Drift:
             return None
         return float(mean[min(int(places[1]), len(at) - 1)] - mean[int(places[0])])
 
-    def highest(self, c: int) -> bool:
-        """Whether the mean of a channel is at its highest now, but for a tenth of its range."""
-        _, mean, _ = self._nodes(c)
-        return len(mean) > 0 and float(mean[-1]) >= float(mean.max() - 0.1 * np.ptp(mean))
+    def is_highest(self, c: int) -> bool:
+        """Return whether the mean of a channel is now near its highest value."""
+        _, mean, _ = self._means(c)
+        return len(mean) > 0 and float(mean[-1]) >= float(mean.max() - HIGHEST_SHARE * np.ptp(mean))
 
-    def _nodes(self, c: int) -> tuple[np.ndarray, Floats, Floats]:
-        """Numbers of the stretches that count, their means about the offset, and their samples."""
+    def _means(self, c: int) -> tuple[np.ndarray, Floats, Floats]:
+        """Return the numbers of the stretches that count, their means about the offset, and their samples."""
         count = self._counts[:, c]
-        length = np.clip(self._n - np.arange(NODES) * self._width, 0, self._width)
+        length = np.clip(self._n - np.arange(MEANS) * self._width, 0, self._width)
         at = np.flatnonzero((count > 0) & (count >= LEAST_SHARE * self._width) & (length > 0))
         return at, self._sums[at, c] / count[at], count[at]
 
-    def _fitted(
-        self, at: np.ndarray, mean: Floats, count: Floats, regressor: Floats, wander: MeanCovariance
+    def _fit_slope(
+        self, at: np.ndarray, mean: Floats, count: Floats, regressor: Floats, noise: MeanCovariance
     ) -> Slope | None:
-        """Slope of means against a regressor.
+        """Return the slope of means against a regressor; None if the covariance is singular.
 
-        Works on the differences of neighbours: contrasts, whose covariance exists for every noise.
+        The differences of neighbours are fitted: contrasts, whose covariance exists for every noise.
 
         Parameters
         ----------
         at : (k,) number of each stretch.
-        mean, count : (k,) channel unit; valid samples behind it.
+        mean, count : (k,) channel unit; valid samples of each.
         regressor : (k,) s or degC.
         """
-        c = self._contrasts(at, count, wander)
+        c = self._contrasts(at, count, noise)
         y, x = np.diff(mean), np.diff(regressor)
         try:
             root = np.linalg.cholesky(c)
@@ -365,19 +387,19 @@ class Drift:
         misfit = max(1.0, float(residual @ residual) / max(1, len(y) - 1))
         return Slope(value, math.sqrt(misfit / power), len(at), math.sqrt(1.0 / power))
 
-    def _contrasts(self, at: np.ndarray, count: Floats, wander: MeanCovariance) -> Floats:
-        """(k-1, k-1) Covariance that the noise gives the differences of neighbouring means."""
+    def _contrasts(self, at: np.ndarray, count: Floats, noise: MeanCovariance) -> Floats:
+        """Return (k-1, k-1) the covariance of the differences of neighbouring means under the noise."""
         width = self._width / self._rate
         lags = np.asarray(np.arange(int(at[-1] - at[0]) + 1) * width, dtype=np.float64)
-        by_lag = wander.covariance(lags, width, width)
-        by_lag -= by_lag.mean()  # contrasts do not see a constant, but rounding does
+        by_lag = noise.covariance(lags, width, width)
+        by_lag -= by_lag.mean()  # contrasts do not depend on a constant, but rounding does
         c = by_lag[np.abs(at[:, None] - at[None, :])]
-        c[np.diag_indices(len(at))] += wander.N**2 * (self._rate / count - 1.0 / width)
+        c[np.diag_indices(len(at))] += noise.N**2 * (self._rate / count - 1.0 / width)
         c = c[1:] - c[:-1]
         return np.asarray(c[:, 1:] - c[:, :-1], dtype=np.float64)
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
+        """Return the state as arrays."""
         out = {
             "groups": self._groups.copy(),
             "rate": np.array(self._rate),
@@ -390,8 +412,8 @@ class Drift:
         return out if self._offset is None else out | {"offset": self._offset.copy()}
 
     @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> Drift:
-        """Continue where `save` left off."""
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> DriftAccumulator:
+        """Return an accumulator that continues from a saved state."""
         n, width, temperature = (int(v) for v in saved["numbers"])
         self = cls(saved["groups"].tolist(), float(saved["rate"]), None if temperature < 0 else temperature)
         self._n, self._width = n, width

@@ -1,15 +1,15 @@
-"""History: the statistics of a record, cut where it may matter later: behind a warm-up, and every hour.
+"""Statistics of a record, split where it may matter later: after a warm-up, and every hour.
 
-One cascade and one set of moments run. Marks (`marks`) give what came since a candidate end of a warm-up,
-or in each hour, without running anything twice; moments are kept in pieces between the same cuts and joined
-when asked for. All decisions fall at fixed times of the sensor's clock: the same record gives the same
-result however it is fed and whenever it is asked.
+One cascade and one set of moments run. Marks (`windows`) give what came after a candidate end of a warm-up,
+or in each hour, without running anything twice. Moments are kept in segments between the same splits and
+merged on request. All decisions fall at fixed times of the sample clock: the same record gives the same
+result for any chunking and whenever a result is requested.
 
-- Warm-up: candidates are 2, 5, 10, 20 and 40 min. When the record is two and a half times as long as one,
-  slopes before and behind it are compared (`warmup.settles`), and a decay that was over by then is looked for
-  (`decay`); what came before a warm-up's end is left out from then on.
+- Warm-up: candidates are 2, 5, 10, 20 and 40 min. When the record is two and a half times as long as one, the
+  slopes before and after it are compared (`warmup.has_settled`), and an exponential that was over by then is
+  sought (`settling`). What came before the end of a warm-up is excluded from then on.
 - Hours: as they age, neighbours of equal length are joined, so their number grows with the logarithm of the
-  record. Each whole hour is compared with all before it (`stationarity.changes`).
+  record. Each whole hour is compared with all before it (`change.detect_changes`).
 """
 
 from __future__ import annotations
@@ -21,17 +21,25 @@ import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.allan.windows import Window, WindowedCascade, WindowSums
-from imumon.noise.detection.disturbance import under
-from imumon.noise.nonstationarity.change import Behaviour, Change, changes
-from imumon.noise.nonstationarity.drift import Drift
-from imumon.noise.nonstationarity.mean_covariance import Fitted, MeanCovariance
-from imumon.noise.nonstationarity.warmup import ENOUGH, OVER, TIMES_S, settles
+from imumon.noise.detection.disturbance import subset
+from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
+from imumon.noise.nonstationarity.drift import DriftAccumulator
+from imumon.noise.nonstationarity.mean_covariance import FittedNoise, MeanCovariance
+from imumon.noise.nonstationarity.warmup import CANDIDATES_S, DECISION_LENGTH, OVER_SHARES, has_settled
 from imumon.noise.statistics.moments import Moments, MomentsResult
+from imumon.report import Change
 from imumon.samples import Bools, Floats
 
 HOUR_S = 3600.0
+"""s, length of the stretches that are compared with those before: long enough for B. Not critical."""
+LONG_GAP_HOURS = 2
+"""Hours of a gap from which its hours are skipped as one. Not critical."""
 
-Fit = Callable[[AllanCurve], Sequence[Fitted]]
+HOURS_BEFORE = "hours before"
+QUANTITIES = ("N", "B", "bias")
+"""Quantities of a change, by number in the saved state."""
+
+FitCurve = Callable[[AllanCurve], Sequence[FittedNoise]]
 
 
 @dataclass(slots=True, eq=False)
@@ -40,8 +48,8 @@ class Hour:
 
     Attributes
     ----------
-    start : samples of the grid.
-    count : hours in it.
+    start : samples of the grid before it.
+    count : number of hours.
     stretch, moments : their sums.
     """
 
@@ -51,64 +59,58 @@ class Hour:
     moments: Moments
 
     def joined(self, other: Hour) -> Hour:
-        """Both, `other` the later one."""
+        """Return both as one, `other` being the later one."""
         moments = self.moments.copy()
         moments.merge(other.moments)
         return Hour(self.start, self.count + other.count, self.stretch + other.stretch, moments)
 
 
-@dataclass(frozen=True, slots=True)
-class Moved:
-    """A change of a channel from the hours before to the last one."""
-
-    column: int
-    change: Change
-
-
 class HourlyStatistics:
-    """Statistics of a record, with its warm-up left out and its hours compared.
+    """Statistics of a record, with its warm-up excluded and its hours compared.
 
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1.
-    noisy : the first so many channels have an Allan curve.
+    allan_channels : number of leading channels with an Allan curve.
     interval_s : s, sampling interval.
-    fit : fits a curve, for the decisions.
-    warming : channels in which a warm-up may show; none: it is not looked for.
-    temperature : channel that is the temperature, or None.
+    fit : function that fits a curve, for the decisions.
+    warmup_channels : channels in which a warm-up may show; empty: none is excluded.
+    temperature : column of the temperature; None: there is none.
 
     Attributes
     ----------
-    warmup_s : s, length of the samples that count but for the recognised warm-up: what is missing or cut out
-        in it has its own account.
+    warmup_s : s, valid samples that are excluded as a warm-up; missing and otherwise excluded ones within it
+        are counted elsewhere.
     drift : means of the whole record.
     """
 
     def __init__(
         self,
         groups: Sequence[int],
-        noisy: int,
+        allan_channels: int,
         interval_s: float,
-        fit: Fit,
+        fit: FitCurve,
         *,
-        warming: Sequence[int] = (),
+        warmup_channels: Sequence[int] = (),
         temperature: int | None = None,
     ) -> None:
-        self._groups, self._noisy, self._interval = list(groups), noisy, interval_s
-        self._fit, self._warming = fit, tuple(warming)
+        self._groups, self._interval = list(groups), interval_s
+        self._allan_channels, self._warmup_channels = allan_channels, tuple(warmup_channels)
+        self._fit = fit
         rate = 1.0 / interval_s
-        self.drift = Drift(groups, rate, temperature)
-        self._cascade = WindowedCascade(OctaveCascade(noisy, interval_s, groups=self._groups[:noisy]))
-        self._candidates = [round(t * rate) for t in TIMES_S] if warming else []
+        self.drift = DriftAccumulator(groups, rate, temperature)
+        cascade = OctaveCascade(allan_channels, interval_s, groups=self._groups[:allan_channels])
+        self._cascade = WindowedCascade(cascade)
+        self._candidates = [round(t * rate) for t in CANDIDATES_S] if warmup_channels else []
         self._hour = round(HOUR_S * rate)
         self._marks: dict[int, Window] = {0: self._cascade.open_window()}
         self._start = 0  # end of the warm-up
         self.warmup_s = 0.0
         self._hour_mark = self._cascade.open_window()
-        self._pieces: list[tuple[int, Moments]] = [(0, self._new())]
-        self._finished: Moments | None = None  # of the pieces that count but for the last, once asked for
+        self._segments: list[tuple[int, Moments]] = [(0, self._new())]
+        self._finished: Moments | None = None  # of all valid segments but the last; a cache
         self._hours: list[Hour] = []
-        self._moved: list[Moved] = []
+        self._changes: dict[int, tuple[Change, ...]] = {}
 
     @property
     def begin_s(self) -> float:
@@ -121,141 +123,148 @@ class HourlyStatistics:
         return self._cascade.position
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples, (n, c) channel unit, with what counts of them, (n, g)."""
+        """Add samples.
+
+        Parameters
+        ----------
+        values : (n, c) channel unit.
+        valid : (n, g); None: all.
+        """
         done = 0
         while done < len(values):
-            stop = min(len(values), done + self._until_cut())
+            stop = min(len(values), done + self._until_split())
             part, ok = values[done:stop], None if valid is None else valid[done:stop]
-            noisy_groups = max(self._groups[: self._noisy], default=-1) + 1
+            allan_groups = max(self._groups[: self._allan_channels], default=-1) + 1
             self.drift.update(part, ok)
-            self._pieces[-1][1].update(part, ok)
-            self._cascade.update(part[:, : self._noisy], None if ok is None else ok[:, :noisy_groups])
-            self._cut()
+            self._segments[-1][1].update(part, ok)
+            allan_ok = None if ok is None else ok[:, :allan_groups]
+            self._cascade.update(part[:, : self._allan_channels], allan_ok)
+            self._split()
             done = stop
 
     def skip(self, n: int) -> None:
-        """`n` samples are missing."""
+        """Note that `n` samples are missing."""
         while n > 0:
-            part = min(n, self._until_cut())
-            if n > 2 * self._hour and self.position % self._hour == 0 and len(self._events()) == 1:
-                part = n // self._hour * self._hour  # hours in which nothing came are not kept
+            part = min(n, self._until_split())
+            long = n > LONG_GAP_HOURS * self._hour and self.position % self._hour == 0
+            if long and len(self._splits()) == 1:
+                part = n // self._hour * self._hour  # hours without samples are not kept
             self.drift.skip(part)
             self._cascade.skip(part)
-            self._cut()
+            self._split()
             n -= part
 
     def break_(self) -> None:
-        """A gap of unknown length."""
+        """Note a gap of unknown length."""
         self.drift.break_()
         self._cascade.break_()
 
     def curve(self) -> AllanCurve:
-        """Allan curve of everything behind the warm-up."""
+        """Return the Allan curve of everything after the warm-up."""
         if not self._start:
             return self._cascade.cascade.result()
         return self._curve(self._cascade.sums_since(self._marks[self._start]))
 
-    def running(self) -> MomentsResult:
-        """Moments of everything behind the warm-up."""
+    def moments(self) -> MomentsResult:
+        """Return the moments of everything after the warm-up."""
         if self._finished is None:
-            self._finished = self._joined(self._start, self._pieces[-1][0])
+            self._finished = self._merged(self._start, self._segments[-1][0])
         whole = self._finished.copy()
-        whole.merge(self._pieces[-1][1])
+        whole.merge(self._segments[-1][1])
         return whole.result()
 
     def hours(self) -> tuple[Hour, ...]:
-        """Finished hours behind the warm-up, oldest first, older ones joined."""
+        """Return the finished hours after the warm-up, oldest first; older ones are joined."""
         return tuple(self._hours)
 
-    def moved(self) -> list[Moved]:
-        """Changes from the hours before to the last whole one."""
-        return list(self._moved)
+    def changes(self) -> dict[int, tuple[Change, ...]]:
+        """Return what differs between the last whole hour and those before, by column."""
+        return dict(self._changes)
 
-    # ------------------------------------------------------------------ cuts
+    # ------------------------------------------------------------------ splits
 
-    def _events(self) -> tuple[int, ...]:
-        """Places of the cuts that are still to come: candidates, their decisions, the end of the hour."""
+    def _splits(self) -> tuple[int, ...]:
+        """Return the places of the next splits: candidates, their decisions, the end of the hour."""
         at = self.position
-        whole = (*self._candidates, *(round(ENOUGH * c) for c in self._candidates))
-        return (*(place for place in whole if place > at), (at // self._hour + 1) * self._hour)
+        places = (*self._candidates, *(round(DECISION_LENGTH * c) for c in self._candidates))
+        return (*(place for place in places if place > at), (at // self._hour + 1) * self._hour)
 
-    def _until_cut(self) -> int:
-        return min(self._events()) - self.position
+    def _until_split(self) -> int:
+        return min(self._splits()) - self.position
 
-    def _cut(self) -> None:
-        """What falls due at this place."""
+    def _split(self) -> None:
+        """Do what is due at this place."""
         at = self.position
         if at in self._candidates:
             self._marks[at] = self._cascade.open_window()
-            self._begin_piece(at)
+            self._begin_segment(at)
         for candidate in self._candidates:
-            if at == round(ENOUGH * candidate):
+            if at == round(DECISION_LENGTH * candidate):
                 self._decide(candidate)
         if at % self._hour == 0 and at > 0:
             self._end_hour(at)
 
     def _decide(self, candidate: int) -> None:
-        """Whether a warm-up ended at a candidate."""
+        """Decide whether a warm-up ended at a candidate."""
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
-        # noise fitted behind the candidate: what came before may be a ramp
-        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self._warming))
-        over = [share * middle for share in OVER]
+        # the noise is fitted after the candidate: before it, a warm-up may look like K
+        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self._warmup_channels))
+        times = [share * middle for share in OVER_SHARES]
         settled = any(
-            (found := self.drift.decay(c, over, begin)) is not None and found.plain for c in self._warming
+            (found := self.drift.settling(c, times, begin)) is not None and found.significant
+            for c in self._warmup_channels
         ) or any(
-            settles(self.drift.slope(c, wander, begin, middle), self.drift.slope(c, wander, middle))
-            for c, fit in zip(self._warming, fits, strict=True)
-            if (wander := MeanCovariance.of(fit)) is not None
+            has_settled(self.drift.slope(c, noise, begin, middle), self.drift.slope(c, noise, middle))
+            for c, fit in zip(self._warmup_channels, fits, strict=True)
+            if (noise := MeanCovariance.of(fit)) is not None
         )
         if settled:
             self._start, self._finished = candidate, None
-            self.warmup_s = self._warmed()
-            self._hours, self._moved = [], []
+            self.warmup_s = self._warmup_length_s()
+            self._hours, self._changes = [], {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
             self._cascade.close_window(self._marks.pop(start))
 
-    def _warmed(self) -> float:
-        """s, length of the samples before the warm-up's end."""
+    def _warmup_length_s(self) -> float:
+        """Return the length of the valid samples before the end of the warm-up, s."""
         if not self._start:
             return 0.0
-        before = self._joined(0, self._start).result().channels
-        return max(before[c].count for c in self._warming) * self._interval
+        before = self._merged(0, self._start).result().channels
+        return max(before[c].count for c in self._warmup_channels) * self._interval
 
     def _end_hour(self, at: int) -> None:
-        """An hour is over: keep it, and compare it with those before."""
+        """Keep the hour that ended and compare it with those before."""
         stretch = self._cascade.block_sums_since(self._hour_mark)
         start = max(self._start, at - self._hour)
         self._cascade.close_window(self._hour_mark)
         self._hour_mark = self._cascade.open_window()
         if at - self._hour >= self._start and stretch.valid.any():
-            moments = self._joined(start, at).copy()
-            last = Hour(start, 1, stretch, moments)
+            last = Hour(start, 1, stretch, self._merged(start, at).copy())
             if self._hours:
-                self._moved = self._compared(last)
+                self._changes = self._compare(last)
             self._hours.append(last)
             self._join_hours()
-        self._begin_piece(at)
-        self._join_pieces(at)
+        self._begin_segment(at)
+        self._merge_segments(at)
 
-    def _compared(self, last: Hour) -> list[Moved]:
-        """What differs between an hour and all before it."""
+    def _compare(self, last: Hour) -> dict[int, tuple[Change, ...]]:
+        """Return what differs between an hour and all before it, by column."""
         before = self._hours[0]
         for hour in self._hours[1:]:
             before = before.joined(hour)
         fits = [self._fit(self._curve(hour.stretch)) for hour in (before, last)]
         means = [[m.mean for m in hour.moments.result().channels] for hour in (before, last)]
         seconds = [hour.stretch.span * self._interval for hour in (before, last)]
-        found = []
-        for column in range(self._noisy):
-            old, new = (
-                Behaviour.of(fits[which][column], means[which][column], seconds[which]) for which in (0, 1)
-            )
-            found += [Moved(column, change) for change in changes(old, new)]
+        found = {}
+        for column in range(self._allan_channels):
+            old, new = (NoiseSummary.of(fits[i][column], means[i][column], seconds[i]) for i in (0, 1))
+            if changes := detect_changes(old, new, HOURS_BEFORE):
+                found[column] = tuple(changes)
         return found
 
     def _join_hours(self) -> None:
-        """Join the older two of three hours of one length, from the youngest on."""
+        """Join the older two of three stretches of one length, shortest stretches first."""
         size = 1
         while len(same := [i for i, hour in enumerate(self._hours) if hour.count == size]) >= 3:
             older, newer = same[0], same[1]
@@ -263,29 +272,30 @@ class HourlyStatistics:
             del self._hours[newer]
             size *= 2
 
-    def _begin_piece(self, at: int) -> None:
-        """Moments of what comes from here on are kept apart."""
-        self._pieces.append((at, self._pieces[-1][1].following()))
+    def _begin_segment(self, at: int) -> None:
+        """Begin new moments at this place."""
+        self._segments.append((at, self._new()))
         self._finished = None
 
-    def _join_pieces(self, at: int) -> None:
-        """Pieces that no cut can separate any more become one."""
-        needed = {self._start, *(c for c in self._candidates if ENOUGH * c > at), at - self._hour, at}
+    def _merge_segments(self, at: int) -> None:
+        """Merge segments that no later split separates."""
+        pending = (c for c in self._candidates if DECISION_LENGTH * c > at)
+        needed = {self._start, *pending, at - self._hour, at}
         kept: list[tuple[int, Moments]] = []
-        for start, moments in self._pieces:
+        for start, moments in self._segments:
             if kept and start not in needed:
                 kept[-1][1].merge(moments)
             else:
                 kept.append((start, moments))
-        self._pieces, self._finished = kept, None
+        self._segments, self._finished = kept, None
 
-    def _joined(self, begin: int, end: int) -> Moments:
-        """Moments of the pieces that begin from `begin` on and before `end`."""
-        pieces = [moments for start, moments in self._pieces if begin <= start < end]
-        if len(pieces) == 1:
-            return pieces[0]
+    def _merged(self, begin: int, end: int) -> Moments:
+        """Return the moments of the segments that begin from `begin` on and before `end`."""
+        parts = [moments for start, moments in self._segments if begin <= start < end]
+        if len(parts) == 1:
+            return parts[0]
         whole = self._new()
-        for moments in pieces:
+        for moments in parts:
             whole.merge(moments)
         return whole
 
@@ -298,17 +308,24 @@ class HourlyStatistics:
     # ------------------------------------------------------------------ state
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
+        """Return the state as arrays."""
         out = {f"cascade.{k}": v for k, v in self._cascade.save().items()}
         out |= {f"drift.{k}": v for k, v in self.drift.save().items()}
         order = list(self._cascade.windows)
         marks = [[start, order.index(mark)] for start, mark in self._marks.items()]
         out["marks"] = np.array(marks, dtype=np.int64).reshape(-1, 2)
         hour = next(i for i, mark in enumerate(order) if mark is self._hour_mark)
+        out["changes"] = np.array(
+            [
+                [column, QUANTITIES.index(c.quantity), c.before, c.now, c.ratio or np.nan, c.sigma]
+                for column, changes in self._changes.items()
+                for c in changes
+            ]
+        ).reshape(-1, 6)
         out["numbers"] = np.array([self._start, hour], dtype=np.int64)
-        out["pieces"] = np.array([start for start, _ in self._pieces], dtype=np.int64)
-        for number, (_, moments) in enumerate(self._pieces):
-            out |= {f"piece{number}.{k}": v for k, v in moments.save().items()}
+        out["segments"] = np.array([start for start, _ in self._segments], dtype=np.int64)
+        for number, (_, moments) in enumerate(self._segments):
+            out |= {f"segment{number}.{k}": v for k, v in moments.save().items()}
         out["hours"] = np.array([[h.start, h.count] for h in self._hours], dtype=np.int64).reshape(-1, 2)
         for number, each in enumerate(self._hours):
             part, s = f"hour{number}.", each.stretch
@@ -318,24 +335,35 @@ class HourlyStatistics:
             out |= {f"{part}moments.{k}": v for k, v in each.moments.save().items()}
         return out
 
-    def resume(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue where `save` left off, in a history just made with the same arguments."""
-        self._cascade = WindowedCascade.restore(under(saved, "cascade."))
-        self.drift = Drift.restore(under(saved, "drift."))
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Continue from a saved state; the object is new and made with the same arguments."""
+        self._cascade = WindowedCascade.restore(subset(saved, "cascade."))
+        self.drift = DriftAccumulator.restore(subset(saved, "drift."))
         marks = self._cascade.windows
         self._start, hour = (int(v) for v in saved["numbers"])
         self._marks = {int(start): marks[int(number)] for start, number in saved["marks"]}
         self._hour_mark = marks[hour]
-        self._pieces = [
-            (int(start), Moments.restore(under(saved, f"piece{number}.")))
-            for number, start in enumerate(saved["pieces"])
+        self._segments = [
+            (int(start), Moments.restore(subset(saved, f"segment{number}.")))
+            for number, start in enumerate(saved["segments"])
         ]
         self._finished = None
-        self.warmup_s = self._warmed()
+        self.warmup_s = self._warmup_length_s()
+        self._changes = {}
+        for column, quantity, before, now, ratio, sigma in saved["changes"].tolist():
+            change = Change(
+                against=HOURS_BEFORE,
+                quantity=QUANTITIES[int(quantity)],
+                before=before,
+                now=now,
+                ratio=None if np.isnan(ratio) else ratio,
+                sigma=sigma,
+            )
+            self._changes[int(column)] = (*self._changes.get(int(column), ()), change)
         self._hours = []
         for number, (start, count) in enumerate(saved["hours"]):
-            own = under(saved, f"hour{number}.")
+            own = subset(saved, f"hour{number}.")
             span, segments = (int(v) for v in own["numbers"])
             stretch = WindowSums(own["squares"], own["terms"], own["lacks"], own["valid"], span, segments)
-            moments = Moments.restore(under(own, "moments."))
+            moments = Moments.restore(subset(own, "moments."))
             self._hours.append(Hour(int(start), int(count), stretch, moments))

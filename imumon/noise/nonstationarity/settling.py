@@ -1,14 +1,15 @@
-"""Decay: whether means over stretches of time settle along an exponential, as a sensor that warms up does.
+"""Settling: whether means over stretches of time follow an exponential, as those of a sensor that warms up.
 
-An exponential that is over is mostly slow, and so is a random walk; the Allan variance cannot tell them
-apart, the order of the means in time can. Three accounts of the means are compared by their likelihood:
-noise, noise beside a steady slope, and noise beside A exp(-t/T). The noise is any mixture of white, flicker
-and random walk (`MeanCovariance`), each account with the mixture and the size that suit it best; so what a random
-walk does by itself speaks for none of them, and no fit of the curve, which a warm-up bends, is asked.
+An exponential that is over is mostly slow, and so is a random walk. The Allan variance cannot distinguish
+them, the order of the means in time can. Three models of the means are compared by their likelihood: noise,
+noise with a steady slope, and noise with A exp(-t/T). The noise is any mixture of white, flicker and random
+walk (`MeanCovariance`), each model with the mixture and the size that fit it best. So what a random walk does
+by itself supports none of them, and no fit of the curve, which a warm-up bends, is needed.
 
-Twice the logarithm of the ratio of the likelihoods (Wilks 1938), of the exponential and the better one of
-the other two, is the evidence. Its law where nothing decays is not that of Wilks, since the time constant is
-searched and a walk has few degrees of freedom: `EVIDENCE` is set on simulated records (docs/THEORY.md).
+Twice the logarithm of the ratio of the likelihoods (Wilks 1938), of the exponential and the better one of the
+other two, is the evidence. Without an exponential it does not follow the law of Wilks, because the time
+constant is searched and a walk has few degrees of freedom: `LEAST_EVIDENCE` is set on simulated records
+(docs/THEORY.md).
 """
 
 from __future__ import annotations
@@ -21,21 +22,25 @@ import numpy as np
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.samples import Floats
 
-MEANS = 48
-"""Means that are compared at most: neighbours are joined."""
-LEAST = 16
+MOST_MEANS = 48
+"""Most means that are compared; neighbours are joined. The cost grows with the cube. Not critical."""
+LEAST_MEANS = 16
+"""Fewest means that are compared: fewer do not distinguish an exponential from a walk."""
 FLICKER = (0.0, *(2.0**i for i in range(-1, 10)))
-"""B sqrt(T) / N of the mixtures, T the length of the record."""
+"""B sqrt(T) / N of the mixtures, T the length of the record. Not critical."""
 WALK = (0.0, *(2.0**i for i in range(13)))
-"""K T / N of the mixtures."""
-EVIDENCE = 16.0
-"""Twice the logarithm of the ratio of the likelihoods beyond which a decay is plain. Of simulated series
-without one, one in a hundred reaches 10 and one in ten thousand or so 16."""
+"""K T / N of the mixtures. Not critical."""
+LEAST_EVIDENCE = 16.0
+"""Twice the logarithm of the ratio of the likelihoods beyond which an exponential is significant. Of
+simulated series without one, one in a hundred reaches 10 and about one in ten thousand 16."""
+
+_TINY = 1e-300  # keeps divisions by a zero sum finite
+_ROUNDING = 1e-12  # share of a sum of squares that rounding may leave
 
 
 @dataclass(frozen=True, slots=True)
 class SettlingFit:
-    """The exponential that describes some means best.
+    """The exponential that fits some means best.
 
     Attributes
     ----------
@@ -49,38 +54,40 @@ class SettlingFit:
     evidence: float
 
     @property
-    def plain(self) -> bool:
-        """Whether noise alone does not make it."""
-        return self.evidence > EVIDENCE
+    def significant(self) -> bool:
+        """Whether noise alone does not explain it."""
+        return self.evidence > LEAST_EVIDENCE
 
 
-def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: Floats) -> SettlingFit | None:
-    """The exponential of the likeliest time constant; None where there are too few means.
+def fit_settling(
+    at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: Floats
+) -> SettlingFit | None:
+    """Return the exponential of the most likely time constant; None if there are too few means.
 
     Parameters
     ----------
     at : (k,) number of each stretch; the exponential begins with the first.
-    mean, share : (k,) channel unit; part of the stretch that is valid, above 0.
+    mean, share : (k,) channel unit; valid share of the stretch, above 0.
     width_s : s, length of a stretch.
-    times_s : (t,) s, time constants in question.
+    times_s : (t,) s, possible time constants.
     """
-    if len(at) < LEAST:
+    if len(at) < LEAST_MEANS:
         return None
     at, mean, share, width_s = _joined(at - at[0], mean, share, width_s)
-    if len(at) < LEAST:
+    if len(at) < LEAST_MEANS:
         return None
     x = (at + 0.5) * width_s
     trial = np.column_stack((x / x[-1], np.exp(-x[:, None] / times_s)))
     steps = np.diff(np.column_stack((mean, trial)), axis=0)
-    # the size of the noise is that which fits: -2 log L = n log(sum of squares) + log det, but for a constant
+    # the size of the noise is the best one: -2 log L = n log(sum of squares) + log det, up to a constant
     n, without, best = len(steps), np.inf, (np.inf, 0.0, 0.0)
     for noise, logs in _mixtures(at, share):
         white = noise @ steps  # (mixtures, k-1, 2+t)
         y, shapes = white[..., 0], white[..., 1:]
-        whole = np.maximum(np.einsum("mk,mk->m", y, y), 1e-300)[:, None]
-        power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), 1e-300)
+        whole = np.maximum(np.einsum("mk,mk->m", y, y), _TINY)[:, None]
+        power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), _TINY)
         pull = np.einsum("mkt,mk->mt", shapes, y)
-        left = np.maximum(whole - pull**2 / power, 1e-12 * whole)
+        left = np.maximum(whole - pull**2 / power, _ROUNDING * whole)
         found = n * np.log(left) + logs[:, None]
         without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(found[:, 0].min()))
         m, t = (int(i) for i in np.unravel_index(int(np.argmin(found[:, 1:])), found[:, 1:].shape))
@@ -92,8 +99,8 @@ def decay(at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: 
 def _joined(
     at: np.ndarray, mean: Floats, share: Floats, width_s: float
 ) -> tuple[np.ndarray, Floats, Floats, float]:
-    """Stretches joined in pairs until they are few enough."""
-    while int(at[-1]) >= MEANS:
+    """Return the stretches, joined in pairs until they are at most `MOST_MEANS`."""
+    while int(at[-1]) >= MOST_MEANS:
         pair = at // 2
         weight = np.bincount(pair, share)
         total = np.bincount(pair, share * mean)
@@ -103,7 +110,7 @@ def _joined(
 
 
 def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """Mixtures for stretches of unit length, those of one flicker at a time: all at once take 3 MB.
+    """Yield the mixtures for stretches of unit length, those of one flicker at a time.
 
     Yields
     ------

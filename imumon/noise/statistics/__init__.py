@@ -1,5 +1,5 @@
-"""What is in a signal beside its Allan deviation: moments, histogram, spectrum with lines, strip chart.
+"""Statistics of a signal beside its Allan deviation: moments, histogram, power spectrum, envelope.
 
-Each is an accumulator of bounded size: `update`, then `result`. None knows another, but for
-the spectrum, which asks `lines` what stands out of it.
+Each is an accumulator of bounded size with `update` and `result`. They are independent of each other, except
+that the power spectrum uses `spectral_lines` to find the lines in it.
 """

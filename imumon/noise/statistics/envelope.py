@@ -1,8 +1,8 @@
-"""Strip: least and greatest value of each channel in columns of time, for drawing a signal.
+"""Envelope: minimum and maximum of each channel in columns of time, for drawing a signal.
 
-Three strips run together: the last minute in columns of half a second, the last hour in columns of half a
-minute, and everything in at most 240 columns that double in length when they are full. The columns
-of the last minute also carry sums, so that its mean and deviation stand beside those of everything.
+Three envelopes run together: the last minute in columns of half a second, the last hour in columns of half a
+minute, and everything in at most 240 columns that double in length when they are full. The columns of the
+last minute also have sums, for its mean and standard deviation.
 
 Columns lie on the sample grid: any chunking gives the same columns, and a gap leaves empty ones.
 """
@@ -17,20 +17,24 @@ import numpy as np
 from imumon.samples import Bools, Floats, Ints
 
 COLUMN_S = 0.5
-RECENT = 120
-PER_HOUR_COLUMN = 60
-EVERYTHING = 240
+"""s, length of a column of the last minute. Not critical."""
+RECENT_COLUMNS = 120
+"""Columns of the last minute and of the last hour: more than a terminal is wide. Not critical."""
+HOUR_COLUMN = 60
+"""Columns of the minute in one of the hour. Not critical."""
+ALL_COLUMNS = 240
+"""Most columns of everything; at least half of them are in use. Not critical."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class EnvelopeColumns:
     """Columns of equal length, oldest first; the last one may still be filling.
 
     Attributes
     ----------
-    start : samples on the grid, begin of the first column.
+    start : samples on the grid before the first column.
     width : samples, length of a column.
-    low, high : (k, c) channel unit; NaN where nothing came.
+    low, high : (k, c) channel unit; NaN without a sample.
     """
 
     start: int
@@ -40,13 +44,13 @@ class Columns:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recent:
-    """Running figures of the last minute.
+class RecentStatistics:
+    """Statistics of the last minute.
 
     Attributes
     ----------
     count : (c,) valid samples.
-    mean, std : (c,) channel unit; NaN where `count` is 0 (below 2 for std).
+    mean, std : (c,) channel unit; NaN if `count` is 0 (below 2 for std).
     """
 
     count: Floats
@@ -59,7 +63,7 @@ class Envelope:
 
     Parameters
     ----------
-    groups : group of each channel, 0 ... g-1: validity is told by group.
+    groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     rate_hz : Hz, sampling rate.
     """
 
@@ -69,14 +73,14 @@ class Envelope:
         self.column = max(1, round(COLUMN_S * rate_hz))
         self._n = 0  # samples on the grid
         self._offset: Floats | None = None  # (c,) near the values, so that sums lose no digits
-        self._minute = np.full((RECENT, 2, c), np.nan)  # ring by column number: low, high
-        self._sums = np.zeros((RECENT, 3, c))  # count, sum, sum of squares, about the offset
-        self._hour = np.full((RECENT, 2, c), np.nan)
-        self._all = np.full((EVERYTHING, 2, c), np.nan)
+        self._minute = np.full((RECENT_COLUMNS, 2, c), np.nan)  # ring by column number: low, high
+        self._sums = np.zeros((RECENT_COLUMNS, 3, c))  # count, sum, sum of squares, about the offset
+        self._hour = np.full((RECENT_COLUMNS, 2, c), np.nan)
+        self._all = np.full((ALL_COLUMNS, 2, c), np.nan)
         self._wide = 1  # columns of the minute in one of everything
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples.
+        """Add samples.
 
         Parameters
         ----------
@@ -111,73 +115,73 @@ class Envelope:
         np.add.reduceat(d, edges, axis=1, out=sums[:, 1].T)
         np.multiply(d, d, out=d)
         np.add.reduceat(d, edges, axis=1, out=sums[:, 2].T)
-        fresh = -(-self._n // self.column)  # first column that begins in this block
+        new = -(-self._n // self.column)  # first column that begins in this block
         self._n += n
-        self._fit(last)
-        _widen(self._minute, first, last, fresh, extremes)
-        kept = max(first, last + 1 - RECENT)
-        self._sums[_places(max(kept, fresh), last, RECENT)] = 0.0
-        self._sums[_places(kept, last, RECENT)] += sums[kept - first :]
-        for ring, wide in ((self._hour, PER_HOUR_COLUMN), (self._all, self._wide)):
+        self._join_columns(last)
+        _widen(self._minute, first, last, new, extremes)
+        kept = max(first, last + 1 - RECENT_COLUMNS)
+        self._sums[_places(max(kept, new), last, RECENT_COLUMNS)] = 0.0
+        self._sums[_places(kept, last, RECENT_COLUMNS)] += sums[kept - first :]
+        for ring, wide in ((self._hour, HOUR_COLUMN), (self._all, self._wide)):
             begin, end = first // wide, last // wide
-            _widen(ring, begin, end, -(-fresh // wide), _coarser(extremes, wide, first, end - begin + 1))
+            _widen(ring, begin, end, -(-new // wide), _coarser(extremes, wide, first, end - begin + 1))
 
     def skip(self, n: int) -> None:
-        """`n` samples are missing."""
+        """Note that `n` samples are missing."""
         first, last = -(-self._n // self.column), (self._n + n - 1) // self.column
         self._n += n
         if last < first:
             return
-        self._fit(last)
-        numbers = np.arange(max(first, last + 1 - RECENT), last + 1)
-        self._minute[numbers % RECENT] = np.nan
-        self._sums[numbers % RECENT] = 0.0
-        hours = np.arange(-(-first // PER_HOUR_COLUMN), last // PER_HOUR_COLUMN + 1)[-RECENT:]
-        self._hour[hours % RECENT] = np.nan
+        self._join_columns(last)
+        numbers = np.arange(max(first, last + 1 - RECENT_COLUMNS), last + 1)
+        self._minute[numbers % RECENT_COLUMNS] = np.nan
+        self._sums[numbers % RECENT_COLUMNS] = 0.0
+        hours = np.arange(-(-first // HOUR_COLUMN), last // HOUR_COLUMN + 1)[-RECENT_COLUMNS:]
+        self._hour[hours % RECENT_COLUMNS] = np.nan
 
     def break_(self) -> None:
-        """A gap of unknown length: drawn as none."""
+        """Note a gap of unknown length: it takes no columns."""
 
-    def _fit(self, last: int) -> None:
-        """Double the columns of everything until column `last` of the minute has a place."""
-        while last // self._wide >= EVERYTHING:
-            pairs = self._all.reshape(EVERYTHING // 2, 2, 2, -1)
+    def _join_columns(self, last: int) -> None:
+        """Double the columns of everything until column `last` of the minute fits."""
+        while last // self._wide >= ALL_COLUMNS:
+            pairs = self._all.reshape(ALL_COLUMNS // 2, 2, 2, -1)
             half = np.stack(
                 (np.fmin(*pairs[:, :, 0].swapaxes(0, 1)), np.fmax(*pairs[:, :, 1].swapaxes(0, 1))), 1
             )
             self._all = np.concatenate((half, np.full_like(half, np.nan)))
             self._wide *= 2
 
-    def minute(self) -> Columns:
-        """The last 60 s."""
+    def minute(self) -> EnvelopeColumns:
+        """Return the columns of the last 60 s."""
         return self._last(self._minute, 1)
 
-    def hour(self) -> Columns:
-        """The last hour."""
-        return self._last(self._hour, PER_HOUR_COLUMN)
+    def hour(self) -> EnvelopeColumns:
+        """Return the columns of the last hour."""
+        return self._last(self._hour, HOUR_COLUMN)
 
-    def everything(self) -> Columns:
-        """All since the first sample."""
+    def everything(self) -> EnvelopeColumns:
+        """Return the columns since the first sample."""
         return self._last(self._all, self._wide)
 
-    def _last(self, ring: Floats, wide: int) -> Columns:
+    def _last(self, ring: Floats, wide: int) -> EnvelopeColumns:
         end = -(-self._n // (self.column * wide))
         numbers = np.arange(max(0, end - len(ring)), end)
         rows = ring[numbers % len(ring)]
         width = self.column * wide
-        return Columns(int(numbers[0]) * width if len(numbers) else 0, width, rows[:, 0], rows[:, 1])
+        return EnvelopeColumns(int(numbers[0]) * width if len(numbers) else 0, width, rows[:, 0], rows[:, 1])
 
-    def recent(self) -> Recent:
-        """Mean and deviation over the last minute."""
+    def recent(self) -> RecentStatistics:
+        """Return mean and standard deviation over the last minute."""
         count, total, square = self._sums.sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = total / count
             variance = np.where(count > 1, (square - count * mean**2) / (count - 1), np.nan)
         offset = 0.0 if self._offset is None else self._offset
-        return Recent(count, mean + offset, np.sqrt(np.maximum(variance, 0.0)))
+        return RecentStatistics(count, mean + offset, np.sqrt(np.maximum(variance, 0.0)))
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
+        """Return the state as arrays."""
         out = {
             "minute": self._minute.copy(),
             "sums": self._sums.copy(),
@@ -191,7 +195,7 @@ class Envelope:
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Envelope:
-        """Continue where `save` left off."""
+        """Return an envelope that continues from a saved state."""
         self = cls(saved["groups"].tolist(), 1.0)
         self.column = int(saved["column"])
         self._minute, self._sums = saved["minute"].copy(), saved["sums"].copy()
@@ -202,7 +206,8 @@ class Envelope:
 
 
 def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:
-    """(k, 2, c) extremes of columns that are `wide` times as long, of those from column `first` on."""
+    """Return (k, 2, c) extremes of columns that are `wide` times as long, from those from column `first`
+    on."""
     edges = np.arange(first // wide, first // wide + k) * wide - first
     edges[0] = 0
     out = np.empty((k, *extremes.shape[1:]))
@@ -211,19 +216,19 @@ def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:
     return out
 
 
-def _widen(ring: Floats, first: int, last: int, fresh: int, extremes: Floats) -> None:
-    """Let (k, 2, c) extremes into the columns `first` to `last` of a ring, of which those from `fresh` on
-    begin anew."""
+def _widen(ring: Floats, first: int, last: int, new: int, extremes: Floats) -> None:
+    """Add (k, 2, c) extremes to the columns `first` to `last` of a ring; those from `new` on replace old
+    ones."""
     kept = max(first, last + 1 - len(ring))
-    ring[_places(max(kept, fresh), last, len(ring))] = np.nan
+    ring[_places(max(kept, new), last, len(ring))] = np.nan
     at = _places(kept, last, len(ring))
-    rows, new = ring[at], extremes[kept - first :]
-    np.fmin(rows[:, 0], new[:, 0], out=rows[:, 0])
-    np.fmax(rows[:, 1], new[:, 1], out=rows[:, 1])
+    rows, added = ring[at], extremes[kept - first :]
+    np.fmin(rows[:, 0], added[:, 0], out=rows[:, 0])
+    np.fmax(rows[:, 1], added[:, 1], out=rows[:, 1])
     ring[at] = rows
 
 
 def _places(first: int, last: int, size: int) -> slice | Ints:
-    """Where columns lie in a ring of that size: side by side unless it begins anew among them."""
+    """Return the places of columns in a ring of that size: contiguous unless it wraps among them."""
     begin, k = first % size, last + 1 - first
     return slice(begin, begin + k) if begin + k <= size else np.arange(first, last + 1) % size

@@ -2,13 +2,14 @@
 
 Bins are equal and lie on a fixed lattice: the width is a power of two (times the step of a quantised channel,
 so that every bin holds the same number of levels and no comb appears), the edges are multiples of it. When a
-value falls outside, pairs of bins are merged until it fits. So counts stay exact, the number of bins stays
-bounded, and the result depends on the values alone, not on their order or chunking.
+value is outside, pairs of bins are merged until it fits. So counts stay exact, the number of bins stays
+bounded, and the result depends on the values alone, not on their order or chunking. numpy.histogram needs all
+samples at once.
 
-The verdict is one of effect size. With a million samples every real distribution fails a significance test;
+The verdict is about effect size. With a million samples every real distribution fails a significance test;
 what matters is whether treating the channel as Gaussian would mislead. Limits are on the Kolmogorov distance
-to the Gaussian of the same mean and deviation, on skewness and on excess kurtosis, each widened by its own
-sampling error: 1.5/sqrt(n) for the distance (a Gaussian passes 1.03/sqrt(n) once in a hundred times,
+to the Gaussian of the same mean and standard deviation, on skewness and on excess kurtosis, each widened by
+its own sampling error: 1.5/sqrt(n) for the distance (a Gaussian exceeds 1.03/sqrt(n) once in a hundred times,
 Lilliefors 1967), for the others four standard errors in large samples, sqrt(6/n) and sqrt(24/n) (Fisher
 1930).
 """
@@ -20,24 +21,49 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from imumon.samples import Bools, Floats, Ints
 
-BINS = 256
-LEARN = 256
-"""Samples from which the step of a quantised channel is read."""
+HISTOGRAM_BINS = 256
+"""Bins of a channel: at least half of them are in use. Not critical."""
+LEARN_SAMPLES = 256
+"""Samples from which the step of a quantised channel is read, and below which there is no verdict."""
 
-DISTANCE = 0.025
+GAUSSIAN_DISTANCE = 0.025
 """Kolmogorov distance up to which a distribution counts as Gaussian: probabilities are right to 2.5 %."""
-SKEWNESS = 0.25
-KURTOSIS = 0.5
-"""|skewness| and |excess kurtosis| up to which it does."""
-SMALLEST = 1e-150  # step that is still one; its reciprocal and its square are numbers
-COARSE = 1.5
-"""A channel whose deviation is below so many quantisation steps is told to be quantised."""
+GAUSSIAN_SKEWNESS = 0.25
+"""Absolute skewness up to which a distribution counts as Gaussian."""
+GAUSSIAN_KURTOSIS = 0.5
+"""Absolute excess kurtosis up to which a distribution counts as Gaussian."""
+DISTANCE_ERROR = 1.5
+"""Sampling error of the distance that is allowed, times sqrt(n)."""
+MOMENT_ERRORS = 4.0
+"""Standard errors of skewness and kurtosis that are allowed, and by which a mode must rise."""
+COARSE_STEPS = 1.5
+"""Standard deviation, in quantisation steps, below which a channel is called quantised."""
+FEW_LEVELS = 8
+"""Levels up to which a channel whose step could not be learned counts as quantised, and above which the least
+difference may be several steps."""
+MODE_HEIGHT = 0.1
+"""Share of the highest count by which a mode rises above the valleys beside it."""
+MODE_WIDTH = 0.25
+"""Width of the smoothing kernel for modes, as a share of the standard deviation."""
+LEAST_MODE_WIDTH = 0.5
+"""Bins, least width of that kernel. Not critical."""
 
-FEW = 8
-"""Levels up to which a channel whose step could not be learned counts as quantised."""
+LEAST_STEP = 1e-150
+"""Channel unit, least quantisation step: its reciprocal and its square are finite."""
+ROUNDED_GAP = 1e-9
+"""Share of the largest value below which a difference of two values is rounding."""
+LATTICE_ERROR = 0.02
+"""Steps by which a difference may miss a multiple of the quantisation step."""
+LATTICE_ROUNDING = 1e-7
+"""The same, in addition, as a share of the multiple."""
+MOST_MULTIPLE = 1e6
+"""Steps, largest difference with which a step is recognised: beyond, any number is a multiple."""
+PRECISE_BITS = 44
+"""Bits of a place on the lattice that are exact: a float has 53, and sums of places need some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +75,9 @@ class DistributionShape:
     start, width : channel unit, lower edge of the first bin and width of each.
     counts : samples in each bin, without empty bins at the ends.
     gaussian : expected counts of a Gaussian with the same mean and deviation.
-    is_gaussian : None with fewer than `LEARN` samples.
-    verdict : in words.
-    modes : channel unit, the places of the maxima, highest first; one where the distribution is simple.
+    is_gaussian : None with fewer than `LEARN_SAMPLES` samples.
+    verdict : text, such as ``not Gaussian: heavy tails``.
+    modes : channel unit, places of the maxima, highest first.
     distance : Kolmogorov distance to the Gaussian.
     skewness, excess_kurtosis : 1.
     step : channel unit, quantisation step, or None.
@@ -71,8 +97,8 @@ class DistributionShape:
 
     @property
     def constant(self) -> bool:
-        """Whether the channel has not changed once in `LEARN` samples or more."""
-        return len(self.counts) == 1 and self.counts[0] >= LEARN
+        """Whether the channel never changed in `LEARN_SAMPLES` samples or more."""
+        return len(self.counts) == 1 and self.counts[0] >= LEARN_SAMPLES
 
 
 class HistogramAccumulator:
@@ -80,7 +106,7 @@ class HistogramAccumulator:
 
     Parameters
     ----------
-    groups : group of each channel, 0 ... g-1: validity is told by group.
+    groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     """
 
     def __init__(self, groups: Sequence[int]) -> None:
@@ -92,35 +118,35 @@ class HistogramAccumulator:
         self._exponent = np.zeros(c, dtype=np.int64)  # width = unit * 2^exponent
         self._unit = np.ones(c)
         self._low = np.zeros(c, dtype=np.int64)  # lattice number of the first bin
-        self._counts = np.zeros((c, BINS), dtype=np.int64)
-        self._begun = np.zeros(c, dtype=bool)
+        self._counts = np.zeros((c, HISTOGRAM_BINS), dtype=np.int64)
+        self._started = np.zeros(c, dtype=bool)
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples.
+        """Add samples.
 
         Parameters
         ----------
         values : (n, c) channel unit, finite where valid.
         valid : (n, g); None: all.
         """
-        if self._holding < LEARN:
-            take = min(len(values), LEARN - self._holding)
-            self._held.append((np.array(values[:take]), None if valid is None else np.array(valid[:take])))
-            self._holding += take
-            if self._holding < LEARN:
+        if self._holding < LEARN_SAMPLES:
+            n = min(len(values), LEARN_SAMPLES - self._holding)
+            self._held.append((np.array(values[:n]), None if valid is None else np.array(valid[:n])))
+            self._holding += n
+            if self._holding < LEARN_SAMPLES:
                 return
             self._learn()
-            values, valid = values[take:], None if valid is None else valid[take:]
+            values, valid = values[n:], None if valid is None else valid[n:]
         self._add(values, valid)
 
     def skip(self, n: int) -> None:
-        """Missing samples leave no trace here."""
+        """Ignore missing samples."""
 
     def break_(self) -> None:
-        """Nor does a gap of unknown length."""
+        """Ignore a gap of unknown length."""
 
     def _learn(self) -> None:
-        """Read the steps from what is held, and count it."""
+        """Read the steps from the samples that are held back, and count these."""
         held, self._held = self._held, []
         for c, group in enumerate(self._groups):
             x = np.concatenate([v[:, c] if ok is None else v[ok[:, group], c] for v, ok in held])
@@ -143,19 +169,22 @@ class HistogramAccumulator:
 
     def _count(self, channels: Ints, x: Floats) -> None:
         """Count (c, n) values of these channels."""
-        if not self._begun[channels].all():
-            self._make_room(channels, x.min(axis=1), x.max(axis=1))
+        if not self._started[channels].all():
+            self._fit_range(channels, x.min(axis=1), x.max(axis=1))
         place = self._places(channels, x)
-        if place.min() < 0.0 or place.max() >= BINS:
-            self._make_room(channels, x.min(axis=1), x.max(axis=1))
-            place = np.clip(self._places(channels, x), 0, BINS - 1)
+        if place.min() < 0.0 or place.max() >= HISTOGRAM_BINS:
+            self._fit_range(channels, x.min(axis=1), x.max(axis=1))
+            place = np.clip(self._places(channels, x), 0, HISTOGRAM_BINS - 1)
         bins = place.astype(np.int64)
         # The base of each channel is added as an integer: a rounded sum could cross into the next channel.
-        bins += np.arange(len(channels))[:, None] * BINS
-        self._counts[channels] += np.bincount(bins.ravel(), minlength=len(channels) * BINS).reshape(-1, BINS)
+        bins += np.arange(len(channels))[:, None] * HISTOGRAM_BINS
+        self._counts[channels] += np.bincount(bins.ravel(), minlength=len(channels) * HISTOGRAM_BINS).reshape(
+            -1, HISTOGRAM_BINS
+        )
 
     def _places(self, channels: Ints, x: Floats) -> Floats:
-        """(c, n) bin of each value with its fraction, outside 0 ... BINS where there is none."""
+        """Return (c, n) the bin of each value with its fraction, outside 0 ... HISTOGRAM_BINS if there is
+        none."""
         scale = np.ldexp(1.0 / self._unit[channels], -self._exponent[channels])
         # A quantised value belongs in the middle of its level's bin.
         offset = np.ldexp(self._shift(channels), -self._exponent[channels]) - self._low[channels]
@@ -166,8 +195,8 @@ class HistogramAccumulator:
     def _shift(self, channels: Ints) -> Floats:
         return np.where(self._step[channels] > 0, 0.5, 0.0)
 
-    def _make_room(self, channels: Ints, low: Floats, high: Floats) -> None:
-        """Widen the bins of channels whose values would not fit.
+    def _fit_range(self, channels: Ints, low: Floats, high: Floats) -> None:
+        """Widen the bins of channels until their values fit.
 
         Parameters
         ----------
@@ -176,10 +205,10 @@ class HistogramAccumulator:
         low = low / self._unit[channels] + self._shift(channels)
         high = high / self._unit[channels] + self._shift(channels)
         for i, c in enumerate(channels.tolist()):
-            if not self._begun[c]:
-                self._begun[c] = True
-                # The finest lattice on which places are still exact integers in a float.
-                finest = math.frexp(max(abs(low[i]), abs(high[i]), 1e-30))[1] - 44
+            if not self._started[c]:
+                self._started[c] = True
+                # the finest lattice on which places are exact integers in a float
+                finest = math.frexp(max(abs(low[i]), abs(high[i]), 1e-30))[1] - PRECISE_BITS
                 self._exponent[c] = 0 if self._step[c] else finest
                 self._low[c] = math.floor(math.ldexp(low[i], -int(self._exponent[c])))
             while True:
@@ -189,17 +218,17 @@ class HistogramAccumulator:
                 if len(used):
                     first = min(first, int(self._low[c] + used[0]))
                     last = max(last, int(self._low[c] + used[-1]))
-                if last - first < BINS:
+                if last - first < HISTOGRAM_BINS:
                     self._place(c, first, last)
                     break
                 self._merge(c)
 
     def _place(self, c: int, first: int, last: int) -> None:
         """Shift the bins of a channel so that lattice numbers first ... last are among them."""
-        if self._low[c] <= first and last < self._low[c] + BINS:
+        if self._low[c] <= first and last < self._low[c] + HISTOGRAM_BINS:
             return
-        low = first - (BINS - 1 - (last - first)) // 2
-        moved = np.zeros(BINS, dtype=np.int64)
+        low = first - (HISTOGRAM_BINS - 1 - (last - first)) // 2
+        moved = np.zeros(HISTOGRAM_BINS, dtype=np.int64)
         used = np.flatnonzero(self._counts[c])
         moved[used + int(self._low[c]) - low] = self._counts[c, used]
         self._counts[c], self._low[c] = moved, low
@@ -210,18 +239,18 @@ class HistogramAccumulator:
         numbers = (used + int(self._low[c])) >> 1
         self._exponent[c] += 1
         low = int(numbers[0]) if len(numbers) else int(self._low[c]) >> 1
-        merged = np.zeros(BINS, dtype=np.int64)
+        merged = np.zeros(HISTOGRAM_BINS, dtype=np.int64)
         np.add.at(merged, numbers - low, self._counts[c, used])
         self._counts[c], self._low[c] = merged, low
 
     def result(self) -> list[DistributionShape | None]:
-        """Shape of each channel; None where nothing came."""
-        shown = self
+        """Return the shape of each channel; None without samples."""
+        counted = self
         if self._held:
-            shown = HistogramAccumulator(self._groups)
-            shown._held = list(self._held)
-            shown._learn()
-        return [shown._shape(c) for c in range(len(self._groups))]
+            counted = HistogramAccumulator(self._groups)
+            counted._held = list(self._held)
+            counted._learn()
+        return [counted._shape(c) for c in range(len(self._groups))]
 
     def _shape(self, c: int) -> DistributionShape | None:
         used = np.flatnonzero(self._counts[c])
@@ -231,17 +260,17 @@ class HistogramAccumulator:
         width = math.ldexp(float(self._unit[c]), int(self._exponent[c]))
         step = float(self._step[c]) or None
         start = (int(self._low[c]) + int(used[0])) * width - (0.5 * step if step else 0.0)
-        return _judged(start, width, counts, step or _sparse(counts, width))
+        return _assessed(start, width, counts, step or _sparse(counts, width))
 
     def save(self) -> dict[str, np.ndarray]:
-        """State as arrays."""
+        """Return the state as arrays."""
         out = {
             "step": self._step.copy(),
             "unit": self._unit.copy(),
             "exponent": self._exponent.copy(),
             "low": self._low.copy(),
             "counts": self._counts.copy(),
-            "begun": self._begun.copy(),
+            "started": self._started.copy(),
             "holding": np.array(self._holding),
             "groups": np.array(self._groups),
         }
@@ -255,18 +284,18 @@ class HistogramAccumulator:
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> HistogramAccumulator:
-        """Continue where `save` left off."""
+        """Return an accumulator that continues from a saved state."""
         self = cls(saved["groups"].tolist())
         self._step, self._unit = saved["step"].copy(), saved["unit"].copy()
         self._exponent, self._low = saved["exponent"].copy(), saved["low"].copy()
-        self._counts, self._begun = saved["counts"].copy(), saved["begun"].copy()
+        self._counts, self._started = saved["counts"].copy(), saved["started"].copy()
         self._holding = int(saved["holding"])
         self._held = [(saved["held"], saved["held_valid"])] if "held" in saved else []
         return self
 
 
 def quantum(x: Floats) -> float:
-    """Step of a quantised channel, 0.0 where the values lie on no lattice; a constant has none.
+    """Return the step of a quantised channel; 0.0 if the values are constant or lie on no lattice.
 
     Parameters
     ----------
@@ -279,41 +308,41 @@ def quantum(x: Floats) -> float:
     if len(levels) < 2:
         return 0.0
     gaps = np.diff(levels)
-    step = float(gaps[gaps > 1e-9 * np.abs(levels).max()].min(initial=np.inf))
-    if not SMALLEST < step < math.inf:
+    step = float(gaps[gaps > ROUNDED_GAP * np.abs(levels).max()].min(initial=np.inf))
+    if not LEAST_STEP < step < math.inf:
         return 0.0
-    for divisor in (1, 2, 3):  # the least gap seen may itself be some steps
+    for divisor in (1, 2, 3):  # the least difference may itself be several steps
         fine = step / divisor
         multiples = gaps / fine
-        if np.all(np.abs(multiples - np.rint(multiples)) < 0.02 + 1e-7 * multiples) and (
-            multiples.max() < 1e6 and (len(levels) > 8 or divisor == 1)
+        if np.all(np.abs(multiples - np.rint(multiples)) < LATTICE_ERROR + LATTICE_ROUNDING * multiples) and (
+            multiples.max() < MOST_MULTIPLE and (len(levels) > FEW_LEVELS or divisor == 1)
         ):
-            # many steps measure one better than one does
+            # many steps determine one better than one does
             total = (levels[-1] - levels[0]) / np.rint((levels[-1] - levels[0]) / fine)
             return float(f"{total:.9g}")
     return 0.0
 
 
 def _sparse(counts: Ints, width: float) -> float | None:
-    """Step of a channel that stood still while steps were learned: of few levels, with nothing between."""
+    """Return the step of a channel that was constant while steps were learned: few levels, far apart."""
     levels = np.flatnonzero(counts)
-    if not 1 < len(levels) <= FEW:
+    if not 1 < len(levels) <= FEW_LEVELS:
         return None
     apart = int(np.diff(levels).min())
     return apart * width if apart > 1 else None
 
 
-def _judged(start: float, width: float, counts: Ints, step: float | None) -> DistributionShape:
-    """Shape from the counts of equal bins."""
+def _assessed(start: float, width: float, counts: Ints, step: float | None) -> DistributionShape:
+    """Return the shape of the distribution from the counts of equal bins."""
     n = int(counts.sum())
     share = counts / n
     centres = np.asarray(start + width * (np.arange(len(counts)) + 0.5), dtype=np.float64)
-    d = np.arange(len(counts)) - float(len(counts) // 2)  # in bins, whose powers are numbers
+    d = np.arange(len(counts)) - float(len(counts) // 2)  # in bins, because powers of tiny units underflow
     middle, mean = float(centres[len(counts) // 2]), float(share @ d)
     d = d - mean
     m2 = float(share @ d**2)
     if n < 2 or m2 <= 0.0:
-        reason = "constant" if n >= LEARN else "too few samples"
+        reason = "constant" if n >= LEARN_SAMPLES else "too few samples"
         return DistributionShape(
             start,
             width,
@@ -332,19 +361,18 @@ def _judged(start: float, width: float, counts: Ints, step: float | None) -> Dis
     variance = max(m2 - grouped / 12.0, 0.25 * m2)
     skewness = float(share @ d**3) / variance**1.5
     kurtosis = (float(share @ d**4) - grouped * (m2 / 2.0 - 7.0 / 240.0)) / variance**2 - 3.0
-    edges = (np.append(d, d[-1] + 1.0) - 0.5) / math.sqrt(2.0 * variance)
-    phi = np.array([0.5 * math.erfc(-e) for e in edges.tolist()])
+    phi = ndtr((np.append(d, d[-1] + 1.0) - 0.5) / math.sqrt(variance))
     distance = float(np.abs(np.cumsum(share) - phi[1:]).max())
     modes = _modes(counts, centres, math.sqrt(variance))
-    faults = _faults(n, distance, skewness, kurtosis, len(modes))
-    coarse = step is not None and math.sqrt(variance) * width < COARSE * step
+    deviations = _deviations(n, distance, skewness, kurtosis, len(modes))
+    coarse = step is not None and math.sqrt(variance) * width < COARSE_STEPS * step
     if coarse and step is not None:
-        faults = [f"quantised: {int(np.count_nonzero(counts))} levels"]
-    if n < LEARN:
+        deviations = [f"quantised: {int(np.count_nonzero(counts))} levels"]
+    if n < LEARN_SAMPLES:
         verdict, gaussian = "too few samples", None
     else:
-        verdict = f"not Gaussian: {', '.join(faults)}" if faults else "Gaussian"
-        gaussian = not faults
+        verdict = f"not Gaussian: {', '.join(deviations)}" if deviations else "Gaussian"
+        gaussian = not deviations
     return DistributionShape(
         start,
         width,
@@ -360,50 +388,52 @@ def _judged(start: float, width: float, counts: Ints, step: float | None) -> Dis
     )
 
 
-def _faults(n: int, distance: float, skewness: float, kurtosis: float, modes: int) -> list[str]:
-    """What keeps a distribution from being Gaussian, in words; four standard errors are forgiven."""
-    faults = []
+def _deviations(n: int, distance: float, skewness: float, kurtosis: float, modes: int) -> list[str]:
+    """Return how a distribution differs from a Gaussian, as text."""
+    found = []
     if modes > 1:
-        faults.append(f"{modes} modes")
-    if kurtosis > KURTOSIS + 4.0 * math.sqrt(24.0 / n):
-        faults.append("heavy tails")
-    elif kurtosis < -KURTOSIS - 4.0 * math.sqrt(24.0 / n) and modes == 1:
-        faults.append("light tails")
-    if abs(skewness) > SKEWNESS + 4.0 * math.sqrt(6.0 / n):
-        faults.append("skewed")
-    if not faults and distance > DISTANCE + 1.5 / math.sqrt(n):
-        faults.append("shape")
-    return faults
+        found.append(f"{modes} modes")
+    if kurtosis > GAUSSIAN_KURTOSIS + MOMENT_ERRORS * math.sqrt(24.0 / n):
+        found.append("heavy tails")
+    elif kurtosis < -GAUSSIAN_KURTOSIS - MOMENT_ERRORS * math.sqrt(24.0 / n) and modes == 1:
+        found.append("light tails")
+    if abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n):
+        found.append("skewed")
+    if not found and distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n):
+        found.append("shape")
+    return found
 
 
 def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
-    """Maxima of the smoothed counts, highest first: those that rise above the valleys beside them by a
-    tenth of the highest, and by four standard errors.
+    """Return the maxima of the smoothed counts, highest first.
+
+    A maximum rises above the valleys beside it by `MODE_HEIGHT` of the highest and by `MOMENT_ERRORS`
+    standard errors. scipy.signal.find_peaks does the same, but would cost the daemon 50 MB.
 
     Parameters
     ----------
     counts : (k,)
     centres : (k,) channel unit.
-    sigma : bins, deviation of the whole.
+    sigma : bins, standard deviation of all samples.
     """
-    h = max(0.25 * sigma, 0.5)
+    h = max(MODE_WIDTH * sigma, LEAST_MODE_WIDTH)
     reach = math.ceil(3.0 * h)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / h) ** 2)
     kernel /= kernel.sum()
     smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid").tolist()
     error = math.sqrt(float(kernel @ kernel))
-    need = 0.1 * max(smooth)
+    need = MODE_HEIGHT * max(smooth)
     found: list[int] = []
     top, bottom, rising = 0, 0, True
     for i in range(len(smooth)):
         if rising:
             top = i if smooth[i] > smooth[top] else top
-            if smooth[top] - smooth[i] > max(need, 4.0 * error * math.sqrt(max(smooth[top], 1.0))):
+            if smooth[top] - smooth[i] > max(need, MOMENT_ERRORS * error * math.sqrt(max(smooth[top], 1.0))):
                 found.append(top)
                 rising, bottom = False, i
         else:
             bottom = i if smooth[i] < smooth[bottom] else bottom
-            if smooth[i] - smooth[bottom] > max(need, 4.0 * error * math.sqrt(max(smooth[i], 1.0))):
+            if smooth[i] - smooth[bottom] > max(need, MOMENT_ERRORS * error * math.sqrt(max(smooth[i], 1.0))):
                 rising, top = True, i
     if rising and (not found or top not in found):
         found.append(top)

@@ -1,7 +1,7 @@
-"""Moments: running mean, spread, shape and correlation of channels, at constant memory.
+"""Moments: running mean, spread, shape and correlation of channels, in constant memory.
 
 Each block is reduced to its own central moments, and two sets of them are joined by the update formulas of
-Chan, Golub & LeVeque (1979) and Pébay (SAND2008-6212, eqs. 2.1, 3.1): nothing is ever the small difference of
+Chan, Golub & LeVeque (1979) and Pébay (SAND2008-6212, eqs. 2.1, 3.1): no result is the small difference of
 large sums. Means are kept relative to the first sample, so 9.8 m/s^2 costs no digits and a channel that never
 changes has a deviation of exactly zero.
 """
@@ -19,14 +19,15 @@ import numpy.typing as npt
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
-BATCH = 16384  # samples reduced at once: what the processor's cache holds
+BATCH = 16384
+"""Samples that are reduced together: their work arrays fit into the cache of the processor. Not critical."""
 
 _ARRAYS = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelMoments:
-    """Statistics of one channel; None where there are too few samples, or no spread, to say.
+    """Statistics of one channel; None if there are too few samples, or no spread.
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ class MomentsResult:
 
     Attributes
     ----------
-    channels : one entry a channel.
+    channels : one entry per channel.
     covariance : for each group of a channels (a, a) (channel unit)^2, with n - 1; None below two samples.
     """
 
@@ -61,7 +62,7 @@ class MomentsResult:
 
 
 class Moments:
-    """Running moments of a stream: accumulate with `update`, ask with `result`.
+    """Running moments of a stream.
 
     Parameters
     ----------
@@ -90,45 +91,37 @@ class Moments:
         self._max = np.full(channels, -np.inf)
         self._last = np.zeros(channels)
         self._within = (self._groups.of[:, None] == self._groups.of).astype(np.float64)
-        self._scratch = np.empty((2, 0))
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples.
+        """Add samples.
 
         Parameters
         ----------
         values : (n, c) channel unit.
-        valid : (n, g) which of them count, by group; None: all. What is not finite never counts.
+        valid : (n, g) samples that count, by group; None: all. Samples that are not finite never count.
         """
         values, present = self._groups.check(values, valid)
         for start in range(0, len(values), BATCH):
             part = values[start : start + BATCH]
             if present is None:
-                self._take(part, self._groups.members)
+                self._add(part, self._groups.members)
                 continue
             for group, members in enumerate(self._groups.members):
-                self._take(part[present[start : start + BATCH, group]][:, members], [members])
-
-    def following(self) -> Moments:
-        """Moments of what comes next: nothing yet, in the working room of these, which are at an end."""
-        new = Moments(self._groups.channels, self._groups.of.tolist())
-        new._scratch, self._scratch = self._scratch, new._scratch
-        return new
+                self._add(part[present[start : start + BATCH, group]][:, members], [members])
 
     def copy(self) -> Moments:
-        """Independent moments in the same state."""
+        """Return independent moments in the same state."""
         other = copy.copy(self)
-        other._scratch = np.empty((2, 0))
         for name in _ARRAYS:
             setattr(other, name, getattr(self, name).copy())
         return other
 
     def merge(self, other: Moments) -> None:
-        """Join the statistics of another record, taken after this one.
+        """Add the statistics of another record that follows this one.
 
         Raises
         ------
-        ValueError : its channels or groups are others.
+        ValueError : its channels or groups differ.
         """
         if self._groups != other._groups:
             raise ValueError("only moments of the same channels and groups merge")
@@ -141,7 +134,7 @@ class Moments:
         np.copyto(self._last, other._last, where=there)
 
     def result(self) -> MomentsResult:
-        """Statistics so far."""
+        """Return the statistics so far."""
         covariance: list[Floats | None] = []
         for c in self._groups.members:
             n = int(self._count[c][0])
@@ -150,13 +143,13 @@ class Moments:
         return MomentsResult(channels=channels, covariance=tuple(covariance))
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Everything that is known, as small arrays."""
+        """Return the state as small arrays."""
         state: dict[str, npt.NDArray[Any]] = {name[1:]: getattr(self, name).copy() for name in _ARRAYS}
         return state | {"group": self._groups.of.astype(np.int64)}
 
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> Moments:
-        """The moments that were saved; they continue as if nothing had happened."""
+        """Return moments that continue from a saved state."""
         groups = [int(g) for g in state["group"]]
         self = cls(len(groups), groups)
         for name in _ARRAYS:
@@ -184,16 +177,13 @@ class Moments:
             last=float(self._last[c]),
         )
 
-    def _take(self, values: Floats, groups: list[slice]) -> None:
-        """Reduce samples (n, a) of the channels of neighbouring groups, all valid, and join them."""
+    def _add(self, values: Floats, groups: list[slice]) -> None:
+        """Reduce samples (n, a) of the channels of neighbouring groups, all valid, and join their moments."""
         n, a = values.shape
         c = slice(groups[0].start, groups[-1].stop)
         if n == 0:
             return
-        if self._scratch.shape[1] < values.size:
-            self._scratch = np.empty((2, values.size))
-        x, square = (flat[: values.size].reshape(a, n) for flat in self._scratch)
-        np.copyto(x, values.T)
+        x = np.array(values.T, order="C")
         np.minimum(self._min[c], x.min(axis=1), out=self._min[c])
         np.maximum(self._max[c], x.max(axis=1), out=self._max[c])
         self._last[c] = values[-1]
@@ -201,7 +191,7 @@ class Moments:
         x -= values[0][:, None]
         mean = x.mean(axis=1)
         x -= mean[:, None]
-        np.multiply(x, x, out=square)
+        square = x * x
         third = (square[:, None, :] @ x[:, :, None])[:, 0, 0]
         fourth = (square[:, None, :] @ square[:, :, None])[:, 0, 0]
         comoment = np.zeros((a, a))
@@ -211,18 +201,17 @@ class Moments:
         self._join(c, n, mean + shift, comoment, third, fourth)
 
     def _move_origin(self, c: slice, first: Floats) -> Floats:
-        """(a,) channel unit, what to add to a mean relative to `first` to make it relative to the origin."""
+        """Return (a,) `first` relative to the origin, channel unit; `first` is the origin of new channels."""
         np.copyto(self._origin[c], first, where=self._count[c] == 0)
         return np.asarray(first - self._origin[c])
 
     def _join(
         self, c: slice, n: int | Ints, mean: Floats, comoment: Floats, third: Floats, fourth: Floats
     ) -> None:
-        """Join central moments of `n` samples of the channels `c`, or (a,) of each: mean (a,), comoment
-        (a, a) and so on."""
+        """Join the central moments of `n` samples, or (a,) of each channel, of the channels `c`."""
         total = self._count[c] + n
         some = np.maximum(total, 1)
-        p = self._count[c] / some  # share of what was there
+        p = self._count[c] / some  # share of the old samples
         q = n / some
         pqn = p * n  # a b / (a + b)
         d = mean - self._mean[c]

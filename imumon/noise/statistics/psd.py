@@ -1,15 +1,15 @@
-"""Spectrum: power spectral density from half the sampling rate down to one cycle a record, in bounded memory.
+"""Power spectral density from half the sampling rate down to one cycle per record, in bounded memory.
 
 A cascade: each stage averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), passes
-its signal through a half-band filter and hands every second sample to the next. Stage s resolves rate / 2^s /
+its signal through a half-band filter and every second sample on to the next. Stage s resolves rate / 2^s /
 256, so resolution follows frequency, and memory grows with the logarithm of the record only.
+scipy.signal.welch needs the whole record at once and has one resolution for all frequencies; scipy.signal
+costs 50 MB.
 
-- A stage takes its first 1024 segments, then one in 2, from 2048 on one in 4 ...: 512 more each time the
-  record doubles. Beyond a thousand averages a bin is known to 3 %, and time is better spent elsewhere.
-- Missing samples are filled with the mean of their neighbourhood (128 samples); a segment of which more than
-  a tenth was filled is not counted. So a gap costs a segment at short periods and nothing at long ones.
-- A line is a bin that stands out of the bins on both sides of it by more than chance makes in a thousand
-  reports.
+- A stage uses its first 1024 segments, then one in 2, from 2048 on one in 4 ...: 512 more each time the
+  record doubles. After a thousand averages a bin is known to 3 %, and more cost time for little.
+- Missing samples are replaced by the mean of their neighbourhood (128 samples); a segment of which more than
+  a tenth was replaced does not count. So a gap costs a segment at short periods and nothing at long ones.
 - Density is one-sided: white noise of coefficient N (Allan variance N^2/tau) has density 2 N^2.
 """
 
@@ -25,59 +25,57 @@ from imumon.noise.statistics.spectral_lines import (
     BINS,
     HOP,
     SEGMENT,
-    SpectralLine,
-    beside,
     distinct,
     find_lines,
+    median_to_mean,
+    side_levels,
 )
+from imumon.report import Line
 from imumon.samples import Bools, Floats, Ints
 
 STAGES = 30
-SETTLED = 1024
-"""Segments of which a stage takes every one."""
-FULL = 0.9
+"""Most stages: 2^37 samples are five years at 800 Hz. Not critical."""
+ALL_SEGMENTS = 1024
+"""Segments up to which a stage uses every one; a power of two."""
+LEAST_VALID = 0.9
 """Share of valid samples in each half of a segment that counts."""
-
-WHOLE = 1 << 16
-"""A hole longer than this many samples starts the cascade anew (what is averaged stays)."""
+LONG_GAP = 1 << 16
+"""Samples, longest gap that segments may span; a longer one ends all segments. Not critical."""
 
 TAPS = np.array([-0.0026544081, 0.0082231405, -0.0198700275, 0.042431558, -0.0920067759, 0.3133644193])
 """Outer half of the half-band filter's taps other than the middle one, 0.5: equiripple, 23 taps,
 flat to 0.1 % up to 0.18 and down by 59 dB from 0.32 of its input rate."""
-_REACH = 22  # samples of history the filter needs
+_HISTORY = 22  # samples before a hop that the filter needs
 
-PASS = 0.36
-"""Share of its rate up to which a stage behind the filter is shown; the stage above begins at half of it."""
-
-ENOUGH = 4
-"""Averages a stage needs before it takes over the low frequencies from the one above."""
-
-CACHED = 4096
-"""Values that are filtered together: as many as stay in the processor's cache from one tap to the next."""
-
-LUMP = 8
-"""Hops that wait for one another, so that the work is done on arrays worth the name."""
+PASS_BAND = 0.36
+"""Share of its rate up to which a stage after the filter is used; the stage above begins at half of it."""
+LEAST_AVERAGES = 4
+"""Averages from which a stage replaces the one above at low frequencies. Not critical."""
+FILTER_BLOCK = 4096
+"""Values that are filtered together: they stay in the processor's cache from tap to tap. Not critical."""
+BATCH_HOPS = 8
+"""Hops that are processed together, because each array operation has a fixed cost. Not critical."""
 
 _WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Density:
+class PowerSpectrum:
     """Power spectral densities of some channels.
 
     Attributes
     ----------
     frequency_hz : (k,) Hz, rising.
     density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
-    averages : (k, c) segments behind each value.
+    averages : (k, c) segments averaged in each value.
     lines : lines of each channel, strongest first.
-    white : (c,) channel unit/sqrt(Hz), N read from the upper half of the band; NaN where unknown.
+    white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
     """
 
     frequency_hz: Floats
     density: Floats
     averages: Ints
-    lines: tuple[tuple[SpectralLine, ...], ...]
+    lines: tuple[tuple[Line, ...], ...]
     white: Floats
 
 
@@ -87,17 +85,17 @@ class _Stage:
     def __init__(self, channels: int, groups: int) -> None:
         self.power = np.zeros((channels, BINS))
         self.averages = np.zeros(groups, dtype=np.int64)
-        self.segments = 0  # offered, taken or not
+        self.segments = 0  # used or not
         self.clear()
 
     def clear(self) -> None:
-        """Forget what spans a gap."""
+        """Discard what spans a gap."""
         self.last: Floats | None = None  # (c, HOP) the hop before
         self.last_share: Floats | None = None  # (g,) valid share of it
-        self.history: Floats | None = None  # (c, _REACH) inputs before the next hop
-        self.half: Floats | None = None  # (c, HOP/2) first half of a hop, where it has a share
+        self.history: Floats | None = None  # (c, _HISTORY) inputs before the next hop
+        self.half: Floats | None = None  # (c, HOP/2) first half of a hop, if `half_share` is set
         self.half_share: Floats | None = None
-        self.waiting: list[tuple[Floats, Floats]] = []  # hops and their shares
+        self.waiting: list[tuple[Floats, Floats]] = []  # hops and their valid shares
 
 
 class SpectrumAccumulator:
@@ -105,7 +103,7 @@ class SpectrumAccumulator:
 
     Parameters
     ----------
-    groups : group of each channel, 0 ... g-1: validity is told by group.
+    groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     rate_hz : Hz, sampling rate.
     """
 
@@ -119,7 +117,7 @@ class SpectrumAccumulator:
         self._level = np.zeros(len(groups))
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Take samples.
+        """Add samples.
 
         Parameters
         ----------
@@ -150,22 +148,23 @@ class SpectrumAccumulator:
         self._feed(0, y, share)
 
     def skip(self, n: int) -> None:
-        """`n` samples are missing."""
-        if n > WHOLE:
+        """Note that `n` samples are missing."""
+        if n > LONG_GAP:
             self.break_()
         elif n > 0:
             blank = np.broadcast_to(self._level, (n, len(self._level)))
             self.update(blank, np.zeros((n, self._g), dtype=bool))
 
     def break_(self) -> None:
-        """A gap of unknown length: no segment spans it."""
+        """Note a gap of unknown length: no segment spans it."""
         self._rows, self._n = [], 0
-        self._settle()
+        self._process_waiting()
         for stage in self._stages:
             stage.clear()
 
     def _filled(self, y: Floats, ok: Bools) -> tuple[Floats, Floats]:
-        """Hops with what is missing replaced by their own mean, or the last one known; and the valid share.
+        """Return hops with missing samples replaced by the mean of the hop, or the last known one; and the
+        share.
 
         Parameters
         ----------
@@ -182,7 +181,7 @@ class SpectrumAccumulator:
         return np.where(mask, y, mean[:, :, None]), share
 
     def _feed(self, s: int, y: Floats, share: Floats) -> None:
-        """Take hops into stage s and what is left of them into the next.
+        """Add hops to stage s, which passes them on to the next.
 
         Parameters
         ----------
@@ -193,11 +192,11 @@ class SpectrumAccumulator:
             self._stages.append(_Stage(len(y), self._g))
         waiting = self._stages[s].waiting
         waiting.append((y, share))
-        if sum(len(w) for _, w in waiting) >= LUMP:
-            self._work(s)
+        if sum(len(w) for _, w in waiting) >= BATCH_HOPS:
+            self._process(s)
 
-    def _work(self, s: int) -> None:
-        """Use the hops that wait at stage s."""
+    def _process(self, s: int) -> None:
+        """Process the hops that wait at stage s."""
         stage = self._stages[s]
         if not stage.waiting:
             return
@@ -207,7 +206,7 @@ class SpectrumAccumulator:
             share = np.concatenate([w for _, w in stage.waiting])
         stage.waiting = []
         self._average(stage, y, share)
-        stage.last, stage.last_share = _into(stage.last, y[:, -1]), share[-1].copy()
+        stage.last, stage.last_share = y[:, -1].copy(), share[-1].copy()
         if s + 1 >= STAGES:
             return
         half = _decimated(stage, y.reshape(len(y), -1)).reshape(len(y), -1, HOP // 2)
@@ -217,16 +216,16 @@ class SpectrumAccumulator:
         pairs = half.shape[1] // 2
         stage.half_share = None
         if half.shape[1] % 2:
-            stage.half, stage.half_share = _into(stage.half, half[:, -1]), share[-1].copy()
+            stage.half, stage.half_share = half[:, -1].copy(), share[-1].copy()
         if pairs:
             whole = half[:, : 2 * pairs].reshape(len(y), pairs, HOP)
             self._feed(s + 1, whole, share[: 2 * pairs].reshape(pairs, 2, -1).mean(axis=1))
 
-    def _settle(self) -> None:
-        """Use all that waits; what is averaged does not depend on when."""
+    def _process_waiting(self) -> None:
+        """Process everything that waits; the averages do not depend on when."""
         s = 0
         while s < len(self._stages):
-            self._work(s)
+            self._process(s)
             s += 1
 
     def _average(self, stage: _Stage, y: Floats, share: Floats) -> None:
@@ -235,15 +234,16 @@ class SpectrumAccumulator:
         later = np.arange(first, len(share))
         numbers = stage.segments + later - first
         stage.segments += len(later)
-        if stage.segments > SETTLED:
-            strides = np.left_shift(1, np.maximum(0, np.frexp(numbers.astype(np.float64))[1] - 10))
+        if stage.segments > ALL_SEGMENTS:
+            doublings = np.frexp(numbers / ALL_SEGMENTS)[1]
+            strides = np.left_shift(1, np.maximum(0, doublings))
             later = later[numbers % strides == 0]
         if not len(later):
             return
         before = share[later - 1]
         if later[0] == 0 and stage.last_share is not None:
             before[0] = stage.last_share
-        whole = np.minimum(before, share[later]) >= FULL  # (k, g)
+        whole = np.minimum(before, share[later]) >= LEAST_VALID  # (k, g)
         segments = np.empty((len(y), len(later), SEGMENT))
         segments[:, :, :HOP], segments[:, :, HOP:] = y[:, later - 1], y[:, later]
         if later[0] == 0 and stage.last is not None:
@@ -259,17 +259,19 @@ class SpectrumAccumulator:
         stage.power += total[:, ::2] + total[:, 1::2]
         stage.averages += whole.sum(axis=0)
 
-    def result(self) -> Density:
-        """Density, lines and white level as they stand."""
-        self._settle()
+    def result(self) -> PowerSpectrum:
+        """Return density, lines and white level."""
+        self._process_waiting()
         stages = self._densities()
         if not stages:
-            nothing = np.full((0, len(self._groups)), np.nan)
-            empty: tuple[tuple[SpectralLine, ...], ...] = ((),) * len(self._groups)
+            density_0 = np.full((0, len(self._groups)), np.nan)
+            empty: tuple[tuple[Line, ...], ...] = ((),) * len(self._groups)
             white = np.full(len(self._groups), np.nan)
-            return Density(np.zeros(0), nothing, np.zeros(nothing.shape, dtype=np.int64), empty, white)
+            return PowerSpectrum(
+                np.zeros(0), density_0, np.zeros(density_0.shape, dtype=np.int64), empty, white
+            )
         frequency, density, averages = [], [], []
-        lines: list[list[SpectralLine]] = [[] for _ in self._groups]
+        lines: list[list[Line]] = [[] for _ in self._groups]
         rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)
         size = np.abs(self._level) + rms
         for s, (rate, power, count) in reversed(list(enumerate(stages))):
@@ -277,9 +279,9 @@ class SpectrumAccumulator:
             frequency.append(np.arange(low, high) * rate / SEGMENT)
             density.append(power[:, low:high].T)
             averages.append(np.broadcast_to(count, (high - low, len(count))))
-            sides = beside(power)
+            sides = side_levels(power)
             for c in range(len(self._groups)):
-                if count[c] >= ENOUGH:
+                if count[c] >= LEAST_AVERAGES:
                     lines[c] += find_lines(
                         power[c],
                         sides[:, c],
@@ -291,15 +293,15 @@ class SpectrumAccumulator:
                     )
         white = np.array([_white(stages[0][1][c], int(stages[0][2][c])) for c in range(len(self._groups))])
         found = tuple(distinct(each) for each in lines)
-        return Density(
+        return PowerSpectrum(
             np.concatenate(frequency), np.concatenate(density), np.concatenate(averages), found, white
         )
 
     def _densities(self) -> list[tuple[float, Floats, Ints]]:
-        """(rate Hz, (c, BINS) density, (c,) averages) of the stages that have something to show."""
+        """Return rate, Hz, (c, BINS) density and (c,) averages of the stages with enough averages."""
         out = []
         for s, stage in enumerate(self._stages):
-            if stage.averages.max() < (ENOUGH if s else 1):
+            if stage.averages.max() < (LEAST_AVERAGES if s else 1):
                 break
             rate = self._rate / 2.0**s
             count = stage.averages[self._groups]
@@ -312,14 +314,14 @@ class SpectrumAccumulator:
         return out
 
     def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
-        """State as arrays.
+        """Return the state as arrays.
 
         Parameters
         ----------
-        least_s : s; of hops that take less, and wait for the next one, only the mean is kept: they count as
-            missing, which costs a segment or two.
+        least_s : s; of waiting hops that are shorter, only the mean is saved. They count as missing, which
+            costs one or two segments.
         """
-        self._settle()
+        self._process_waiting()
         rows = np.zeros((0, len(self._groups)))
         valid = np.zeros((0, self._g), dtype=bool)
         for v, ok in self._rows:
@@ -349,7 +351,7 @@ class SpectrumAccumulator:
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> SpectrumAccumulator:
-        """Continue where `save` left off."""
+        """Return an accumulator that continues from a saved state."""
         self = cls(saved["groups"].tolist(), float(saved["rate"]))
         self._rows, self._n = [(saved["rows"], saved["valid"])], len(saved["rows"])
         self._level = saved["level"].copy()
@@ -363,49 +365,41 @@ class SpectrumAccumulator:
 
 
 def _decimated(stage: _Stage, x: Floats) -> Floats:
-    """(c, n/2) Half-band filtered, every second sample.
+    """Return (c, n/2) every second sample behind the half-band filter.
 
     Parameters
     ----------
     x : (c, n) channel unit, n even.
     """
     if stage.history is None:
-        stage.history = np.repeat(x[:, :HOP].mean(axis=1, keepdims=True), _REACH, axis=1)
+        stage.history = np.repeat(x[:, :HOP].mean(axis=1, keepdims=True), _HISTORY, axis=1)
     n, last = x.shape[1] // 2, 2 * len(TAPS) - 1
     out = np.empty((len(x), n))
-    together = max(1, CACHED // n)
+    together = max(1, FILTER_BLOCK // n)
     for start in range(0, len(x), together):
         part = slice(start, start + together)
         z = np.concatenate((stage.history[part], x[part]), axis=1)
         even = np.ascontiguousarray(z[:, ::2])
-        mine = np.multiply(z[:, last : last + 2 * n : 2], 0.5, out=out[part])
-        pair = np.empty_like(mine)
+        total = np.multiply(z[:, last : last + 2 * n : 2], 0.5, out=out[part])
+        pair = np.empty_like(total)
         for u, tap in enumerate(TAPS.tolist()):
             np.add(even[:, u : u + n], even[:, last - u : last - u + n], out=pair)
             pair *= tap
-            mine += pair
-    stage.history = _into(stage.history, x[:, -_REACH:])
+            total += pair
+    stage.history = x[:, -_HISTORY:].copy()
     return out
 
 
-def _into(room: Floats | None, x: Floats) -> Floats:
-    """A copy, where the one before was: what is renewed for ever had better not wander about the heap."""
-    if room is None:
-        return x.copy()
-    room[:] = x
-    return room
-
-
 def _band(s: int, stages: int) -> tuple[int, int]:
-    """Bins of stage s that are shown, from ... up to but not including."""
-    high = math.floor(PASS * SEGMENT) + 1 if s else BINS
-    low = 2 if s + 1 == stages else math.floor(0.5 * PASS * SEGMENT) + 1
+    """Return the range of bins of stage s that are used."""
+    high = math.floor(PASS_BAND * SEGMENT) + 1 if s else BINS
+    low = 2 if s + 1 == stages else math.floor(0.5 * PASS_BAND * SEGMENT) + 1
     return low, high
 
 
 def _white(power: Floats, averages: int) -> float:
-    """N from the median density in the upper half of the band, unit/sqrt(Hz)."""
-    if averages < ENOUGH:
+    """Return N from the median density in the upper half of the band, unit/sqrt(Hz)."""
+    if averages < LEAST_AVERAGES:
         return math.nan
-    nu = 1.89 * averages
-    return math.sqrt(0.5 * float(np.median(power[BINS // 2 : BINS - 3])) / (1.0 - 2.0 / (9.0 * nu)) ** 3)
+    median = float(np.median(power[BINS // 2 : BINS - 3]))
+    return math.sqrt(0.5 * median * median_to_mean(averages))

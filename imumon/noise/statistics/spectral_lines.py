@@ -1,59 +1,64 @@
-"""Lines: frequencies that stand out of a power spectral density, and what may stand behind them.
+"""Spectral lines: frequencies that exceed the power density beside them, and their possible causes.
 
 A line is a bin that exceeds the median of the bins on both sides, the higher of the two, by more than chance
 makes in a thousand reports. Sampled signals fold: a line at f may be any |k rate +- f|, so mains and its
-harmonics are tried and told as candidates. This file does not know how a density is measured.
+harmonics are tried as candidates. This module does not know how a density is measured.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammainccinv, gammaincinv
 
+from imumon.report import Line
 from imumon.samples import Floats
 
 SEGMENT = 256
+"""Samples of a periodogram: each stage of the cascade resolves two octaves."""
 HOP = SEGMENT // 2
 BINS = HOP + 1
-CHANCE_SIGMA = 5.6
-"""Standard deviations (of the normalised bin) that a line stands out by: 1e-8 a bin."""
+LINE_CHANCE = 1e-8
+"""Probability that noise alone makes a line of a bin: one line in a thousand reports of nine channels."""
 PROMINENCE = 2.0
-"""A line's bin holds at least so many times the density beside it."""
-SIDE, GUARD = 11, 3
-"""Bins beside one that tell the level there, and those between that its own line may fill."""
+"""Ratio of a line's bin to the density beside it, at least: less is no line to a user."""
+SIDE = 11
+"""Bins on each side of a bin whose median is the level there."""
+GUARD = 3
+"""Bins between these and the bin, which its own line may fill: the main lobe of the window is four wide."""
 _WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))  # bins of each stretch
-LOWEST = 12
-"""First bin in which a line is looked for: below, a drift looks like one."""
+LOWEST_BIN = 12
+"""First bin in which a line is sought: below, a drift looks like one."""
 MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
-MAINS_WANDER = 0.002
-"""Relative deviation of the mains frequency that is common."""
-ROUNDING = 1e-10
-"""Amplitude of a line, as a share of the size of the numbers, below which it may be their rounding."""
+"""Highest harmonic of the mains that is a candidate. Not critical."""
+MAINS_SPREAD = 0.002
+"""Relative deviation of the mains frequency from its nominal value that is common. Not critical."""
+LINE_SPACING = 4.5
+"""Bins, least distance of two lines: the side lobes of a line are nearer."""
+SAME_LINE = 0.03
+"""Relative difference of frequency within which two stages have found the same line. Not critical."""
+LINE_ERROR_BINS = 0.75
+"""Bins by which the frequency of a line may be wrong, for its name. Not critical."""
+OVERLAP_DOF = 1.89
+"""Degrees of freedom of a bin per average: half overlap costs 1 + 2 (1/6)^2 (Welch 1967)."""
+LEVEL_ERRORS = 3.0
+"""Standard errors of the median beside a bin by which the threshold is higher. Not critical."""
+MEDIAN_ERROR = 1.25
+"""Standard error of a median over that of a mean, sqrt(pi / 2)."""
+LEAST_AMPLITUDE = 1e-10
+"""Amplitude of a line, as a share of the size of the values, below which it may be their rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class SpectralLine:
-    """A line.
-
-    Attributes
-    ----------
-    frequency_hz : Hz, as it appears.
-    amplitude : channel unit, of the sinusoid.
-    aliases_hz : Hz, frequencies of mains and harmonics that would appear there.
-    name : what it may be, where one fits.
-    """
-
-    frequency_hz: float
-    amplitude: float
-    aliases_hz: tuple[float, ...]
-    name: str | None
+def median_to_mean(averages: int) -> float:
+    """Return the mean of a bin over its median: chi-square with `OVERLAP_DOF` times `averages` degrees."""
+    shape = 0.5 * OVERLAP_DOF * averages
+    return shape / float(gammaincinv(shape, 0.5))
 
 
-def beside(power: Floats) -> Floats:
-    """Median density of the `SIDE` bins to the left and to the right of each, beyond a guard.
+def side_levels(power: Floats) -> Floats:
+    """Return the median density of the `SIDE` bins on the left and on the right of each.
 
     Parameters
     ----------
@@ -61,7 +66,7 @@ def beside(power: Floats) -> Floats:
 
     Returns
     -------
-    (2, c, BINS) (channel unit)^2/Hz; NaN where more than half of them are missing.
+    (2, c, BINS) (channel unit)^2/Hz; NaN if more than half of them are missing.
     """
     reach = GUARD + SIDE
     padded = np.full((len(power), BINS + 2 * reach), np.nan)
@@ -78,55 +83,61 @@ def beside(power: Floats) -> Floats:
 
 def find_lines(
     power: Floats, sides: Floats, averages: int, rate: float, band: range, sampling: float, size: float
-) -> list[SpectralLine]:
-    """Lines of one channel in a band of one stage.
+) -> list[Line]:
+    """Return the lines of one channel in a band of one stage.
 
     Parameters
     ----------
     power : (BINS,) (channel unit)^2/Hz, density.
-    sides : (2, BINS) (channel unit)^2/Hz, medians left and right, see `beside`.
-    averages : segments behind the density.
+    sides : (2, BINS) (channel unit)^2/Hz, medians on the left and on the right, see `side_levels`.
+    averages : segments averaged.
     rate : Hz, sampling rate of the stage.
-    band : bins to look at.
+    band : bins that are searched.
     sampling : Hz, sampling rate of the signal itself, about which frequencies fold.
-    size : channel unit, of the numbers.
+    size : channel unit, of the values.
     """
     df = rate / SEGMENT
-    nu = 1.89 * averages  # degrees of freedom of a bin: overlap costs 1 + 2 (1/6)^2 (Welch 1967)
-    to_mean = 1.0 / (1.0 - 2.0 / (9.0 * nu)) ** 3  # from the median of chi-square to its mean
-    unsure = 1.0 + 3.0 * 1.25 * math.sqrt(2.0 / nu / SIDE)
-    # Wilson-Hilferty quantile of chi-square over nu.
-    chance = (1.0 - 2.0 / (9.0 * nu) + CHANCE_SIGMA * math.sqrt(2.0 / (9.0 * nu))) ** 3
+    nu = OVERLAP_DOF * averages
+    to_mean = median_to_mean(averages)
+    margin = 1.0 + LEVEL_ERRORS * MEDIAN_ERROR * math.sqrt(2.0 / nu / SIDE)
+    chance = 2.0 * float(gammainccinv(0.5 * nu, LINE_CHANCE)) / nu  # of the bin over its mean
     level = np.fmax(sides[0], sides[1]) * to_mean
-    out: list[SpectralLine] = []
+    out: list[Line] = []
     bins = np.arange(band.start, band.stop)
-    high = bins[power[bins] > max(PROMINENCE, chance * unsure) * level[bins]]
+    high = bins[power[bins] > max(PROMINENCE, chance * margin) * level[bins]]
     for k in sorted(high.tolist(), key=lambda k: -float(power[k])):
-        if k < LOWEST or any(abs(line.frequency_hz - k * df) < 4.5 * df for line in out):
+        if k < LOWEST_BIN or any(abs(line.frequency_hz - k * df) < LINE_SPACING * df for line in out):
             continue
         around = np.arange(k - 2, min(k + 3, BINS))
         excess = np.maximum(power[around] - float(np.nanmean(sides[:, k])) * to_mean, 0.0)
         frequency = float(excess @ around / excess.sum()) * df
         amplitude = math.sqrt(2.0 * float(excess.sum()) * df)
-        if amplitude < ROUNDING * size:
+        if amplitude < LEAST_AMPLITUDE * size:
             continue
-        aliases, name = mains(frequency, sampling, 0.75 * df)
-        out.append(SpectralLine(frequency, amplitude, aliases, name))
+        aliases, name = mains(frequency, sampling, LINE_ERROR_BINS * df)
+        line = Line(frequency_hz=frequency, amplitude=amplitude, aliases_hz=aliases, name=name)
+        out.append(line)
     return out
 
 
-def distinct(lines: list[SpectralLine]) -> tuple[SpectralLine, ...]:
-    """Strongest first; one that two stages saw at their border is told once."""
-    out: list[SpectralLine] = []
+def distinct(lines: list[Line]) -> tuple[Line, ...]:
+    """Return the lines, strongest first, without those that two stages found at their border."""
+    out: list[Line] = []
     for line in sorted(lines, key=lambda line: -line.amplitude):
-        if all(abs(line.frequency_hz - other.frequency_hz) > 0.03 * line.frequency_hz for other in out):
+        if all(abs(line.frequency_hz - other.frequency_hz) > SAME_LINE * line.frequency_hz for other in out):
             out.append(line)
     return tuple(out)
 
 
 def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[float, ...], str | None]:
-    """Frequencies of mains and harmonics that appear at `frequency` when sampled, all in Hz; and the
-    likeliest. What is slower than the mains wander has no name: any drift appears there.
+    """Return the frequencies of mains and harmonics that appear at `frequency` when sampled, and a name.
+
+    The name is that of the most likely one. A line slower than the spread of the mains has no name, because
+    any drift appears there.
+
+    Parameters
+    ----------
+    frequency, sampling, tolerance : Hz.
 
     >>> mains(10.0, 40.0, 0.1)
     ((50.0, 150.0), '50 Hz mains')
@@ -138,11 +149,11 @@ def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[fl
         for order in range(1, HARMONICS + 1):
             true = base * order
             miss = abs(abs(true - round(true / sampling) * sampling) - frequency)
-            if miss <= tolerance + MAINS_WANDER * true:
+            if miss <= tolerance + MAINS_SPREAD * true:
                 fits.append((order, miss, base))
     if not fits:
         return (), None
     order, _, base = min(fits)
     name = f"{base:.0f} Hz mains" + (f", harmonic {order}" if order > 1 else "")
-    slow = frequency <= tolerance + MAINS_WANDER * base * order
+    slow = frequency <= tolerance + MAINS_SPREAD * base * order
     return tuple(sorted({b * o for o, _, b in fits})), None if slow else name

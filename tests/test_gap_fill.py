@@ -1,4 +1,4 @@
-"""Laws of the grid: every sample keeps its place, every tick is there once."""
+"""Laws of gap filling: every sample keeps its place, every tick is there once."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.pipeline.gap_fill import LONG, Break, Hole, Run, stretches
+from imumon.pipeline.gap_fill import LONG_GAP, Break, DenseBlock, LongGap, fill_gaps
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 
-@given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG, LONG + 1, 10**9, BREAK]), max_size=60))
+@given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG_GAP, LONG_GAP + 1, 10**9, BREAK]), max_size=60))
 def test_ticks_and_samples_are_conserved(steps: list[int]) -> None:
     n = len(steps)
     placed = PlacedSamples(np.arange(n, dtype=float)[:, None], np.array(steps, dtype=np.int64), None)
     at, tick, ticks = [], 0, 0
-    for part in stretches(placed):
-        if isinstance(part, Run):
+    for part in fill_gaps(placed):
+        if isinstance(part, DenseBlock):
             present = np.ones(len(part.values), dtype=bool) if part.present is None else part.present
             at += [(tick + int(i), float(part.values[i, 0])) for i in np.flatnonzero(present)]
             tick += len(present)
             ticks += len(present)
-        elif isinstance(part, Hole):
+        elif isinstance(part, LongGap):
             tick += part.ticks
             ticks += part.ticks
         else:

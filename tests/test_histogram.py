@@ -1,4 +1,4 @@
-"""Histogram: exact counts in bounded bins, and a verdict of effect size."""
+"""Histogram: exact counts in bounded bins, and a verdict by effect size."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.histogram import BINS, DistributionShape, HistogramAccumulator, quantum
+from imumon.noise.statistics.histogram import HISTOGRAM_BINS, DistributionShape, HistogramAccumulator, quantum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
@@ -57,7 +57,7 @@ CASES: dict[str, tuple[Callable[[int], Floats], str]] = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("n", [5000, 300_000])
-def test_what_is_not_gaussian_is_told_with_its_reason(case: str, n: int) -> None:
+def test_verdict_names_how_values_differ_from_a_gaussian(case: str, n: int) -> None:
     make, reason = CASES[case]
     result = shape(np.asarray(make(n), dtype=np.float64))
     assert result.is_gaussian is False
@@ -120,7 +120,7 @@ def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
     assert results[0] == results[1] == results[2]
     for c, found in enumerate(results[0]):
         assert found is not None
-        assert len(found.counts) <= BINS
+        assert len(found.counts) <= HISTOGRAM_BINS
         edges = found.start + found.width * np.arange(len(found.counts) + 1)
         counted, _ = np.histogram(values[valid[:, c // 2], c], edges)
         assert found.counts == tuple(counted.tolist())

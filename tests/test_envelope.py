@@ -1,11 +1,11 @@
-"""Strips: every extreme is in its column, however the samples came."""
+"""Envelope: every extreme is in its column, for any chunking."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.envelope import EVERYTHING, RECENT, Columns, Envelope
+from imumon.noise.statistics.envelope import ALL_COLUMNS, RECENT_COLUMNS, Envelope, EnvelopeColumns
 from imumon.samples import Bools, Floats
 
 
@@ -37,8 +37,8 @@ def test_columns_hold_the_extremes(n: int, chunk: int) -> None:
         strip.update(values[i : i + chunk], valid[i : i + chunk])
     minute, hour, everything = strip.minute(), strip.hour(), strip.everything()
     assert (minute.width, hour.width) == (20, 1200)
-    assert len(minute.low) <= RECENT
-    assert len(everything.low) <= EVERYTHING
+    assert len(minute.low) <= RECENT_COLUMNS
+    assert len(everything.low) <= ALL_COLUMNS
     assert everything.start == 0
     for columns in (minute, hour, everything):
         low, high = expected(values, valid, columns.width, columns.start)
@@ -59,14 +59,14 @@ def test_the_last_minute() -> None:
     assert recent.count[0] == len(last)
 
 
-def columns_equal(a: Columns, b: Columns) -> None:
+def columns_equal(a: EnvelopeColumns, b: EnvelopeColumns) -> None:
     assert (a.start, a.width) == (b.start, b.width)
     np.testing.assert_array_equal(a.low, b.low)
     np.testing.assert_array_equal(a.high, b.high)
 
 
 @pytest.mark.parametrize("hole", [1, 15, 500, 5000, 400_000])
-def test_a_hole_is_as_long_as_as_many_invalid_samples(hole: int) -> None:
+def test_a_gap_equals_as_many_invalid_samples(hole: int) -> None:
     values, valid = record(3000)
     skipped, filled = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
     for strip in (skipped, filled):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.psd import Density, SpectrumAccumulator
+from imumon.noise.statistics.psd import PowerSpectrum, SpectrumAccumulator
 from imumon.noise.statistics.spectral_lines import mains
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
@@ -13,7 +13,7 @@ from imumon.samples import Floats
 RATE = 40.0
 
 
-def density(values: Floats, chunk: int = 4000, rate: float = RATE) -> Density:
+def density(values: Floats, chunk: int = 4000, rate: float = RATE) -> PowerSpectrum:
     spectrum = SpectrumAccumulator((0,) * values.shape[1], rate)
     for i in range(0, len(values), chunk):
         spectrum.update(values[i : i + chunk])

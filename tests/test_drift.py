@@ -1,4 +1,4 @@
-"""Drift: a slope is told when it is one, and a random walk is not."""
+"""Drift: slopes are found with correct limits, and a random walk is no slope."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import fit_curve
-from imumon.noise.nonstationarity.drift import Drift, Trend
+from imumon.noise.nonstationarity.drift import DriftAccumulator, Trend
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
@@ -21,17 +21,17 @@ NOISES = {
 }
 
 
-def trends(values: Floats, wander: MeanCovariance, temperature: int | None = None) -> list[Trend]:
+def trends(values: Floats, noise_model: MeanCovariance, temperature: int | None = None) -> list[Trend]:
     c = values.shape[1]
-    drift = Drift((0,) * c, RATE, temperature)
+    drift = DriftAccumulator((0,) * c, RATE, temperature)
     for i in range(0, len(values), 5000):
         drift.update(values[i : i + 5000])
-    wanders = [None if i == temperature else wander for i in range(c)]
-    return [t for t in drift.result(wanders) if t is not None]
+    noise_models = [None if i == temperature else noise_model for i in range(c)]
+    return [t for t in drift.result(noise_models) if t is not None]
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_slopes_scatter_as_their_errors_say_and_none_is_invented(noise: str) -> None:
+def test_slopes_scatter_as_their_errors_predict_and_none_is_significant(noise: str) -> None:
     n, b, k = NOISES[noise]
     z = []
     for seed in range(2):
@@ -43,7 +43,7 @@ def test_slopes_scatter_as_their_errors_say_and_none_is_invented(noise: str) -> 
     assert abs(np.mean(z)) < 0.6
 
 
-def test_a_drift_is_told_with_its_limits() -> None:
+def test_drift_is_found_with_its_limits() -> None:
     slope = 2e-7  # 7.2e-4 in an hour
     values = synthesise(36_000, RATE, N=[1e-4] * 12, B=2e-5, K=1e-7, seed=5)
     values += slope * np.arange(len(values))[:, None] / RATE
@@ -82,10 +82,10 @@ def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None
         cascade = OctaveCascade(3, 1 / RATE)
         cascade.update(each)
         curves.append(cascade.result())
-    drift = Drift((0, 0, 0, 1), RATE, temperature=3)
+    drift = DriftAccumulator((0, 0, 0, 1), RATE, temperature=3)
     drift.update(np.column_stack((values, degrees)))
-    wander = MeanCovariance(1e-4, 2e-5, 1e-7)
-    found = drift.without_temperature(curves[1], drift.result([wander] * 3 + [None]))
+    noise_model = MeanCovariance(1e-4, 2e-5, 1e-7)
+    found = drift.without_temperature(curves[1], drift.result([noise_model] * 3 + [None]))
     assert found is not None
     before, truth, after = curves[1].sigma, curves[0].sigma, found.sigma
     long = (curves[1].tau > 60) & (curves[1].tau < 1000)
@@ -93,9 +93,9 @@ def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None
     np.testing.assert_allclose(after[long, :2], truth[long, :2], rtol=0.25)
     np.testing.assert_allclose(after[:6], before[:6], rtol=1e-3)
     np.testing.assert_array_equal(after[:, 2], before[:, 2])
-    drift = Drift((0, 0, 0, 1), RATE, temperature=3)
+    drift = DriftAccumulator((0, 0, 0, 1), RATE, temperature=3)
     drift.update(np.column_stack((steady, degrees)))
-    assert drift.without_temperature(curves[0], drift.result([wander] * 3 + [None])) is None
+    assert drift.without_temperature(curves[0], drift.result([noise_model] * 3 + [None])) is None
 
 
 def test_a_constant_temperature_says_nothing() -> None:
@@ -107,7 +107,7 @@ def test_a_constant_temperature_says_nothing() -> None:
 
 
 def test_too_short_or_unknown_noise_is_none() -> None:
-    drift = Drift((0, 0), RATE)
+    drift = DriftAccumulator((0, 0), RATE)
     assert drift.result([MeanCovariance(1.0, 0.0, 0.0), None]) == [None, None]
     drift.update(np.zeros((50, 2)))
     assert drift.result([MeanCovariance(1.0, 0.0, 0.0), None]) == [None, None]
@@ -117,15 +117,15 @@ def test_any_chunking_and_a_restored_state_give_the_same() -> None:
     rng = np.random.default_rng(1)
     values = rng.standard_normal((30_000, 2)) + 5.0
     valid = rng.random((30_000, 1)) > 0.1
-    wander = MeanCovariance(0.3, 0.01, 1e-4)
+    noise_model = MeanCovariance(0.3, 0.01, 1e-4)
     slopes = []
     for chunk in (30_000, 777, 64):
-        drift = Drift((0, 0), RATE)
+        drift = DriftAccumulator((0, 0), RATE)
         for i in range(0, len(values), chunk):
             drift.update(values[i : i + chunk], valid[i : i + chunk])
             if i // 10_000 != (i + chunk) // 10_000:
-                drift = Drift.restore(drift.save())
-        slopes.append([t.time.value for t in drift.result([wander] * 2) if t])
+                drift = DriftAccumulator.restore(drift.save())
+        slopes.append([t.time.value for t in drift.result([noise_model] * 2) if t])
     np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-6)
     np.testing.assert_allclose(slopes[0], slopes[2], rtol=1e-6)
 
@@ -134,7 +134,7 @@ def test_holes_take_their_time() -> None:
     slope = 1e-3
     t = np.arange(20_000) / RATE
     values = 1e-3 * np.random.default_rng(1).standard_normal((20_000, 1)) + slope * t[:, None]
-    drift = Drift((0,), RATE)
+    drift = DriftAccumulator((0,), RATE)
     drift.update(values[:4000])
     drift.skip(9000)
     drift.update(values[13_000:])
@@ -149,10 +149,10 @@ def test_holes_take_their_time() -> None:
 @pytest.mark.parametrize("noise", NOISES)
 def test_means_step_as_the_noise_says(noise: str) -> None:
     n, b, k = NOISES[noise]
-    wander = MeanCovariance(n, b, k)
+    noise_model = MeanCovariance(n, b, k)
     values = synthesise(12_000, RATE, N=[n] * 400, B=b, K=k, seed=7)
     steps = values[8000:].mean(axis=0) - values[:6000].mean(axis=0)
-    assert np.std(steps) == pytest.approx(wander.step(600.0, 400.0, 200.0), rel=0.12)
+    assert np.std(steps) == pytest.approx(noise_model.difference(600.0, 400.0, 200.0), rel=0.12)
 
 
 @pytest.mark.parametrize("at", [0.5, 0.62])
@@ -160,16 +160,16 @@ def test_a_step_of_the_bias_is_found_where_it_is(at: float) -> None:
     n = 72_000
     values = synthesise(n, RATE, N=[6e-5] * 3, B=5e-6, seed=5)
     values[round(at * n) :, 1] += 1e-4
-    drift, wander = Drift((0,) * 3, RATE), MeanCovariance(6e-5, 5e-6, 5e-7)
+    drift, noise_model = DriftAccumulator((0,) * 3, RATE), MeanCovariance(6e-5, 5e-6, 5e-7)
     drift.update(values)
-    step = drift.step(1, wander)
+    step = drift.bias_step(1, noise_model)
     assert step is not None
     assert step.at_s == pytest.approx(at * n / RATE, abs=130.0)
-    assert step.behind - step.before == pytest.approx(1e-4, rel=0.3)
-    assert drift.step(0, wander) is drift.step(2, wander) is None
+    assert step.change.now - step.change.before == pytest.approx(1e-4, rel=0.3)
+    assert drift.bias_step(0, noise_model) is drift.bias_step(2, noise_model) is None
 
 
-def test_no_step_is_seen_in_what_wanders_drifts_or_follows_the_weather() -> None:
+def test_random_walk_drift_and_slow_waves_are_no_step() -> None:
     n, found = 72_000, 0
     t = np.arange(n) / RATE
     slow = np.stack((1e-7 * t, 1e-4 * np.sin(t / 900.0), 1e-3 * np.exp(-t / 600.0)), axis=1)
@@ -177,12 +177,14 @@ def test_no_step_is_seen_in_what_wanders_drifts_or_follows_the_weather() -> None
         for k in (0.0, 1e-6):
             values = synthesise(n, RATE, N=[6e-5] * 6, B=5e-6, K=k, seed=seed)
             values[:, :3] += slow
-            drift = Drift((0,) * 6, RATE)
+            drift = DriftAccumulator((0,) * 6, RATE)
             drift.update(values)
             cascade = OctaveCascade(6, 1.0 / RATE)
             cascade.update(values)
-            wanders = [
+            noise_models = [
                 MeanCovariance.of(fit) for fit in fit_curve(cascade.result(), averaged=True, time_to=False)
             ]
-            found += sum(w is not None and drift.step(c, w) is not None for c, w in enumerate(wanders))
+            found += sum(
+                w is not None and drift.bias_step(c, w) is not None for c, w in enumerate(noise_models)
+            )
     assert found == 0

@@ -1,10 +1,11 @@
-"""Grades: the table, both readings of the word, and who decides the headline."""
+"""Grades: the table, nearest and met grades, and the deciding coefficient."""
 
 from dataclasses import dataclass
 
 import pytest
 
-from imumon.noise.grading import GRADES, Status, grade_channel, grade_coefficient, grade_sensor, limits
+from imumon.noise.grading import GRADES, grade_channel, grade_coefficient, grade_sensor, limits
+from imumon.report import DecidedBy, Status
 
 # SI values of one VN-100, as printed in its static characterisation report
 GYRO = {
@@ -63,8 +64,8 @@ def test_a_known_report_is_graded_as_it_concludes():
     gyro, accel = grade_sensor("gyro", axes(GYRO)), grade_sensor("accel", axes(ACCEL))
     assert gyro.nearest == accel.nearest == "industrial"
     assert gyro.meets == accel.meets == "consumer"
-    assert gyro.decided_by == ("y", "N")
-    assert accel.decided_by == ("z", "N")
+    assert gyro.decided_by == DecidedBy(axis="y", coefficient="N")
+    assert accel.decided_by == DecidedBy(axis="z", coefficient="N")
     assert not gyro.provisional
     assert not accel.provisional
 

@@ -1,4 +1,4 @@
-"""Laws of the record: statistics from the first sample on, accounts that count nothing twice."""
+"""Laws of the accumulators: statistics from the first sample on, counters that count nothing twice."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
 
 @pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
-    """Nothing waits for the guard's first judgement, and nothing that was shown is taken back by it."""
+    """Nothing waits for the first assessment of the guard, and it withdraws nothing that was shown."""
     record = Accumulators(GYRO + ACCEL, 1.0 / rate, averaged=True, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(4000, 6))
     counts = []
     for row in range(4000):
         record.feed(PlacedSamples(values[row : row + 1], np.ones(1, dtype=np.int64), None))
         if row in range(1, 60) or row % 100 == 0:
-            counts.append(record.history.running().channels[0].count)
+            counts.append(record.history.moments().channels[0].count)
         if row == 1:
-            now = record.history.running().channels[0]
+            now = record.history.moments().channels[0]
             assert (now.count, now.last) == (2, values[1, 0])
             assert now.mean == pytest.approx(values[:2, 0].mean())
         if row == 29:
             assert fit_curve(record.history.curve(), averaged=True)[0].N.status != "pending"
             assert record.histogram.result()[0] is not None
     assert counts == sorted(counts)
-    assert record.history.running().channels[0].count == record.samples - record.guard.held
+    assert record.history.moments().channels[0].count == record.samples - record.guard.held
     assert record.guard.held <= 2 * max(10, rate)
 
 

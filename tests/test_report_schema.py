@@ -1,4 +1,4 @@
-"""docs/report.schema.json says what imumon.report does; ``python tests/test_schema.py`` writes it anew."""
+"""docs/report.schema.json matches imumon.report; ``python tests/test_report_schema.py`` writes it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def define(cls: type, defs: dict[str, Any]) -> dict[str, Any]:
 
 
 def comments(cls: type) -> dict[str, str]:
-    """What stands beside the fields in the source, or on the line above where there is no room."""
+    """Comments of the fields in the source, beside them or on the line above."""
     source = inspect.getsource(cls)
     above = re.findall(r"^    #\s*(.+)\n    (\w+):", source, re.MULTILINE)
     beside = re.findall(r"^    (\w+): [^#\n]*#\s*(.+)$", source, re.MULTILINE)
@@ -134,7 +134,7 @@ def filled(hint: Any, *, empty: bool) -> Any:
 
 
 def test_the_file_is_the_code() -> None:
-    assert json.loads(FILE.read_text("utf-8")) == schema(), "run python tests/test_schema.py"
+    assert json.loads(FILE.read_text("utf-8")) == schema(), "run python tests/test_report_schema.py"
 
 
 def test_every_message_and_every_field_has_a_line() -> None:
@@ -175,7 +175,7 @@ def test_the_grades_on_their_own_key_keep_it_too() -> None:
 @pytest.mark.parametrize(
     ("change", "read"),
     [
-        ({"state": "asleep"}, True),  # a word that later versions may know
+        ({"state": "asleep"}, True),  # later versions may know it
         ({"session": {}}, True),
         ({"state": 3}, False),
         ({"time": None}, False),
@@ -207,7 +207,7 @@ def test_arrays_that_lie_beside_one_another_are_as_long(part: str, name: str) ->
         from_json(cls, json.dumps(made | {name: made[name][:1]}))
 
 
-def test_text_of_strangers_steers_no_terminal() -> None:
+def test_foreign_text_has_no_control_characters() -> None:
     made = json.loads(to_json(filled(Report, empty=False)))
     made["device"]["model"] = "VN\x1b[2J-100\u202e °\ud800"
     made["device"]["settings"] = {"a\x07": "b\r\n"}

@@ -1,14 +1,21 @@
-"""Warm-up: recognised and left out where the sensor settles, never where it wanders."""
+"""Warm-up: detected if the sensor settles, never in a random walk."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from imumon.noise.nonstationarity.drift import Drift, Slope
+from imumon.noise.nonstationarity.drift import DriftAccumulator, Slope
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
-from imumon.noise.nonstationarity.settling import SettlingFit, decay
-from imumon.noise.nonstationarity.warmup import ENOUGH, OVER, TIMES_S, lasting, settles, warming
+from imumon.noise.nonstationarity.settling import SettlingFit, fit_settling
+from imumon.noise.nonstationarity.warmup import (
+    CANDIDATES_S,
+    DECISION_LENGTH,
+    OVER_SHARES,
+    find_settling,
+    has_settled,
+    is_warming_up,
+)
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 
@@ -24,16 +31,16 @@ def record(amplitude: float, time_s: float, seed: int, minutes: float = 115.0) -
 
 def warmup(values: Floats) -> float:
     """s, end of the last warm-up recognised, every candidate being asked at its time."""
-    drift, begin, done = Drift((0,) * 3, RATE), 0.0, 0
-    for candidate in TIMES_S:
-        until = round(ENOUGH * candidate * RATE)
+    drift, begin, done = DriftAccumulator((0,) * 3, RATE), 0.0, 0
+    for candidate in CANDIDATES_S:
+        until = round(DECISION_LENGTH * candidate * RATE)
         for i in range(done, until, 500):
             drift.update(values[i : min(i + 500, until)])
         done = until
         slopes = (
             (drift.slope(c, NOISE, begin, candidate), drift.slope(c, NOISE, candidate)) for c in range(3)
         )
-        if any(settles(before, behind) for before, behind in slopes):
+        if any(has_settled(before, behind) for before, behind in slopes):
             begin = candidate
     return begin
 
@@ -61,20 +68,20 @@ def test_a_steady_drift_is_no_warmup() -> None:
     assert warmup(values) == 0.0
 
 
-def test_what_is_unknown_settles_nothing() -> None:
-    assert not settles(None, None)
-    assert not settles(Slope(1.0, 1e-3, 10, 1e-3), None)
-    assert settles(Slope(1.0, 1e-3, 10, 1e-3), Slope(0.1, 1e-3, 10, 1e-3))
-    assert not settles(Slope(1.0, 1e-3, 10, 1e-3), Slope(0.9, 1e-3, 10, 1e-3))
-    assert not settles(Slope(1.0, 1.0, 10, 1.0), Slope(0.1, 1.0, 10, 1.0))
+def test_unknown_slopes_have_not_settled() -> None:
+    assert not has_settled(None, None)
+    assert not has_settled(Slope(1.0, 1e-3, 10, 1e-3), None)
+    assert has_settled(Slope(1.0, 1e-3, 10, 1e-3), Slope(0.1, 1e-3, 10, 1e-3))
+    assert not has_settled(Slope(1.0, 1e-3, 10, 1e-3), Slope(0.9, 1e-3, 10, 1e-3))
+    assert not has_settled(Slope(1.0, 1.0, 10, 1.0), Slope(0.1, 1.0, 10, 1.0))
 
 
 def decays(values: Floats, times_s: tuple[float, ...]) -> list[SettlingFit]:
     """Of every channel of values that come once a second."""
-    drift = Drift((0,) * values.shape[1], 1.0)
+    drift = DriftAccumulator((0,) * values.shape[1], 1.0)
     for i in range(0, len(values), 500):
         drift.update(values[i : i + 500])
-    found = [drift.decay(c, times_s) for c in range(values.shape[1])]
+    found = [drift.settling(c, times_s) for c in range(values.shape[1])]
     return [d for d in found if d is not None]
 
 
@@ -84,23 +91,23 @@ def falling(seconds: int, size: float, time_s: float) -> Floats:
 
 @pytest.mark.parametrize("walk", [0.0, 1e-7, 1e-6, 3e-6])
 @pytest.mark.parametrize("flicker", [0.0, 2.4e-5])
-def test_noise_does_not_decay(walk: float, flicker: float) -> None:
+def test_noise_does_not_settle(walk: float, flicker: float) -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 60, B=flicker, K=walk, seed=11)
-    found = decays(values, tuple(share * 1200.0 for share in OVER))
+    found = decays(values, tuple(share * 1200.0 for share in OVER_SHARES))
     assert len(found) == 60
-    assert sum(d.plain for d in found) == 0
+    assert sum(d.significant for d in found) == 0
     assert np.quantile([d.evidence for d in found], 0.9) < 9.0
 
 
-def test_a_faint_decay_is_seen_where_the_curve_has_only_a_walk() -> None:
+def test_a_faint_exponential_is_found() -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 24, seed=12) + falling(3000, 1e-4, 600.0)
-    found = [d for d in decays(values, tuple(share * 1200.0 for share in OVER)) if d.plain]
+    found = [d for d in decays(values, tuple(share * 1200.0 for share in OVER_SHARES)) if d.significant]
     assert len(found) >= 16  # 0.85 of them, less three deviations
     assert np.median([d.time_s for d in found]) == 600.0
     assert np.median([d.start for d in found]) == pytest.approx(1e-4, rel=0.1)
 
 
-def test_a_decay_that_goes_on_is_told_and_a_steady_drift_is_not() -> None:
+def test_lasting_settling_is_found_and_a_steady_drift_is_none() -> None:
     noise = synthesise(900, 1.0, N=[6.1e-5] * 6, B=5e-6, seed=13)
     for values, lasts in (
         (noise + falling(900, 1e-3, 300.0), True),
@@ -109,28 +116,28 @@ def test_a_decay_that_goes_on_is_told_and_a_steady_drift_is_not() -> None:
         (noise + 3e-4 * (np.arange(900) > 450)[:, None], False),
         (noise, False),
     ):
-        drift = Drift((0,) * 6, 1.0)
+        drift = DriftAccumulator((0,) * 6, 1.0)
         drift.update(values)
-        assert [lasting(drift, c, 0.0) is not None for c in range(6)] == [lasts] * 6
+        assert [find_settling(drift, c, 0.0) is not None for c in range(6)] == [lasts] * 6
 
 
-def test_holes_do_not_hide_a_decay_nor_make_one() -> None:
+def test_gaps_neither_hide_settling_nor_imitate_it() -> None:
     noise = synthesise(3000, 1.0, N=[6.1e-5] * 6, K=1e-7, seed=14)
     ok = np.ones((3000, 1), dtype=bool)
     ok[200:420] = ok[1500:1900] = False
     ok[::3] = False
     for values, plain in ((noise, False), (noise + falling(3000, 3e-4, 300.0), True)):
-        drift = Drift((0,) * 6, 1.0)
+        drift = DriftAccumulator((0,) * 6, 1.0)
         drift.update(values, ok)
-        found = [drift.decay(c, (75.0, 150.0, 300.0, 600.0)) for c in range(6)]
-        assert [d is not None and d.plain for d in found] == [plain] * 6
+        found = [drift.settling(c, (75.0, 150.0, 300.0, 600.0)) for c in range(6)]
+        assert [d is not None and d.significant for d in found] == [plain] * 6
 
 
 def test_the_unit_of_the_values_does_not_matter() -> None:
     values = synthesise(600, 1.0, N=[1.0], seed=15)[:, 0]
     at, whole = np.arange(600), np.ones(600)
     times = np.array([30.0, 120.0])
-    one, other = (decay(at, scale * values + 7.0, whole, 1.0, times) for scale in (1.0, 1e-6))
+    one, other = (fit_settling(at, scale * values + 7.0, whole, 1.0, times) for scale in (1.0, 1e-6))
     assert one is not None
     assert other is not None
     assert other.evidence == pytest.approx(one.evidence, rel=1e-6, abs=1e-6)
@@ -138,26 +145,26 @@ def test_the_unit_of_the_values_does_not_matter() -> None:
 
 
 def test_few_means_say_nothing() -> None:
-    assert decay(np.arange(10), np.zeros(10), np.ones(10), 1.0, np.array([5.0])) is None
-    drift = Drift((0,), 1.0)
+    assert fit_settling(np.arange(10), np.zeros(10), np.ones(10), 1.0, np.array([5.0])) is None
+    drift = DriftAccumulator((0,), 1.0)
     drift.update(synthesise(60, 1.0, N=[6.1e-5], seed=1) + falling(60, 1.0, 20.0))
-    assert lasting(drift, 0, 0.0) is None
+    assert find_settling(drift, 0, 0.0) is None
 
 
 def test_a_rising_temperature_is_warming() -> None:
     t = np.arange(12_000) / RATE
-    drift = Drift((0, 1), RATE, temperature=1)
+    drift = DriftAccumulator((0, 1), RATE, temperature=1)
     degrees = 20.0 + 8.0 * (1 - np.exp(-t / 300.0)) + np.rint(np.random.default_rng(1).random(len(t))) * 0.1
     values = np.column_stack((np.zeros(len(t)), degrees))
     drift.update(values[:1500])
-    assert warming(drift, 1)
+    assert is_warming_up(drift, 1)
     drift.update(values[1500:])
-    assert not warming(drift, 1)
-    assert not warming(drift, None)
+    assert not is_warming_up(drift, 1)
+    assert not is_warming_up(drift, None)
 
 
 def test_a_room_that_grows_warm_again_is_no_warmup() -> None:
     t = np.arange(72_000) / RATE
-    drift = Drift((0, 1), RATE, temperature=1)
+    drift = DriftAccumulator((0, 1), RATE, temperature=1)
     drift.update(np.column_stack((np.zeros(len(t)), 25.0 + 3.0 * np.sin(2 * np.pi * t / 2400.0))))
-    assert not warming(drift, 1)
+    assert not is_warming_up(drift, 1)

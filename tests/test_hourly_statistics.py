@@ -23,7 +23,7 @@ def fit(curve: AllanCurve) -> Sequence[ChannelFit]:
 
 
 def history() -> HourlyStatistics:
-    return HourlyStatistics([0, 0, 0], 3, 1.0 / RATE, fit, warming=(0, 1, 2))
+    return HourlyStatistics([0, 0, 0], 3, 1.0 / RATE, fit, warmup_channels=(0, 1, 2))
 
 
 def noise(hours: float, seed: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def feed(values: np.ndarray, cuts: Sequence[int] = ()) -> HourlyStatistics:
 
 @pytest.fixture(scope="module")
 def warm() -> np.ndarray:
-    """Two hours of which the first decay with a time constant of 5 min."""
+    """Two hours that begin with an exponential with a time constant of 5 min."""
     x = noise(2.2, 3)
     t = np.arange(len(x)) / RATE
     return x + 1e-3 * np.exp(-t / 300.0)[:, None]
@@ -50,21 +50,21 @@ def test_quiet_record_has_no_warm_up_and_no_change() -> None:
     x = noise(3.2, 1)
     made = feed(x)
     assert made.warmup_s == 0.0
-    assert made.moved() == []
+    assert made.changes() == {}
     assert len(made.hours()) == 3 - 1  # of three, the older two joined
     alone = Moments(3)
     alone.update(x)
-    for mine, its in zip(made.running().channels, alone.result().channels, strict=True):
-        assert mine.count == its.count
-        assert mine.std == pytest.approx(its.std, rel=1e-12)
+    for own, other in zip(made.moments().channels, alone.result().channels, strict=True):
+        assert own.count == other.count
+        assert own.std == pytest.approx(other.std, rel=1e-12)
 
 
 def test_warm_up_is_left_out(warm: np.ndarray) -> None:
     made = feed(warm)
     assert 600.0 <= made.warmup_s <= 2400.0
     behind = warm[round(made.warmup_s * RATE) :]
-    assert made.running().channels[0].count == len(behind)
-    assert made.running().channels[0].mean == pytest.approx(behind[:, 0].mean(), rel=1e-9)
+    assert made.moments().channels[0].count == len(behind)
+    assert made.moments().channels[0].mean == pytest.approx(behind[:, 0].mean(), rel=1e-9)
     (found, *_) = fit(made.curve())
     assert found.K.status != "measured"
     assert found.N.value == pytest.approx(N, rel=0.05)
@@ -89,7 +89,7 @@ def test_any_feeding_gives_the_same(warm: np.ndarray) -> None:
 def test_saved_history_continues(warm: np.ndarray) -> None:
     one = feed(warm[:16_000])
     again = history()
-    again.resume(one.save())
+    again.restore(one.save())
     for each in (one, again):
         each.update(warm[16_000:])
     assert again.warmup_s == one.warmup_s
@@ -97,26 +97,30 @@ def test_saved_history_continues(warm: np.ndarray) -> None:
     assert [h.start for h in again.hours()] == [h.start for h in one.hours()]
 
 
-def test_noisier_hour_is_told() -> None:
+def test_noisier_hour_is_a_change() -> None:
     x = noise(3.1, 4)
     x[round(2 * 3600 * RATE) :, 1] *= 1.5
-    moved = feed(x).moved()
-    assert {m.column for m in moved} == {1}
-    grown = next(m.change for m in moved if m.change.quantity == "N")
+    made = feed(x)
+    changes = made.changes()
+    assert list(changes) == [1]
+    grown = next(change for change in changes[1] if change.quantity == "N")
     assert grown.ratio == pytest.approx(1.5, rel=0.1)
+    restored = history()
+    restored.restore(made.save())
+    assert restored.changes() == changes
 
 
-def test_a_month_away_costs_little() -> None:
+def test_a_gap_of_a_month_costs_little() -> None:
     made = history()
     made.update(noise(2.0, 6))
     made.skip(round(30 * 86400 * RATE))
     made.update(noise(1.0, 7))
     assert made.position == round((30 * 86400 + 3 * 3600) * RATE)
-    assert made.running().channels[0].count == round(3 * 3600 * RATE)
+    assert made.moments().channels[0].count == round(3 * 3600 * RATE)
 
 
-def test_a_warm_up_counts_what_came_and_was_not_cut(warm: np.ndarray) -> None:
-    """Holes in it are missing, and cuts in it excluded, already."""
+def test_warm_up_counts_valid_samples_only(warm: np.ndarray) -> None:
+    """Missing and excluded samples within it are counted elsewhere."""
     ok = np.ones((len(warm), 1), dtype=bool)
     ok[100:300] = False
     made = history()
@@ -125,7 +129,7 @@ def test_a_warm_up_counts_what_came_and_was_not_cut(warm: np.ndarray) -> None:
     made.update(warm[1200:], ok[1200:])
     total = len(warm) - 400
     assert made.warmup_s > 0.0
-    assert made.running().channels[0].count + round(made.warmup_s * RATE) == total
+    assert made.moments().channels[0].count + round(made.warmup_s * RATE) == total
     again = history()
-    again.resume(made.save())
+    again.restore(made.save())
     assert again.warmup_s == made.warmup_s
