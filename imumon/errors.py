@@ -32,11 +32,3 @@ class RateRequired(ImumonError):
 
 class SourceError(Exception):
     """Temporary."""
-
-
-class RateUnknown(SourceError):
-    """Temporary."""
-
-
-class OptionNotApplicable(SourceError):
-    """Temporary."""

@@ -19,10 +19,12 @@ from daemons import Daemon
 from imumon.config import RecordSettings
 from imumon.daemon.recorder import Recorder
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.recordings import RawCapture, SourceError, check_place
-from imumon.recordings.raw_capture import BACKLOG, MARK, LinkLoss, _split
-from imumon.replay.replay import ReplayOptions, replay
+from imumon.recordings import RawCapture, RecordingError, check_place
+from imumon.recordings.capture_writer import BACKLOG
+from imumon.recordings.raw_capture import MARK, split_lines
+from imumon.replay import ReplayOptions, replay
 from imumon.report import Report, from_json
+from imumon.samples import Gap
 
 CONFIG = """
 [record]
@@ -101,9 +103,9 @@ def test_a_lost_link_is_in_the_recording(tmp_path: Path, words: list[str]) -> No
             daemon.wait(lambda r: r.state == "running" and r.session.samples > before.session.samples + 60)
             live, _ = ended(daemon)
     assert same(live, path).session.gaps == 1
-    [lost] = [piece for piece in RawCapture(str(path)).pieces() if isinstance(piece, LinkLoss)]
-    assert lost.away_s is not None
-    assert 0.0 < lost.away_s < 10.0
+    [gap] = [item for item in RawCapture(str(path)).items() if isinstance(item, Gap)]
+    assert gap.length_s is not None
+    assert 0.0 < gap.length_s < 10.0
 
 
 def test_a_recording_goes_on_with_the_record_after_a_restart(tmp_path: Path) -> None:
@@ -129,9 +131,9 @@ def test_any_chunking_finds_the_same_lines() -> None:
         rng.choice((b"#", MARK, MARK + b'{"away_s": 1.5}\n', MARK + b"garbage\n", b"\n", rng.randbytes(9)))
         for _ in range(300)
     )
-    whole = join(_split(iter([data])))
+    whole = join(split_lines(iter([data])))
     for size in (1, 2, 7, 18, 100):
-        assert join(_split(data[at : at + size] for at in range(0, len(data), size))) == whole
+        assert join(split_lines(data[at : at + size] for at in range(0, len(data), size))) == whole
     said = sum(isinstance(item, dict) for item in whole)
     assert said > 50
     kept = b"".join(item for item in whole if isinstance(item, bytes))
@@ -151,7 +153,7 @@ def join(items: Any) -> list[Any]:
 
 def test_a_line_that_never_ends_is_no_line() -> None:
     data = MARK + b"x" * 200_000
-    assert b"".join(item for item in _split(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
+    assert b"".join(item for item in split_lines(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
 
 
 @pytest.mark.slow  # scenario 09 does it with a disk, where one can be mounted
@@ -222,10 +224,13 @@ def test_a_path_that_is_plainly_wrong_is_refused_at_the_start(tmp_path: Path) ->
     assert f"cannot record to {path}: there is no folder" in said
 
 
-@pytest.mark.parametrize("name", ["file/raw.bin", ".", "none/raw.bin"])
-def test_wrong_places(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "code"), [("file/raw.bin", "no_folder"), (".", "is_folder"), ("none/raw.bin", "no_folder")]
+)
+def test_wrong_places(tmp_path: Path, name: str, code: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(SourceError, match=r"cannot record to .*folder"):
+    with pytest.raises(RecordingError) as error:
         check_place(str(tmp_path / name))
+    assert error.value.code == code
     check_place(str(tmp_path / "file"))
     check_place("/dev/full")

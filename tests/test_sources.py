@@ -382,7 +382,7 @@ def test_what_is_recorded_is_read_back(tmp_path: Path, noise: bytes, name: str, 
 @pytest.fixture(autouse=True)
 def _brisk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write through at once: these tests wait for what is on disk."""
-    monkeypatch.setattr("imumon.recordings.raw_capture.FLUSH_S", 0.01)
+    monkeypatch.setattr("imumon.recordings.capture_writer.FLUSH_S", 0.01)
 
 
 def test_rotation_makes_numbered_parts_that_follow_by_themselves(tmp_path: Path) -> None:
@@ -450,7 +450,7 @@ print(recorder.stopped)
 
 
 def test_slow_disk_never_holds_up_the_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.recordings.raw_capture.BACKLOG", 10_000)
+    monkeypatch.setattr("imumon.recordings.capture_writer.BACKLOG", 10_000)
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)

@@ -1,8 +1,10 @@
-"""Commands that work on a recording: replay."""
+"""Command `imumon replay`, and the options of commands that read a recording."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from imumon.cli.options import (
@@ -23,11 +25,11 @@ from imumon.cli.options import (
 FILES = "raw capture (ASCII, binary, mixed), --record file, CSV, all also .gz; .npz, rosbag 1 or 2, MCAP"
 
 
-def add_reading(parser: argparse._ActionsContainer) -> None:
-    """How a recording is to be read."""
+def add_read_options(parser: argparse._ActionsContainer) -> None:
+    """Add the options that say how to read a recording."""
     add = parser.add_argument
     add("--rate", type=rate, metavar="HZ", help="sample rate of a stream without a clock")
-    add("--no-guards", action="store_true", help="cut nothing out: every valid sample counts")
+    add("--no-guards", action="store_true", help="exclude nothing: every valid sample counts")
     kinds = ("deltas", "uncompensated", "compensated")
     add("--stream", choices=kinds, help="of a table that has several; default: the best")
     text = "columns of a table: gyro/x=COLUMN:UNIT,...; COLUMN is a name or a number from 1; also t and dt"
@@ -35,75 +37,83 @@ def add_reading(parser: argparse._ActionsContainer) -> None:
     add("--topic", metavar="NAME", help="of a bag that has several IMUs")
 
 
-def task_of(words: argparse.Namespace, **more: Any) -> Any:
-    """The recording that is to be read, and how."""
-    from imumon.recordings.columns import parse_map
-    from imumon.replay.replay import ReplayOptions
+def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
+    """Return the options of a replay.
 
-    try:
-        columns = parse_map(words.map) if words.map else {}
-    except ValueError as error:
-        raise CommandError(str(error), USAGE) from None
-    made = settings(words)
-    asked = made.report
+    Raises
+    ------
+    CommandError : one of them is malformed.
+    """
+    from imumon.recordings.columns import parse_map
+    from imumon.replay import ReplayOptions
+
+    with reading():
+        columns = parse_map(arguments.map) if arguments.map else {}
+    made = settings(arguments)
+    precision = made.report
     return ReplayOptions(
-        path=words.file,
-        rate_hz=words.rate or made.device.rate_hz or None,
-        guarded=made.guards.enabled and not words.no_guards,
-        precision={"N": asked.precision_n, "B": asked.precision_b, "K": asked.precision_k},
-        kind=words.stream,
+        path=arguments.file,
+        rate_hz=arguments.rate or made.device.rate_hz or None,
+        guarded=made.guards.enabled and not arguments.no_guards,
+        precision={"N": precision.precision_n, "B": precision.precision_b, "K": precision.precision_k},
+        kind=arguments.stream,
         columns=columns,
-        topic=words.topic,
+        topic=arguments.topic,
         **more,
     )
+
+
+@contextmanager
+def reading() -> Iterator[None]:
+    """Map the errors of reading a recording to exit codes."""
+    from imumon.errors import RateRequired
+    from imumon.recordings.base import OptionError, RecordingError
+
+    try:
+        yield
+    except (RateRequired, OptionError) as error:
+        raise CommandError(str(error), USAGE) from None
+    except RecordingError as error:
+        raise CommandError(str(error)) from None
 
 
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
     add("file", metavar="FILE", help=f"{FILES}; - is standard input")
-    add_reading(parser)
+    add_read_options(parser)
     add("--speed", default="max", metavar="X|max", help="times real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
-    add("--config", metavar="FILE", help="settings; flags win over the file")
-    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): tell what has changed")
+    add("--config", metavar="FILE", help="settings; options override the file")
+    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): report what has changed")
     add_endpoints(parser, listen=True)
 
 
-def run_replay(words: argparse.Namespace) -> int:
-    from imumon.pipeline import RateRequired
-    from imumon.recordings import OptionNotApplicable, SourceError
-    from imumon.replay.replay import bar, replay
+def run_replay(arguments: argparse.Namespace) -> int:
+    from imumon.replay import progress_bar, replay
 
-    if words.speed == "max":
+    if arguments.speed == "max":
         speed = None
     else:
         try:
-            speed = positive(words.speed)
+            speed = positive(arguments.speed)
         except (ValueError, argparse.ArgumentTypeError):
-            raise CommandError(f"--speed is max or a positive number, not {words.speed!r}", USAGE) from None
-    before = baseline(words.baseline)
-    task = task_of(words, speed=speed, baseline=before)
-    try:
-        with _publisher(words) as bus:
-            made = replay(task, progress=bar(), bus=bus, tell=mention)
-    except (RateRequired, OptionNotApplicable) as error:
-        raise CommandError(str(error), USAGE) from None
-    except SourceError as error:
-        raise CommandError(str(error)) from None
-    print_report(made, words.json, before)
+            raise CommandError(f"--speed is max or a positive number, not {arguments.speed!r}", USAGE) from None
+    before = baseline(arguments.baseline)
+    options = replay_options(arguments, speed=speed, baseline=before)
+    with reading(), _publisher(arguments) as bus:
+        made = replay(options, progress=progress_bar(), bus=bus, remark=mention)
+    print_report(made, arguments.json, before)
     return DONE
 
 
-def _publisher(words: argparse.Namespace) -> Any:
-    from contextlib import nullcontext
-
-    if not words.publish:
+def _publisher(arguments: argparse.Namespace) -> Any:
+    if not arguments.publish:
         return nullcontext()
     from imumon.bus import BusError, Publisher
 
-    made = settings(words)
+    made = settings(arguments)
     try:
-        return Publisher("replay", listen=words.listen, connect=words.connect, settings=made.zenoh)
+        return Publisher("replay", listen=arguments.listen, connect=arguments.connect, settings=made.zenoh)
     except BusError as error:
         raise bus_stop(error, made) from None

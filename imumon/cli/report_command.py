@@ -19,7 +19,7 @@ from imumon.cli.options import (
     mention,
     viewer,
 )
-from imumon.cli.replay_command import FILES, add_reading, task_of
+from imumon.cli.replay_command import FILES, add_read_options, reading, replay_options
 
 STATE_MARK = b"imumon-state "
 
@@ -38,7 +38,7 @@ def add_report(parser: Parser) -> None:
     add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: stdout")
-    add_reading(parser.add_argument_group("of a recording"))
+    add_read_options(parser.add_argument_group("of a recording"))
     add("--config", metavar="FILE", help="settings; flags win over the file")
     add_endpoints(parser)
 
@@ -158,13 +158,7 @@ def _of_state(path: Path) -> Any:
 
 
 def _of_recording(words: argparse.Namespace) -> Any:
-    from imumon.pipeline import RateRequired
-    from imumon.recordings import OptionNotApplicable, SourceError
-    from imumon.replay.replay import bar, replay
+    from imumon.replay import progress_bar, replay
 
-    try:
-        return replay(task_of(words), progress=bar(), tell=mention)
-    except (RateRequired, OptionNotApplicable) as error:
-        raise CommandError(str(error), USAGE) from None
-    except SourceError as error:
-        raise CommandError(str(error)) from None
+    with reading():
+        return replay(replay_options(words), progress=progress_bar(), remark=mention)

@@ -1,5 +1,6 @@
 """Pipeline: from sample blocks to a report."""
 
+from imumon.errors import RateRequired
 from imumon.pipeline.monitor import (
     PATIENCE,
     PATIENCE_S,
@@ -7,7 +8,6 @@ from imumon.pipeline.monitor import (
     SAME_RATE,
     Monitor,
     MonitorOptions,
-    RateRequired,
     RecordMismatch,
 )
 

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from imumon.errors import RateRequired
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
@@ -43,10 +44,6 @@ SAME_RATE = 1e-3
 """Relative difference up to which two intervals are one, learned twice."""
 
 RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
-
-
-class RateRequired(Exception):
-    """The stream has no clock and nobody told its rate."""
 
 
 class RecordMismatch(ValueError):
@@ -114,14 +111,14 @@ class Monitor:
             return
         assert self._timeline is not None
         self._passed_s = 0.0
-        for placed in self._timeline.place(block, room_s=passed):
+        for placed in self._timeline.place(block, host_s=passed):
             self._take(placed)
         rest = self._timeline.rest
         if self._timeline.changed and rest is not None:
             self._begin_anew(
                 f"of another rate, {self.sample_rate_hz or 0.0:g} Hz", "the sensor's rate has changed"
             )
-            self._timeline = SampleClock(rest.stream.clock)
+            self._timeline = SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s)
             self.feed(rest)
 
     def _without_rate(self, block: SampleBlock, room_s: float) -> None:
@@ -134,7 +131,9 @@ class Monitor:
                 raise self._rate_needed()
 
     def _rate_needed(self) -> RateRequired:
-        return RateRequired(f"{self._unrated} has no clock: give its sample rate with --rate")
+        return RateRequired(
+            "rate_required", f"{self._unrated} has no clock", "give its sample rate with --rate"
+        )
 
     def _begin_anew(self, refused: str, why: str) -> None:
         """The record that was is over; nothing of it goes on."""
@@ -281,7 +280,7 @@ class Monitor:
         stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
         if bool(meta["guarded"]) != self.wanted.guarded:
             raise RecordMismatch("of a run with the guards " + ("on" if meta["guarded"] else "off"))
-        timeline = SampleClock.restore(stream.clock, dict(meta["timeline"]))
+        timeline = SampleClock.restore(stream.clock, dict(meta["timeline"]), stream.tick_s)
         timeline.gap(away_s)
         interval = float(meta["timeline"]["interval_s"])
         record = self._new_record(stream, interval)
@@ -329,7 +328,7 @@ class Monitor:
         if stream.clock == "none" and interval is None:
             return False
         self.stream = stream
-        self._timeline = SampleClock(stream.clock, interval)
+        self._timeline = SampleClock(stream.clock, interval, stream.tick_s)
         return True
 
     def _take(self, placed: PlacedSamples) -> None:

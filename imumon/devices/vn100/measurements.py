@@ -41,6 +41,9 @@ _KINDS: tuple[tuple[Kind, str, str], ...] = (
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, and the factor that makes their rate SI."""
 
+TICK_S = 1.0 / 800.0
+"""s, period of the inner loop of a VN-100: its output intervals are multiples of it."""
+
 _LONGEST = 1e6
 """An interval beyond it, s, is none."""
 
@@ -176,5 +179,13 @@ def recipe(quantities: frozenset[str], source: str) -> Recipe | None:
     timed = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in have)
     better = {sensor: its for sensor, its in found.items() if its != kind}
-    stream = Stream(kind, channels, source, clock, gyro=better.get("gyro"), accel=better.get("accel"))
+    stream = Stream(
+        kind,
+        channels,
+        source,
+        clock,
+        gyro=better.get("gyro"),
+        accel=better.get("accel"),
+        tick_s=TICK_S,
+    )
     return Recipe(stream, tuple(parts), timed, flags)

@@ -13,6 +13,7 @@ from imumon.samples import GYRO, SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
 TICK = 25_000_000  # ns at 40 Hz
+LOOP_S = 1.0 / 800.0  # s, tick of a device whose intervals are multiples of one
 
 
 def block(
@@ -94,7 +95,7 @@ def test_twice_the_same_sample_counts_once() -> None:
 
 
 def test_count_of_loop_ticks_is_a_clock() -> None:
-    line = SampleClock("counter")
+    line = SampleClock("counter", tick_s=LOOP_S)
     counts = np.delete(np.arange(100) * 20 + 543, [50, 51])
     steps, _ = place(line, block(counts, "counter"))
     assert line.interval_s == 0.025
@@ -102,7 +103,7 @@ def test_count_of_loop_ticks_is_a_clock() -> None:
 
 
 def test_count_of_microseconds_is_a_clock() -> None:
-    line = SampleClock("counter")
+    line = SampleClock("counter", tick_s=LOOP_S)
     place(line, block(np.arange(100) * 5000, "counter"))
     assert line.interval_s == 0.005
 
@@ -230,37 +231,37 @@ def test_hole_of_a_restart_is_known_though_nothing_was_fed_meanwhile(away_s: flo
     again = SampleClock.restore("startup", line.save())
     again.gap(away_s)
     hole = round(away_s / 0.025)
-    out = again.place(block((np.arange(10) + 99 + hole) * TICK), room_s=0.0)
+    out = again.place(block((np.arange(10) + 99 + hole) * TICK), host_s=0.0)
     assert [int(s) for p in out for s in p.steps] == [hole] + [1] * 9
 
 
 def test_hole_is_known_though_the_link_is_lost_twice_in_it() -> None:
     line = SampleClock("startup", 0.025)
-    line.place(block(np.arange(100) * TICK), room_s=2.5)
+    line.place(block(np.arange(100) * TICK), host_s=2.5)
     line.gap(60.0)
     line.gap(60.0)
-    out = line.place(block((np.arange(10) + 99 + 4800) * TICK), room_s=0.2)
+    out = line.place(block((np.arange(10) + 99 + 4800) * TICK), host_s=0.2)
     assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
 
 
-def test_a_room_whose_clock_is_fast_leaves_nothing_open() -> None:
+def test_a_fast_host_clock_leaves_nothing_open() -> None:
     line = SampleClock("startup", 0.025)
     for k in range(2000):
-        line.place(block((np.arange(400) + 400 * k) * TICK), room_s=10.0 * 1.0001)
-    out = line.place(block((np.arange(10) + 800_000 + 4000) * TICK), room_s=0.25)
+        line.place(block((np.arange(400) + 400 * k) * TICK), host_s=10.0 * 1.0001)
+    out = line.place(block((np.arange(10) + 800_000 + 4000) * TICK), host_s=0.25)
     assert out[0].steps[0] == BREAK
 
 
 def test_time_before_the_first_sample_is_not_open() -> None:
     line = SampleClock("startup", 0.025)
-    line.place(block(np.arange(100) * TICK), room_s=7200.0)
-    out = line.place(block((np.arange(10) + 100 + 280_000) * TICK), room_s=0.25)
+    line.place(block(np.arange(100) * TICK), host_s=7200.0)
+    out = line.place(block((np.arange(10) + 100 + 280_000) * TICK), host_s=0.25)
     assert out[0].steps[0] == BREAK
 
 
 def test_leap_of_the_last_sample_of_all_is_no_hole() -> None:
     line = SampleClock("startup", 0.025)
-    line.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), room_s=2.5)
+    line.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), host_s=2.5)
     [last] = line.finish()
     assert last.steps.tolist() == [BREAK]
 
@@ -271,24 +272,24 @@ def test_leap_of_a_century_is_no_hole() -> None:
     assert steps == [1, 1, 1, BREAK, 1]
 
 
-def test_leap_that_the_room_does_not_confirm_is_no_hole() -> None:
+def test_jump_that_the_host_clock_does_not_confirm_is_no_gap() -> None:
     line = SampleClock("startup", 0.025)
-    out = line.place(block(np.arange(100) * TICK), room_s=2.5)
-    out += line.place(block((np.arange(100) + 100 + 144_000) * TICK), room_s=2.5)
+    out = line.place(block(np.arange(100) * TICK), host_s=2.5)
+    out += line.place(block((np.arange(100) + 100 + 144_000) * TICK), host_s=2.5)
     assert [int(s) for p in out for s in p.steps] == [1] * 100 + [BREAK] + [1] * 99
 
 
 @pytest.mark.parametrize("pieces", [1, 3])
 def test_hole_of_a_standstill_is_known_though_older_samples_come_first(pieces: int) -> None:
     line = SampleClock("startup", 0.025)
-    out = line.place(block(np.arange(100) * TICK), room_s=2.5)
+    out = line.place(block(np.arange(100) * TICK), host_s=2.5)
     for k in range(pieces):
         old = np.arange(100) + 100 * (k + 1)
-        out += line.place(block(old * TICK), room_s=0.0 if k else 3600.0)
-    out += line.place(block((np.arange(100) + 144_000) * TICK), room_s=0.2)
+        out += line.place(block(old * TICK), host_s=0.0 if k else 3600.0)
+    out += line.place(block((np.arange(100) + 144_000) * TICK), host_s=0.2)
     hole = 144_000 - 100 * (pieces + 1) + 1
     assert [int(s) for p in out for s in p.steps] == [1] * 100 * (pieces + 1) + [hole] + [1] * 99
-    out = line.place(block((np.arange(100) + 288_000) * TICK), room_s=2.5)
+    out = line.place(block((np.arange(100) + 288_000) * TICK), host_s=2.5)
     assert out[0].steps[0] == BREAK, "what was filled is not open again"
 
 
@@ -302,3 +303,92 @@ def test_count_of_32_bits_goes_on_over_its_wrap() -> None:
 def test_one_sample_with_a_told_rate_has_its_place() -> None:
     steps, values = place(SampleClock("startup", 0.01), block([7 * TICK]))
     assert (steps, values) == ([1], [0.0])
+
+
+# ---------------------------------------------------------------- clocks without a tick
+
+RATES = [101.0, 810.0, 416.0, 104.0, 199.9]
+JITTER = {
+    "none": lambda rng, n: np.zeros(n),
+    "uniform": lambda rng, n: rng.uniform(-0.1, 0.1, n),
+    "normal": lambda rng, n: np.clip(rng.normal(0.0, 0.1, n), -0.4, 0.4),
+}
+"""Deviation of n time stamps from their grid, in ticks."""
+
+
+def stamps(rate: float, jitter: str, n: int, seed: int = 1) -> np.ndarray:
+    """Return (n,) ns, strictly increasing time stamps of a clock of this rate."""
+    ticks = np.arange(n) + JITTER[jitter](np.random.default_rng(seed), n)
+    return np.rint(np.sort(ticks) / rate * 1e9).astype(np.int64) + 10**12
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("jitter", JITTER)
+@pytest.mark.parametrize("size", [1, 7, 5000])
+@pytest.mark.parametrize("nominal", [None, 1.0, 1.009])
+def test_a_clock_without_a_tick_has_its_own_rate(
+    rate: float, jitter: str, size: int, nominal: float | None
+) -> None:
+    clock = SampleClock("startup", None if nominal is None else nominal / rate)
+    steps, _ = place(clock, block(stamps(rate, jitter, 5000)), list(range(size, 5000, size)))
+    assert clock.interval_s is not None
+    assert clock.interval_s * rate == pytest.approx(1.0, rel=1e-7 if jitter == "none" else 5e-4)
+    assert steps == [1] * 5000
+
+
+@pytest.mark.parametrize("jitter", JITTER)
+def test_the_learned_rate_has_no_bias(jitter: str) -> None:
+    errors = []
+    for seed in range(60):
+        clock = SampleClock("startup")
+        place(clock, block(stamps(101.3, jitter, 1100, seed)))
+        assert clock.interval_s is not None
+        errors.append(clock.interval_s * 101.3 - 1.0)
+    spread = max(float(np.std(errors)), 1e-9)
+    assert abs(np.mean(errors)) < 4.0 * spread / np.sqrt(len(errors))
+    assert spread < 2e-4
+
+
+@pytest.mark.parametrize("rate", [100.0, 99.9, 101.0])
+def test_a_clock_with_a_tick_has_a_multiple_of_it(rate: float) -> None:
+    clock = SampleClock("startup", tick_s=LOOP_S)
+    place(clock, block(stamps(rate, "none", 100)))
+    assert clock.interval_s == 0.01
+
+
+@pytest.mark.parametrize("jitter", JITTER)
+def test_hours_of_jitter_and_drift_leave_the_grid_whole(jitter: str) -> None:
+    n = 2 * 3600 * 101
+    rng = np.random.default_rng(7)
+    kept = rng.random(n) > 0.001
+    kept[[0, -1]] = True
+    times = stamps(101.0 * (1.0 + 20e-6), jitter, n)[kept]
+    clock = SampleClock("startup")
+    steps, values = place(clock, block(times), list(range(1000, len(times), 1000)))
+    assert (clock.duplicates, clock.implausible, clock.changed) == (0, 0, False)
+    assert len(values) == len(times)
+    np.testing.assert_array_equal(np.cumsum(steps) - 1, np.flatnonzero(kept))
+
+
+@given(
+    st.lists(st.sampled_from([0, 1, 1, 1, 1, 1, 2, 7, 5000, -40, 10**7]), min_size=1, max_size=80),
+    st.lists(st.floats(-0.45, 0.45), min_size=80, max_size=80),
+    st.lists(st.integers(0, 80), max_size=6),
+    st.booleans(),
+)
+def test_any_chunking_gives_the_same_grid_with_jitter(
+    jumps: list[int], jitter: list[float], cuts: list[int], known: bool
+) -> None:
+    ticks = np.cumsum(jumps) + 10**6 + np.array(jitter[: len(jumps)])
+    whole = block(np.rint(ticks * TICK).astype(np.int64))
+    cuts = [c for c in cuts if c <= len(whole)]
+    interval = 0.025 if known else None
+    one, many = SampleClock("startup", interval), SampleClock("startup", interval)
+    assert place(one, whole) == place(many, whole, cuts)
+    assert (one.duplicates, one.implausible) == (many.duplicates, many.implausible)
+
+
+def test_a_count_without_a_tick_is_of_microseconds() -> None:
+    clock = SampleClock("counter")
+    place(clock, block(np.arange(100) * 625, "counter"))
+    assert clock.interval_s == 625e-6
