@@ -152,7 +152,11 @@ def test_a_stream_without_a_clock_requires_its_rate(tmp_path: Path) -> None:
     ("name", "content", "code"),
     [
         ("notes.txt", b"shopping list\n" * 40, "no_messages"),
-        ("noise.bin", bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8)), "no_messages"),
+        (
+            "noise.bin",
+            bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8)),
+            "no_messages",
+        ),
         ("empty.bin", b"", "empty"),
         ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50, "no_messages"),
         ("cut.gz", gzip.compress(b"hello" * 1000, mtime=0)[:30], "no_messages"),

@@ -1,4 +1,4 @@
-"""Laws of the time grid."""
+"""Laws of the sample clock."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ def block(
 
 
 def place(
-    line: SampleClock, whole: SampleBlock, cuts: list[int] | None = None
+    clock: SampleClock, whole: SampleBlock, cuts: list[int] | None = None
 ) -> tuple[list[int], list[float]]:
     edges = [0, *sorted(cuts or []), len(whole)]
     out: list[PlacedSamples] = []
     for a, b in pairwise(edges):
         time = None if whole.time_ns is None else whole.time_ns[a:b]
-        out += line.place(SampleBlock(whole.stream, whole.values[a:b], time, whole.lost[a:b]))
-    out += line.finish()
+        out += clock.place(SampleBlock(whole.stream, whole.values[a:b], time, whole.lost[a:b]))
+    out += clock.finish()
     steps = [int(s) for p in out for s in p.steps]
     return steps, [float(v) for p in out for v in p.values[:, 0]]
 
 
 def test_regular_stream_learns_its_interval_and_loses_nothing() -> None:
-    line = SampleClock("startup")
-    steps, values = place(line, block(np.arange(100) * TICK + 7))
-    assert line.interval_s == 0.025
+    clock = SampleClock("startup")
+    steps, values = place(clock, block(np.arange(100) * TICK + 7))
+    assert clock.interval_s == 0.025
     assert steps == [1] * 100
     assert values == list(range(100))
 
 
 def test_stamps_of_coarse_resolution_give_the_true_rate() -> None:
-    line = SampleClock("startup")
+    clock = SampleClock("startup")
     times = (np.arange(200) * 6.25 // 1).astype(np.int64) * 1_000_000
-    steps, _ = place(line, block(times))
-    assert line.interval_s == pytest.approx(0.00625)
+    steps, _ = place(clock, block(times))
+    assert clock.interval_s == pytest.approx(0.00625)
     assert steps == [1] * 200
 
 
@@ -61,23 +61,23 @@ def test_gap_is_counted_exactly() -> None:
     assert steps == [1, 1, 1, 3, 1, 994, 1]
 
 
-def test_hole_longer_than_plausible_is_taken_once_confirmed() -> None:
+def test_a_gap_longer_than_plausible_counts_once_confirmed() -> None:
     ticks = np.array([0, 1, 2, 400_000, 400_001])
-    line = SampleClock("startup", 0.025)
-    steps, _ = place(line, block(ticks * TICK))
+    clock = SampleClock("startup", 0.025)
+    steps, _ = place(clock, block(ticks * TICK))
     assert steps == [1, 1, 1, 399_998, 1]
-    assert line.implausible == 0
+    assert clock.implausible == 0
 
 
 @pytest.mark.parametrize("bad", [10**15, 0, 5 * TICK, 99 * TICK + 10**9 * 100])
 def test_damaged_stamp_leaves_the_grid_alone(bad: int) -> None:
     times = (np.arange(50) + 100) * TICK
     times[20] = bad
-    line = SampleClock("startup", 0.025)
-    steps, values = place(line, block(times))
+    clock = SampleClock("startup", 0.025)
+    steps, values = place(clock, block(times))
     assert 20.0 not in values
     assert steps == [1] * 20 + [2] + [1] * 28
-    assert line.implausible == 1
+    assert clock.implausible == 1
 
 
 def test_restart_is_a_gap_of_unknown_length() -> None:
@@ -87,42 +87,42 @@ def test_restart_is_a_gap_of_unknown_length() -> None:
 
 
 def test_twice_the_same_sample_counts_once() -> None:
-    line = SampleClock("startup", 0.025)
-    steps, values = place(line, block(np.array([0, 1, 1, 2, 3]) * TICK))
+    clock = SampleClock("startup", 0.025)
+    steps, values = place(clock, block(np.array([0, 1, 1, 2, 3]) * TICK))
     assert steps == [1, 1, 1, 1]
     assert values == [0, 1, 3, 4]
-    assert line.duplicates == 1
+    assert clock.duplicates == 1
 
 
 def test_count_of_loop_ticks_is_a_clock() -> None:
-    line = SampleClock("counter", tick_s=LOOP_S)
+    clock = SampleClock("counter", tick_s=LOOP_S)
     counts = np.delete(np.arange(100) * 20 + 543, [50, 51])
-    steps, _ = place(line, block(counts, "counter"))
-    assert line.interval_s == 0.025
+    steps, _ = place(clock, block(counts, "counter"))
+    assert clock.interval_s == 0.025
     assert steps == [1] * 50 + [3] + [1] * 47
 
 
 def test_count_of_microseconds_is_a_clock() -> None:
-    line = SampleClock("counter", tick_s=LOOP_S)
-    place(line, block(np.arange(100) * 5000, "counter"))
-    assert line.interval_s == 0.005
+    clock = SampleClock("counter", tick_s=LOOP_S)
+    place(clock, block(np.arange(100) * 5000, "counter"))
+    assert clock.interval_s == 0.005
 
 
 def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
-    line = SampleClock("none", 0.025)
-    steps, _ = place(line, block([0] * 4, "none", [0, 0, 2, 0]))
+    clock = SampleClock("none", 0.025)
+    steps, _ = place(clock, block([0] * 4, "none", [0, 0, 2, 0]))
     assert steps == [1, 1, 3, 1]
-    line.gap()
-    steps, _ = place(line, block([0] * 2, "none", [0, 0]))
+    clock.gap()
+    steps, _ = place(clock, block([0] * 2, "none", [0, 0]))
     assert steps == [BREAK, 1]
 
 
 def test_interval_of_the_deltas_is_a_clock() -> None:
-    line = SampleClock("dt")
+    clock = SampleClock("dt")
     times = np.full(60, 10_000_000)
     times[40] *= 3
-    steps, _ = place(line, block(times, "dt"))
-    assert line.interval_s == 0.01
+    steps, _ = place(clock, block(times, "dt"))
+    assert clock.interval_s == 0.01
     assert steps == [1] * 40 + [3] + [1] * 19
 
 
@@ -145,21 +145,21 @@ def test_any_chunking_gives_the_same_grid(jumps: list[int], cuts: list[int], kno
     assert (one.duplicates, one.implausible) == (many.duplicates, many.implausible)
 
 
-def test_restored_timeline_continues_on_the_sensors_clock() -> None:
-    line = SampleClock("startup")
-    place(line, block(np.arange(100) * TICK))
-    again = SampleClock.restore("startup", line.save())
+def test_a_restored_clock_continues() -> None:
+    clock = SampleClock("startup")
+    place(clock, block(np.arange(100) * TICK))
+    again = SampleClock.restore("startup", clock.save())
     steps, _ = place(again, block((np.arange(10) + 500) * TICK))
     assert steps == [401] + [1] * 9
-    assert again.interval_s == line.interval_s
+    assert again.interval_s == clock.interval_s
 
 
-@pytest.mark.parametrize(("said", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
-def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | None, step: int) -> None:
-    line = SampleClock("startup", 0.025)
-    place(line, block(np.arange(100) * TICK))
-    line.gap(said)
-    steps, _ = place(line, block((np.arange(10) + 500) * TICK))
+@pytest.mark.parametrize(("length_s", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
+def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float | None, step: int) -> None:
+    clock = SampleClock("startup", 0.025)
+    place(clock, block(np.arange(100) * TICK))
+    clock.gap(length_s)
+    steps, _ = place(clock, block((np.arange(10) + 500) * TICK))
     assert steps == [step] + [1] * 9
 
 
@@ -168,139 +168,139 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(said: float | N
 def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts: list[int]) -> None:
     steps = np.concatenate([np.ones(200), np.full(400, factor)])
     whole = block((np.cumsum(steps) * TICK).astype(np.int64))
-    line = SampleClock("startup")
+    clock = SampleClock("startup")
     placed, kept = [], 0
     edges = [0, *cuts, 600]
     for a, b in pairwise(edges):
-        if not line.changed:
+        if not clock.changed:
             assert whole.time_ns is not None
-            placed += line.place(
+            placed += clock.place(
                 SampleBlock(whole.stream, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b])
             )
             kept = b
-    assert line.changed
-    assert line.rest is not None
-    assert kept - len(line.rest) == 263  # 64 equal steps in a row, wherever the cuts are
+    assert clock.changed
+    assert clock.rest is not None
+    assert kept - len(clock.rest) == 263  # 64 equal steps in a row, wherever the cuts are
 
 
 def test_jitter_and_losses_are_no_other_rate() -> None:
     rng = np.random.default_rng(11)
     kept = np.flatnonzero(rng.random(100_000) > 0.3)
-    line = SampleClock("startup", 0.025)
-    place(line, block((kept + rng.uniform(-0.2, 0.2, len(kept))) * TICK))
-    assert not line.changed
+    clock = SampleClock("startup", 0.025)
+    place(clock, block((kept + rng.uniform(-0.2, 0.2, len(kept))) * TICK))
+    assert not clock.changed
 
 
-def test_a_clock_that_stands_still_takes_no_memory_and_is_learned_when_it_goes() -> None:
-    line = SampleClock("startup", 0.025)
+def test_a_clock_that_stops_needs_no_memory_and_is_learned_when_it_runs() -> None:
+    clock = SampleClock("startup", 0.025)
     for _ in range(50):
-        assert not line.place(block(np.full(40, 7 * TICK)))
-        assert line.unplaced <= 40
-    steps, _ = place(line, block((np.arange(100) + 8) * TICK))
-    assert steps == [1] * 101  # the last one that stood still, and those behind it
-    assert line.interval_s == 0.025
-    assert line.duplicates == 50 * 40 - 1
+        assert not clock.place(block(np.full(40, 7 * TICK)))
+        assert clock.unplaced <= 40
+    steps, _ = place(clock, block((np.arange(100) + 8) * TICK))
+    assert steps == [1] * 101  # the last one of the stopped clock, and those after it
+    assert clock.interval_s == 0.025
+    assert clock.duplicates == 50 * 40 - 1
 
 
 @pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])
 def test_lossy_start_does_not_mislead(pattern: list[int]) -> None:
-    line = SampleClock("startup")
-    steps, _ = place(line, block(np.cumsum(pattern * 20) * TICK))
-    assert line.interval_s == 0.025
+    clock = SampleClock("startup")
+    steps, _ = place(clock, block(np.cumsum(pattern * 20) * TICK))
+    assert clock.interval_s == 0.025
     assert steps[1:] == (pattern * 20)[1:]
 
 
-def test_told_rate_serves_a_start_that_loses_every_other_sample() -> None:
-    line = SampleClock("startup", 0.025)
-    steps, _ = place(line, block(np.cumsum([2] * 40 + [1] * 40) * TICK))
-    assert line.interval_s == 0.025
+def test_a_nominal_rate_shows_a_start_that_loses_every_other_sample() -> None:
+    clock = SampleClock("startup", 0.025)
+    steps, _ = place(clock, block(np.cumsum([2] * 40 + [1] * 40) * TICK))
+    assert clock.interval_s == 0.025
     assert steps[1:] == [2] * 39 + [1] * 40
 
 
 def test_samples_out_of_order_do_not_mislead() -> None:
     order = np.arange(60).reshape(-1, 2)[:, ::-1].ravel()
-    line = SampleClock("startup")
-    place(line, block(order * TICK))
-    assert line.interval_s == 0.025
+    clock = SampleClock("startup")
+    place(clock, block(order * TICK))
+    assert clock.interval_s == 0.025
 
 
 @pytest.mark.parametrize("away_s", [5.0, 70.0, 6000.0])
-def test_hole_of_a_restart_is_known_though_nothing_was_fed_meanwhile(away_s: float) -> None:
-    line = SampleClock("startup", 0.025)
-    place(line, block(np.arange(100) * TICK))
-    again = SampleClock.restore("startup", line.save())
+def test_the_gap_of_a_restart_has_a_known_length(away_s: float) -> None:
+    clock = SampleClock("startup", 0.025)
+    place(clock, block(np.arange(100) * TICK))
+    again = SampleClock.restore("startup", clock.save())
     again.gap(away_s)
-    hole = round(away_s / 0.025)
-    out = again.place(block((np.arange(10) + 99 + hole) * TICK), host_s=0.0)
-    assert [int(s) for p in out for s in p.steps] == [hole] + [1] * 9
+    gap = round(away_s / 0.025)
+    out = again.place(block((np.arange(10) + 99 + gap) * TICK), host_s=0.0)
+    assert [int(s) for p in out for s in p.steps] == [gap] + [1] * 9
 
 
-def test_hole_is_known_though_the_link_is_lost_twice_in_it() -> None:
-    line = SampleClock("startup", 0.025)
-    line.place(block(np.arange(100) * TICK), host_s=2.5)
-    line.gap(60.0)
-    line.gap(60.0)
-    out = line.place(block((np.arange(10) + 99 + 4800) * TICK), host_s=0.2)
+def test_a_gap_with_two_interruptions_has_a_known_length() -> None:
+    clock = SampleClock("startup", 0.025)
+    clock.place(block(np.arange(100) * TICK), host_s=2.5)
+    clock.gap(60.0)
+    clock.gap(60.0)
+    out = clock.place(block((np.arange(10) + 99 + 4800) * TICK), host_s=0.2)
     assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
 
 
-def test_a_fast_host_clock_leaves_nothing_open() -> None:
-    line = SampleClock("startup", 0.025)
+def test_a_fast_host_clock_leaves_no_time_open() -> None:
+    clock = SampleClock("startup", 0.025)
     for k in range(2000):
-        line.place(block((np.arange(400) + 400 * k) * TICK), host_s=10.0 * 1.0001)
-    out = line.place(block((np.arange(10) + 800_000 + 4000) * TICK), host_s=0.25)
+        clock.place(block((np.arange(400) + 400 * k) * TICK), host_s=10.0 * 1.0001)
+    out = clock.place(block((np.arange(10) + 800_000 + 4000) * TICK), host_s=0.25)
     assert out[0].steps[0] == BREAK
 
 
 def test_time_before_the_first_sample_is_not_open() -> None:
-    line = SampleClock("startup", 0.025)
-    line.place(block(np.arange(100) * TICK), host_s=7200.0)
-    out = line.place(block((np.arange(10) + 100 + 280_000) * TICK), host_s=0.25)
+    clock = SampleClock("startup", 0.025)
+    clock.place(block(np.arange(100) * TICK), host_s=7200.0)
+    out = clock.place(block((np.arange(10) + 100 + 280_000) * TICK), host_s=0.25)
     assert out[0].steps[0] == BREAK
 
 
-def test_leap_of_the_last_sample_of_all_is_no_hole() -> None:
-    line = SampleClock("startup", 0.025)
-    line.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), host_s=2.5)
-    [last] = line.finish()
+def test_a_jump_of_the_last_sample_is_no_gap_of_known_length() -> None:
+    clock = SampleClock("startup", 0.025)
+    clock.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), host_s=2.5)
+    [last] = clock.finish()
     assert last.steps.tolist() == [BREAK]
 
 
-def test_leap_of_a_century_is_no_hole() -> None:
+def test_a_jump_of_a_century_is_no_gap_of_known_length() -> None:
     ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
     steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
     assert steps == [1, 1, 1, BREAK, 1]
 
 
-def test_jump_that_the_host_clock_does_not_confirm_is_no_gap() -> None:
-    line = SampleClock("startup", 0.025)
-    out = line.place(block(np.arange(100) * TICK), host_s=2.5)
-    out += line.place(block((np.arange(100) + 100 + 144_000) * TICK), host_s=2.5)
+def test_a_jump_that_the_host_clock_does_not_confirm_is_no_gap() -> None:
+    clock = SampleClock("startup", 0.025)
+    out = clock.place(block(np.arange(100) * TICK), host_s=2.5)
+    out += clock.place(block((np.arange(100) + 100 + 144_000) * TICK), host_s=2.5)
     assert [int(s) for p in out for s in p.steps] == [1] * 100 + [BREAK] + [1] * 99
 
 
-@pytest.mark.parametrize("pieces", [1, 3])
-def test_hole_of_a_standstill_is_known_though_older_samples_come_first(pieces: int) -> None:
-    line = SampleClock("startup", 0.025)
-    out = line.place(block(np.arange(100) * TICK), host_s=2.5)
-    for k in range(pieces):
+@pytest.mark.parametrize("blocks", [1, 3])
+def test_the_gap_of_a_pause_is_known_if_older_samples_come_first(blocks: int) -> None:
+    clock = SampleClock("startup", 0.025)
+    out = clock.place(block(np.arange(100) * TICK), host_s=2.5)
+    for k in range(blocks):
         old = np.arange(100) + 100 * (k + 1)
-        out += line.place(block(old * TICK), host_s=0.0 if k else 3600.0)
-    out += line.place(block((np.arange(100) + 144_000) * TICK), host_s=0.2)
-    hole = 144_000 - 100 * (pieces + 1) + 1
-    assert [int(s) for p in out for s in p.steps] == [1] * 100 * (pieces + 1) + [hole] + [1] * 99
-    out = line.place(block((np.arange(100) + 288_000) * TICK), host_s=2.5)
-    assert out[0].steps[0] == BREAK, "what was filled is not open again"
+        out += clock.place(block(old * TICK), host_s=0.0 if k else 3600.0)
+    out += clock.place(block((np.arange(100) + 144_000) * TICK), host_s=0.2)
+    gap = 144_000 - 100 * (blocks + 1) + 1
+    assert [int(s) for p in out for s in p.steps] == [1] * 100 * (blocks + 1) + [gap] + [1] * 99
+    out = clock.place(block((np.arange(100) + 288_000) * TICK), host_s=2.5)
+    assert out[0].steps[0] == BREAK, "time that samples account for is not open again"
 
 
-def test_count_of_32_bits_goes_on_over_its_wrap() -> None:
+def test_a_count_of_32_bits_continues_over_its_wrap() -> None:
     counts = (np.arange(200, dtype=np.int64) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32)
     for cuts in ([], [88, 91, 120]):
         steps, _ = place(SampleClock("counter"), block(counts, "counter"), cuts)
         assert steps == [1] * 200
 
 
-def test_one_sample_with_a_told_rate_has_its_place() -> None:
+def test_one_sample_with_a_nominal_rate_is_placed() -> None:
     steps, values = place(SampleClock("startup", 0.01), block([7 * TICK]))
     assert (steps, values) == ([1], [0.0])
 

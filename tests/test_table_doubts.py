@@ -124,7 +124,10 @@ def test_a_configured_rate_overrides_the_stamps_of_a_host_only(tmp_path: Path) -
         made, remarks = replayed(own, rate_hz=rate)
         assert made.device.sample_rate_hz == pytest.approx(100.0)
         assert (made.session.samples, made.session.missing) == (len(K), 0)
-        assert f"its time stamps show 100 Hz and are those of a sample clock: --rate {rate:g} is not used" in remarks
+        assert (
+            f"its time stamps show 100 Hz and are those of a sample clock: --rate {rate:g} is not used"
+            in remarks
+        )
         made, remarks = replayed(host, rate_hz=rate)
         assert (made.device.sample_rate_hz, made.session.samples) == (rate, len(K))
         assert f"but are those of a host: --rate {rate:g} is used" in remarks
@@ -206,7 +209,7 @@ def test_transposed_arrays_are_an_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "sensors", "says"),
+    ("names", "sensors", "texts"),
     [
         ("t,gx,gy,ax,ay,az", {"accel"}, ("gx, gy not used: gyro/z is missing", "--map gyro/z=")),
         ("t,gx,gy,gz,ax,az", {"gyro"}, ("ax, az not used: accel/y is missing",)),
@@ -227,12 +230,12 @@ def test_transposed_arrays_are_an_error(tmp_path: Path) -> None:
     ],
 )
 def test_every_column_of_a_sensor_is_used_or_named(
-    names: str, sensors: set[str], says: tuple[str, ...]
+    names: str, sensors: set[str], texts: tuple[str, ...]
 ) -> None:
     found = layout(names.split(","))
     assert {channel.partition("/")[0] for channel in found.channels} == sensors
-    assert len(found.remarks) == bool(says)
-    for text in says:
+    assert len(found.remarks) == bool(texts)
+    for text in texts:
         assert text in found.remarks[0]
 
 

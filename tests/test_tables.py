@@ -280,9 +280,7 @@ def test_utf_16_is_an_error(tmp_path: Path) -> None:
 )
 def test_an_invalid_row_is_a_lost_sample_and_is_named(tmp_path: Path, row: str, shown: str) -> None:
     path = tmp_path / "invalid.csv"
-    path.write_text(
-        HEAD + "\n".join([*ROWS[:99], row, *ROWS[100:150], HEAD.strip(), "# note", *ROWS[150:]])
-    )
+    path.write_text(HEAD + "\n".join([*ROWS[:99], row, *ROWS[100:150], HEAD.strip(), "# note", *ROWS[150:]]))
     remarks: list[str] = []
     session = replay(ReplayOptions(path=str(path), guarded=False), remark=remarks.append).session
     assert (session.samples, session.missing, session.gaps, session.bad_checksums) == (199, 1, 1, 1)

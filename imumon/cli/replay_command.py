@@ -98,7 +98,9 @@ def run_replay(arguments: argparse.Namespace) -> int:
         try:
             speed = positive(arguments.speed)
         except (ValueError, argparse.ArgumentTypeError):
-            raise CommandError(f"--speed is max or a positive number, not {arguments.speed!r}", USAGE) from None
+            raise CommandError(
+                f"--speed is max or a positive number, not {arguments.speed!r}", USAGE
+            ) from None
     before = baseline(arguments.baseline)
     options = replay_options(arguments, speed=speed, baseline=before)
     with reading(), _publisher(arguments) as bus:
