@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from imumon.devices.vn100.measurements import recipe
+from imumon.pipeline import Monitor, MonitorOptions
 from imumon.samples import GYRO, SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
@@ -392,3 +394,28 @@ def test_a_count_without_a_tick_is_of_microseconds() -> None:
     clock = SampleClock("counter")
     place(clock, block(np.arange(100) * 625, "counter"))
     assert clock.interval_s == 625e-6
+
+
+def test_streams_of_a_vn_100_have_the_tick_of_its_loop() -> None:
+    found = recipe(frozenset({"startup", "ugyro", "uaccel"}), "binary")
+    assert found is not None
+    assert found.stream.tick_s == LOOP_S
+
+
+@pytest.mark.parametrize("jitter", JITTER)
+def test_the_monitor_has_the_rate_of_a_clock_without_a_tick(jitter: str) -> None:
+    """Live, in blocks of 7, with a nominal rate that is 1 % off; every 50th sample is lost."""
+    n = 5001
+    kept = np.arange(n) % 50 != 3
+    whole = block(stamps(101.0, jitter, n)[kept])
+    monitor = Monitor(MonitorOptions(guarded=False), rate_hz=100.0)
+    assert whole.time_ns is not None
+    for a in range(0, len(whole), 7):
+        rows = slice(a, a + 7)
+        monitor.feed(SampleBlock(whole.stream, whole.values[rows], whole.time_ns[rows], whole.lost[rows]))
+    monitor.flush()
+    assert monitor.sample_rate_hz == pytest.approx(101.0, rel=1e-9 if jitter == "none" else 5e-4)
+    assert monitor.samples == len(whole)
+    saved, _ = monitor.save()
+    assert saved["restarts"] == 0
+    assert saved["timeline"]["interval_s"] == pytest.approx(1 / 101.0, rel=5e-4)

@@ -1,4 +1,4 @@
-"""Sampling interval: estimates from steps between time stamps.
+"""Sampling interval: its estimate from the steps between time stamps.
 
 A mean over single steps is biased when the stamps are jittered: a step that jitter makes long looks like a lost
 sample and is left out. So every sample gets an index first, by the steps that can be counted, and the interval
@@ -12,6 +12,22 @@ from __future__ import annotations
 import numpy as np
 
 from imumon.samples import Floats, Ints
+
+RATE_PRECISION = 1e-4
+"""Relative standard error at which a learned interval is good enough: it moves N by 0.005 %."""
+
+NOMINAL_SHARE = 0.02
+"""Share by which measured steps may differ from a nominal interval that is one: less than between the
+neighbouring output rates of any device."""
+
+SIGNIFICANT = 3.0
+"""Standard errors by which a learned interval differs from a nominal one, or from whole Hz."""
+
+SINGLE_STEP = 1.5
+"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
+
+SHORTEST_STEP = 0.9
+"""Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
 
 PASSES = 8
 """Passes of counting and fitting; two are enough without jitter. Not critical."""
@@ -48,6 +64,56 @@ REFERENCE_GAP = 16
 
 ROUNDING = 1e-9
 """Relative error of arithmetic and of stamps in whole ns."""
+
+
+def estimate_interval(
+    steps: Floats, nominal_s: float | None, tick_s: float | None, *, last: bool
+) -> float | None:
+    """Return the interval of a clock, s; None if more steps are needed.
+
+    Parameters
+    ----------
+    steps : (n,) s between consecutive time stamps, in order, at least one of them positive.
+    nominal_s : s, nominal interval; None: there is none.
+    tick_s : s, tick of the clock, of which the interval is a multiple; None: there is none.
+    last : return an estimate however imprecise.
+    """
+    positive = steps[steps > 0.0]
+    shortest = _shortest(positive)
+    single = float(np.mean(positive[positive < SINGLE_STEP * shortest]))
+    guess = nominal_s if nominal_s is not None and _is_multiple(positive, nominal_s) else None
+    if tick_s is not None:
+        return guess or nearest_multiple(single, tick_s)
+    interval, error = regression_interval(steps, guess or single)
+    if error > RATE_PRECISION and not last:
+        return None
+    tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), NOMINAL_SHARE)
+    if nominal_s is not None and abs(interval / nominal_s - 1.0) <= tolerance:
+        return nominal_s
+    return round_to_hertz(interval, min(SIGNIFICANT * error, RATE_PRECISION))
+
+
+def is_nominal(steps: Floats, nominal_s: float, tick_s: float | None) -> bool:
+    """Return whether all of (n,) steps, s, are the nominal interval, as far as a clock with a tick, or
+    without one, shows it."""
+    share = RATE_PRECISION if tick_s is None else NOMINAL_SHARE
+    return bool((np.abs(steps / nominal_s - 1.0) < share).all())
+
+
+def counter_unit(steps: Floats, tick_s: float | None) -> float:
+    """Return the unit of a counter, s: the tick of the device or a microsecond.
+
+    >>> counter_unit(np.full(9, 20.0), 1 / 800), counter_unit(np.full(9, 5000.0), 1 / 800)
+    (0.00125, 1e-06)
+    """
+    if tick_s is not None and _shortest(steps[steps > 0.0]) * 1e-6 < SHORTEST_STEP * tick_s:
+        return tick_s
+    return 1e-6
+
+
+def _shortest(steps: Floats) -> float:
+    """Return about the shortest of (n,) positive steps: samples may be missing between the others."""
+    return float(np.quantile(steps, 0.1, method="lower"))
 
 
 def regression_interval(steps: Floats, guess: float) -> tuple[float, float]:
@@ -143,7 +209,7 @@ def nearest_multiple(interval_s: float, tick_s: float) -> float:
     return interval_s
 
 
-def is_multiple(steps: Floats, interval_s: float) -> bool:
+def _is_multiple(steps: Floats, interval_s: float) -> bool:
     """Return whether nearly all of (n,) steps, s, are whole multiples of an interval."""
     counts = steps / interval_s
     return bool(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5)) > MOST_STEPS)

@@ -22,6 +22,7 @@ This module knows no statistics and reads no clock.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,11 +31,10 @@ from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated
 from imumon.timebase.interval import (
     AMBIGUOUS,
     REFERENCE_SAMPLES,
-    is_multiple,
-    nearest_multiple,
+    counter_unit,
+    estimate_interval,
+    is_nominal,
     phase,
-    regression_interval,
-    round_to_hertz,
 )
 
 LEARN_STEPS = 32
@@ -43,24 +43,8 @@ LEARN_STEPS = 32
 LEARN_STEPS_MAX = 1024
 """Steps after which a learned interval is used however imprecise: 10 s at 100 Hz. Not critical."""
 
-RATE_PRECISION = 1e-4
-"""Relative standard error at which a learned interval is good enough: it moves N by 0.005 %."""
-
 NOMINAL_STEPS = 3
 """Steps after which a nominal interval is used, if all of them agree with it. Not critical."""
-
-NOMINAL_SHARE = 0.02
-"""Share by which measured steps may differ from a nominal interval that is one: less than between the
-neighbouring output rates of any device."""
-
-SIGNIFICANT = 3.0
-"""Standard errors by which a learned interval differs from a nominal one, or from whole Hz."""
-
-SINGLE_STEP = 1.5
-"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
-
-SHORTEST_STEP = 0.9
-"""Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
 
 FAR_S = 60.0
 """s. A jump forward beyond this must be confirmed by the next sample: one damaged time stamp that passed its
@@ -151,8 +135,7 @@ class SampleClock:
         self._pending: list[SampleBlock] = []  # while the interval is being learned
         self._unconfirmed: SampleBlock | None = None  # one sample behind a jump
         self._last: int | None = None  # time of the last placed sample
-        self._recent_time: Ints = np.empty(0, np.int64)  # of the last placed samples, oldest first
-        self._recent_steps: Ints = np.empty(0, np.int64)
+        self._recent: deque[tuple[Ints, Ints]] = deque(maxlen=REFERENCE_SAMPLES)  # time and steps, by block
         self._unknown_gap = False
         self._expected_s: float | None = None  # length of a gap by the host clock
         self._open_s: float | None = 0.0  # s of the host clock that samples and gaps do not account for yet
@@ -291,33 +274,14 @@ class SampleClock:
         if self.clock == "counter" and self._last is None:
             return False  # the unit of a count follows from its steps
         steps = time[:NOMINAL_STEPS] if self.clock == "dt" else np.diff(time[: NOMINAL_STEPS + 1])
-        share = RATE_PRECISION if self._tick_s is None else NOMINAL_SHARE
-        return bool((np.abs(steps * self._unit_s / self._nominal_s - 1.0) < share).all())
+        return is_nominal(np.asarray(steps, np.float64) * self._unit_s, self._nominal_s, self._tick_s)
 
     def _estimate(self, steps: Floats, last: bool) -> None:
         """Estimate the interval from (n,) steps in units of the clock; `last`: use it however imprecise."""
-        positive = steps[steps > 0]
-        shortest = float(np.quantile(positive, 0.1, method="lower"))  # samples may be missing
         if self.clock == "counter":
-            in_ticks = self._tick_s is not None and shortest * 1e-6 < SHORTEST_STEP * self._tick_s
-            self._unit_s = self._tick_s if self._tick_s is not None and in_ticks else 1e-6
-        single_s = float(np.mean(positive[positive < SINGLE_STEP * shortest])) * self._unit_s
-        nominal_s = self._nominal_s
-        if nominal_s is not None and not is_multiple(positive * self._unit_s, nominal_s):
-            nominal_s = None
-        if self._tick_s is not None:
-            self.interval_s = nominal_s or nearest_multiple(single_s, self._tick_s)
-            self._learned = True
-            return
-        interval, error = regression_interval(steps * self._unit_s, nominal_s or single_s)
-        if error > RATE_PRECISION and not last:
-            return
-        tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), NOMINAL_SHARE)
-        if self._nominal_s is not None and abs(interval / self._nominal_s - 1.0) <= tolerance:
-            self.interval_s = self._nominal_s
-        else:
-            self.interval_s = round_to_hertz(interval, min(SIGNIFICANT * error, RATE_PRECISION))
-        self._learned = True
+            self._unit_s = counter_unit(steps, self._tick_s)
+        self.interval_s = estimate_interval(steps * self._unit_s, self._nominal_s, self._tick_s, last=last)
+        self._learned = self.interval_s is not None
 
     def _rate_change(self, block: SampleBlock) -> int | None:
         """Return where a new rate has shown in equal steps, none of them one interval; None: nowhere."""
@@ -370,7 +334,7 @@ class SampleClock:
         time = block.time_ns
         restarted = self._clock_restarted(int(time[0]))
         if self._last is None:
-            self._recent_time = self._recent_steps = np.empty(0, np.int64)
+            self._recent.clear()
             if self._open_s is not None:
                 self._open_s = 0.0  # time before the first sample of all is no gap
         before = time[0] if self._last is None else self._last
@@ -397,10 +361,9 @@ class SampleClock:
             saturated = None if saturated is None else saturated[keep]
         if len(time):
             self._last = int(time[-1])
-            self._recent_time = np.append(self._recent_time, time[-REFERENCE_SAMPLES:])[-REFERENCE_SAMPLES:]
-            self._recent_steps = np.append(self._recent_steps, steps[-REFERENCE_SAMPLES:])[
-                -REFERENCE_SAMPLES:
-            ]
+            if len(time) >= REFERENCE_SAMPLES:
+                self._recent.clear()
+            self._recent.append((time[-REFERENCE_SAMPLES:], steps[-REFERENCE_SAMPLES:]))
         self._account(steps)
         return PlacedSamples(values, steps, saturated)
 
@@ -425,6 +388,9 @@ class SampleClock:
         """Decide on steps that are not plainly a few intervals: jitter, duplicate, bad stamp, gap, restart."""
         scale = self._unit_s / float(self.interval_s or 1.0)
         n = len(time)
+        none = np.empty(0, np.int64)
+        recent_time = np.concatenate([none, *(part[0] for part in self._recent)])
+        recent_steps = np.concatenate([none, *(part[1] for part in self._recent)])
         todo = doubtful.tolist()[::-1]
         while todo:
             i = todo.pop()
@@ -439,8 +405,8 @@ class SampleClock:
             if start and len(placed) < REFERENCE_SAMPLES:
                 placed = np.flatnonzero(keep[: j + 1])
             deviation = phase(
-                np.append(self._recent_time, time[placed])[-REFERENCE_SAMPLES:],
-                np.append(self._recent_steps, steps[placed])[-REFERENCE_SAMPLES:],
+                np.append(recent_time, time[placed])[-REFERENCE_SAMPLES:],
+                np.append(recent_steps, steps[placed])[-REFERENCE_SAMPLES:],
                 scale,
             )
             step = round((int(time[i]) - before) * scale - deviation)
