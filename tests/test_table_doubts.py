@@ -1,4 +1,4 @@
-"""What a table leaves open or has wrong: inferred if possible, else an error; every assumption is remarked."""
+"""What a table leaves open or has wrong: inferred if possible, else an error; assumptions are remarked."""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ from imumon.errors import ImumonError, SourceError
 from imumon.samples import Gap, Kind, SampleBlock
 
 BLOCK_BYTES = 1 << 20
-"""Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast. Not critical."""
+"""Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast. Not
+critical."""
 
 
 class RecordingError(ImumonError, SourceError):  # SourceError: until the daemon has its own errors
@@ -36,7 +37,8 @@ class ReadOptions:
     Attributes
     ----------
     kind : stream of a table that has several; None: the best.
-    columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; what it does not name is found by the names.
+    columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; what it does not name is found by the
+        names.
     rate_hz : Hz, configured sample rate; None: not configured.
     topic : of a bag; None: the only one.
     block_bytes : bytes of a raw capture that are decoded at once.

@@ -1,8 +1,8 @@
 """Column names: what the name of a column says of its contents.
 
-The same quantity is named `gyro_x [rad/s]`, `IMU::UncompGyro::X [rad/s]`, `angular_velocity.x` or `wx`. A name
-is split into words; the last word is the axis, the others are the sensor, what the sensor has done to the values
-already, and the unit. Without a unit, the values are in SI units.
+The same quantity is named `gyro_x [rad/s]`, `IMU::UncompGyro::X [rad/s]`, `angular_velocity.x` or `wx`. A
+name is split into words; the last word is the axis, the others are the sensor, what the sensor has done to
+the values already, and the unit. Without a unit, the values are in SI units.
 """
 
 from __future__ import annotations

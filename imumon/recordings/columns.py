@@ -1,8 +1,8 @@
 """Columns: which columns of a table make a stream.
 
 By their names (`column_names`) there may be several streams; the best is used. ``--map
-gyro/x=COLUMN:UNIT,...`` overrides what it names, and nothing else. `ColumnLayout.remarks` name every column of a
-sensor that is not used. This module knows no files: names in, `ColumnLayout` out.
+gyro/x=COLUMN:UNIT,...`` overrides what it names, and nothing else. `ColumnLayout.remarks` name every column
+of a sensor that is not used. This module knows no files: names in, `ColumnLayout` out.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def layout(
     ----------
     names : of all columns.
     kind : of a table with several streams; None: the best.
-    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; what it does not name is found by the
-        names.
+    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; what it does not name is found by
+        the names.
 
     Raises
     ------
@@ -231,7 +231,7 @@ def _times(columns: Sequence[Column]) -> tuple[tuple[Column, ...], bool]:
 
 
 def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | None]:
-    """Return the column of a ``--map``, by its name with or without unit or its number from 1, and its unit."""
+    """Return the column of a ``--map``, by its name with or without unit or its number, and its unit."""
     bare = [without_unit(name.strip()) for name in names]
     whole = [name.strip() for name in names]
     tries: list[tuple[str, str | None]] = [(text, None)]

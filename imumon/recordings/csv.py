@@ -287,9 +287,9 @@ def _is_date(text: str) -> bool:
 class DateReader:
     """Reads a column of dates or times of day, in any order, as seconds.
 
-    It reads ISO 8601, ``2026-01-31T12:00:00.025Z`` or with a blank, and a time of day alone, ``12:00:00.025``,
-    which continues over midnight. Seconds count from the first one, so that no digit is lost to the years since
-    1970. Digits beyond microseconds are ignored.
+    It reads ISO 8601, ``2026-01-31T12:00:00.025Z`` or with a blank, and a time of day, ``12:00:00.025``, which
+    continues over midnight. Seconds count from the first one, so that no digit is lost to the years since 1970.
+    Digits beyond microseconds are ignored.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,8 @@
 """Bag: `sensor_msgs/Imu` messages from rosbag 1, rosbag 2 and MCAP.
 
 The time of a sample is the stamp in the header of its message, which the driver makes: it is better than the
-time of the recording. A bag does not say whether the values are compensated; they count as uncompensated unless
-``--stream`` says otherwise.
+time of the recording. A bag does not say whether the values are compensated; they count as uncompensated
+unless ``--stream`` says otherwise.
 """
 
 from __future__ import annotations

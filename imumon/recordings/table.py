@@ -1,9 +1,10 @@
 """Table: rows of numbers as blocks of samples, from a file of any format.
 
 A table has a column for each channel (`columns`) and mostly one of time. The time of its first rows shows the
-sampling interval and whether the stamps are those of a sample clock or of a host (`timestamps`); a table without
-time needs the rate. The stamps of a sample clock are used whatever rate is configured; those of a host give way
-to it. Rows that lack a number are lost samples. A remark reports everything that is left out or assumed.
+sampling interval and whether the stamps are those of a sample clock or of a host (`timestamps`); a table
+without time needs the rate. The stamps of a sample clock are used whatever rate is configured; those of a
+host give way to it. Rows that lack a number are lost samples. A remark reports everything that is left out or
+assumed.
 """
 
 from __future__ import annotations

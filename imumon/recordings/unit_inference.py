@@ -1,8 +1,8 @@
 """Unit inference: which units the numbers of a table can have.
 
-The name of a column may have no unit or a wrong one, and a wrong unit makes every result wrong. A sensor at rest
-measures one g and turns slowly, and inertial sensors sample at 1 Hz to some kHz: where that decides, the unit is
-inferred. Where two units are equally plausible, it is an error that names both and how to choose.
+The name of a column may have no unit or a wrong one, and a wrong unit makes every result wrong. A sensor at
+rest measures one g and turns slowly, and inertial sensors sample at 1 Hz to some kHz: where that decides, the
+unit is inferred. Where two units are equally plausible, it is an error that names both and how to choose.
 """
 
 from __future__ import annotations

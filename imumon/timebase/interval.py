@@ -1,10 +1,10 @@
 """Sampling interval: its estimate from the steps between time stamps.
 
-A mean over single steps is biased when the stamps are jittered: a step that jitter makes long looks like a lost
-sample and is left out. So every sample gets an index first, by the steps that can be counted, and the interval
-is the slope of the line through the stamps over the index. Where a step cannot be counted, a new line with the
-same slope begins. A step near half an interval is decided by the mean deviation of the samples before from the
-grid (`phase`), so one late stamp adds no sample.
+A mean over single steps is biased when the stamps are jittered: a step that jitter makes long looks like a
+lost sample and is left out. So every sample gets an index first, by the steps that can be counted, and the
+interval is the slope of the line through the stamps over the index. Where a step cannot be counted, a new
+line with the same slope begins. A step near half an interval is decided by the mean deviation of the samples
+before from the grid (`phase`), so one late stamp adds no sample.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ PASSES = 8
 """Passes of counting and fitting; two are enough without jitter. Not critical."""
 
 GUESS_ERROR = 0.15
-"""Share by which the first guess of an interval may be wrong. Not critical: it is the bias of a mean over single
-steps at the largest jitter for which steps can be counted."""
+"""Share by which the first guess of an interval may be wrong. Not critical: it is the bias of a mean over
+single steps at the largest jitter for which steps can be counted."""
 
 COUNTABLE = 0.25
 """Intervals by which the length of a step may be uncertain so that its intervals can still be counted."""
@@ -56,8 +56,8 @@ AMBIGUOUS = 0.25
 two stamps must add up to twice this before a step can be wrong."""
 
 REFERENCE_SAMPLES = 16
-"""Samples over which the deviation from the grid is averaged for such a step: enough to make its jitter small,
-few enough that an error of the interval does not show. Not critical."""
+"""Samples over which the deviation from the grid is averaged for such a step: enough to make its jitter
+small, few enough that an error of the interval does not show. Not critical."""
 
 REFERENCE_GAP = 16
 """Intervals; samples before a longer gap are no reference, for the error of the interval adds up in it."""

@@ -1,10 +1,10 @@
 """Sample clock: the grid index of each sample, from the clock of its stream.
 
 Statistics over tau need equal steps, and real streams lose samples. Time is always that of the sample clock,
-never that of arrival: USB delivers in batches. For each sample, the clock gives the number of grid steps since
-the sample before: 1 is the next one, more is a gap of known length. A clock that runs backwards is a gap of
-unknown length (the device restarted). Two samples on one grid index are duplicates. Without an absolute clock,
-the messages that the decoder saw damaged count as lost samples.
+never that of arrival: USB delivers in batches. For each sample, the clock gives the number of grid steps
+since the sample before: 1 is the next one, more is a gap of known length. A clock that runs backwards is a
+gap of unknown length (the device restarted). Two samples on one grid index are duplicates. Without an
+absolute clock, the messages that the decoder saw damaged count as lost samples.
 
 The interval of the grid is learned from the first samples:
 
@@ -12,7 +12,8 @@ The interval of the grid is learned from the first samples:
   show which.
 - Without a tick, the interval is the slope of a line through the time stamps, which jitter does not bias.
   Learning goes on until the standard error of the slope is small.
-- A nominal interval is used if the samples agree with it, and decides where samples are missing from the start.
+- A nominal interval is used if the samples agree with it, and decides where samples are missing from the
+  start.
 
 A step between neighbours is unambiguous while the jitter of the stamps is far below one interval. Where it is
 not, the mean deviation of the samples before decides, so neither jitter nor an error of the interval adds up.
@@ -102,8 +103,8 @@ class SampleClock:
     Parameters
     ----------
     clock : see `samples.Stream`.
-    interval_s : s, nominal sampling interval. A stream without a clock has no other; where there is a clock, it
-        is used only if the first samples agree.
+    interval_s : s, nominal sampling interval. A stream without a clock has no other; where there is a clock,
+        it is used only if the first samples agree.
     tick_s : s, see `samples.Stream`; the interval is a multiple of it, and a ``counter`` counts it or
         microseconds. None: the interval is as measured.
 
@@ -149,9 +150,9 @@ class SampleClock:
 
         Parameters
         ----------
-        length_s : s by the host clock since the last samples or the last call; None: unknown. `place` must not
-            get this time again. If the sample clock differs, the device was restarted meanwhile, and the gap is
-            of unknown length.
+        length_s : s by the host clock since the last samples or the last call; None: unknown. `place` must
+            not get this time again. If the sample clock differs, the device was restarted meanwhile, and the
+            gap is of unknown length.
         """
         if self.clock in ("dt", "none"):
             self._unknown_gap = True
@@ -241,7 +242,8 @@ class SampleClock:
     # ------------------------------------------------------------------ the interval
 
     def _learn(self, final: bool) -> None:
-        """Try to learn the interval from the pending samples, at sample counts that do not depend on blocks."""
+        """Try to learn the interval from the pending samples, at sample counts that do not depend on
+        blocks."""
         block = concatenated(self._pending)
         while not self._learned:
             time = block.time_ns
@@ -385,7 +387,8 @@ class SampleClock:
         return True
 
     def _decide(self, time: Ints, steps: Ints, keep: Bools, doubtful: Ints, far: int, final: bool) -> None:
-        """Decide on steps that are not plainly a few intervals: jitter, duplicate, bad stamp, gap, restart."""
+        """Decide on steps that are not plainly a few intervals: jitter, duplicate, bad stamp, gap,
+        restart."""
         scale = self._unit_s / float(self.interval_s or 1.0)
         n = len(time)
         none = np.empty(0, np.int64)

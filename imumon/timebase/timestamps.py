@@ -30,8 +30,8 @@ SINGLE_STEP = 1.5
 """Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
 
 SHORT_WINDOW = 16
-"""Rows of one of the two first estimates of the rate: more than a batch, fewer than from one lost sample to the
-next. The estimate that fits better is used."""
+"""Rows of one of the two first estimates of the rate: more than a batch, fewer than from one lost sample to
+the next. The estimate that fits better is used."""
 
 LONG_WINDOW = 256
 """Rows of the other first estimate, for long delays."""
@@ -40,8 +40,8 @@ EDGE = 256
 """Rows among which the smallest delay is looked for during the estimate: more than arrive at once."""
 
 BURST_RATIO = 30.0
-"""Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are those
-of their arrival; a sensor that loses four of five samples has less."""
+"""Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are
+those of their arrival; a sensor that loses four of five samples has less."""
 
 BURST_GAPS = 3
 """Longest gaps that do not count for this ratio. Not critical."""
@@ -158,8 +158,8 @@ def _lossless_interval(times: Floats) -> float:
 
 
 def _misfit(times: Floats, interval: float) -> tuple[bool, float]:
-    """Return, to compare intervals, whether the smallest delay leaves the grid or falls, and by how much; if it
-    does neither, the share of lost samples."""
+    """Return, to compare intervals, whether the smallest delay leaves the grid or falls, and by how much; if
+    it does neither, the share of lost samples."""
     window = min(_ahead(interval), len(times) // 2)
     edge = sliding_minimum(times / interval - np.arange(len(times)), window)
     risen = edge[window:] - edge[:-window]
@@ -168,7 +168,8 @@ def _misfit(times: Floats, interval: float) -> tuple[bool, float]:
 
 
 def _half_sample_mode(values: Floats) -> float:
-    """Return the half-sample mode of some values: windows in which a sample was lost lie an interval above."""
+    """Return the half-sample mode of some values: windows in which a sample was lost lie an interval
+    above."""
     values = np.sort(values)
     while (half := len(values) // 2) > 1:
         at = int(np.argmin(values[half:] - values[:-half]))
@@ -205,7 +206,8 @@ def _ahead(interval: float) -> int:
 
 
 def _roughness(times: Floats, interval: float) -> float:
-    """Return how far from whole intervals the smallest delay rises within a second; 0.25 is no grid at all."""
+    """Return how far from whole intervals the smallest delay rises within a second; 0.25 is no grid at
+    all."""
     window = min(_ahead(interval), len(times) // 2)
     edge = sliding_minimum(times / interval - np.arange(len(times)), window)
     risen = edge[window:] - edge[:-window]
