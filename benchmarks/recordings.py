@@ -3,7 +3,7 @@
     python benchmarks/recordings.py [--recordings DIR] [--figures DIR]
 
 The recordings are not part of the project; without the folder there is nothing to do. Their `$VNYMR` is
-read here, without the codec and without guards: every sample counts.
+read here without the decoder and without guards: every sample counts.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NAMES = {"kiran_stat5min": "VN-100 at rest", "fc_car_idle": "VN-100 in a parked 
 
 
 def read(path: Path) -> np.ndarray:
-    """(n, 6) rad/s and m/s^2 of the `$VNYMR` sentences whose checksum holds."""
+    """Return (n, 6) rad/s and m/s^2 of the `$VNYMR` sentences whose checksum holds."""
     rows = []
     for line in gzip.decompress(path.read_bytes()).splitlines():
         body, star, check = line.strip().partition(b"*")
@@ -38,8 +38,8 @@ def read(path: Path) -> np.ndarray:
     return np.array(rows)
 
 
-def told(axis: str, name: str, coefficient: FittedCoefficient) -> str:
-    """Coefficient with limits in readable units."""
+def formatted(axis: str, name: str, coefficient: FittedCoefficient) -> str:
+    """Return a coefficient with its limits in readable units."""
     shown = READABLE[axis.partition("/")[0], name]
     if coefficient.status == "pending":
         return "pending"
@@ -57,13 +57,13 @@ def table(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...]) -> None:
         out = ", ".join(f"{tau:g}" for tau in curve.tau[~fit.used]) or "–"
         print(
             f"| {axis} | "
-            + " | ".join(told(axis, c, getattr(fit, c)) for c in "NBK")
+            + " | ".join(formatted(axis, c, getattr(fit, c)) for c in "NBK")
             + f" | {out} | {fit.chi2:.1f}/{fit.dof} | {', '.join(fit.caveats) or '–'} |"
         )
 
 
 def draw(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...], folder: Path) -> None:
-    """Curve, limits, model and left-out octaves of six axes, one panel a sensor axis."""
+    """Draw curve, limits, model and left-out octaves of six axes, one panel per axis."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -106,7 +106,7 @@ def draw(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...], folder: Pat
         panel.grid(True, which="major", lw=0.4, alpha=0.5)
         panel.minorticks_off()
         panel.set_title(axis, loc="left", fontweight="bold")
-        text = "\n".join(f"{c} {told(axis, c, getattr(fit, c))}" for c in "NBK")
+        text = "\n".join(f"{c} {formatted(axis, c, getattr(fit, c))}" for c in "NBK")
         panel.text(0.98, 0.97, text, transform=panel.transAxes, ha="right", va="top", fontsize=6.3)
     for row, unit in zip(panels, ("rad/s", "m/s²"), strict=True):
         row[0].set_ylabel(f"Allan deviation, {unit}")

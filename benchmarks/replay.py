@@ -1,10 +1,9 @@
-"""Cost of `imumon replay`, as a whole process, beside the bare arithmetic of an offline tool in the same run.
+"""Cost of `imumon replay` as a whole process, compared with the arithmetic of an offline tool in the same run.
 
 A binary recording (62-byte packets: TimeStartup, ImuStatus, UncompMag, UncompAccel, UncompGyro, Temp, Pres,
 at 800 Hz) is made and replayed with `--json`; `allantools.oadev(taus="octave")` then works on the six
-axes, which it is handed as arrays. The goal is at most three times its time for two hours. Processor time
-stands beside the time on the clock: on a busy machine it is the steadier of the two. Peak memory is that of
-the replaying process, for the whole length and for a quarter of it: it must not depend on the length.
+axes, given as arrays. The goal is at most three times its time for two hours. Processor time
+is shown beside the elapsed time: on a busy machine it varies less. Peak memory is that of the replaying process, for the whole length and for a quarter of it: it must not depend on the length.
 
     python benchmarks/replay.py [--hours 2] [--sentences 200000]
 """
@@ -28,18 +27,18 @@ from imumon.noise.synthesis import NoiseStream
 
 RATE = 800.0
 LAYOUT = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x003F})
-PIECE = 80_000
+BLOCK = 80_000
 N = np.array([6.1e-5] * 3 + [1.37e-3] * 3 + [1.4e-4] * 3)
 
 
 def make(path: Path, samples: int) -> np.ndarray:
-    """A recording of so many samples; gyroscope and accelerometer, (n, 6)."""
+    """Write a recording of n samples; return gyroscope and accelerometer, (n, 6)."""
     noise = NoiseStream(RATE, N, N / 3, 0.0, seed=1)
     level = np.array([0.01, -0.01, 0.005, 0.0, 0.0, -9.79, 0.2, 0.0, 0.4])
     kept = []
     with path.open("wb") as file:
-        for start in range(0, samples, PIECE):
-            n = min(PIECE, samples - start)
+        for start in range(0, samples, BLOCK):
+            n = min(BLOCK, samples - start)
             values = (noise.generate(n) + level).astype(np.float32)
             file.write(
                 LAYOUT.encode(
@@ -58,7 +57,7 @@ def make(path: Path, samples: int) -> np.ndarray:
 
 
 def make_ascii(path: Path, samples: int) -> None:
-    """A recording of `$VNYMR` sentences."""
+    """Write a recording of `$VNYMR` sentences."""
     rows = np.random.default_rng(2).normal(0.0, 1e-3, (samples, 12))
     rows[:, 8] -= 9.79
     with path.open("wb") as file:
@@ -66,21 +65,21 @@ def make_ascii(path: Path, samples: int) -> None:
             file.write(ascii.encode(ascii.sentence("VNYMR", row)))
 
 
-def replay(path: Path, *words: str) -> tuple[float, float, float]:
-    """Seconds on the clock, seconds of processor and peak MB of a replaying process."""
+def replay(path: Path, *options: str) -> tuple[float, float, float]:
+    """Return elapsed s, processor s and peak MB of a replaying process."""
     code = (
         "import sys; from imumon.cli import main; code = main(sys.argv[1:]);"
         "peak = next(l for l in open('/proc/self/status') if l.startswith('VmHWM'));"
         "print(peak.split()[1], file=sys.stderr); sys.exit(code)"
     )
-    command = [sys.executable, "-c", code, "replay", str(path), "--json", *words]
+    command = [sys.executable, "-c", code, "replay", str(path), "--json", *options]
     began, spent = time.perf_counter(), children()
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return time.perf_counter() - began, children() - spent, int(done.stderr.split()[-1]) / 1024
 
 
 def children() -> float:
-    """Processor seconds of all children so far."""
+    """Return the processor s of all children so far."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -110,7 +109,7 @@ def measure(hours: float = 2.0, sentences: int = 200_000) -> Iterator[Figure]:
     )
     ratio = ours_cpu / theirs_cpu
     what = "its processor time over that of allantools"
-    whole = hours >= 2.0  # in a shorter one starting weighs more
+    whole = hours >= 2.0  # in a shorter one the start costs more
     yield at_most(what, ratio, 3.0, "×") if whole else Figure(what, f"{ratio:.3g} ×")
     yield Figure(
         "the same with `--no-guards`", f"{samples / bare:,.0f} samples/s, processor {bare_cpu:.1f} s"
@@ -126,5 +125,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--hours", type=float, default=2.0)
     parser.add_argument("--sentences", type=int, default=200_000)
-    asked = parser.parse_args()
-    show(measure(asked.hours, asked.sentences))
+    arguments = parser.parse_args()
+    show(measure(arguments.hours, arguments.sentences))

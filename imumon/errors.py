@@ -28,15 +28,3 @@ class ImumonError(Exception):
 
 class RateRequired(ImumonError):
     """The samples have no clock, and no sample rate is configured."""
-
-
-class SourceError(Exception):
-    """Temporary."""
-
-
-class RateUnknown(SourceError):
-    """Temporary."""
-
-
-class OptionNotApplicable(SourceError):
-    """Temporary."""

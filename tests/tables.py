@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.replay.replay import ReplayOptions, open_samples, replay
+from imumon.replay import ReplayOptions, replay
 from imumon.report import Report
 from imumon.samples import SampleBlock
 
@@ -17,7 +17,7 @@ DEG, G = np.pi / 180.0, 9.80665
 
 
 def truth(n: int = 400, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time in s, gyro rad/s and accel m/s^2 of a sensor at rest."""
+    """Return time in s, gyro rad/s and accel m/s^2 of a sensor at rest."""
     rng = np.random.default_rng(seed)
     t = 12.0 + np.arange(n) / RATE
     return t, rng.normal(0.001, 7e-4, (n, 3)), rng.normal((0.1, -0.2, -9.8), 0.013, (n, 3))
@@ -31,8 +31,9 @@ def csv(path: Path, names: Iterable[str], *columns: np.ndarray, sep: str = ",") 
 
 
 def read(path: Path, **more: object) -> SampleBlock:
-    """All samples of a file as one block."""
-    blocks = [block for some in open_samples(ReplayOptions(path=str(path), **more)) for block in some]  # type: ignore[arg-type]
+    """Return all samples of a file as one block."""
+    recording = ReplayOptions(path=str(path), **more).open()  # type: ignore[arg-type]
+    blocks = [item for items in recording for item in items if isinstance(item, SampleBlock)]
     return SampleBlock(
         blocks[0].stream,
         np.concatenate([block.values for block in blocks]),
@@ -43,9 +44,9 @@ def read(path: Path, **more: object) -> SampleBlock:
     )
 
 
-def told(path: Path, **more: object) -> tuple[Report, str]:
-    """The report of a file, and what is remarked on it."""
+def replayed(path: Path, **more: object) -> tuple[Report, str]:
+    """Return the report of a file, and the remarks on it."""
     remarks: list[str] = []
-    made = replay(ReplayOptions(path=str(path), guarded=False, **more), tell=remarks.append)  # type: ignore[arg-type]
+    made = replay(ReplayOptions(path=str(path), guarded=False, **more), remark=remarks.append)  # type: ignore[arg-type]
     assert [text.removeprefix(f"{path}: ") for text in remarks] == list(made.device.remarks)
     return made, "\n".join(remarks)

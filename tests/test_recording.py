@@ -1,4 +1,4 @@
-"""What the daemon records: replayed it gives the daemon's report, and a full disk ends nothing else."""
+"""Recordings of the daemon: a replay gives the same report, and a full disk ends only the recording."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ from daemons import Daemon
 from imumon.config import RecordSettings
 from imumon.daemon.recorder import Recorder
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.recordings import RawCapture, SourceError, check_place
-from imumon.recordings.raw_capture import BACKLOG, MARK, LinkLoss, _split
-from imumon.replay.replay import ReplayOptions, replay
+from imumon.recordings import RawCapture, RecordingError, check_place
+from imumon.recordings.capture_writer import BACKLOG
+from imumon.recordings.raw_capture import MARK, split_lines
+from imumon.replay import ReplayOptions, replay
 from imumon.report import Report, from_json
+from imumon.samples import Gap
 
 CONFIG = """
 [record]
@@ -32,7 +34,7 @@ gzip = true
 
 
 def same(live: Report, path: Path) -> Report:
-    """The daemon's report, held against that of its recording."""
+    """Compare the report of a daemon with that of its recording."""
     again = replay(ReplayOptions(path=str(path)))
     again = replace(again, session=replace(again.session, restarts=live.session.restarts))
     for part, names in {
@@ -55,24 +57,24 @@ def same(live: Report, path: Path) -> Report:
         if channel.drift is not None:
             assert other.drift is not None
             for name in ("per_hour", "per_hour_low", "per_hour_high", "explained"):
-                told, then = getattr(other.drift, name), getattr(channel.drift, name)
-                assert told == (then if then is None else pytest.approx(then, rel=1e-6)), name
+                replayed, original = getattr(other.drift, name), getattr(channel.drift, name)
+                assert replayed == (original if original is None else pytest.approx(original, rel=1e-6)), name
     return live
 
 
 def ended(daemon: Daemon) -> tuple[Report, str]:
-    """Final report of a daemon that was told to print one, and what it said."""
+    """Stop a daemon that prints its report; return the report and the messages."""
     daemon.process.send_signal(signal.SIGTERM)
-    out, said = daemon.ended()
-    assert "Traceback" not in said
-    return from_json(Report, out), said
+    out, messages = daemon.ended()
+    assert "Traceback" not in messages
+    return from_json(Report, out), messages
 
 
 def test_a_recording_in_zipped_parts_gives_the_daemons_report(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text(CONFIG)
-    words = ("--speed", "400", "--seed", "11", "--config", str(config), "--json", "--duration", "1e4")
-    with Daemon("sim", tmp_path, "--record", str(tmp_path / "raw.bin.gz"), *words) as daemon:
+    options = ("--speed", "400", "--seed", "11", "--config", str(config), "--json", "--duration", "1e4")
+    with Daemon("sim", tmp_path, "--record", str(tmp_path / "raw.bin.gz"), *options) as daemon:
         daemon.samples(40_000)
         live, _ = ended(daemon)
     same(live, tmp_path / "raw.bin.gz")
@@ -82,18 +84,18 @@ def test_a_recording_in_zipped_parts_gives_the_daemons_report(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "words",
+    "options",
     [
         pytest.param(["--listen-only", "--rate", "40"], id="no-clock"),
         pytest.param([], id="clock", marks=pytest.mark.slow),
     ],
 )
-def test_a_lost_link_is_in_the_recording(tmp_path: Path, words: list[str]) -> None:
-    """Also where the stream has no clock of its own, and shows no hole by itself."""
+def test_a_lost_link_is_in_the_recording(tmp_path: Path, options: list[str]) -> None:
+    """Also if the stream has no clock, and shows no gap by itself."""
     path, link = tmp_path / "raw.bin", tmp_path / "sensor"
     with spawn(EmulatorSettings(seed=12, link=str(link))) as sensor:
-        options = ("--record", str(path), "--json", "--duration", "1e4", *words)
-        with Daemon(str(link), tmp_path, *options) as daemon:
+        every = ("--record", str(path), "--json", "--duration", "1e4", *options)
+        with Daemon(str(link), tmp_path, *every) as daemon:
             before = daemon.samples(60)
             sensor.ask("unplug")
             daemon.wait(lambda r: r.state == "waiting")
@@ -101,13 +103,13 @@ def test_a_lost_link_is_in_the_recording(tmp_path: Path, words: list[str]) -> No
             daemon.wait(lambda r: r.state == "running" and r.session.samples > before.session.samples + 60)
             live, _ = ended(daemon)
     assert same(live, path).session.gaps == 1
-    [lost] = [piece for piece in RawCapture(str(path)).pieces() if isinstance(piece, LinkLoss)]
-    assert lost.away_s is not None
-    assert 0.0 < lost.away_s < 10.0
+    [gap] = [item for item in RawCapture(str(path)).items() if isinstance(item, Gap)]
+    assert gap.length_s is not None
+    assert 0.0 < gap.length_s < 10.0
 
 
-def test_a_recording_goes_on_with_the_record_after_a_restart(tmp_path: Path) -> None:
-    """In the next free number, which a reader of the first finds; what is joined by hand is read once."""
+def test_a_recording_continues_the_record_after_a_restart(tmp_path: Path) -> None:
+    """In the next free number, which a reader of the first finds; parts joined by hand are read once."""
     path, state = tmp_path / "raw.bin", tmp_path / "state"
     with spawn(EmulatorSettings(seed=15)) as sensor:
         for run in range(2):
@@ -129,11 +131,11 @@ def test_any_chunking_finds_the_same_lines() -> None:
         rng.choice((b"#", MARK, MARK + b'{"away_s": 1.5}\n', MARK + b"garbage\n", b"\n", rng.randbytes(9)))
         for _ in range(300)
     )
-    whole = join(_split(iter([data])))
+    whole = join(split_lines(iter([data])))
     for size in (1, 2, 7, 18, 100):
-        assert join(_split(data[at : at + size] for at in range(0, len(data), size))) == whole
-    said = sum(isinstance(item, dict) for item in whole)
-    assert said > 50
+        assert join(split_lines(data[at : at + size] for at in range(0, len(data), size))) == whole
+    messages = sum(isinstance(item, dict) for item in whole)
+    assert messages > 50
     kept = b"".join(item for item in whole if isinstance(item, bytes))
     assert kept == re.sub(re.escape(MARK) + rb"[^\n]*\n", b"", data)
 
@@ -149,14 +151,14 @@ def join(items: Any) -> list[Any]:
     return joined
 
 
-def test_a_line_that_never_ends_is_no_line() -> None:
+def test_an_endless_line_is_data() -> None:
     data = MARK + b"x" * 200_000
-    assert b"".join(item for item in _split(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
+    assert b"".join(item for item in split_lines(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
 
 
 @pytest.mark.slow  # scenario 09 does it with a disk, where one can be mounted
 def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) -> None:
-    """A limit on the size of files stands for the disk; the state does not fit either, and says so."""
+    """A limit on the size of files replaces the disk; the state does not fit either."""
     path = tmp_path / "raw.bin"
     program = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
@@ -164,9 +166,9 @@ def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) 
         "from imumon.cli import main; sys.exit(main())"
     )
     with spawn(EmulatorSettings(seed=14)) as sensor:
-        words = ["--record", str(path), "--duration", "4", "--json", "--state", str(tmp_path / "state")]
+        options = ["--record", str(path), "--duration", "4", "--json", "--state", str(tmp_path / "state")]
         done = subprocess.run(
-            [sys.executable, "-c", program, "run", "--port", sensor.path, *words],
+            [sys.executable, "-c", program, "run", "--port", sensor.path, *options],
             capture_output=True,
             text=True,
             timeout=40,
@@ -188,44 +190,47 @@ def slow_disk(tmp_path: Path) -> tuple[Recorder, int]:
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    tape = Recorder(RecordSettings(file=str(fifo)))
-    tape.begin({})
-    tape.take(bytes(200_000))
-    return tape, reader
+    recorder = Recorder(RecordSettings(file=str(fifo)))
+    recorder.begin({})
+    recorder.take(bytes(200_000))
+    return recorder, reader
 
 
-def test_what_an_earlier_record_still_had_to_write_is_told_at_the_end(tmp_path: Path) -> None:
-    tape, reader = slow_disk(tmp_path)
-    tape.begin_anew()
-    assert tape.waits
-    assert tape.complaints() == []
-    tape.close(wait_s=0.1)
-    (said,) = tape.complaints()
-    assert "200000 bytes did not reach it" in said
-    assert tape.complaints() == []
+def test_bytes_of_an_earlier_record_that_were_not_written_are_reported(tmp_path: Path) -> None:
+    recorder, reader = slow_disk(tmp_path)
+    recorder.begin_anew()
+    assert recorder.waits
+    assert recorder.complaints() == []
+    recorder.close(wait_s=0.1)
+    (messages,) = recorder.complaints()
+    assert "200000 bytes did not reach it" in messages
+    assert recorder.complaints() == []
     os.close(reader)
 
 
-def test_a_recording_that_has_stopped_is_told_and_not_begun_anew(tmp_path: Path) -> None:
-    tape, reader = slow_disk(tmp_path)
-    tape.take(bytes(BACKLOG + 1))
-    tape.begin_anew()
-    assert not tape.waits
-    (said,) = tape.complaints()
-    assert "has ended" in said
+def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Path) -> None:
+    recorder, reader = slow_disk(tmp_path)
+    recorder.take(bytes(BACKLOG + 1))
+    recorder.begin_anew()
+    assert not recorder.waits
+    (messages,) = recorder.complaints()
+    assert "has ended" in messages
     os.close(reader)
 
 
-def test_a_path_that_is_plainly_wrong_is_refused_at_the_start(tmp_path: Path) -> None:
+def test_a_wrong_path_is_refused_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "none" / "raw.bin"
-    said = imumon("run", "--port", "/dev/ttyNOWHERE", "--state", tmp_path, "--record", path, code=1)
-    assert f"cannot record to {path}: there is no folder" in said
+    messages = imumon("run", "--port", "/dev/ttyNOWHERE", "--state", tmp_path, "--record", path, code=1)
+    assert f"cannot record to {path}: there is no folder" in messages
 
 
-@pytest.mark.parametrize("name", ["file/raw.bin", ".", "none/raw.bin"])
-def test_wrong_places(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "code"), [("file/raw.bin", "no_folder"), (".", "is_folder"), ("none/raw.bin", "no_folder")]
+)
+def test_wrong_places(tmp_path: Path, name: str, code: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(SourceError, match=r"cannot record to .*folder"):
+    with pytest.raises(RecordingError) as error:
         check_place(str(tmp_path / name))
+    assert error.value.code == code
     check_place(str(tmp_path / "file"))
     check_place("/dev/full")

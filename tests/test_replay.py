@@ -19,7 +19,8 @@ from daemons import free_endpoint
 from imumon.bus import Publisher, Subscriber
 from imumon.datasheet.signal_text import signal
 from imumon.devices.vn100 import ascii as sentences
-from imumon.replay.replay import ReplayOptions, replay
+from imumon.recordings import RecordingError
+from imumon.replay import ReplayOptions, replay
 from imumon.report import Report, from_json
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
@@ -51,7 +52,7 @@ def test_real_recording_agrees_with_an_independent_tool() -> None:
 
 
 def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
-    """A small recording of our own making: VNYMR sentences at rest."""
+    """Write a small recording: VNYMR sentences at rest."""
     rng = np.random.default_rng(seed)
     lines = []
     for gyro, accel in zip(rng.normal(0, 7e-4, (n, 3)), rng.normal((0, 0, -9.8), 0.013, (n, 3)), strict=True):
@@ -65,7 +66,7 @@ def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
 
 
 @pytest.mark.parametrize("name", ["a.txt", "a.txt.gz"])
-def test_report_is_the_contracts(tmp_path: Path, name: str) -> None:
+def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) -> None:
     made: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
     assert made["schema"] == "imumon.report/1"
     assert made["state"] == "stopped"
@@ -104,7 +105,7 @@ def test_table_names_every_channel(tmp_path: Path) -> None:
         assert name in shown
 
 
-def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
+def test_signal_findings_are_reported(tmp_path: Path) -> None:
     """Of known truth: a machine that shakes two axes, mains, a temperature with its effect, three biases."""
     n, rate = 40_000, 40.0
     t, rng = np.arange(n) / rate, np.random.default_rng(8)
@@ -116,9 +117,9 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     mag[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.0 * t)
     path = tmp_path / "a.npz"
     np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
-    text = imumon("replay", path, "--json")
-    channels = json.loads(text)["channels"]
-    shown = "\n".join(signal(from_json(Report, text)))
+    made = imumon("replay", path, "--json")
+    channels = json.loads(made)["channels"]
+    shown = "\n".join(signal(from_json(Report, made)))
     bias = channels["gyro/x"]["distribution"]
     assert bias["bias_low"] < 1e-3 < bias["bias_high"]
     upright = channels["accel/z"]["distribution"]
@@ -131,37 +132,46 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     assert drift["steady_N"]["status"] == "measured"
     assert "temperature" in channels["gyro/y"]["caveats"]
     assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
-    for told in (
+    for text in (
         "gyro/y: follows the temperature by 1.0",
         "accel/x: lines at 13.3 Hz of 0.0",
         "accel/x: moves together with accel/y (+0.5",
         "mag/x: lines at 10",
         "(50 Hz mains)",
     ):
-        assert told in shown
+        assert text in shown
     for name in ("gyro/x", "gyro/z", "accel/z", "mag/y", "mag/z"):
         assert f"\n{name}:" not in shown
 
 
-def test_stream_without_a_clock_needs_its_rate(tmp_path: Path) -> None:
+def test_a_stream_without_a_clock_requires_its_rate(tmp_path: Path) -> None:
     assert "--rate" in imumon("replay", capture(tmp_path / "a.txt"), code=2)
 
 
 @pytest.mark.parametrize(
-    ("name", "content"),
+    ("name", "content", "code"),
     [
-        ("notes.txt", b"shopping list\n" * 40),
-        ("noise.bin", bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8))),
-        ("empty.bin", b""),
-        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50),
-        ("cut.gz", gzip.compress(b"hello" * 1000, mtime=0)[:30]),
+        ("notes.txt", b"shopping list\n" * 40, "no_messages"),
+        (
+            "noise.bin",
+            bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8)),
+            "no_messages",
+        ),
+        ("empty.bin", b"", "empty"),
+        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50, "no_messages"),
+        ("cut.gz", gzip.compress(b"hello" * 1000, mtime=0)[:30], "no_messages"),
     ],
     ids=["notes", "noise", "empty", "gps", "cut"],  # the same in every worker
 )
-def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, name: str, content: bytes) -> None:
+def test_a_file_that_is_no_recording_is_one_line_with_a_code(
+    tmp_path: Path, name: str, content: bytes, code: str
+) -> None:
     path = tmp_path / name
     path.write_bytes(content)
-    assert name in imumon("replay", path, "--rate", "40", code=1)
+    with pytest.raises(RecordingError, match=name) as error:
+        replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert error.value.code == code
+    assert imumon("replay", path, "--rate", "40", code=1).strip() == f"imumon: {error.value}"
 
 
 @pytest.mark.parametrize(
@@ -177,7 +187,7 @@ def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, name: str, conte
     ],
     ids=["list", "number", "caveats", "null", "infinite", "types", "deep"],
 )
-def test_a_header_of_another_form_counts_as_none(tmp_path: Path, header: bytes) -> None:
+def test_an_invalid_header_is_ignored(tmp_path: Path, header: bytes) -> None:
     path = capture(tmp_path / "a.txt")
     path.write_bytes(b"#imumon-recording " + header + b"\n" + path.read_bytes())
     made = json.loads(imumon("replay", path, "--rate", "40", "--json"))
@@ -187,7 +197,7 @@ def test_a_header_of_another_form_counts_as_none(tmp_path: Path, header: bytes) 
 
 
 def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
-    """Only the sensor's register 82 tells, and nobody could ask."""
+    """Only register 82 of the device shows it, and a file has no registers."""
     path = tmp_path / "a.csv"
     names = [f"delta_{name}_{axis}" for name in ("theta", "vel") for axis in "xyz"]
     rows = np.random.default_rng(3).normal((0, 0, 0, 0, 0, -0.098), 1e-4, (600, 6))
@@ -198,14 +208,14 @@ def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
-def test_a_damaged_recording_is_used_as_far_as_it_goes_and_says_so(tmp_path: Path, damage: str) -> None:
+def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path, damage: str) -> None:
     path = capture(tmp_path / "a.txt.gz", n=2000)
     data = path.read_bytes()
     half = len(data) // 2
     path.write_bytes(data[:half] if damage == "cut" else data[:half] + bytes(100) + data[half + 100 :])
-    words = ["replay", str(path), "--rate", "40", "--json"]
+    arguments = ["replay", str(path), "--rate", "40", "--json"]
     done = subprocess.run(
-        [sys.executable, "-m", "imumon", *words], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "imumon", *arguments], capture_output=True, text=True, check=True
     )
     made = json.loads(done.stdout)
     assert 900 < made["session"]["samples"] < 1200
@@ -214,7 +224,7 @@ def test_a_damaged_recording_is_used_as_far_as_it_goes_and_says_so(tmp_path: Pat
     assert str(path) in done.stderr
 
 
-def test_the_settings_count_as_they_do_live(tmp_path: Path) -> None:
+def test_the_settings_apply_as_in_the_daemon(tmp_path: Path) -> None:
     path, file = capture(tmp_path / "a.txt"), tmp_path / "config.toml"
     file.write_text("[device]\nrate_hz = 40.0\n[guards]\nenabled = false\n")
     made = json.loads(imumon("replay", path, "--config", file, "--json"))
@@ -241,7 +251,7 @@ def test_corruption_is_counted_and_takes_one_tick_each(tmp_path: Path) -> None:
     assert session["discarded_bytes"] == 3 * size
 
 
-def test_what_happened_is_published_beside_the_reports(tmp_path: Path) -> None:
+def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
     n, place = 8000, free_endpoint()
     noise = np.random.default_rng(2).normal(0, 1e-3, (n, 6))
     noise[:, 5] -= 9.8
@@ -265,9 +275,22 @@ def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: 
     assert (made.device.id, final.device.id) == ("replay", "vn100-7")
 
 
-def until(ask: Callable[[], list[str]], wanted: set[str], timeout: float = 20.0) -> list[str]:
-    """What is answered as soon as it holds all that is wanted, or at the end."""
+def until(get: Callable[[], list[str]], expected: set[str], timeout: float = 20.0) -> list[str]:
+    """Return the answer as soon as it has all that is expected, or at the end of the time."""
     end = time.monotonic() + timeout
-    while not wanted <= set(found := ask()) and time.monotonic() < end:
+    while not expected <= set(found := get()) and time.monotonic() < end:
         time.sleep(0.05)
     return found
+
+
+def test_a_capture_is_decoded_by_the_driver_that_its_header_names(tmp_path: Path) -> None:
+    path = capture(tmp_path / "a.txt")
+    data = path.read_bytes()
+    path.write_bytes(b'#imumon-recording {"driver": "vn100", "serial": "7"}\n' + data)
+    made = replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert (made.session.samples, made.device.id) == (400, "vn100-7")
+    path.write_bytes(b'#imumon-recording {"driver": "nonexistent"}\n' + data)
+    with pytest.raises(RecordingError) as error:
+        replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert error.value.code == "unknown_device_scheme"
+    assert "nonexistent" in imumon("replay", path, "--rate", "40", code=1)

@@ -1,4 +1,4 @@
-"""What a table does not say, or says wrongly: decided where it can be, else an error; nothing goes unsaid."""
+"""What a table leaves open or has wrong: inferred if possible, else an error; assumptions are remarked."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
-from tables import DEG, RATE, G, csv, told, truth
+from tables import DEG, RATE, G, csv, replayed, truth
 
 from imumon.errors import RateRequired
-from imumon.recordings import SourceError
+from imumon.recordings import OptionNotApplicable, RecordingError
 from imumon.recordings.columns import layout, parse_map
-from imumon.timebase.timestamps import interval_of, typical_step
+from imumon.replay import ReplayOptions, replay
+from imumon.timebase.timestamps import stamp_interval, typical_step
 
 AXES = ["gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "ax", "ay", "az"]
 BARE = ["time", "gx", "gy", "gz", "ax", "ay", "az"]
 
 
 def timed(path: Path, stamps: np.ndarray, name: str = "time") -> Path:
-    """A sensor at rest with these stamps; only their unit may be in doubt."""
+    """Write a sensor at rest with these stamps; only their unit may be unknown."""
     _, gyro, accel = truth(len(stamps))
     rows = (
         f"{stamp:.12g}," + ",".join(f"{value:.6g}" for value in row)
@@ -53,89 +54,94 @@ K = np.arange(2000)
         (K / 5000, 5000.0, "s"),
     ],
 )
-def test_a_time_without_a_unit_has_the_only_one_that_makes_an_inertial_sensors_rate(
+def test_a_time_without_a_unit_has_the_only_plausible_one(
     tmp_path: Path, stamps: np.ndarray, rate: float, unit: str
 ) -> None:
-    made, remarks = told(timed(tmp_path / "a.csv", stamps))
+    made, remarks = replayed(timed(tmp_path / "a.csv", stamps))
     assert made.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
     assert (made.session.samples, made.session.missing) == (len(stamps), 0)
-    assert (f"taken as {unit}" in remarks) == (unit != "s" and abs(stamps[0]) < 1.6e12)
+    assert (f"{unit} is assumed" in remarks) == (unit != "s" and abs(stamps[0]) < 1.6e12)
 
 
 @pytest.mark.parametrize(
     ("stamps", "units"), [(K, ("s", "ms")), (K * 1000, ("ms", "us")), (K * 1e6, ("us", "ns"))]
 )
-def test_where_two_units_are_as_plausible_it_is_an_error_that_names_both_and_its_cure_works(
+def test_two_plausible_units_are_an_error_that_names_both_and_its_cure_works(
     tmp_path: Path, stamps: np.ndarray, units: tuple[str, str]
 ) -> None:
     path = timed(tmp_path / "a.csv", stamps)
-    with pytest.raises(SourceError) as error:
-        told(path)
-    for words in ("1 Hz if that is", "1000 Hz if that is", f"--map t=time:{units[0]}", *units):
-        assert words in str(error.value)
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "ambiguous_time_unit"
+    for text in ("1 Hz if that is", "1000 Hz if that is", f"--map t=time:{units[0]}", *units):
+        assert text in error.value.cure
     for unit, rate in zip(units, (1.0, 1000.0), strict=True):
-        assert told(path, columns={"t": f"time:{unit}"})[0].device.sample_rate_hz == rate
-        assert told(path, rate_hz=rate)[0].device.sample_rate_hz == rate
+        assert replayed(path, columns={"t": f"time:{unit}"})[0].device.sample_rate_hz == rate
+        assert replayed(path, rate_hz=rate)[0].device.sample_rate_hz == rate
         named = timed(tmp_path / "b.csv", stamps, f"time [{unit}]")
-        assert told(named)[0].device.sample_rate_hz == rate
+        assert replayed(named)[0].device.sample_rate_hz == rate
 
 
 @pytest.mark.parametrize(
-    ("stamps", "name", "says"),
+    ("stamps", "name", "code", "cures"),
     [
-        (1.7e18 + K * 1e7, "time [s]", ("says s", "100 Hz if that is ns", "--map t=time:ns")),
-        (K * 10, "time [ns]", ("100 Hz if that is ms",)),
-        (K // 1000, "time [s]", ("hardly steps, 1 in 2,000 rows", "--rate")),
-        ((1.7e9 + K / 100).astype(np.float32), "time", ("stands still", "more digits", "--rate")),
-        (-K / 100, "time [s]", ("runs backwards",)),
+        (1.7e18 + K * 1e7, "time [s]", "wrong_time_unit", ("100 Hz if that is ns", "--map t=time:ns")),
+        (K * 10, "time [ns]", "wrong_time_unit", ("100 Hz if that is ms",)),
+        (K // 1000, "time [s]", "time_too_coarse", ("more digits", "--rate")),
+        ((1.7e9 + K / 100).astype(np.float32), "time", "time_constant", ("more digits", "--rate")),
+        (-K / 100, "time [s]", "time_descending", ("sort",)),
     ],
     ids=["ns", "ms", "onestep", "float32", "descending"],
 )
-def test_stamps_that_cannot_be_are_one_clear_line(
-    tmp_path: Path, stamps: np.ndarray, name: str, says: tuple[str, ...]
+def test_impossible_stamps_are_an_error_with_a_cure(
+    tmp_path: Path, stamps: np.ndarray, name: str, code: str, cures: tuple[str, ...]
 ) -> None:
-    with pytest.raises(SourceError) as error:
-        told(timed(tmp_path / "a.csv", stamps, name))
-    for words in says:
-        assert words in str(error.value)
+    with pytest.raises(RecordingError) as error:
+        replayed(timed(tmp_path / "a.csv", stamps, name))
+    assert error.value.code == code
+    for text in cures:
+        assert text in error.value.cure
 
 
-def test_a_rate_does_without_stamps_that_tell_none(tmp_path: Path) -> None:
-    made, remarks = told(timed(tmp_path / "a.csv", K // 1000, "time [s]"), rate_hz=200.0)
+def test_a_configured_rate_replaces_stamps_without_one(tmp_path: Path) -> None:
+    made, remarks = replayed(timed(tmp_path / "a.csv", K // 1000, "time [s]"), rate_hz=200.0)
     assert (made.device.sample_rate_hz, made.session.samples) == (200.0, len(K))
     assert "--rate 200 is used" in remarks
 
 
 @pytest.mark.parametrize("rate", [3.7, 99.3, 100.0, 400.0, 801.0])
-def test_stamps_in_whole_seconds_tell_the_mean_rate(rate: float) -> None:
+def test_stamps_in_whole_seconds_show_the_mean_rate(rate: float) -> None:
     times = np.floor(np.arange(int(60 * rate)) / rate)
     assert 1.0 / typical_step(times) == pytest.approx(rate, rel=0.5)
-    assert 1e9 / interval_of(times * 1e9)[0] == pytest.approx(rate, rel=0.02)
+    assert 1e9 / stamp_interval(times * 1e9)[0] == pytest.approx(rate, rel=0.02)
 
 
-def test_a_rate_gives_way_to_a_sensors_stamps_and_overrules_a_hosts(tmp_path: Path) -> None:
+def test_a_configured_rate_overrides_the_stamps_of_a_host_only(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     own = timed(tmp_path / "own.csv", K / 100, "time [s]")
     host = timed(tmp_path / "host.csv", K / 100 + rng.exponential(4e-3, len(K)), "time [s]")
     for rate in (50.0, 1000.0):  # also one that is a whole multiple of the right one
-        made, remarks = told(own, rate_hz=rate)
+        made, remarks = replayed(own, rate_hz=rate)
         assert made.device.sample_rate_hz == pytest.approx(100.0)
         assert (made.session.samples, made.session.missing) == (len(K), 0)
-        assert f"its stamps tell 100 Hz and are the sensor's clock: --rate {rate:g} is not used" in remarks
-        made, remarks = told(host, rate_hz=rate)
+        assert (
+            f"its time stamps show 100 Hz and are those of a sample clock: --rate {rate:g} is not used"
+            in remarks
+        )
+        made, remarks = replayed(host, rate_hz=rate)
         assert (made.device.sample_rate_hz, made.session.samples) == (rate, len(K))
-        assert f"but are a host's: --rate {rate:g} is used" in remarks
-    assert "--rate" not in told(own, rate_hz=100.0)[1]
+        assert f"but are those of a host: --rate {rate:g} is used" in remarks
+    assert "--rate" not in replayed(own, rate_hz=100.0)[1]
 
 
-def test_a_clock_that_steps_back_is_told_with_its_line(tmp_path: Path) -> None:
+def test_a_step_back_of_a_clock_is_remarked_with_its_line(tmp_path: Path) -> None:
     stamps = K / 100.0
     stamps[1200:] -= 7.0
-    made, remarks = told(timed(tmp_path / "a.csv", stamps, "time [s]"))
+    made, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
     assert (made.session.samples, made.session.gaps, made.session.restarts) == (len(K), 1, 1)
     assert "steps back once; first by 6.99 s at line 1202: a gap of unknown length" in remarks
     late = stamps + np.random.default_rng(4).exponential(4e-3, len(K))
-    assert "its clock steps back by 6.9" in told(timed(tmp_path / "b.csv", late, "time [s]"))[1]
+    assert "its clock steps back by 6.9" in replayed(timed(tmp_path / "b.csv", late, "time [s]"))[1]
 
 
 # ---------------------------------------------------------------- units of the sensors
@@ -144,32 +150,33 @@ def test_a_clock_that_steps_back_is_told_with_its_line(tmp_path: Path) -> None:
 def test_a_rate_without_a_unit_is_remarked_on(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     path = csv(tmp_path / "a.csv", BARE, t, gyro / DEG, accel)
-    made, remarks = told(path)
+    made, remarks = replayed(path)
     cure = "gyro/x=gx:deg/s,gyro/y=gy:deg/s,gyro/z=gz:deg/s"
-    assert "gx, gy, gz without a unit: taken as rad/s" in remarks
+    assert "gx, gy, gz without a unit: rad/s is assumed" in remarks
     assert cure in remarks
-    cured, remarks = told(path, columns=parse_map(cure))
+    cured, remarks = replayed(path, columns=parse_map(cure))
     assert cured.channels["gyro/x"].std == pytest.approx(made.channels["gyro/x"].std * DEG)
     assert "gyro" not in remarks
     for name in ("gyro", "gyro_dps"):
         np.savez(tmp_path / "a.npz", t=t, **{name: gyro, "accel": accel})
-        assert ("end with _dps" in told(tmp_path / "a.npz")[1]) == (name == "gyro")
+        assert ("end with _dps" in replayed(tmp_path / "a.npz")[1]) == (name == "gyro")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_the_cure_of_a_wrong_unit_works_as_it_is_told(tmp_path: Path, suffix: str) -> None:
+def test_the_cure_of_a_wrong_unit_works(tmp_path: Path, suffix: str) -> None:
     t, gyro, accel = truth()
     path = tmp_path / f"a.{suffix}"
     if suffix == "csv":
         csv(path, BARE, t, gyro, accel / G)
     else:
         np.savez(path, t=t, gyro=gyro, accel=accel / G)
-    with pytest.raises(SourceError, match="if it is g, ") as error:
-        told(path)
-    assert ("in the header" in str(error.value)) == (suffix == "csv")
-    assert ("end with _g" in str(error.value)) == (suffix == "npz")
-    cure = str(error.value).partition("--map ")[2]
-    made, _ = told(path, columns=parse_map(cure))
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "wrong_unit"
+    assert ("in the header" in error.value.cure) == (suffix == "csv")
+    assert ("end with _g" in error.value.cure) == (suffix == "npz")
+    cure = error.value.cure.partition("--map ")[2]
+    made, _ = replayed(path, columns=parse_map(cure))
     assert set(made.channels) == {f"{s}/{a}" for s in ("gyro", "accel") for a in "xyz"}
     assert made.channels["accel/z"].mean == pytest.approx(accel[:, 2].mean(), rel=1e-6)
     assert made.device.sample_rate_hz == pytest.approx(RATE)
@@ -178,35 +185,37 @@ def test_the_cure_of_a_wrong_unit_works_as_it_is_told(tmp_path: Path, suffix: st
 def test_axes_may_have_different_units(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     accel[:, :2] /= G
-    made, _ = told(csv(tmp_path / "a.csv", [*BARE[:4], "ax [g]", "ay [g]", "az [m/s2]"], t, gyro, accel))
+    made, _ = replayed(csv(tmp_path / "a.csv", [*BARE[:4], "ax [g]", "ay [g]", "az [m/s2]"], t, gyro, accel))
     assert made.channels["accel/y"].mean == pytest.approx(accel[:, 1].mean() * G, rel=1e-6)
 
 
-def test_raw_counts_are_called_so(tmp_path: Path) -> None:
+def test_raw_counts_are_recognised(tmp_path: Path) -> None:
     t, gyro, accel = truth()
-    with pytest.raises(SourceError, match="raw counts, divide them by the counts per g") as error:
-        told(csv(tmp_path / "a.csv", BARE, t, gyro, np.rint(accel / G * 16384)))
-    assert ":mg" not in str(error.value)
+    with pytest.raises(RecordingError) as error:
+        replayed(csv(tmp_path / "a.csv", BARE, t, gyro, np.rint(accel / G * 16384)))
+    assert error.value.code == "raw_counts"
+    assert ":mg" not in error.value.cure
 
 
-def test_arrays_that_lie_on_their_side_are_named(tmp_path: Path) -> None:
+def test_transposed_arrays_are_an_error(tmp_path: Path) -> None:
     t, gyro, _ = truth()
     np.savez(tmp_path / "a.npz", t=t, gyro=gyro.T)
-    with pytest.raises(SourceError, match="gyro is 3 x n: transpose it"):
-        told(tmp_path / "a.npz")
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.npz")
+    assert error.value.code == "array_transposed"
 
 
-# ---------------------------------------------------------------- no column vanishes without a word
+# ---------------------------------------------------------------- columns that are not used
 
 
 @pytest.mark.parametrize(
-    ("names", "sensors", "says"),
+    ("names", "sensors", "texts"),
     [
         ("t,gx,gy,ax,ay,az", {"accel"}, ("gx, gy not used: gyro/z is missing", "--map gyro/z=")),
         ("t,gx,gy,gz,ax,az", {"gyro"}, ("ax, az not used: accel/y is missing",)),
         ("t,wx,wy,wz,f_x,f_y,f_z", {"gyro", "accel"}, ()),
         ("t,wx,wy,wz,mx,my", {"gyro"}, ("mx, my not used: mag/z is missing",)),
-        ("t,wx,wy,wz,gyro_norm", {"gyro"}, ("gyro_norm not used: the name tells no axis",)),
+        ("t,wx,wy,wz,gyro_norm", {"gyro"}, ("gyro_norm not used: the name has no axis",)),
         ("t,wx,wy,wz,gyro_x", {"gyro"}, ("gyro_x not used: another column is the same axis",)),
         (
             "t,wx,wy,wz,UncompMagX,UncompMagY,UncompMagZ,MagX,MagY,MagZ",
@@ -216,18 +225,18 @@ def test_arrays_that_lie_on_their_side_are_named(tmp_path: Path) -> None:
         (
             "t,DeltaThetaX,DeltaThetaY,DeltaThetaZ,UncompGyroX,UncompGyroY,UncompGyroZ",
             {"gyro"},
-            ("UncompGyroX, UncompGyroY, UncompGyroZ not used: the stream taken is deltas", "--stream"),
+            ("UncompGyroX, UncompGyroY, UncompGyroZ not used: the stream used is deltas", "--stream"),
         ),
     ],
 )
 def test_every_column_of_a_sensor_is_used_or_named(
-    names: str, sensors: set[str], says: tuple[str, ...]
+    names: str, sensors: set[str], texts: tuple[str, ...]
 ) -> None:
     found = layout(names.split(","))
     assert {channel.partition("/")[0] for channel in found.channels} == sensors
-    assert len(found.remarks) == bool(says)
-    for words in says:
-        assert words in found.remarks[0]
+    assert len(found.remarks) == bool(texts)
+    for text in texts:
+        assert text in found.remarks[0]
 
 
 def test_remarks_are_in_the_json_of_the_report(tmp_path: Path) -> None:
@@ -238,7 +247,7 @@ def test_remarks_are_in_the_json_of_the_report(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "by_hand", "channels", "times"),
+    ("names", "option", "channels", "times"),
     [
         ("t,gx,gy,gz,ax,ay,az", "accel/x=ax:g", "gx gy gz ax ay az", ["t"]),
         ("t,gx,gy,gz", "t=t:ms", "gx gy gz", ["t"]),
@@ -249,9 +258,9 @@ def test_remarks_are_in_the_json_of_the_report(tmp_path: Path) -> None:
     ],
 )
 def test_a_map_overrides_what_it_names_and_nothing_else(
-    names: str, by_hand: str, channels: str, times: list[str]
+    names: str, option: str, channels: str, times: list[str]
 ) -> None:
-    found = layout(names.split(","), None, parse_map(by_hand))
+    found = layout(names.split(","), None, parse_map(option))
     assert [column.name.partition(" ")[0] for column in found.columns] == channels.split()
     assert [column.name for column in found.times] == times
     for column in found.columns:
@@ -259,22 +268,23 @@ def test_a_map_overrides_what_it_names_and_nothing_else(
 
 
 def test_a_map_of_a_part_of_a_sensor_is_an_error() -> None:
-    with pytest.raises(SourceError, match="gyro/y, gyro/z is missing"):
+    with pytest.raises(RecordingError, match="gyro/y, gyro/z is missing") as error:
         layout(["t", "p", "ax", "ay", "az"], None, parse_map("gyro/x=p"))
+    assert error.value.code == "map_incomplete"
 
 
 # ---------------------------------------------------------------- rows
 
 
 @pytest.mark.parametrize("empty", ["nan", ""])
-def test_rows_that_lack_a_number_are_counted_and_the_first_is_named(tmp_path: Path, empty: str) -> None:
+def test_incomplete_rows_are_counted_and_the_first_is_named(tmp_path: Path, empty: str) -> None:
     lines = timed(tmp_path / "a.csv", K / 100, "time [s]").read_text().splitlines()
     for k in range(3, len(lines), 5):
         cells = lines[k].split(",")
         lines[k] = ",".join([*cells[:2], empty, *cells[3:]])
     lines.insert(2, "")  # blank lines count
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-    made, remarks = told(tmp_path / "a.csv")
+    made, remarks = replayed(tmp_path / "a.csv")
     assert made.session.bad_checksums == 400
     assert "400 rows lack a number and count as lost; first line 5: gy" in remarks
     shown = imumon("replay", tmp_path / "a.csv")
@@ -282,34 +292,39 @@ def test_rows_that_lack_a_number_are_counted_and_the_first_is_named(tmp_path: Pa
     assert "checksum" not in shown
 
 
-def test_sensors_that_take_turns_are_one_clear_line(tmp_path: Path) -> None:
+def test_sensors_with_rows_of_their_own_are_an_error(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     gyro[::2], accel[1::2] = np.nan, np.nan
-    with pytest.raises(SourceError, match="no row has numbers in all of gx, gy, gz, ax, ay, az"):
-        told(csv(tmp_path / "a.csv", BARE, t, gyro, accel))
+    with pytest.raises(RecordingError, match="gx, gy, gz, ax, ay, az") as error:
+        replayed(csv(tmp_path / "a.csv", BARE, t, gyro, accel))
+    assert error.value.code == "no_complete_row"
 
 
-def test_a_table_is_called_by_its_sensors_and_without_a_clock_by_its_columns(tmp_path: Path) -> None:
+def test_the_source_names_the_sensors_and_an_error_the_other_columns(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     path = csv(tmp_path / "a.csv", ["Zeit (s)", *BARE[1:]], t, gyro, accel)
-    with pytest.raises(RateRequired, match=r"left over: Zeit \(s\)\); say which with --map t=COLUMN:UNIT"):
-        told(path)
-    made, _ = told(path, columns={"t": "Zeit (s)"})
+    with pytest.raises(RateRequired, match=r"Zeit \(s\)") as error:
+        replayed(path)
+    assert error.value.code == "rate_required"
+    assert "--map t=COLUMN:UNIT" in error.value.cure
+    made, _ = replayed(path, columns={"t": "Zeit (s)"})
     assert made.device.source == "csv (gyro, accel)"
     assert made.device.sample_rate_hz == pytest.approx(RATE)
 
 
-def test_a_topic_of_a_table_is_a_misuse(tmp_path: Path) -> None:
+def test_a_table_has_no_topic(tmp_path: Path) -> None:
     t, gyro, accel = truth()
-    assert "--topic is of a bag" in imumon(
-        "replay", csv(tmp_path / "a.csv", BARE, t, gyro, accel), "--topic", "/imu", code=2
-    )
+    path = csv(tmp_path / "a.csv", BARE, t, gyro, accel)
+    with pytest.raises(OptionNotApplicable) as error:
+        replay(ReplayOptions(path=str(path), topic="/imu"))
+    assert error.value.code == "topic_not_applicable"
+    assert "--topic" in imumon("replay", path, "--topic", "/imu", code=2)
 
 
 @pytest.mark.parametrize("stamp", [1e25, 1e9, -3.0])
-def test_a_stamp_that_is_garbage_is_one_sample_lost_and_no_step_back(tmp_path: Path, stamp: float) -> None:
+def test_an_invalid_stamp_is_one_lost_sample_and_no_step_back(tmp_path: Path, stamp: float) -> None:
     stamps = K / 100.0
     stamps[1200] = stamp
-    made, remarks = told(timed(tmp_path / "a.csv", stamps, "time [s]"))
+    made, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
     assert (made.session.samples, made.session.missing, made.device.clock) == (len(K) - 1, 1, "startup")
     assert not remarks

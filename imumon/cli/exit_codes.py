@@ -6,7 +6,7 @@ that does. An error that arises in a command itself is a `CommandError` and carr
 
 from __future__ import annotations
 
-from imumon.errors import ImumonError, OptionNotApplicable, RateRequired
+from imumon.errors import ImumonError, RateRequired
 
 SUCCESS = 0
 FAILURE = 1
@@ -42,10 +42,11 @@ def exit_code(error: ImumonError) -> int:
         return error.exit_code
     if error.code in _BY_CODE:
         return _BY_CODE[error.code]
-    if isinstance(error, RateRequired | OptionNotApplicable) or getattr(error, "setting", None):
+    if isinstance(error, RateRequired) or getattr(error, "setting", None):
         return USAGE
     from imumon.devices.base import DeviceNotFound, InvalidOption
+    from imumon.recordings.base import OptionError
 
-    if isinstance(error, InvalidOption):
+    if isinstance(error, InvalidOption | OptionError):
         return USAGE
     return NOT_FOUND if isinstance(error, DeviceNotFound) else FAILURE

@@ -1,8 +1,9 @@
-"""Commands that work on a recording: replay."""
+"""Command `imumon replay`, and the options of commands that read a recording."""
 
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from typing import Any
 
 from imumon.cli import options
@@ -13,8 +14,8 @@ from imumon.cli.output import print_message, print_report
 FILES = "raw capture (ASCII, binary, mixed), --record file, CSV, all also .gz; .npz, rosbag 1 or 2, MCAP"
 
 
-def add_reading(parser: argparse._ActionsContainer) -> None:
-    """How a recording is to be read."""
+def add_read_options(parser: argparse._ActionsContainer) -> None:
+    """Add the options that say how to read a recording."""
     add = parser.add_argument
     add("--rate", type=options.rate, metavar="HZ", help="sample rate of a stream without a clock")
     add("--no-guards", action="store_true", help="exclude nothing: every valid sample counts")
@@ -24,15 +25,17 @@ def add_reading(parser: argparse._ActionsContainer) -> None:
     add("--topic", metavar="NAME", help="of a bag that has several IMUs")
 
 
-def task_of(arguments: argparse.Namespace, **more: Any) -> Any:
-    """The recording that is to be read, and how."""
-    from imumon.recordings.columns import parse_map
-    from imumon.replay.replay import ReplayOptions
+def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
+    """Return the options of a replay.
 
-    try:
-        columns = parse_map(arguments.map) if arguments.map else {}
-    except ValueError as error:
-        raise CommandError("invalid_map", f"--map: {error}", exit_code=USAGE) from None
+    Raises
+    ------
+    ImumonError : one of them is malformed.
+    """
+    from imumon.recordings.columns import parse_map
+    from imumon.replay import ReplayOptions
+
+    columns = parse_map(arguments.map) if arguments.map else {}
     loaded = options.settings(arguments)
     required = loaded.report
     return ReplayOptions(
@@ -50,7 +53,7 @@ def task_of(arguments: argparse.Namespace, **more: Any) -> Any:
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
     add("file", metavar="FILE", help=f"{FILES}; - is standard input")
-    add_reading(parser)
+    add_read_options(parser)
     add("--speed", default="max", metavar="X|max", help="times real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
@@ -60,7 +63,7 @@ def add_replay(parser: Parser) -> None:
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
-    from imumon.replay.replay import bar, replay
+    from imumon.replay import progress_bar, replay
 
     speed = None
     if arguments.speed != "max":
@@ -70,16 +73,19 @@ def run_replay(arguments: argparse.Namespace) -> int:
             message = f"--speed {arguments.speed!r} is neither max nor a positive number"
             raise CommandError("invalid_speed", message, "such as --speed 60", USAGE) from None
     baseline = options.baseline(arguments.baseline)
-    task = task_of(arguments, speed=speed, baseline=baseline)
     with _publisher(arguments) as bus:
-        report = replay(task, progress=bar(), bus=bus, tell=print_message)
+        report = replay(
+            replay_options(arguments, speed=speed, baseline=baseline),
+            progress=progress_bar(),
+            bus=bus,
+            remark=print_message,
+        )
     print_report(report, arguments.json, baseline)
     return SUCCESS
 
 
 def _publisher(arguments: argparse.Namespace) -> Any:
     """Return a publisher as a context manager; without ``--publish`` it does nothing."""
-    from contextlib import nullcontext
 
     if not arguments.publish:
         return nullcontext()

@@ -14,7 +14,7 @@ from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 from imumon.cli.query import ANSWER_S
-from imumon.cli.replay_command import FILES, add_reading, task_of
+from imumon.cli.replay_command import FILES, add_read_options, replay_options
 
 STATE_MAGIC = b"imumon-state "
 """First bytes of a saved state."""
@@ -34,7 +34,7 @@ def add_report(parser: Parser) -> None:
     add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
-    add_reading(parser.add_argument_group("of a recording"))
+    add_read_options(parser.add_argument_group("of a recording"))
     options.add_config(parser)
     options.add_endpoints(parser)
 
@@ -156,6 +156,6 @@ def _from_state(path: Path) -> Any:
 
 
 def _from_recording(arguments: argparse.Namespace) -> Any:
-    from imumon.replay.replay import bar, replay
+    from imumon.replay import progress_bar, replay
 
-    return replay(task_of(arguments), progress=bar(), tell=print_message)
+    return replay(replay_options(arguments), progress=progress_bar(), remark=print_message)

@@ -136,14 +136,14 @@ class Monitor:
             return
         assert self._clock is not None
         self._other_streams_s = 0.0
-        for placed in self._clock.place(block, room_s=passed):
+        for placed in self._clock.place(block, host_s=passed):
             self._accumulate(placed)
         rest = self._clock.rest
         if self._clock.changed and rest is not None:
             rate = self.sample_rate_hz or 0.0
             mismatch = RecordMismatch("other_rate", f"of another rate, {rate:g} Hz")
             self._start_new_record(mismatch, "the sample rate of the sensor has changed")
-            self._clock = SampleClock(rest.stream.clock)
+            self._clock = SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s)
             self.feed(rest)
 
     def gap(self, length_s: float | None = None) -> None:
@@ -281,7 +281,7 @@ class Monitor:
         if bool(meta["guarded"]) != self.options.guarded:
             setting = "on" if meta["guarded"] else "off"
             raise RecordMismatch("other_guards", f"of a run with the guards {setting}")
-        clock = SampleClock.restore(stream.clock, dict(meta["clock"]))
+        clock = SampleClock.restore(stream.clock, dict(meta["clock"]), stream.tick_s)
         clock.gap(away_s)
         record = self._new_record(stream, float(meta["clock"]["interval_s"]))
         record.restore(meta["record"], dict(arrays))
@@ -332,7 +332,7 @@ class Monitor:
         if stream.clock == "none" and interval is None:
             return False
         self.stream = stream
-        self._clock = SampleClock(stream.clock, interval)
+        self._clock = SampleClock(stream.clock, interval, stream.tick_s)
         return True
 
     def _count_without_rate(self, block: SampleBlock, host_s: float) -> None:

@@ -1,34 +1,29 @@
-"""Sources: where bytes and samples come from.
+"""Recordings: files as sources of samples.
 
-port        a serial port or a pyserial URL
-recording   raw bytes kept on disk, and read back
-header      what such a recording says of itself
-columns     which column of a table is which channel
-plausible   of which units its numbers can be
-table       rows of numbers as samples
-dates       times that are written as people read them
-csv         CSV, in pieces
-archive     NumPy archives
-bag         ROS bags
-kinds       which of them a file is
+recording         opening a file of any format, decoding raw captures
+base              what every recording offers, how it is read, errors
+raw_capture       raw bytes of a device, read back
+capture_writer    raw bytes of a device, kept on disk
+recording_header  what a capture says of itself
+csv, npz, rosbag  tables and bags
+table             rows of numbers as samples
+columns           which columns of a table make a stream
+column_names      what the name of a column says
+unit_inference    which units the numbers of a column can have
 """
 
-from imumon.errors import OptionNotApplicable, RateUnknown, SourceError
-from imumon.recordings.detect_format import open_file
-from imumon.recordings.raw_capture import CaptureWriter, LinkLoss, RawCapture, check_place, read_file
-from imumon.recordings.rosbag import RosbagFile
-from imumon.recordings.table import ReadOptions
+from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
+from imumon.recordings.capture_writer import CaptureWriter, check_place
+from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.recording import open_recording
 
 __all__ = [
     "CaptureWriter",
-    "LinkLoss",
     "OptionNotApplicable",
-    "RateUnknown",
     "RawCapture",
     "ReadOptions",
-    "RosbagFile",
-    "SourceError",
+    "Recording",
+    "RecordingError",
     "check_place",
-    "open_file",
-    "read_file",
+    "open_recording",
 ]

@@ -1,8 +1,8 @@
-"""Names: what the name of a column says of it.
+"""Column names: what the name of a column says of its contents.
 
-People name the same thing `gyro_x [rad/s]`, `IMU::UncompGyro::X [rad/s]`, `angular_velocity.x`, `wx`.
-A name is taken apart into words; the last word tells the axis, the others the sensor, what the sensor
-has done to the values already, and the unit. Without a unit SI is meant.
+The same quantity is named `gyro_x [rad/s]`, `IMU::UncompGyro::X [rad/s]`, `angular_velocity.x` or `wx`. A
+name is split into words; the last word is the axis, the others are the sensor, what the sensor has done to
+the values already, and the unit. Without a unit, the values are in SI units.
 """
 
 from __future__ import annotations
@@ -64,45 +64,51 @@ _SENSORS = {
     "temperature": {"temp", "temperature"},
     "pressure": {"pres", "press", "pressure", "baro"},
 }
-_PLAIN = {"gyro", "gyr", "gyroscope", "accel", "acc", "accelerometer"}
-"""Words that name an inertial sensor even where no axis is told."""
-_STRANGE = {
+_WITHOUT_AXIS = {"gyro", "gyr", "gyroscope", "accel", "acc", "accelerometer"}
+"""Words that name an inertial sensor even without an axis."""
+
+_EXCLUDED = {
     "cov", "covariance", "var", "variance", "std", "sigma", "bias", "offset", "error", "ned", "enu",
     "world", "inertial", "orientation", "quaternion", "quat", "ypr", "status", "valid", "ok", "week",
     "cycle"
 }  # fmt: skip
-"""Words that make another thing of a name."""
+"""Words of columns that are no samples of a sensor."""
 
 _NEUTRAL = {
     "imu", "sensor", "data", "field", "msg", "rs", "s", "b", "body", "linear", "angular", "velocity",
     "vel", "time", "header", "stamp", "uncomp", "comp", "uncompensated", "compensated", "raw",
     "specific", "delta"
 }  # fmt: skip
-"""Words that change nothing."""
+"""Words without a meaning of their own."""
 
-_LETTERS = re.compile(r"^(w|g|gyr|gyro|omega|rate|a|acc|accel|f|m|mag)([xyz])$")
+_AXIS_SUFFIX = re.compile(r"^(w|g|gyr|gyro|omega|rate|a|acc|accel|f|m|mag)([xyz])$")
+_NO_TIME_RANK = 9
+"""Rank of a column that is the nanoseconds of a stamp: the last choice of a time."""
+
 _TIMES = {"t": 0, "time": 0, "timestamp": 0, "stamp": 1, "startup": -2, "sec": 2, "secs": 2, "seconds": 2}
+"""Words of a time, with their rank: the lower is preferred."""
+
 _SECONDS = {"secs", "seconds"}
-"""Names of a time that are its unit; ``sec`` alone may be the part of a stamp."""
+"""Names of a time that are its unit; ``sec`` alone may be a part of a stamp."""
 NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs"}
 _INTERVALS = ({"dt"}, {"delta", "time"}, {"delta", "t"})
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column and what its name says.
+    """A column and what its name says of it.
 
     Attributes
     ----------
     index : its place in the table, from 0.
-    name : as the table has it.
-    quantity : key of `UNITS`; None: nothing that is used here.
+    name : as in the table.
+    quantity : key of `UNITS`; None: not used.
     axis : ``x``, ``y``, ``z`` or None.
-    kind : what its name says was done to the values, None where it says nothing.
-    unit : as found in `UNITS`, None where the name has none.
-    doubt : how many words of the name were not understood; of two columns the one with less is taken.
-        Below 0 where the user said what the column is: then it goes with every `kind`.
-    unknown : a unit that is not found there.
+    kind : kind of the values, if the name says so, else None.
+    unit : key of the table of its quantity in `UNITS`; None: the name has none.
+    rank : about the number of unknown words in the name; of two columns the one with the lower rank is used.
+        Below 0 if the user has assigned the column: then it fits every `kind`.
+    unknown_unit : unit that is not in `UNITS`.
     """
 
     index: int
@@ -111,19 +117,19 @@ class Column:
     axis: str | None = None
     kind: Kind | None = None
     unit: str | None = None
-    doubt: int = 0
-    unknown: str | None = None
+    rank: int = 0
+    unknown_unit: str | None = None
 
     @property
     def factor(self) -> float:
-        """To SI, gauss, degC, kPa; a time to ns, an interval to s."""
+        """Factor to SI, gauss, degC, kPa; of a time to ns, of an interval to s."""
         return 1.0 if self.unit is None or self.quantity is None else UNITS[self.quantity][self.unit]
 
 
-def spelled(text: str, quantity: str) -> str | None:
-    """Unit as `UNITS` has it, None for one that is not known there.
+def unit_of(text: str, quantity: str) -> str | None:
+    """Return a unit as `UNITS` has it; None if it is unknown.
 
-    >>> spelled("rad s^-1", "gyro"), spelled("m/s²", "accel"), spelled("furlong", "accel")
+    >>> unit_of("rad s^-1", "gyro"), unit_of("m/s²", "accel"), unit_of("furlong", "accel")
     ('rad/s', 'm/s2', None)
     """
     unit = text.lower().replace("²", "2").replace("µ", "u").replace("μ", "u").replace("°", "deg")
@@ -133,37 +139,37 @@ def spelled(text: str, quantity: str) -> str | None:
     return unit if unit in UNITS[quantity] else None
 
 
-def understood(index: int, name: str) -> Column:
-    """What a column's name says.
+def parse_name(index: int, name: str) -> Column:
+    """Return what the name of a column says.
 
-    >>> column = understood(3, "IMU::UncompGyro::X [rad/s]")
+    >>> column = parse_name(3, "IMU::UncompGyro::X [rad/s]")
     >>> column.quantity, column.axis, column.kind, column.unit
     ('gyro', 'x', 'uncompensated', 'rad/s')
-    >>> understood(0, "linear_acceleration.z").quantity, understood(0, "GyroX_dps").unit
+    >>> parse_name(0, "linear_acceleration.z").quantity, parse_name(0, "GyroX_dps").unit
     ('accel', 'deg/s')
     """
-    words, axis, spoken = _parts(name)
-    quantity, kind, doubt = _meaning(set(words), axis)
+    words, axis, unit = _parts(name)
+    quantity, kind, rank = _meaning(set(words), axis)
     if quantity is None:
         return Column(index, name)
-    spoken = spoken or next((word for word in words if quantity == "t" and word in _SECONDS), None)
-    known = None if spoken is None else spelled(spoken, quantity)
-    return Column(index, name.strip(), quantity, axis, kind, known, doubt, spoken if known is None else None)
+    unit = unit or next((word for word in words if quantity == "t" and word in _SECONDS), None)
+    known = None if unit is None else unit_of(unit, quantity)
+    return Column(index, name.strip(), quantity, axis, kind, known, rank, unit if known is None else None)
 
 
-def said(index: int, name: str, quantity: str, axis: str | None, unit: str | None) -> Column:
-    """Column that is what the user says; its name still tells the unit where he does not.
+def assigned_column(index: int, name: str, quantity: str, axis: str | None, unit: str | None) -> Column:
+    """Return a column that the user has assigned; its unit is that of the name if none was given.
 
-    >>> said(2, "p [deg/s]", "gyro", "x", None).unit
+    >>> assigned_column(2, "p [deg/s]", "gyro", "x", None).unit
     'deg/s'
     """
-    spoken = _parts(name)[2]
-    unit = unit or (None if spoken is None else spelled(spoken, quantity))
-    return Column(index, name, quantity, axis, unit=unit, doubt=-1)
+    own = _parts(name)[2]
+    unit = unit or (None if own is None else unit_of(own, quantity))
+    return Column(index, name, quantity, axis, unit=unit, rank=-1)
 
 
 def _parts(name: str) -> tuple[list[str], str | None, str | None]:
-    """Words of a name, its axis, and its unit as it is spelled there."""
+    """Return the words of a name, its axis, and its unit as written there."""
     text, unit, axis = name.strip().strip("\"'").lstrip("#% "), None, None
     if found := re.search(r"[\[(]([^\])]*)[\])]\s*$", text):
         text, inside = text[: found.start()], found.group(1)
@@ -178,12 +184,12 @@ def _parts(name: str) -> tuple[list[str], str | None, str | None]:
 
 
 def words_of(text: str) -> list[str]:
-    """Words of a name, small: cut at signs, blanks and capitals."""
+    """Return the words of a name in lower case: split at signs, blanks and capitals."""
     text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", text)
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
     words = []
     for word in re.findall(r"[a-zµ]+[0-9]*|[0-9]+", text.lower()):
-        if found := _LETTERS.match(word):
+        if found := _AXIS_SUFFIX.match(word):
             words += ["gyro" if found.group(1) == "g" else found.group(1), found.group(2)]
         else:
             words.append(word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word)
@@ -191,7 +197,7 @@ def words_of(text: str) -> list[str]:
 
 
 def _suffix(words: list[str]) -> tuple[list[str], str | None]:
-    """A unit written as the last words of a name, behind the axis."""
+    """Return the words without a unit at their end, behind the axis, and that unit."""
     for size in (3, 2, 1):
         if len(words) <= size:
             continue
@@ -205,8 +211,8 @@ def _suffix(words: list[str]) -> tuple[list[str], str | None]:
 
 
 def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None, int]:
-    """Quantity, kind and doubt of the words of a name."""
-    if words & _STRANGE:
+    """Return quantity, kind and rank of the words of a name."""
+    if words & _EXCLUDED:
         return None, None, 0
     delta = "delta" in words or bool(words & {"dtheta", "dvel", "dv"})
     if axis is not None and delta:
@@ -216,18 +222,18 @@ def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None
             return "velocity", "deltas", 0
         return None, None, 0
     if axis is None:
-        if any(wanted <= words for wanted in _INTERVALS):
+        if any(name <= words for name in _INTERVALS):
             return "dt", None, 0
         if words & NANOSECONDS:
-            return "t", None, 9
+            return "t", None, _NO_TIME_RANK
         for name in ("temperature", "pressure"):
             if words & _SENSORS[name]:
                 return name, None, len(words - _SENSORS[name] - _NEUTRAL)
         if at := words & set(_TIMES):
             rest = words - set(_TIMES) - _NEUTRAL - {"header", "startup"}
             return "t", None, max(min(_TIMES[word] for word in at) + 3 * len(rest) + 2, 0)
-        if words & _PLAIN:
-            return ("gyro" if words & _PLAIN & _SENSORS["gyro"] else "accel"), None, len(words)
+        if words & _WITHOUT_AXIS:
+            return ("gyro" if words & _WITHOUT_AXIS & _SENSORS["gyro"] else "accel"), None, len(words)
         return None, None, 0
     kind: Kind | None = None
     if words & {"uncomp", "uncompensated", "raw"}:

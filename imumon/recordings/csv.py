@@ -1,225 +1,253 @@
-"""CSV: tables as text, of any dialect, in pieces.
+"""CSV: tables as text, of any dialect, in blocks of rows.
 
-The header line tells separator and columns, a row of units below it their units; what stands before it is
-passed over, and so are comments and headers that come again. A row that lacks a number is a lost sample, and
-so is one that is no row: they are counted and the first is named; a file that is full of them is no table.
-A time may be written as a date or a time of day.
-Memory does not grow with the length.
+The header line shows the separator and the columns, a row of units below it their units; lines before it are
+ignored, and so are comments and repeated headers. A row that lacks a number is a lost sample, and so is an
+invalid row: they are counted and the first is named. A file with many invalid rows is no table. A time may be
+a number, a date or a time of day. Memory does not grow with the length.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from datetime import datetime, time, timedelta
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from imumon.errors import SourceError
-from imumon.recordings.column_names import UNITS, spelled
-from imumon.recordings.columns import BY_HAND, ColumnLayout, layout
-from imumon.recordings.dates import Dates
+from imumon.recordings.base import ReadOptions, RecordingError
+from imumon.recordings.column_names import UNITS, unit_of
+from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.table import ROWS, ReadOptions, TableRows
+from imumon.recordings.table import ROWS, TableRows
 from imumon.samples import Floats, SampleBlock
 
 PREAMBLE = 30
-"""Lines before which the header must come."""
+"""Lines before which the header must come. Not critical."""
 
-SPOILT_SHARE, SPOILT_ROWS = 0.1, 10
-"""More rows than these that are no rows of numbers make a file no table."""
+INVALID_SHARE = 0.1
+"""Share of invalid rows above which a file is no table. Not critical."""
+
+INVALID_ROWS = 10
+"""Invalid rows that every table may have. Not critical."""
+
+QUOTED = 30
+"""Characters of a cell that are quoted in a message."""
+
+DAY_S = 86_400.0
+"""s of a day."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
-"""What stands where a number is missing."""
+"""Contents of a cell without a number."""
 
 
-class CsvFile:
-    """A CSV file, gzip or not, as blocks of samples.
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What the first lines of a file show.
 
     Attributes
     ----------
-    header : None: such a file tells nothing of the sensor.
+    header : header line; empty without one.
+    separator : see `separator_of`.
+    columns : which columns make the stream.
+    names : of all columns.
+    rows : lines read behind the header.
+    read : lines read so far.
+    """
+
+    header: str
+    separator: str | None
+    columns: ColumnLayout
+    names: list[str]
+    rows: list[str]
+    read: int
+
+
+class CsvFile:
+    """A CSV file, gzip or not, as blocks of samples; see `Recording`.
+
+    Attributes
+    ----------
     bad_checksums, discarded, fed : rows that lacked a number, 0, and bytes read.
 
     Raises
     ------
-    SourceError : it cannot be read, or its columns are not those of an inertial sensor.
+    RecordingError : it cannot be read, or its columns are not those of an inertial sensor.
     """
 
     header: Mapping[str, Any] | None = None
     discarded = 0
 
-    def __init__(self, recording: RawCapture, wanted: ReadOptions) -> None:
-        self._recording, self._wanted = recording, wanted
-        self.path = recording.path
+    def __init__(self, capture: RawCapture, options: ReadOptions) -> None:
+        self._capture, self._options = capture, options
+        self.path = capture.path
         self.fed = 0
         self.bad_checksums = 0
-        self._reader: _Reader | None = None
-        self._dates: dict[int, Dates] = {}  # by column, of those that hold no numbers
+        self._parser: _RowParser | None = None
+        self._dates: dict[int, DateReader] = {}  # by column, of those with dates instead of numbers
         self._rows: TableRows | None = None
 
     @property
     def remarks(self) -> Sequence[str]:
-        return [text for part in (self._reader, self._rows) if part is not None for text in part.remarks]
+        return [text for part in (self._parser, self._rows) if part is not None for text in part.remarks]
 
     @property
     def problem(self) -> str | None:
-        return self._recording.problem
+        return self._capture.problem
 
     @property
     def progress(self) -> float | None:
-        return self._recording.progress
+        return self._capture.progress
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         lines = self._lines()
-        head, separator, rows, first, number = self._head(lines)
-        self._reader = reader = _Reader(self.path, head, separator, rows.columns, self._dates)
-        self._rows = rows
-        gathered: list[str] = []
-        before = number - len(first)
-        for line in chain(first, chain.from_iterable(lines)):
-            gathered.append(line)
-            if len(gathered) >= ROWS:
-                yield self._hand(rows, reader, gathered, before)
-                before += len(gathered)
-                gathered = []
-        if gathered:
-            yield self._hand(rows, reader, gathered, before, last=True)
+        head = self._head(lines)
+        self._rows = rows = TableRows(self.path, head.columns, "csv", self._options.rate_hz, head.names)
+        self._parser = _RowParser(self.path, head.header, head.separator, rows.columns, self._dates)
+        waiting: list[str] = []
+        before = head.read - len(head.rows)
+        for line in chain(head.rows, chain.from_iterable(lines)):
+            waiting.append(line)
+            if len(waiting) >= ROWS:
+                yield self._blocks(rows, self._parser, waiting, before)
+                before += len(waiting)
+                waiting = []
+        if waiting:
+            yield self._blocks(rows, self._parser, waiting, before, last=True)
         yield list(rows.finish())
 
-    def _hand(
-        self, rows: TableRows, reader: _Reader, lines: list[str], before: int, *, last: bool = False
+    def _blocks(
+        self, rows: TableRows, parser: _RowParser, lines: list[str], before: int, *, last: bool = False
     ) -> list[SampleBlock]:
-        numbers, places = reader.numbers(lines, before, last=last)
+        numbers, places = parser.numbers(lines, before, last=last)
         found = list(rows.blocks(rows.pick(numbers), places))
         self.bad_checksums = rows.lost
         return found
 
     def _lines(self) -> Iterator[list[str]]:
-        """Whole lines, as many at once as a piece of the file has."""
+        """Yield the lines that end in each chunk of the file."""
         rest = b""
-        for chunk in self._recording:
+        for chunk in self._capture:
             self.fed += len(chunk)
             if b"\r" in chunk:
                 chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             *whole, rest = (rest + chunk).split(b"\n")
-            yield [_text(line) for line in whole]
+            yield [_decoded(line) for line in whole]
         if rest.strip():
-            yield [_text(rest)]
+            yield [_decoded(rest)]
 
-    def _head(self, lines: Iterator[list[str]]) -> tuple[str, str | None, TableRows, list[str], int]:
-        """The header, separator, columns, the rows read along with it, and lines read so far."""
+    def _head(self, lines: Iterator[list[str]]) -> _Head:
+        """Find the header and the columns."""
         seen: list[str] = []
-        for piece in lines:
-            seen += piece
+        for some in lines:
+            seen += some
             if len(seen) > PREAMBLE:
                 break
-        names_at = header_line(seen)
-        if names_at is None:
-            return self._headless(seen)
-        separator = separator_of(seen[names_at])
-        names, begin = split(seen[names_at], separator), names_at + 1
-        if begin < len(seen) and (told := units_of(names, seen[begin], separator)) is not None:
-            names, begin = told, begin + 1
+        at = header_line(seen)
+        if at is None:
+            header, begin = "", next((k for k, line in enumerate(seen) if _has_cells(line)), None)
+            if begin is None:
+                raise RecordingError("no_rows", f"{self.path} has no rows")
+            separator = separator_of(seen[begin])
+            names = [str(k + 1) for k in range(len(split(seen[begin], separator)))]
+            if not self._options.columns:
+                raise RecordingError(
+                    "no_header",
+                    f"{self.path} has no line that names its {len(names)} columns",
+                    "add one, or --map gyro/x=2:rad/s,... by number",
+                )
+        else:
+            header, begin, separator = seen[at], at + 1, separator_of(seen[at])
+            names = split(header, separator)
+            if begin < len(seen) and (united := with_units(names, seen[begin], separator)) is not None:
+                names, begin = united, begin + 1
         try:
-            found = layout(names, self._wanted.kind, self._wanted.given)
-        except SourceError as error:
-            raise SourceError(f"{self.path}: {error}") from None
-        found = self._timed(found, seen[begin:], separator)
-        rows = TableRows(self.path, found, "csv", self._wanted.rate_hz, names)
-        return seen[names_at], separator, rows, seen[begin:], len(seen)
+            found = layout(names, self._options.kind, self._options.columns)
+        except RecordingError as error:
+            raise error.of(self.path) from None
+        found = self._with_readable_times(found, seen[begin:], separator)
+        return _Head(header, separator, found, names, seen[begin:], len(seen))
 
-    def _timed(self, found: ColumnLayout, lines: Sequence[str], separator: str | None) -> ColumnLayout:
-        """The columns without the times that cannot be read; dates are noted, and count in seconds.
+    def _with_readable_times(
+        self, found: ColumnLayout, lines: Sequence[str], separator: str | None
+    ) -> ColumnLayout:
+        """Return the columns without the times that cannot be read; dates are read as seconds.
 
         Raises
         ------
-        SourceError : none of the times can be read.
+        RecordingError : none of the times can be read.
         """
-        cells = [split(line, separator) for line in lines if line.strip() and line.lstrip()[0] not in "#%"]
-        times, strange = [], ""
+        cells = [split(line, separator) for line in lines if _has_cells(line)]
+        times, unreadable = [], ""
         for column in found.times:
-            told = [row[column.index] for row in cells if len(row) > column.index]
-            told = [text for text in told if text.lower() not in MISSING]
-            if not told or any(_is_number(text.replace(",", ".")) for text in told):
+            texts = [row[column.index] for row in cells if len(row) > column.index]
+            texts = [text for text in texts if text.lower() not in MISSING]
+            if not texts or any(_is_number(text.replace(",", ".")) for text in texts):
                 times.append(column)
-            elif any(_is_date(text) for text in told):
-                self._dates[column.index] = Dates()
+            elif any(_is_date(text) for text in texts):
+                self._dates[column.index] = DateReader()
                 times.append(replace(column, unit="s"))
             else:
-                strange = strange or f"the time in {column.name} cannot be read, {told[0][:30]!r}"
-        if strange and not times:
-            raise SourceError(
-                f"{self.path}: {strange}: write numbers or 2026-01-31T12:00:00.000, "
-                f"or leave it out with {BY_HAND} and --rate"
+                unreadable = unreadable or f"the time in {column.name} is not readable, {texts[0][:QUOTED]!r}"
+        if unreadable and not times:
+            raise RecordingError(
+                "time_not_readable",
+                f"{self.path}: {unreadable}",
+                f"write numbers or 2026-01-31T12:00:00.000, or leave it out with {MAP_EXAMPLE} and --rate",
             )
         return replace(found, times=tuple(times))
 
-    def _headless(self, seen: list[str]) -> tuple[str, str | None, TableRows, list[str], int]:
-        """Numbers from the first line on: columns by their number, if the user names them."""
-        start = next(
-            (k for k, line in enumerate(seen) if line.strip() and line.lstrip()[0] not in "#%"), None
-        )
-        if start is None:
-            raise SourceError(f"{self.path} holds no rows")
-        separator = separator_of(seen[start])
-        names = [str(k + 1) for k in range(len(split(seen[start], separator)))]
-        if not self._wanted.given:
-            raise SourceError(
-                f"{self.path} has no line that names its {len(names)} columns: add one, "
-                "or --map gyro/x=2:rad/s,... by number"
-            )
-        try:
-            found = layout(names, self._wanted.kind, self._wanted.given)
-        except SourceError as error:
-            raise SourceError(f"{self.path}: {error}") from None
-        found = self._timed(found, seen[start:], separator)
-        rows = TableRows(self.path, found, "csv", self._wanted.rate_hz, names)
-        return "", separator, rows, seen[start:], len(seen)
-
-    def verdict(self) -> str:
-        return f"{self.path} has a header and no row of numbers behind it"
+    def no_samples(self) -> RecordingError:
+        """Return the error that says why there are no samples."""
+        return RecordingError("no_rows", f"{self.path} has a header and no row of numbers behind it")
 
 
-def _text(line: bytes) -> str:
-    """A line in UTF-8, else as spreadsheets of the West write it: their degree sign is one byte."""
+def _decoded(line: bytes) -> str:
+    """Return a line in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
     try:
         return line.decode("utf-8-sig")
     except UnicodeDecodeError:
         return line.decode("latin-1")
 
 
+def _has_cells(line: str) -> bool:
+    """Return whether a line is neither blank nor a comment."""
+    return bool(line.strip()) and line.lstrip()[0] not in "#%"
+
+
 def header_line(lines: Sequence[str]) -> int | None:
-    """Which of the first lines names the columns: the one most of whose cells are no numbers, as many as the
-    first row of numbers has."""
-    named: list[int] = []
+    """Return which of the first lines names the columns.
+
+    Most of its cells are no numbers, and it has as many as the first row of numbers.
+    """
+    candidates: list[int] = []
     for k, line in enumerate(lines[:PREAMBLE]):
         cells = split(line, separator_of(line))
         if len(cells) > 1 and sum(not _is_number(cell) for cell in cells if cell) > len(cells) / 2:
-            named.append(k)
+            candidates.append(k)
         elif len(cells) > 1 and sum(_is_number(cell) for cell in cells) > len(cells) / 2:
-            fitting = [at for at in named if _as_wide(lines[at], line)]
+            fitting = [at for at in candidates if _same_width(lines[at], line)]
             return fitting[0] if fitting else None
-    return named[0] if named else None
+    return candidates[0] if candidates else None
 
 
-def _as_wide(names: str, row: str) -> bool:
+def _same_width(names: str, row: str) -> bool:
     separator = separator_of(names)
     return abs(len(split(row, separator)) - len(split(names, separator))) <= 1
 
 
-def units_of(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:
-    """The names with the units that a row below them tells; None where it is no such row.
+def with_units(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:
+    """Return the names with the units of a row below them; None if it is no row of units.
 
-    >>> units_of(["t", "wx", "wy [deg/s]"], "s,rad/s,", ",")
+    >>> with_units(["t", "wx", "wy [deg/s]"], "s,rad/s,", ",")
     ['t [s]', 'wx [rad/s]', 'wy [deg/s]']
-    >>> units_of(["t", "wx"], "0.0,n/a", ",") is None
+    >>> with_units(["t", "wx"], "0.0,n/a", ",") is None
     True
     """
     cells = [cell.strip("[]()") for cell in split(row, separator)]
-    known = [any(spelled(cell, quantity) for quantity in UNITS) for cell in cells if cell]
+    known = [any(unit_of(cell, quantity) for quantity in UNITS) for cell in cells if cell]
     if 2 * sum(known) <= len(known):
         return None
     cells += [""] * (len(names) - len(cells))
@@ -230,12 +258,13 @@ def units_of(names: Sequence[str], row: str, separator: str | None) -> list[str]
 
 
 def separator_of(line: str) -> str | None:
-    """Sign between the cells; None is blanks."""
+    """Return the character between the cells; None: blanks."""
     found = max((";", ",", "\t"), key=line.count)
     return found if line.count(found) else None
 
 
 def split(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without quotes."""
     return [cell.strip().strip('"').strip() for cell in line.split(separator)]
 
 
@@ -249,53 +278,100 @@ def _is_number(text: str) -> bool:
 
 def _is_date(text: str) -> bool:
     try:
-        Dates().seconds(text)
+        DateReader().seconds(text)
     except ValueError:
         return False
     return True
 
 
-class _Reader:
-    """Lines to numbers.
+class DateReader:
+    """Reads a column of dates or times of day, in any order, as seconds.
+
+    It reads ISO 8601, ``2026-01-31T12:00:00.025Z`` or with a blank, and a time of day, ``12:00:00.025``, which
+    continues over midnight. Seconds count from the first one, so that no digit is lost to the years since 1970.
+    Digits beyond microseconds are ignored.
+    """
+
+    def __init__(self) -> None:
+        self._first: datetime | None = None
+        self._last = 0.0
+
+    def seconds(self, text: str) -> float:
+        """Return the seconds since the first date that was read.
+
+        Raises
+        ------
+        ValueError : it is no date.
+
+        >>> dates = DateReader()
+        >>> [dates.seconds(text) for text in ("23:59:59.5", "00:00:00.25", "23:59:59.75")]
+        [0.0, 0.75, 0.25]
+        """
+        text = text.strip()
+        if ":" not in text:  # a number, such as 20260131, is no date
+            raise ValueError(text)
+        try:
+            of_day = datetime.combine(datetime(1970, 1, 1), time.fromisoformat(text))
+        except ValueError:
+            return self._since_first(datetime.fromisoformat(text))
+        seconds = self._since_first(of_day)
+        self._last = seconds + DAY_S * round((self._last - seconds) / DAY_S)
+        return self._last
+
+    def _since_first(self, moment: datetime) -> float:
+        if self._first is None:
+            self._first = moment
+        try:
+            return (moment - self._first) / timedelta(seconds=1)
+        except TypeError:  # one has a time zone, the other has none
+            raise ValueError(str(moment)) from None
+
+
+class _RowParser:
+    """Parses lines to numbers.
 
     Parameters
     ----------
-    dates : what reads the columns that hold no numbers.
+    dates : readers of the columns that hold dates.
 
     Attributes
     ----------
-    read, spoilt : rows so far, and how many of them were no rows of numbers.
+    read, invalid : rows so far, and how many of them were invalid.
     """
 
     def __init__(
         self,
         path: str,
-        head: str,
+        header: str,
         separator: str | None,
         columns: Sequence[int],
-        dates: Mapping[int, Dates],
+        dates: Mapping[int, DateReader],
     ) -> None:
-        self._path, self._head, self._separator, self._columns = path, head, separator, list(columns)
+        self._path, self._header, self._separator, self._columns = path, header, separator, list(columns)
         self._dates = dates
-        self.read = self.spoilt = 0
-        self._first = ""  # of the spoilt rows, and what is wrong with it
+        self.read = self.invalid = 0
+        self._first_invalid = ""  # line and reason
 
     @property
     def remarks(self) -> list[str]:
-        """What was passed over, for people."""
-        if not self.spoilt:
+        """What was left out, for people."""
+        if not self.invalid:
             return []
-        rows = "1 row is no row" if self.spoilt == 1 else f"{self.spoilt:,} rows are no rows"
-        return [f"{rows} of numbers and taken as lost; first {self._first}"]
+        rows = (
+            "1 row is invalid and counts"
+            if self.invalid == 1
+            else f"{self.invalid:,} rows are invalid and count"
+        )
+        return [f"{rows} as lost; first {self._first_invalid}"]
 
     def numbers(self, lines: list[str], before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
-        """(n, k) of the wanted columns, and (n,) the number of each row's line.
+        """Return (n, k) numbers of the columns, and (n,) the line number of each row.
 
-        A row that is no row is not a number, and its line 0.
+        An invalid row is NaN, and its line 0.
 
         Raises
         ------
-        SourceError : there are too many such rows; it names the first.
+        RecordingError : there are too many invalid rows; it names the first.
         """
         try:
             found = np.asarray(
@@ -306,7 +382,7 @@ class _Reader:
                     ndmin=2,
                     comments=None,
                     quotechar='"',
-                    converters={column: read.seconds for column, read in self._dates.items()} or None,
+                    converters={column: dates.seconds for column, dates in self._dates.items()} or None,
                     encoding="utf-8",
                 ),
                 dtype=np.float64,
@@ -314,39 +390,38 @@ class _Reader:
             places = [before + k + 1 for k, line in enumerate(lines) if line.strip()]
         except (ValueError, IndexError):
             end = len(lines) - 1 if last else -1
-            read = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines)]
-            found = np.array([row for row, _ in read if row]).reshape(-1, len(self._columns))
-            places = [place for row, place in read if row]
+            parsed = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines)]
+            found = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
+            places = [place for row, place in parsed if row]
         self.read += len(found)
-        if self.spoilt > SPOILT_ROWS and self.spoilt > SPOILT_SHARE * self.read:
-            raise SourceError(
-                f"{self._path} {self._first}; {self.spoilt:,} of {self.read:,} rows are no rows of numbers"
+        if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
+            raise RecordingError(
+                "too_many_invalid_rows",
+                f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid",
             )
         return found, places
 
     def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:
-        """Numbers of a line that is not quite regular; none of a line that stands for no sample."""
-        if not line.strip() or line.lstrip()[0] in "#%" or line == self._head:
+        """Return the numbers of an irregular line; none for a line that is no sample."""
+        if not _has_cells(line) or line == self._header:
             return [], number
         cells = split(line, self._separator)
-        try:
-            return [self._number(cells, column) for column in self._columns], number
-        except ValueError as error:
-            if last:  # cut off
-                return [], number
-            self.spoilt += 1
-            self._first = self._first or f"line {number} {error}"
-            return [math.nan] * len(self._columns), 0
+        row: list[float] = []
+        for column in self._columns:
+            value = self._number(cells, column)
+            if value is None:
+                if last:  # truncated
+                    return [], number
+                self.invalid += 1
+                self._first_invalid = self._first_invalid or f"line {number} {self._fault(cells, column)}"
+                return [math.nan] * len(self._columns), 0
+            row.append(value)
+        return row, number
 
-    def _number(self, cells: Sequence[str], column: int) -> float:
-        """Number in a cell, NaN where it is left open.
-
-        Raises
-        ------
-        ValueError : there is none; it says so in words.
-        """
+    def _number(self, cells: Sequence[str], column: int) -> float | None:
+        """Return the number in a cell; NaN if it is empty, None if it is invalid."""
         if column >= len(cells):
-            raise ValueError(f"has {len(cells)} columns, column {column + 1} is wanted")
+            return None
         text = cells[column]
         if self._separator != ",":
             text = text.replace(",", ".")
@@ -355,4 +430,11 @@ class _Reader:
         try:
             return self._dates[column].seconds(text) if column in self._dates else float(text)
         except ValueError:
-            raise ValueError(f"column {column + 1}: {text[:30]!r} is no number") from None
+            return None
+
+    @staticmethod
+    def _fault(cells: Sequence[str], column: int) -> str:
+        """Return what is wrong with a cell, for people."""
+        if column >= len(cells):
+            return f"has {len(cells)} columns, column {column + 1} is needed"
+        return f"column {column + 1}: {cells[column][:QUOTED]!r} is no number"

@@ -1,4 +1,4 @@
-"""Archives: NumPy's ``.npz`` with arrays named like columns, (n,) or (n, 3)."""
+"""NumPy archive: an ``.npz`` file whose arrays, (n,) or (n, 3), have names like those of columns."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from imumon.errors import SourceError
-from imumon.recordings.column_names import understood
+from imumon.recordings.base import ReadOptions, RecordingError
+from imumon.recordings.column_names import parse_name
 from imumon.recordings.columns import SENSORS, layout
-from imumon.recordings.table import ROWS, ReadOptions, TableRows
+from imumon.recordings.table import ROWS, TableRows
 from imumon.samples import AXES, Floats, SampleBlock
 
 
 class NpzFile:
-    """A NumPy archive (``.npz``) of arrays with names like those of columns: (n,) or (n, 3).
+    """A NumPy archive as blocks of samples; see `Recording`.
 
     Raises
     ------
-    SourceError : it cannot be read, or holds no inertial sensor.
+    RecordingError : it cannot be read, or has no inertial sensor.
     """
 
     header: Mapping[str, Any] | None = None
@@ -28,7 +28,7 @@ class NpzFile:
     problem: str | None = None
     progress: float | None = None
 
-    def __init__(self, path: str, wanted: ReadOptions) -> None:
+    def __init__(self, path: str, options: ReadOptions) -> None:
         self.path = path
         self.fed = 0
         self.bad_checksums = 0
@@ -36,27 +36,26 @@ class NpzFile:
             with np.load(path, allow_pickle=False) as archive:
                 whole = {name: archive[name] for name in archive.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-            raise SourceError(f"{path} is no NumPy archive of plain arrays") from None
+            raise RecordingError("no_npz", f"{path} is no NumPy archive of plain arrays") from None
         try:
             names, arrays = _flattened(whole)
-            found = layout(names, wanted.kind, wanted.given)
-        except SourceError as error:
-            raise SourceError(f"{path}: {error}") from None
-        self._rows = TableRows(path, found, "npz", wanted.rate_hz, names)
-        picked = [arrays[k] for k in self._rows.columns]
-        if len({len(column) for column in picked}) != 1:
-            raise SourceError(
-                f"{path}: its arrays have {sorted({len(c) for c in picked})} samples, not one number"
-            )
-        self._columns = picked
+            found = layout(names, options.kind, options.columns)
+        except RecordingError as error:
+            raise error.of(path) from None
+        self._rows = TableRows(path, found, "npz", options.rate_hz, names)
+        columns = [arrays[k] for k in self._rows.columns]
+        if len({len(column) for column in columns}) != 1:
+            lengths = ", ".join(f"{length:,}" for length in sorted({len(c) for c in columns}))
+            raise RecordingError("array_lengths", f"{path}: its arrays have different lengths, {lengths}")
+        self._columns = columns
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         count = len(self._columns[0])
         for start in range(0, count, ROWS):
-            piece = np.column_stack([column[start : start + ROWS] for column in self._columns])
-            self.fed += piece.nbytes
-            places = range(start + 1, start + 1 + len(piece))
-            yield list(self._rows.blocks(self._rows.pick(piece), places))
+            rows = np.column_stack([column[start : start + ROWS] for column in self._columns])
+            self.fed += rows.nbytes
+            places = range(start + 1, start + 1 + len(rows))
+            yield list(self._rows.blocks(self._rows.pick(rows), places))
             self.bad_checksums, self.progress = self._rows.lost, min(1.0, (start + ROWS) / count)
         yield list(self._rows.finish())
 
@@ -64,25 +63,26 @@ class NpzFile:
     def remarks(self) -> Sequence[str]:
         return self._rows.remarks
 
-    def verdict(self) -> str:
-        return f"{self.path} holds arrays without a sample"
+    def no_samples(self) -> RecordingError:
+        """Return the error that says why there are no samples."""
+        return RecordingError("no_rows", f"{self.path} has arrays without a sample")
 
 
 def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:
-    """Names and columns; of an array with three columns one for each axis.
+    """Return names and columns; of an array with three columns one for each axis.
 
     Raises
     ------
-    SourceError : a sensor's array lies on its side.
+    RecordingError : the array of a sensor is transposed.
     """
     names: list[str] = []
     columns: list[Floats] = []
     for name, array in arrays.items():
         if array.dtype.kind not in "iuf":
             continue
-        words = name.rsplit("_", 1)
-        unit = f" [{words[1]}]" if len(words) == 2 and words[1] in _ARRAY_UNITS else ""
-        bare = words[0] if unit else name
+        stem, _, suffix = name.rpartition("_")
+        unit = f" [{suffix}]" if stem and suffix in _ARRAY_UNITS else ""
+        bare = stem if unit else name
         if array.ndim == 1:
             names.append(f"{bare}{unit}")
             columns.append(array.astype(np.float64))
@@ -90,10 +90,12 @@ def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:
             for k, axis in enumerate(AXES):
                 names.append(f"{bare}_{axis}{unit}")
                 columns.append(array[:, k].astype(np.float64))
-        elif array.ndim == 2 and array.shape[0] == 3 and understood(0, f"{bare}_x").quantity in SENSORS:
-            raise SourceError(f"the array {name} is 3 x n: transpose it to n x 3, {name}={name}.T")
+        elif array.ndim == 2 and array.shape[0] == 3 and parse_name(0, f"{bare}_x").quantity in SENSORS:
+            raise RecordingError(
+                "array_transposed", f"the array {name} is 3 x n", f"transpose it to n x 3, {name}={name}.T"
+            )
     return names, columns
 
 
 _ARRAY_UNITS = {"gauss", "C", "kPa", "dps", "g", "mg", "rads", "uT", "nT", "ns", "us", "ms", "s"}
-"""Units that the last word of an array's name may be."""
+"""Units that the name of an array may end with."""

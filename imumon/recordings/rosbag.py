@@ -1,7 +1,8 @@
-"""Bags: `sensor_msgs/Imu` from rosbag 1, rosbag 2 and MCAP, by the optional package rosbags.
+"""Bag: `sensor_msgs/Imu` messages from rosbag 1, rosbag 2 and MCAP.
 
-Time is the stamp in the header of each message: the driver's, better than that of the recording. What a
-driver puts into a message (compensated or not) no bag says; it counts as uncompensated unless told.
+The time of a sample is the stamp in the header of its message, which the driver makes: it is better than the
+time of the recording. A bag does not say whether the values are compensated; they count as uncompensated
+unless ``--stream`` says otherwise.
 """
 
 from __future__ import annotations
@@ -12,31 +13,32 @@ from typing import Any
 
 import numpy as np
 
-from imumon.errors import SourceError
+from imumon.errors import ImumonError
+from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.column_names import Column
 from imumon.recordings.columns import ColumnLayout
-from imumon.recordings.table import ROWS, ReadOptions, TableRows
+from imumon.recordings.table import ROWS, TableRows
 from imumon.samples import ACCEL, AXES, GYRO, SampleBlock
 
 IMU = "sensor_msgs/msg/Imu"
 FIELDS = (("angular_velocity", "gyro", "rad/s"), ("linear_acceleration", "accel", "m/s2"))
-"""Of a message, with the units that its definition says."""
+"""Fields of a message, with the units of its definition."""
 
 MAGIC = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3": ".db3"}
-"""How files of these kinds begin."""
+"""First bytes of the files of a bag, with their extension."""
 
 
 def is_bag(path: str, head: bytes) -> bool:
-    """Whether that is a bag: by its first bytes, a directory by what lies in it."""
+    """Return whether a path is a bag: a file by its first bytes, a directory by what is in it."""
     return Path(path, "metadata.yaml").exists() or any(head.startswith(magic) for magic in MAGIC)
 
 
 class RosbagFile:
-    """Messages of one topic as blocks of samples.
+    """Messages of one topic as blocks of samples; see `Recording`.
 
     Raises
     ------
-    SourceError : rosbags is not installed, the bag cannot be read or has no IMU.
+    RecordingError : the bag cannot be read or has no IMU.
     """
 
     header: Mapping[str, Any] | None = None
@@ -44,12 +46,11 @@ class RosbagFile:
     problem: str | None = None
     progress: float | None = None
 
-    def __init__(self, path: str, wanted: ReadOptions) -> None:
-        try:
-            from rosbags.highlevel import AnyReader
-            from rosbags.typesys import Stores, get_typestore
-        except ImportError:
-            raise SourceError(f"{path} is a bag: pip install rosbags to read it") from None
+    def __init__(self, path: str, options: ReadOptions) -> None:
+        # here, for the daemon imports this package and needs no bags
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
         self.path = path
         self.fed = 0
         self.bad_checksums = 0
@@ -57,11 +58,12 @@ class RosbagFile:
             self._reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
         except Exception as error:  # the package has many of its own
-            raise SourceError(f"{path} cannot be read as a bag: {_line(error)}") from None
-        self._connections = self._choose(wanted.topic)
-        kind = wanted.kind or "uncompensated"
+            text = f"{path} cannot be read as a bag: {_first_line(error)}"
+            raise RecordingError("bag_corrupt", text) from None
+        self._connections = self._choose(options.topic)
+        kind = options.kind or "uncompensated"
         if kind == "deltas":
-            raise SourceError(f"{path}: a bag of {IMU} has no deltas")
+            raise RecordingError("no_stream", f"{path}: a bag of {IMU} has no deltas", "leave --stream out")
         columns = tuple(
             Column(3 * k + i, f"{self._topic}.{name}.{axis}", quantity, axis, unit=unit)
             for k, (name, quantity, unit) in enumerate(FIELDS)
@@ -69,56 +71,61 @@ class RosbagFile:
         )
         time = Column(6, "header.stamp", "t", unit="ns")
         self._rows = TableRows(
-            path, ColumnLayout(kind, (*GYRO, *ACCEL), columns, (time,)), "bag", wanted.rate_hz
+            path, ColumnLayout(kind, (*GYRO, *ACCEL), columns, (time,)), "bag", options.rate_hz
         )
 
     def _choose(self, topic: str | None) -> list[Any]:
-        """Connections of the topic that is asked for, or of the one there is."""
+        """Return the connections of the given topic, or of the only one."""
         found = [c for c in self._reader.connections if c.msgtype == IMU]
         topics = sorted({c.topic for c in found})
         if not topics:
-            there = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in self._reader.connections}))
-            raise SourceError(f"{self.path} has no {IMU}; there are {there or 'no messages'}")
+            others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in self._reader.connections}))
+            text = f"{self.path} has no {IMU}; there are {others or 'no messages'}"
+            raise RecordingError("no_imu_topic", text)
         if topic is None and len(topics) > 1:
-            raise SourceError(f"{self.path} has several: say --topic {' or '.join(topics)}")
+            text = f"{self.path} has several topics with {IMU}"
+            raise RecordingError("several_topics", text, f"choose --topic {' or '.join(topics)}")
         if topic is not None and topic not in topics:
-            raise SourceError(f"{self.path} has no {topic}; there are {', '.join(topics)}")
+            text = f"{self.path} has no topic {topic}"
+            raise RecordingError("unknown_topic", text, f"choose --topic {' or '.join(topics)}")
         self._topic = topic or topics[0]
         return [c for c in found if c.topic == self._topic]
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         total = sum(c.msgcount for c in self._connections) or None
         done = 0
-        gathered: list[tuple[float, ...]] = []
+        rows: list[tuple[float, ...]] = []
         first: int | None = None
         try:
             for connection, _, raw in self._reader.messages(self._connections):
                 message: Any = self._reader.deserialize(raw, connection.msgtype)
                 stamp = message.header.stamp
                 now = stamp.sec * 1_000_000_000 + stamp.nanosec
-                first = now if first is None else first  # a float holds a span to the ns, not the epoch
+                first = (
+                    now if first is None else first
+                )  # as a float, a span is exact to the ns, an epoch is not
                 gyro, accel = message.angular_velocity, message.linear_acceleration
-                gathered.append((gyro.x, gyro.y, gyro.z, accel.x, accel.y, accel.z, float(now - first)))
+                rows.append((gyro.x, gyro.y, gyro.z, accel.x, accel.y, accel.z, float(now - first)))
                 self.fed += len(raw)
                 done += 1
-                if len(gathered) >= ROWS:
+                if len(rows) >= ROWS:
                     self.progress = None if total is None else done / total
-                    yield self._hand(gathered, done)
-                    gathered = []
-        except SourceError:
+                    yield self._blocks(rows, done)
+                    rows = []
+        except ImumonError:
             raise
         except Exception as error:
-            raise SourceError(f"{self.path} is damaged: {_line(error)}") from None
+            raise RecordingError("bag_corrupt", f"{self.path} is corrupt: {_first_line(error)}") from None
         finally:
             self._reader.close()
-        if gathered:
+        if rows:
             self.progress = None if total is None else 1.0
-            yield self._hand(gathered, done)
+            yield self._blocks(rows, done)
         yield list(self._rows.finish())
 
-    def _hand(self, gathered: list[tuple[float, ...]], done: int) -> list[SampleBlock]:
-        places = range(done - len(gathered) + 1, done + 1)
-        found = list(self._rows.blocks(self._rows.pick(np.array(gathered)), places))
+    def _blocks(self, rows: list[tuple[float, ...]], done: int) -> list[SampleBlock]:
+        places = range(done - len(rows) + 1, done + 1)
+        found = list(self._rows.blocks(self._rows.pick(np.array(rows)), places))
         self.bad_checksums = self._rows.lost
         return found
 
@@ -126,9 +133,11 @@ class RosbagFile:
     def remarks(self) -> Sequence[str]:
         return self._rows.remarks
 
-    def verdict(self) -> str:
-        return f"{self.path} has no message on {self._topic}"
+    def no_samples(self) -> RecordingError:
+        """Return the error that says why there are no samples."""
+        return RecordingError("no_rows", f"{self.path} has no message on {self._topic}")
 
 
-def _line(error: Exception) -> str:
+def _first_line(error: Exception) -> str:
+    """Return the first line of an error of the library."""
     return str(error).partition("\n")[0] or type(error).__name__

@@ -1,63 +1,58 @@
-"""Tables: rows of numbers as blocks of samples, whatever file they come from.
+"""Table: rows of numbers as blocks of samples, from a file of any format.
 
-A table has a column for each channel (`columns`) and mostly one of time. The time of its first rows tells
-the sampling interval and whether the stamps are a sensor's or a host's (`stamps`); a table without one needs
-the rate. Stamps of a sensor are its clock, whatever rate is told; those of a host give way to it. Rows that
-lack a number are lost samples. Nothing is lost or assumed without a remark.
+A table has a column for each channel (`columns`) and mostly one of time. The time of its first rows shows the
+sampling interval and whether the stamps are those of a sample clock or of a host (`timestamps`); a table
+without time needs the rate. The stamps of a sample clock are used whatever rate is configured; those of a
+host give way to it. Rows that lack a number are lost samples. A remark reports everything that is left out or
+assumed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from imumon.errors import RateUnknown, SourceError
-from imumon.recordings.column_names import UNITS
-from imumon.recordings.columns import INERTIAL, ColumnLayout
-from imumon.recordings.unit_inference import assumed, check_sizes, time_unit
-from imumon.samples import Clock, Floats, Ints, Kind, SampleBlock, Stream, sensor_of
-from imumon.timebase.timestamps import Late, interval_of, why_no_rate
+from imumon.errors import RateRequired
+from imumon.recordings.base import RecordingError
+from imumon.recordings.column_names import UNITS, Column
+from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
+from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
+from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
 
 ROWS = 1 << 15
-"""Rows handed over at once."""
+"""Rows in one block. Not critical."""
 
-ABSURD = 1e100
-"""Size of a number that no instrument writes, and whose square is none: as good as missing."""
+LARGEST = 1e100
+"""Size from which a number counts as missing: no instrument writes it, and its square overflows."""
 
-FAR_OFF = 0.02
-"""Share by which a rate that was told may miss that of the stamps before it is a remark."""
+RATE_SHARE = 0.02
+"""Share by which a configured rate may differ from that of the stamps without a remark. Not critical."""
 
-FULL = 0.9
-"""Share of the first rows that a column which is not an inertial sensor's must fill."""
+FILLED = 0.9
+"""Share of the first rows in which a column of time or of a slow sensor must have a number. Not critical."""
 
 LONGEST_NS = 4e18
-"""Spans between two times that still are one; beyond, a stamp is garbage."""
+"""ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
 
-PLACES = {"csv": "line", "npz": "sample", "bag": "message"}
-"""What the rows of a table are numbered by, for people."""
+ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
+"""What a row of a table is called in messages."""
+
+RATE_CURE = "give the sample rate with --rate"
+
+OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
+    "single_row": ("is of one row, and two are needed for a rate", RATE_CURE),
+    "time_descending": ("runs backwards", f"sort the rows by it, or {RATE_CURE}"),
+    "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
+    "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),
+}
+"""What is wrong with a time that shows no rate, and what to do."""
 
 ZERO_CELSIUS = 273.15
-
-
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """How to read a table.
-
-    Attributes
-    ----------
-    kind : which stream, where there are several; None: the best.
-    given : channel to ``COLUMN:UNIT``; empty: by the names.
-    rate_hz : told by the user, None otherwise.
-    topic : of a bag.
-    """
-
-    kind: Kind | None = None
-    given: Mapping[str, str] | None = None
-    rate_hz: float | None = None
-    topic: str | None = None
+"""K."""
 
 
 class TableRows:
@@ -66,8 +61,9 @@ class TableRows:
     Parameters
     ----------
     path : for messages.
-    found : which columns.
-    what : what the table is: ``csv``, ``npz``, ``bag``.
+    columns : which columns make the stream.
+    what : kind of the table: ``csv``, ``npz``, ``bag``.
+    rate_hz : Hz, configured sample rate; None: not configured.
     names : of all columns of the table.
 
     Attributes
@@ -76,131 +72,137 @@ class TableRows:
     """
 
     def __init__(
-        self, path: str, found: ColumnLayout, what: str, rate_hz: float | None, names: Sequence[str] = ()
+        self, path: str, columns: ColumnLayout, what: str, rate_hz: float | None, names: Sequence[str] = ()
     ) -> None:
-        self._path, self._layout, self._what, self._rate = path, found, what, rate_hz
+        self._path, self._layout, self._what, self._rate = path, columns, what, rate_hz
         self._stream: Stream | None = None
         self._origin: Floats | None = None
         self._scales: list[float] = []  # ns in a unit of each column of time
-        self._owed = 0
-        self._picked: list[int] = []
-        self._late: Late | None = None  # stamps of a host: rows wait until it has placed them
+        self._lost_before = 0  # rows lost before the next one
+        self._used: list[int] = []  # columns that are not left out
+        self._host: HostStamps | None = None  # rows wait until their stamps have been placed
         self._waiting: list[Floats] = []
         self._names = names
-        self._said = list(found.remarks)
-        self._open, self._first_open = 0, ""  # rows that lacked a number, and where the first is
-        self._back, self._first_back = 0, ""  # steps of a clock that go back, and where the first is
+        self._remarks = list(columns.remarks)
+        self._incomplete, self._first_incomplete = 0, ""  # rows that lacked a number, and where the first is
+        self._back, self._first_back = 0, ""  # steps back of a clock, and where the first is
         self._last: Ints | None = None  # ns, the last two times
         self.lost = 0
 
     @property
     def remarks(self) -> list[str]:
-        """What a reader should know: columns and rows that are not used, units and stamps."""
-        said = list(self._said)
-        if self._open:
-            rows = "1 row lacks" if self._open == 1 else f"{self._open:,} rows lack"
-            said.append(f"{rows} a number and count as lost; first {self._first_open}")
+        """Columns and rows that are not used, and what is assumed of units and stamps."""
+        remarks = list(self._remarks)
+        if self._incomplete:
+            one = self._incomplete == 1
+            rows = (
+                "1 row lacks a number and counts"
+                if one
+                else f"{self._incomplete:,} rows lack a number and count"
+            )
+            remarks.append(f"{rows} as lost; first {self._first_incomplete}")
         if self._back:
             times = "once" if self._back == 1 else f"{self._back:,} times"
-            said.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
-        if self._late is not None and self._late.back_s:
-            said.append(
-                f"its clock steps back by {self._late.back_s:.6g} s: a gap of unknown length, counted as none"
+            remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
+        if self._host is not None and self._host.back_s:
+            remarks.append(
+                f"its clock steps back by {self._host.back_s:.6g} s: a gap of unknown length, counted as none"
             )
-        return said
+        return remarks
 
     @property
     def columns(self) -> list[int]:
-        """Which columns of the table are wanted, in the order `blocks` takes them."""
+        """Indices of the columns of the table, in the order of `blocks`."""
+        return [column.index for column in self._all_columns()]
+
+    def _all_columns(self) -> tuple[Column, ...]:
         found = self._layout
-        interval = [found.interval] if found.interval is not None else []
-        return [column.index for column in (*found.columns, *found.times, *interval)]
+        return (*found.columns, *found.times, *([found.interval] if found.interval is not None else []))
 
     def blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
-        """Blocks of some rows, (n, k) with the wanted columns; not finite is missing.
+        """Yield blocks of some rows, (n, k) with the columns of `columns`; not finite is missing.
 
         Parameters
         ----------
-        places : (n,) number of each row in its file, for people; 0 for one of which they know already.
+        places : (n,) number of each row in its file, for messages; 0: the row has been reported.
 
         Raises
         ------
-        SourceError : the numbers cannot be of the unit that is said.
+        RecordingError : the numbers cannot have their unit. RateRequired : there is no time and no rate.
         """
         if self._stream is None:
             if not len(rows):
                 return
             rows = self._begin(rows)
-        layout_, width = self._layout, len(self._layout.columns)
-        good = (np.abs(rows) < ABSURD).all(axis=1)
+        columns, width = self._layout, len(self._layout.columns)
+        good = _present(rows).all(axis=1)
         lost = np.zeros(len(rows), dtype=np.int64)
         if not good.all():
             kept = np.flatnonzero(good)
             before = np.diff(np.concatenate([[-1], kept])) - 1
             lost, bad = before, int(len(rows) - len(kept))
             self.lost += bad
-            self._note_open(rows, np.flatnonzero(~good), places)
+            self._note_incomplete(rows, np.flatnonzero(~good), places)
             rows, places = rows[kept], [places[k] for k in kept.tolist()]
             tail = bad - int(before.sum())
             if len(kept):
-                lost[0] += self._owed
-                self._owed = 0
-            self._owed += tail
-        elif self._owed and len(rows):
-            lost[0], self._owed = self._owed, 0
+                lost[0] += self._lost_before
+                self._lost_before = 0
+            self._lost_before += tail
+        elif self._lost_before and len(rows):
+            lost[0], self._lost_before = self._lost_before, 0
         if not len(rows):
             return
         assert self._stream is not None
         values = np.empty((len(rows), width))
-        for k, column in enumerate(layout_.columns):
+        for k, column in enumerate(columns.columns):
             values[:, k] = rows[:, k] * column.factor
             if column.unit == "k":
                 values[:, k] -= ZERO_CELSIUS
-        if layout_.kind == "deltas":
+        if columns.kind == "deltas":
             values = self._over_interval(values, rows)
-        if self._late is None:
+        if self._host is None:
             times = self._times(rows)
             if times is not None and self._stream.clock == "startup":
                 self._note_back(times, places)
             yield SampleBlock(self._stream, values, times, lost)
             return
         self._waiting.append(values)
-        stamps = rows[:, width : width + len(layout_.times)]
-        yield from self._placed(self._late.place(self._nanoseconds(stamps).astype(np.float64)))
+        stamps = rows[:, width : width + len(columns.times)]
+        yield from self._placed(self._host.place(self._nanoseconds(stamps).astype(np.float64)))
 
-    def _note_open(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
-        """Count rows that lack a number, and keep where the first is."""
-        found = self._layout
-        told = [k for k in bad.tolist() if places[k]]
-        if told and not self._open:
-            columns = (*found.columns, *found.times, *([found.interval] if found.interval else []))
-            lacking = [c.name for c, x in zip(columns, rows[told[0]], strict=True) if not abs(x) < ABSURD]
-            self._first_open = f"{PLACES[self._what]} {places[told[0]]}: {', '.join(lacking)}"
-        self._open += len(told)
+    def _note_incomplete(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
+        """Count rows that lack a number, and note where the first is."""
+        new = [k for k in bad.tolist() if places[k]]
+        if new and not self._incomplete:
+            present = _present(rows[new[0]]).tolist()
+            missing = [c.name for c, there in zip(self._all_columns(), present, strict=True) if not there]
+            self._first_incomplete = f"{ROW_NAMES[self._what]} {places[new[0]]}: {', '.join(missing)}"
+        self._incomplete += len(new)
 
     def _note_back(self, times: Ints, places: Sequence[int]) -> None:
-        """Count the steps back of a sensor's clock, and keep where the first is and how long.
+        """Count the steps back of a sample clock, and note the first and its length.
 
-        One wrong stamp is none: two on either side must agree.
+        One wrong stamp is no step: two on either side must agree.
         """
-        seen = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
-        now = seen[2:]
-        back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(seen[1:-1], seen[:-2])
+        recent = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
+        now = recent[2:]
+        back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(recent[1:-1], recent[:-2])
         if back.any() and not self._back:
             at = int(np.argmax(back))
-            by_s = (seen[at + 1] - now[at]) * 1e-9
-            where = f"{PLACES[self._what]} {places[at]}"
+            by_s = (recent[at + 1] - now[at]) * 1e-9
+            where = f"{ROW_NAMES[self._what]} {places[at]}"
             self._first_back = f"first by {by_s:.6g} s at {where}: a gap of unknown length"
         self._back += int(back.sum())
-        self._last = seen[-2:]
+        self._last = recent[-2:]
 
     def finish(self) -> Iterator[SampleBlock]:
-        """Rows that still wait, at the end of the table."""
-        if self._late is not None:
-            yield from self._placed(self._late.place(np.empty(0), final=True))
+        """Yield the rows that still wait, at the end of the table."""
+        if self._host is not None:
+            yield from self._placed(self._host.place(np.empty(0), final=True))
 
     def _placed(self, lost: Ints) -> Iterator[SampleBlock]:
-        """The oldest rows that wait, for which it is known how many were lost before."""
+        """Yield the oldest rows that wait, of which the losses before are known."""
         if not len(lost):
             return
         assert self._stream is not None
@@ -208,72 +210,75 @@ class TableRows:
         self._waiting = [values[len(lost) :]]
         yield SampleBlock(self._stream, values[: len(lost)], None, lost)
 
-    # ------------------------------------------------------------ what the first rows tell
+    # ------------------------------------------------------------ the first rows
 
     def _begin(self, rows: Floats) -> Floats:
-        """Settle columns, clock and interval; the rows again, without columns that were given up."""
-        rows = self._drop(rows)
+        """Decide on columns, clock and interval; return the rows without the columns that are left out."""
+        rows = self._without_empty(rows)
         found = self._layout
-        check_sizes(self._path, self._what, found, np.where(np.abs(rows) < ABSURD, rows, np.nan))
-        self._said += assumed(self._what, found.columns)
-        seen = rows[(np.abs(rows) < ABSURD).all(axis=1)]
-        if not len(seen):
-            raise SourceError(
-                f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}: "
-                "if its sensors take turns, put the rows of each into a file of its own"
+        check_magnitudes(self._path, self._what, found, np.where(_present(rows), rows, np.nan))
+        self._remarks += unit_remarks(self._what, found.columns)
+        whole = rows[_present(rows).all(axis=1)]
+        if not len(whole):
+            raise RecordingError(
+                "no_complete_row",
+                f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}",
+                "if the sensors have rows of their own, put those of each into a file of its own",
             )
         width = len(found.columns)
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
         if found.times:
-            clock, interval = self._clock(seen[:, width : width + len(found.times)])
+            clock, interval = self._clock(whole[:, width : width + len(found.times)])
         elif found.interval is not None:
             clock, interval = "dt", None
-            self._compare(float(np.median(seen[:, -1])) * found.interval.factor, own=True)
+            self._compare(float(np.median(whole[:, -1])) * found.interval.factor, own=True)
         elif interval is None:
-            raise RateUnknown(self._clockless())
+            raise self._rate_required()
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
         self._stream = Stream(found.kind, found.channels, f"{self._what} ({sensors})", clock, interval)
         return rows
 
-    def _clockless(self) -> str:
+    def _rate_required(self) -> RateRequired:
+        """Return the error that says which columns may be a time."""
         used = {column.index for column in self._layout.columns}
         others = [name.strip() for k, name in enumerate(self._names) if k not in used]
-        there = f" (left over: {', '.join(others[:8])})" if others else ""
-        return (
-            f"{self._path} has no clock: no filled column is a time by its name{there}; "
-            "say which with --map t=COLUMN:UNIT, or give the sample rate with --rate"
+        hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
+        return RateRequired(
+            "rate_required",
+            f"{self._path} has no clock: no column with numbers has the name of a time{hint}",
+            f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}",
         )
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
-        """Remark where the rate that was told is not that of the stamps, and say which is used."""
-        if self._rate is None or abs(self._rate * interval_s - 1.0) <= FAR_OFF:
+        """Note if the configured rate differs from that of the stamps, and which is used."""
+        if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_SHARE:
             return
-        told = f"its stamps tell {1.0 / interval_s:.6g} Hz"
-        self._said.append(
-            f"{told} and are the sensor's clock: --rate {self._rate:g} is not used"
+        shown = f"its time stamps show {1.0 / interval_s:.6g} Hz"
+        self._remarks.append(
+            f"{shown} and are those of a sample clock: --rate {self._rate:g} is not used"
             if own
-            else f"{told}, but are a host's: --rate {self._rate:g} is used"
+            else f"{shown}, but are those of a host: --rate {self._rate:g} is used"
         )
 
-    def _drop(self, rows: Floats) -> Floats:
-        """Leave out columns that are not filled: an empty clock, a slower magnetometer."""
+    def _without_empty(self, rows: Floats) -> Floats:
+        """Leave out columns with few numbers: an empty time, a slower magnetometer."""
         found = self._layout
         count = len(found.columns)
         full = np.isfinite(rows).mean(axis=0) if len(rows) else np.zeros(rows.shape[1])
-        void = self._void(full)
+        empty = self._empty_sensors(full)
         keep = [
             k
             for k, name in enumerate(found.channels)
-            if (sensor_of(name) not in void if sensor_of(name) in INERTIAL else full[k] > FULL)
+            if (sensor_of(name) not in empty if sensor_of(name) in INERTIAL else full[k] > FILLED)
         ]
-        times = [k for k in range(len(found.times)) if full[count + k] > FULL]
-        times = times if found.apart else times[:1]
+        times = [k for k in range(len(found.times)) if full[count + k] > FILLED]
+        times = times if found.split_time else times[:1]
         interval = [count + len(found.times)] if found.interval is not None else []
-        if interval and full[interval[0]] <= FULL:
+        if interval and full[interval[0]] <= FILLED:
             interval = []
-        self._picked = [*keep, *(count + k for k in times), *interval]
-        self._tell_sparse(full)
+        self._used = [*keep, *(count + k for k in times), *interval]
+        self._note_sparse(full)
         self._layout = replace(
             found,
             channels=tuple(found.channels[k] for k in keep),
@@ -281,73 +286,73 @@ class TableRows:
             times=tuple(found.times[k] for k in times),
             interval=found.interval if interval else None,
         )
-        return rows[:, self._picked]
+        return rows[:, self._used]
 
-    def _tell_sparse(self, full: Floats) -> None:
-        """Remark on columns that are left out because hardly a row has them."""
-        found = self._layout
-        wanted = (*found.columns, *found.times, *([found.interval] if found.interval else []))
-        left = [c.name for k, c in enumerate(wanted) if k not in self._picked and 0 < full[k] <= FULL]
+    def _note_sparse(self, full: Floats) -> None:
+        """Note columns that are left out because hardly a row has them."""
+        columns = self._all_columns()
+        left = [c.name for k, c in enumerate(columns) if k not in self._used and 0 < full[k] <= FILLED]
         if left:
-            self._said.append(f"{', '.join(left)} not used: too many rows lack it")
+            self._remarks.append(f"{', '.join(left)} not used: too many rows lack it")
 
-    def _void(self, full: Floats) -> set[str]:
-        """Inertial sensors that lack an axis wholly, and are left out; none where there would be no other."""
-        named = self._layout.channels
-        empty = {sensor_of(name): k for k, name in enumerate(named) if not full[k]}
-        void = {sensor for sensor in empty if sensor in INERTIAL}
-        if void == {sensor_of(name) for name in named} & INERTIAL:
+    def _empty_sensors(self, full: Floats) -> set[str]:
+        """Return inertial sensors with an axis without numbers; none if no other would be left."""
+        channels = self._layout.channels
+        axis = {sensor_of(name): k for k, name in enumerate(channels) if not full[k]}
+        empty = {sensor for sensor in axis if sensor in INERTIAL}
+        if empty == {sensor_of(name) for name in channels} & INERTIAL:
             return set()
-        for sensor in void:
-            column = self._layout.columns[empty[sensor]].name
-            self._said.append(f"{column} holds no numbers: {sensor} is left out")
-        return void
+        for sensor in empty:
+            column = self._layout.columns[axis[sensor]].name
+            self._remarks.append(f"{column} holds no numbers: {sensor} is left out")
+        return empty
 
     def pick(self, rows: Floats) -> Floats:
-        """Later rows, (n, k) with the wanted columns, without those that were left out."""
-        return rows if self._stream is None else rows[:, self._picked]
+        """Return later rows, (n, k) with the columns of `columns`, without those that are left out."""
+        return rows if self._stream is None else rows[:, self._used]
 
     def _clock(self, times: Floats) -> tuple[Clock, float]:
-        """Clock and interval, s, from the times of the first rows."""
+        """Return clock and interval, s, from the times of the first rows."""
         found = self._layout.times
         self._origin = times[0].copy()
         self._scales = [UNITS["t"][column.unit or "ns"] for column in found]
         raw = times[:, 0] if len(found) == 1 else self._nanoseconds(times).astype(np.float64)
-        why = why_no_rate(raw)
-        if why is not None:
-            why = f"the time in {found[0].name} {why}"
+        obstacle = rate_obstacle(raw)
+        if obstacle is not None:
+            what, cure = OBSTACLES[obstacle]
+            text = f"the time in {found[0].name} {what}"
             if self._rate is None:
-                raise SourceError(f"{self._path}: {why}; or give --rate to do without it")
-            self._said.append(f"{why}: --rate {self._rate:g} is used, lost samples do not show")
+                raise RecordingError(obstacle, f"{self._path}: {text}", cure)
+            self._remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples do not show")
             return "none", 1.0 / self._rate
         if len(found) == 1:
             unit, remark = time_unit(self._path, self._what, found[0], raw, self._rate)
             self._scales = [UNITS["t"][unit]]
-            self._said += [remark] if remark else []
+            self._remarks += [remark] if remark else []
         t = self._nanoseconds(times).astype(np.float64)
-        tick, steady = interval_of(t)
-        self._compare(tick * 1e-9, own=steady)
+        interval, steady = stamp_interval(t)
+        self._compare(interval * 1e-9, own=steady)
         if steady:
-            return "startup", tick * 1e-9
-        self._late = Late(t, tick)
-        told = "its stamps come late or in batches, as a host's do: "
-        told += "only their mean rate is used" if self._rate is None else "they only show what was lost"
-        if self._late.rough:
-            told += ", and single lost samples cannot be told"
-        self._said.append(told)
-        return "none", tick * 1e-9 if self._rate is None else 1.0 / self._rate
+            return "startup", interval * 1e-9
+        self._host = HostStamps(t, interval)
+        text = "its time stamps are late or in batches, as those of a host: "
+        text += "only their mean rate is used" if self._rate is None else "they only show what was lost"
+        if self._host.rough:
+            text += ", and single lost samples do not show"
+        self._remarks.append(text)
+        return "none", interval * 1e-9 if self._rate is None else 1.0 / self._rate
 
     # ------------------------------------------------------------ every block
 
     def _over_interval(self, values: Floats, rows: Floats) -> Floats:
-        """Angles and velocities to rates: over each sample's own interval, else over the common one."""
+        """Divide angles and velocities by the interval of each sample, else by the common one."""
         found = self._layout
         assert self._stream is not None
-        over: Any = self._stream.interval_s
+        interval: Any = self._stream.interval_s
         if found.interval is not None:
-            over = (rows[:, -1] * found.interval.factor)[:, None]
-        moved = [k for k, name in enumerate(found.channels) if name[:4] in ("gyro", "acce")]
-        values[:, moved] /= over
+            interval = (rows[:, -1] * found.interval.factor)[:, None]
+        inertial = [k for k, name in enumerate(found.channels) if sensor_of(name) in INERTIAL]
+        values[:, inertial] /= interval
         return values
 
     def _times(self, rows: Floats) -> Ints | None:
@@ -360,9 +365,14 @@ class TableRows:
         return None
 
     def _nanoseconds(self, times: Floats) -> Ints:
-        """(n, 1 or 2) as the table has it, to (n,) ns since the first row."""
+        """Return (n,) ns since the first row of (n, 1 or 2) times as in the table."""
         assert self._origin is not None
         total = np.zeros(len(times))
         for k, scale in enumerate(self._scales):
             total += (times[:, k] - self._origin[k]) * scale
         return np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
+
+
+def _present(rows: Floats) -> Bools:
+    """Return which of some numbers are there: finite and possible."""
+    return np.abs(rows) < LARGEST

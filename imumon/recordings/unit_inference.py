@@ -1,132 +1,134 @@
-"""Plausibility: of which units the numbers of a table can be.
+"""Unit inference: which units the numbers of a table can have.
 
-Names may say no unit, or a wrong one, and a wrong one makes every figure wrong. A sensor at rest feels one g,
-turns slowly, and no inertial sensor is slower than about 1 Hz or faster than some kHz: where that decides,
-nothing is asked. Where two units are as plausible, it is an error that names both and how to say which.
+The name of a column may have no unit or a wrong one, and a wrong unit makes every result wrong. A sensor at
+rest measures one g and turns slowly, and inertial sensors sample at 1 Hz to some kHz: where that decides, the
+unit is inferred. Where two units are equally plausible, it is an error that names both and how to choose.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.errors import SourceError
+from imumon.recordings.base import RecordingError
 from imumon.recordings.column_names import UNITS, Column
-from imumon.recordings.columns import SENSORS, ColumnLayout
+from imumon.recordings.columns import ColumnLayout, channel_of, without_unit
 from imumon.samples import Floats
 from imumon.timebase.timestamps import typical_step
 
 USUAL_HZ = (0.7, 1400.0)
-"""Rates among which the unit of a time is looked for. They span more than the 1000 between two units: near
+"""Hz, rates at which the unit of a time is inferred. They span more than the 1000 between two units, so near
 1 Hz and 1 kHz both fit."""
 
 POSSIBLE_HZ = (1e-3, 2e4)
-"""Rates that are believed where the unit is said."""
+"""Hz, rates that are possible if the unit is given."""
 
 SINCE_1970_S = (1e9, 4.1e9)
-"""Sizes of a time that counts from 1970: the years 2001 to 2099."""
+"""s, times that count from 1970: the years 2001 to 2099."""
 
-SIZES = {"accel": (400.0, "m/s2", "mg"), "gyro": (70.0, "rad/s", "deg/s")}
-"""More than a sensor at rest shows in SI, and the unit that is likely then."""
+MAX_AT_REST = {"accel": (400.0, "m/s2", "mg"), "gyro": (70.0, "rad/s", "deg/s")}
+"""By sensor: SI, more than a sensor at rest measures, its unit, and the unit that is likely then."""
 
-NEAR = (0.8, 1.25)
-"""Share of one g within which a size must be one g."""
+ONE_G = (0.8, 1.25)
+"""Sizes of an acceleration that are one g, in g."""
 
-ENDINGS = {"deg/s": "dps", "rad/s": "rads"}
-"""Units as the name of an array ends with them, where they are spelled otherwise."""
+ARRAY_SUFFIXES = {"deg/s": "dps", "rad/s": "rads"}
+"""Units as suffixes of the name of an array, where they differ."""
 
 
-def cure(what: str, columns: Sequence[Column], unit: str) -> str:
-    """How to say the unit of some columns.
+def unit_cure(what: str, columns: Sequence[Column], unit: str) -> str:
+    """Return what to do to give the unit of some columns.
 
     Parameters
     ----------
-    what : the table is, ``csv``, ``npz`` or ``bag``.
+    what : kind of the table, ``csv``, ``npz`` or ``bag``.
     """
     if what == "bag":
         return "its driver must send SI units"
-    told = []
-    for column in columns:
-        sensor = SENSORS.get(column.quantity or "", column.quantity)
-        channel = f"{sensor}/{column.axis}" if column.axis else sensor
-        told.append(f"{channel}={_bare(column.name)}:{unit}")
-    by_hand = f"--map {','.join(told)}"
+    assigned = (f"{channel_of(column)}={without_unit(column.name)}:{unit}" for column in columns)
+    option = f"--map {','.join(assigned)}"
     if columns[0].name.isdigit():  # there is no header
-        return by_hand
+        return option
     if what == "npz":
-        return f"let the name of the array end with _{ENDINGS.get(unit, unit)}, or {by_hand}"
-    return f"write [{unit}] behind the name in the header, or {by_hand}"
+        return f"let the name of the array end with _{ARRAY_SUFFIXES.get(unit, unit)}, or {option}"
+    return f"write [{unit}] behind the name in the header, or {option}"
 
 
-def assumed(what: str, columns: Sequence[Column]) -> list[str]:
-    """Remarks on columns whose unit nothing tells, not even their size: angles and rates."""
+def unit_remarks(what: str, columns: Sequence[Column]) -> list[str]:
+    """Return remarks on columns whose unit is assumed: angles and rates, whose size does not show it."""
     remarks = []
     for quantity, si, other in (("gyro", "rad/s", "deg/s"), ("angle", "rad", "deg")):
         bare = [c for c in columns if c.quantity == quantity and c.unit is None]
         if bare:
-            named = ", ".join(column.name for column in bare)
+            names = ", ".join(column.name for column in bare)
             remarks.append(
-                f"{named} without a unit: taken as {si}; if {other} is meant, {cure(what, bare, other)}"
+                f"{names} without a unit: {si} is assumed; if it is {other}, {unit_cure(what, bare, other)}"
             )
     return remarks
 
 
-def check_sizes(path: str, what: str, found: ColumnLayout, rows: Floats) -> None:
-    """Refuse numbers that cannot be of their units.
+def check_magnitudes(path: str, what: str, found: ColumnLayout, rows: Floats) -> None:
+    """Check that the numbers can have their units.
 
     Parameters
     ----------
-    rows : (n, k) with a column for each of the layout's first; not finite is missing.
+    rows : (n, k) with the columns of the layout first; not finite is missing.
 
     Raises
     ------
-    SourceError : they cannot, or no row has all axes of a sensor.
+    RecordingError : they cannot, or no row has all axes of a sensor.
     """
-    for sensor, (most, si, likely) in SIZES.items():
-        picked = [k for k, column in enumerate(found.columns) if column.quantity == sensor]
-        if not picked:
+    for sensor, (most, si, likely) in MAX_AT_REST.items():
+        indices = [k for k, column in enumerate(found.columns) if column.quantity == sensor]
+        if not indices:
             continue
-        columns = [found.columns[k] for k in picked]
+        columns = [found.columns[k] for k in indices]
         names = ", ".join(column.name for column in columns)
-        seen = rows[np.isfinite(rows[:, picked]).all(axis=1)][:, picked]
-        if not len(seen):
-            raise SourceError(f"{path}: no row has numbers for all of {names}")
-        # a few spoilt numbers say nothing of the unit
-        size = float(np.median(np.linalg.norm(seen * [column.factor for column in columns], axis=1)))
+        valid = rows[np.isfinite(rows[:, indices]).all(axis=1)][:, indices]
+        if not len(valid):
+            raise RecordingError("no_complete_row", f"{path}: no row has numbers for all of {names}")
+        # the median: a few wrong numbers say nothing of the unit
+        size = float(np.median(np.linalg.norm(valid * [column.factor for column in columns], axis=1)))
         bare = [column for column in columns if column.unit is None]
-        fits = [u for u in ("g", "mg") if sensor == "accel" and _near(size / (1.0 if u == "g" else 1000.0))]
+        fits = [
+            u
+            for u in ("g", "mg")
+            if sensor == "accel" and _within(size / (1.0 if u == "g" else 1000.0), ONE_G)
+        ]
         if size <= most and not (bare and fits):
             continue
         unit = (fits or [likely])[0]
-        blamed = bare or columns
-        said = f"says {blamed[0].unit}" if not bare else f"says no unit, which means {si}"
+        wrong = bare or columns
+        given = f"is in {wrong[0].unit}" if not bare else f"has no unit, which means {si}"
         if sensor == "accel" and not fits:
-            advice = (
-                "that is one g in none of m/s2, g, mg: if these are raw counts, divide them by "
-                f"the counts per g of the data sheet, then {cure(what, blamed, 'g')}"
+            code, cure = (
+                "raw_counts",
+                (
+                    "that is one g in none of m/s2, g, mg: if these are raw counts, divide them by "
+                    f"the counts per g of the data sheet, then {unit_cure(what, wrong, 'g')}"
+                ),
             )
         else:
-            advice = f"if it is {unit}, {cure(what, blamed, unit)}"
-            advice += "; if these are raw counts, scale them first" if sensor == "gyro" else ""
-        raise SourceError(f"{path}: {blamed[0].name} {said}, but its size is {size:.3g}: {advice}")
+            code, cure = "wrong_unit", f"if it is {unit}, {unit_cure(what, wrong, unit)}"
+            cure += "; if these are raw counts, scale them first" if sensor == "gyro" else ""
+        raise RecordingError(code, f"{path}: {wrong[0].name} {given}, but its size is {size:.3g}", cure)
 
 
 def time_unit(
     path: str, what: str, column: Column, times: Floats, rate_hz: float | None
 ) -> tuple[str, str | None]:
-    """Unit of a column of time, and what to remark on it.
+    """Return the unit of a column of time, and a remark on it.
 
     Parameters
     ----------
-    times : (n,) as the table has them, not all the same.
-    rate_hz : told by the user, None otherwise.
+    times : (n,) as in the table, not all the same.
+    rate_hz : Hz, configured sample rate; None: not configured.
 
     Raises
     ------
-    SourceError : the unit that is said is not possible, or two are as plausible.
+    RecordingError : the given unit is not possible, or two are equally plausible.
     """
     step = typical_step(times)
     rates = {unit: 1e9 / (step * ns) for unit, ns in UNITS["t"].items()}
@@ -134,9 +136,11 @@ def time_unit(
     if column.unit is not None:
         if _within(rates[column.unit], POSSIBLE_HZ):
             return column.unit, None
-        raise SourceError(
-            f"{path}: {column.name} says {column.unit}, but its steps of {step:.3g} would then be "
-            f"{rates[column.unit]:.3g} Hz: " + _either(what, column, usual, rates)
+        raise RecordingError(
+            "wrong_time_unit",
+            f"{path}: {column.name} is in {column.unit}, but its steps of {step:.3g} would then be "
+            f"{rates[column.unit]:.3g} Hz",
+            _choices(what, column, usual, rates),
         )
     if rate_hz is not None:
         return min(rates, key=lambda unit: abs(math.log(rates[unit] / rate_hz))), None
@@ -144,35 +148,29 @@ def time_unit(
     likely = [unit for unit in usual if unit in dated] or usual
     likely = likely or [unit for unit in ("s", "ns") if _within(rates[unit], POSSIBLE_HZ)]
     if len(likely) != 1:
-        raise SourceError(
-            f"{path}: {column.name} says no unit, and its steps are {step:.3g}: "
-            + _either(what, column, likely, rates)
+        raise RecordingError(
+            "ambiguous_time_unit",
+            f"{path}: {column.name} has no unit, and its steps are {step:.3g}",
+            _choices(what, column, likely, rates),
         )
     unit = likely[0]
     if unit == "s" or unit in dated:
         return unit, None
     return unit, (
-        f"{column.name} without a unit: taken as {unit}, which is {rates[unit]:.4g} Hz; "
-        f"if it is not, {cure(what, [column], 's')}"
+        f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz; "
+        f"if it is another, {unit_cure(what, [column], 's')}"
     )
 
 
-def _either(what: str, column: Column, units: Sequence[str], rates: dict[str, float]) -> str:
-    """What a time may be, and how to say it."""
+def _choices(what: str, column: Column, units: Sequence[str], rates: dict[str, float]) -> str:
+    """Return which units a time can have, and how to give one."""
     if not units:
         return "no unit makes that the rate of a sensor; name another column with --map t=COLUMN:UNIT"
     readings = " or ".join(f"{rates[unit]:.4g} Hz if that is {unit}" for unit in units)
-    return f"{readings}; {cure(what, [column], units[0])}" + (" (or --rate)" if column.unit is None else "")
+    return f"{readings}; {unit_cure(what, [column], units[0])}" + (
+        " (or --rate)" if column.unit is None else ""
+    )
 
 
 def _within(value: float, limits: tuple[float, float]) -> bool:
     return limits[0] <= value <= limits[1]
-
-
-def _near(size: float) -> bool:
-    return _within(size, NEAR)
-
-
-def _bare(name: str) -> str:
-    """Name without its unit in brackets."""
-    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name)

@@ -1,12 +1,5 @@
-"""Replay: the loop of the daemon over a recording."""
+"""Replay: a recording through the same pipeline as the daemon."""
 
-from imumon.replay.replay import NotARecording, ReplayOptions, Samples, bar, open_samples, replay
+from imumon.replay.replay import ReplayOptions, progress_bar, replay
 
-__all__ = [
-    "NotARecording",
-    "ReplayOptions",
-    "Samples",
-    "bar",
-    "open_samples",
-    "replay",
-]
+__all__ = ["ReplayOptions", "progress_bar", "replay"]

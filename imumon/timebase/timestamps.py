@@ -1,54 +1,81 @@
-"""Stamps: which ticks of the sensor's grid the rows of a table are, by time stamps of whatever quality.
+"""Time stamps: the grid index of the rows of a table, from stamps of any quality.
 
-Stamps of a sensor step by whole ticks; the timeline places them one by one. Those of a host come late, each
-by another delay: a scheduler, a bus that batches, a stall behind which many rows come at once. No step of
-theirs tells much, but rows are late, not lost, if later ones catch up. So the least lateness of the next
-second is looked at: it rises by whole ticks where samples were lost, and nowhere else.
+Stamps of a sample clock step by whole intervals; `sample_clock` places them one by one. Stamps of a host are
+late, each by another delay: a scheduler, a bus that batches, a stall after which many rows arrive at once. No
+single step says much, but a row that is late is not lost if later rows catch up. So the smallest delay within
+the next second decides: it rises by whole intervals where samples were lost, and nowhere else.
 
-This file knows no tables: times in, ticks out.
+This module knows no tables: times in, grid steps out.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from imumon.samples import Floats, Ints
 
-STEADY, MOSTLY = 0.1, 0.95
-"""Stamps are a sensor's where that share of the steps is whole ticks within this part of one."""
+RateObstacle: TypeAlias = Literal["single_row", "time_descending", "time_constant", "time_too_coarse"]
+"""Why time stamps show no rate."""
 
-WINDOWS = (16, 256)
-"""Rows of the first look at the rate: more than a batch and fewer than from one lost sample to the next; many
-where the delays are long. What leaves less unrest is right."""
+STEADY = 0.1
+"""Intervals by which a step of a sample clock may differ from a whole number of them."""
+
+STEADY_SHARE = 0.95
+"""Share of steps that must be whole intervals for the stamps to be those of a sample clock."""
+
+SINGLE_STEP = 1.5
+"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
+
+SHORT_WINDOW = 16
+"""Rows of one of the two first estimates of the rate: more than a batch, fewer than from one lost sample to
+the next. The estimate that fits better is used."""
+
+LONG_WINDOW = 256
+"""Rows of the other first estimate, for long delays."""
 
 EDGE = 256
-"""Rows among which the least late is looked for while the rate is: more than come at once."""
+"""Rows among which the smallest delay is looked for during the estimate: more than arrive at once."""
 
-SCARCE = 30.0
-"""So many times longer than all single steps are the holes between them where rows come in bursts, and each
-has the time of its arrival; a sensor that loses four of five samples has fewer."""
+BURST_RATIO = 30.0
+"""Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are
+those of their arrival; a sensor that loses four of five samples has less."""
+
+BURST_GAPS = 3
+"""Longest gaps that do not count for this ratio. Not critical."""
 
 CRYSTAL = 1e-4
-"""A rate as near as this to whole Hz is that: no two clocks agree better."""
+"""Relative distance from whole Hz below which a rate is whole Hz: no two clocks agree better."""
 
-DOUBTED = 0.01
-"""Share of lost samples from which it is asked whether there were none, and the rate another."""
+LOSS_DOUBTED = 0.01
+"""Share of lost samples above which an estimate without losses is tried as well."""
 
 AHEAD_S = 1.0
-"""A stall that is made up for within this is a delay; a longer one counts as lost samples."""
+"""s. A stall that is made up for within this time is a delay; a longer one counts as lost samples."""
 
-FEW = 10
-"""Steps of stamps in batches that are too few to tell a rate: what came before the first and behind the last
-is not known."""
+AHEAD_ROWS = 32
+"""Rows that are looked ahead at least. Not critical."""
+
+FEW_STEPS = 10
+"""Steps of batched stamps that are too few to show a rate: the batches at both ends are incomplete."""
 
 ROUGH = 0.1
-"""Unrest of the least lateness, ticks, from which a single lost sample cannot be told."""
+"""Intervals by which the smallest delay may vary so that a single lost sample still shows."""
+
+LOSS = 0.5
+"""Intervals by which the smallest delay must rise to be lost samples."""
+
+ROUGH_LOSS = 5.0
+"""The same where single losses do not show."""
+
+ROUGH_LOSS_S = 0.1
+"""s, at least, of a loss where single losses do not show."""
 
 
 def typical_step(times: Floats) -> float:
-    """About the mean step within most stretches of rows, whether they come one by one or in batches.
+    """Return the mean step within most stretches of rows, roughly, whether they come singly or in batches.
 
     Parameters
     ----------
@@ -58,7 +85,7 @@ def typical_step(times: Floats) -> float:
     (0.015625, 1.0)
     """
     count = len(times) - 1
-    window = min(WINDOWS[1], max(1, count // 4))
+    window = min(LONG_WINDOW, max(1, count // 4))
     while window <= count:
         step = float(np.median(times[window:] - times[:-window])) / window
         if step > 0.0:
@@ -67,30 +94,24 @@ def typical_step(times: Floats) -> float:
     return float(np.maximum(np.diff(times), 0.0).mean())
 
 
-def why_no_rate(times: Floats) -> str | None:
-    """Why some times tell no rate; None where they do.
+def rate_obstacle(times: Floats) -> RateObstacle | None:
+    """Return why some times show no rate; None if they do.
 
     Parameters
     ----------
     times : (n,) in any unit.
     """
     steps = np.diff(times)
-    ahead = int((steps > 0.0).sum())
+    forward = int((steps > 0.0).sum())
     if len(times) < 2:
-        return "is of one row, and two are needed to tell a rate"
-    if not ahead:
-        return (
-            "runs backwards, sort its rows by it"
-            if (steps < 0.0).any()
-            else "stands still: write it with more digits"
-        )
-    if 2 * ahead < len(steps) and ahead < FEW:
-        return f"hardly steps, {ahead} in {len(times):,} rows: write it with more digits"
-    return None
+        return "single_row"
+    if not forward:
+        return "time_descending" if (steps < 0.0).any() else "time_constant"
+    return "time_too_coarse" if 2 * forward < len(steps) and forward < FEW_STEPS else None
 
 
-def interval_of(times: Floats) -> tuple[float, bool]:
-    """Sampling interval, and whether the stamps are a sensor's.
+def stamp_interval(times: Floats) -> tuple[float, bool]:
+    """Return the sampling interval, and whether the stamps are those of a sample clock.
 
     Parameters
     ----------
@@ -98,56 +119,57 @@ def interval_of(times: Floats) -> tuple[float, bool]:
 
     Returns
     -------
-    ns, and True where nearly all steps are whole ticks.
+    ns, and True if nearly all steps are whole intervals.
     """
     steps = np.diff(times)
     ahead = steps[steps > 0.0]
     shortest = float(np.quantile(ahead, 0.1, method="lower"))
-    tick = float(ahead[ahead < 1.5 * shortest].mean())
-    ticks = steps / tick
-    steady = float(np.mean((np.abs(ticks - np.rint(ticks)) < STEADY) & (ticks > 0.5))) >= MOSTLY
-    if steady and not _bursts(ticks):
-        return _round(_refined(times, tick, 1)), True
+    interval = float(ahead[ahead < SINGLE_STEP * shortest].mean())
+    counts = steps / interval
+    steady = float(np.mean((np.abs(counts - np.rint(counts)) < STEADY) & (counts > 0.5))) >= STEADY_SHARE
+    if steady and not _in_bursts(counts):
+        return _near_hertz(_refined(times, interval, 1)), True
     tried = []
-    for window in {min(window, len(times) - 1) for window in WINDOWS}:
-        tick = _densest(times[window:] - times[:-window]) / window
-        if tick > 0.0:
-            tried.append(_round(_refined(times, tick, window)))
-    best = min(((_wrongness(times, tick), tick) for tick in tried), default=None)
-    if best is None or (best[0] > (False, DOUBTED) and times[-1] > times[0]):
-        level = _round(_level(times))
-        best = min(((_wrongness(times, level), level), *([] if best is None else [best])))
+    for window in {min(window, len(times) - 1) for window in (SHORT_WINDOW, LONG_WINDOW)}:
+        interval = _half_sample_mode(times[window:] - times[:-window]) / window
+        if interval > 0.0:
+            tried.append(_near_hertz(_refined(times, interval, window)))
+    best = min(((_misfit(times, interval), interval) for interval in tried), default=None)
+    if best is None or (best[0] > (False, LOSS_DOUBTED) and times[-1] > times[0]):
+        level = _near_hertz(_lossless_interval(times))
+        best = min(((_misfit(times, level), level), *([] if best is None else [best])))
     return best[1], False
 
 
-def _bursts(ticks: Floats) -> bool:
-    """Whether single steps are but the haste between rows that come at once; three holes are forgiven."""
-    single = float(ticks[(ticks > 0.0) & (ticks < 1.5)].sum())
-    return float(np.sort(ticks[ticks >= 1.5])[:-3].sum()) > SCARCE * single
+def _in_bursts(counts: Floats) -> bool:
+    """Return whether single steps are only those between rows that arrive at once."""
+    single = float(counts[(counts > 0.0) & (counts < SINGLE_STEP)].sum())
+    return float(np.sort(counts[counts >= SINGLE_STEP])[:-BURST_GAPS].sum()) > BURST_RATIO * single
 
 
-def _level(times: Floats) -> float:
-    """Interval at which the least lateness is as high at the end as at the begin: if no sample was lost."""
+def _lossless_interval(times: Floats) -> float:
+    """Return the interval at which the smallest delay does not rise: as if no sample was lost."""
     rows, half = np.arange(len(times)), len(times) // 2
-    tick = float(times[-1] - times[0]) / (len(times) - 1)
+    interval = float(times[-1] - times[0]) / (len(times) - 1)
     for _ in range(4):
-        edge = least_ahead(times / tick - rows, min(EDGE, max(1, half)))
-        tick *= 1.0 + float(np.median(edge[half:] - edge[: len(edge) - half])) / max(1, half)
-    return tick
+        edge = sliding_minimum(times / interval - rows, min(EDGE, max(1, half)))
+        interval *= 1.0 + float(np.median(edge[half:] - edge[: len(edge) - half])) / max(1, half)
+    return interval
 
 
-def _wrongness(times: Floats, tick: float) -> tuple[bool, float]:
-    """For comparing intervals: whether the least lateness leaves the grid, or falls, and by how much; where
-    it does neither, how many samples must have been lost."""
-    window = min(_window(tick), len(times) // 2)
-    edge = least_ahead(times / tick - np.arange(len(times)), window)
+def _misfit(times: Floats, interval: float) -> tuple[bool, float]:
+    """Return, to compare intervals, whether the smallest delay leaves the grid or falls, and by how much; if
+    it does neither, the share of lost samples."""
+    window = min(_ahead(interval), len(times) // 2)
+    edge = sliding_minimum(times / interval - np.arange(len(times)), window)
     risen = edge[window:] - edge[:-window]
     off = float(np.minimum(np.abs(risen - np.maximum(np.rint(risen), 0.0)), 0.5).mean())
     return off > ROUGH, off if off > ROUGH else float(np.maximum(risen, 0.0).mean()) / window
 
 
-def _densest(values: Floats) -> float:
-    """Where most of them lie: ever the shortest half. Windows in which a sample was lost lie a tick above."""
+def _half_sample_mode(values: Floats) -> float:
+    """Return the half-sample mode of some values: windows in which a sample was lost lie an interval
+    above."""
     values = np.sort(values)
     while (half := len(values) // 2) > 1:
         at = int(np.argmin(values[half:] - values[:-half]))
@@ -155,68 +177,70 @@ def _densest(values: Floats) -> float:
     return float(values.mean())
 
 
-def _refined(times: Floats, tick: float, window: int) -> float:
-    """Interval from ever longer windows, counted in ticks of the last: what is lost within counts too.
+def _refined(times: Floats, interval: float, window: int) -> float:
+    """Return an interval from longer and longer windows, counted in intervals of the last estimate.
 
-    Times are those of the least late, which is what a delay leaves of them.
+    Lost samples count. The times are those of the rows with the smallest delay.
     """
     rows = np.arange(len(times))
     while 2 * window < len(times):
         window *= 2
-        least = (least_ahead(times / tick - rows, min(window, EDGE)) + rows) * tick
+        least = (sliding_minimum(times / interval - rows, min(window, EDGE)) + rows) * interval
         spans = least[window:] - least[:-window]
-        counts = np.rint(spans / tick)
+        counts = np.rint(spans / interval)
         if (counts > 0.0).all():
-            tick = float(np.median(spans / counts))
-    return tick
+            interval = float(np.median(spans / counts))
+    return interval
 
 
-def _round(tick: float) -> float:
-    rate = 1e9 / tick
+def _near_hertz(interval: float) -> float:
+    """Return the interval of a whole number of Hz if the rate is near to it, ns."""
+    rate = 1e9 / interval
     near = round(rate)
-    return 1e9 / near if near and abs(rate / near - 1.0) < CRYSTAL else tick
+    return 1e9 / near if near and abs(rate / near - 1.0) < CRYSTAL else interval
 
 
-def _window(tick: float) -> int:
-    """Rows of the next second."""
-    return max(32, math.ceil(AHEAD_S * 1e9 / tick))
+def _ahead(interval: float) -> int:
+    """Return the number of rows in the next second."""
+    return max(AHEAD_ROWS, math.ceil(AHEAD_S * 1e9 / interval))
 
 
-def _unrest(times: Floats, tick: float) -> float:
-    """How far from whole ticks the least lateness mostly rises within a second; 0.25 is no grid at all."""
-    window = min(_window(tick), len(times) // 2)
-    edge = least_ahead(times / tick - np.arange(len(times)), window)
+def _roughness(times: Floats, interval: float) -> float:
+    """Return how far from whole intervals the smallest delay rises within a second; 0.25 is no grid at
+    all."""
+    window = min(_ahead(interval), len(times) // 2)
+    edge = sliding_minimum(times / interval - np.arange(len(times)), window)
     risen = edge[window:] - edge[:-window]
     return float(np.median(np.abs(risen - np.rint(risen))))
 
 
-class Late:
-    """Rows of late stamps, given their ticks.
+class HostStamps:
+    """Counts the samples that were lost before each row, from the time stamps of a host.
 
     Parameters
     ----------
-    times : (n,) ns, the first rows, by which the unrest of the stamps is judged.
-    tick : ns, the sampling interval.
+    times : (n,) ns, the first rows; they show whether single losses can be seen.
+    interval : ns, the sampling interval.
 
     Attributes
     ----------
-    rough : a single lost sample cannot be told, only a hole.
-    back_s : s that the clock was put back by, in all.
+    rough : single lost samples do not show, only longer gaps.
+    back_s : s by which the host clock stepped back, in total.
     """
 
-    def __init__(self, times: Floats, tick: float) -> None:
-        self._tick = tick
-        self._window = _window(tick)
-        self.rough = _unrest(times, tick) > ROUGH
-        self._least = 0.5 if not self.rough else max(5.0, 0.1e9 / tick)
-        self._held = np.empty(0)
-        self._rows = 0  # before the held ones
+    def __init__(self, times: Floats, interval: float) -> None:
+        self._tick = interval
+        self._window = _ahead(interval)
+        self.rough = _roughness(times, interval) > ROUGH
+        self._least = max(ROUGH_LOSS, ROUGH_LOSS_S * 1e9 / interval) if self.rough else LOSS
+        self._pending = np.empty(0)
+        self._rows = 0  # before the pending ones
         self._lost = 0
         self._level: float | None = None
         self.back_s = 0.0
 
     def place(self, times: Floats, *, final: bool = False) -> Ints:
-        """Samples lost before each row; those of the last second wait for what comes behind them.
+        """Return the samples lost before each row; rows of the last second wait for those after them.
 
         Parameters
         ----------
@@ -225,12 +249,12 @@ class Late:
 
         Returns
         -------
-        (k,) for the oldest rows that waited.
+        (k,) for the oldest rows that wait.
         """
-        times = np.concatenate([self._held, times])
+        times = np.concatenate([self._pending, times])
         ready = len(times) if final else max(0, len(times) - self._window)
         late = times / self._tick - (self._rows + np.arange(len(times)))
-        edge = least_ahead(late, self._window)[:ready]
+        edge = sliding_minimum(late, self._window)[:ready]
         lost = np.zeros(ready, dtype=np.int64)
         for k, height in enumerate(edge.tolist()):
             level = height if self._level is None else self._level
@@ -241,22 +265,22 @@ class Late:
                 above -= int(lost[k])
             if above < -self._window:
                 self.back_s -= above * self._tick * 1e-9
-            # clocks drift apart, slowly; what was early before is early at once
-            self._level = level + (above if above < -0.5 else above / self._window)
-        self._held, self._rows = times[ready:], self._rows + ready
+            # clocks drift apart slowly; a row that is early shows a smaller delay at once
+            self._level = level + (above if above < -LOSS else above / self._window)
+        self._pending, self._rows = times[ready:], self._rows + ready
         return lost
 
 
-def least_ahead(values: Floats, window: int) -> Floats:
-    """(n,) the least of each value and the window - 1 behind it.
+def sliding_minimum(values: Floats, window: int) -> Floats:
+    """Return (n,) the smallest of each value and the window - 1 after it.
 
-    >>> least_ahead(np.array([3.0, 1.0, 2.0, 5.0, 4.0]), 2).tolist()
+    >>> sliding_minimum(np.array([3.0, 1.0, 2.0, 5.0, 4.0]), 2).tolist()
     [1.0, 1.0, 2.0, 4.0, 4.0]
     """
     padded = np.full((len(values) // window + 2) * window, np.inf)
     padded[: len(values)] = values
-    pieces = padded.reshape(-1, window)
-    to_end = np.minimum.accumulate(pieces[:, ::-1], axis=1)[:, ::-1].ravel()
-    from_start = np.minimum.accumulate(pieces, axis=1).ravel()
+    blocks = padded.reshape(-1, window)
+    to_end = np.minimum.accumulate(blocks[:, ::-1], axis=1)[:, ::-1].ravel()
+    from_start = np.minimum.accumulate(blocks, axis=1).ravel()
     n = len(values)
     return np.asarray(np.minimum(to_end[:n], from_start[window - 1 : n + window - 1]))

@@ -41,6 +41,9 @@ _KINDS: tuple[tuple[Kind, str, str], ...] = (
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, with the factor that converts their rate to SI."""
 
+TICK_S = 1.0 / 800.0
+"""s, period of the inner loop of a VN-100: its output intervals are multiples of it."""
+
 _MAX_INTERVAL_S = 1e6
 """s; longer intervals are invalid. Not critical."""
 
@@ -184,5 +187,13 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     uses_dt = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in available)
     differing = {sensor: own for sensor, own in sensor_kinds.items() if own != kind}
-    stream = Stream(kind, channels, source, clock, gyro=differing.get("gyro"), accel=differing.get("accel"))
+    stream = Stream(
+        kind,
+        channels,
+        source,
+        clock,
+        gyro=differing.get("gyro"),
+        accel=differing.get("accel"),
+        tick_s=TICK_S,
+    )
     return SampleConverter(stream, tuple(parts), uses_dt, flags)

@@ -1,13 +1,10 @@
-"""Sources: ports that behave and ports that do not, recordings and what is left of damaged ones."""
+"""Serial ports: those that work and those that do not."""
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
-import gzip
 import os
 import pty
-import random
 import socket
 import subprocess
 import sys
@@ -15,7 +12,6 @@ import termios
 import threading
 import time
 import tty
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,30 +20,25 @@ import pytest
 from imumon.daemon.connection import _others
 
 from imumon.devices import serial_port as port_module
-from imumon.recordings import (
-    CaptureWriter,
+from imumon.devices.serial_port import (
     PortError,
     PortGone,
     PortInfo,
-    RawCapture,
     SerialPort,
-    SourceError,
     find_again,
     holders,
-    read_file,
 )
-from imumon.recordings.raw_capture import part_path
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 5.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < deadline, "it did not come about in time"
+        assert time.monotonic() < deadline, "not in time"
         time.sleep(0.002)
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:
-    """So many bytes from a port."""
+    """Read this many bytes from a port."""
     data, deadline = b"", time.monotonic() + seconds
     while len(data) < size and time.monotonic() < deadline:
         data += port.read(0.1)
@@ -96,7 +87,7 @@ def test_bytes_go_both_ways_unchanged(line: Line) -> None:
         assert port.kernel_overruns is None, "a pseudo-terminal counts none, which is not the same as none"
 
 
-def test_read_without_bytes_waits_as_long_as_asked_and_no_longer(line: Line) -> None:
+def test_read_without_bytes_waits_for_its_timeout(line: Line) -> None:
     with SerialPort(line.path) as port:
         begun = time.monotonic()
         assert port.read(0.05) == b""
@@ -190,7 +181,7 @@ def test_reopening_goes_on_with_the_same_baud(line: Line) -> None:
         assert port.baud == 230400
 
 
-def test_reading_goes_on_while_nobody_asks(line: Line) -> None:
+def test_reading_continues_between_reads(line: Line) -> None:
     size = 1 << 20
     with SerialPort(line.path, 921600) as port:
         sender = threading.Thread(target=_send, args=(line.master, bytes(size)))
@@ -251,7 +242,7 @@ def test_socket_is_a_port() -> None:
 def test_what_is_no_port_is_one_line_with_a_cure(tmp_path: Path, line: Line) -> None:
     file = tmp_path / "run.bin"
     file.write_bytes(b"x")
-    for path, said in {
+    for path, pattern in {
         str(tmp_path / "ttyUSB9"): "no port .*: (there is|no serial port found)",
         str(tmp_path): "is a directory, not a serial port",
         str(file): "is a file, not a serial port; .*imumon replay",
@@ -260,7 +251,7 @@ def test_what_is_no_port_is_one_line_with_a_cure(tmp_path: Path, line: Line) -> 
         "what://ever": "is the server running, and the URL right",
         "bad\0name": "no port",
     }.items():
-        with pytest.raises(PortError, match=said) as refused:
+        with pytest.raises(PortError, match=pattern) as refused:
             SerialPort(path)
         assert "\n" not in str(refused.value)
 
@@ -321,9 +312,9 @@ def test_who_else_reads_a_port_that_gives_nothing_is_named(tmp_path: Path) -> No
     place.touch()
     assert _others(str(place)) == ""
     with place.open() as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
-        said = _others(str(place))
+        found = _others(str(place))
         other.kill()
-    assert said == f"; sleep ({other.pid}) has it open too: end that program first"
+    assert found == f"; sleep ({other.pid}) has it open too: end that program first"
 
 
 def test_a_port_is_ours_alone(line: Line) -> None:
@@ -335,7 +326,7 @@ def test_a_port_is_ours_alone(line: Line) -> None:
 
 
 def test_a_replugged_adapter_is_known_by_its_serial_number(tmp_path: Path) -> None:
-    here = str(tmp_path)  # stands for a path that exists
+    here = str(tmp_path)  # a path that exists
     ours, other = (0x0403, 0x6001, "FT1"), (0x0403, 0x6001, "FT2")
     before = [PortInfo("/dev/ttyUSB7", "", ours), PortInfo("/dev/ttyUSB8", "", other)]
     now = [PortInfo("/dev/ttyUSB8", "", other), PortInfo("/dev/ttyUSB9", "", ours)]
@@ -343,223 +334,3 @@ def test_a_replugged_adapter_is_known_by_its_serial_number(tmp_path: Path) -> No
     assert find_again(here, [PortInfo(here, "", ours)], now) == [here, "/dev/ttyUSB9"]
     assert find_again("/dev/ttyS99", [PortInfo("/dev/ttyS99", "", None)], now) == []
     assert find_again("socket://a:1", [], now) == ["socket://a:1"]
-
-
-# ---------------------------------------------------------------------- recordings
-
-
-def contents(path: Path | str) -> bytes:
-    return b"".join(read_file(str(path)))
-
-
-@pytest.fixture(scope="module")
-def noise() -> bytes:
-    return random.Random(5).randbytes(700_000)
-
-
-@pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
-@pytest.mark.parametrize("rotate", [0, 100_000])
-def test_what_is_recorded_is_read_back(tmp_path: Path, noise: bytes, name: str, rotate: int) -> None:
-    path = str(tmp_path / name)
-    recorder = CaptureWriter(
-        path, {"time": "2026-01-01T00:00:00Z", "serial": "0100056785"}, rotate_bytes=rotate
-    )
-    for at in range(0, len(noise), 70_000):
-        recorder.write(noise[at : at + 70_000])
-        if rotate:
-            wait_for(lambda at=at: recorder.written_bytes >= at)
-    recorder.close()
-    assert recorder.stopped is None
-    assert recorder.written_bytes == len(noise)
-    recording = RawCapture(path)
-    assert recording.header is not None
-    assert recording.header["serial"] == "0100056785"
-    assert b"".join(recording) == noise
-    assert recording.problem is None
-    assert recording.progress == 1.0
-
-
-@pytest.fixture(autouse=True)
-def _brisk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write through at once: these tests wait for what is on disk."""
-    monkeypatch.setattr("imumon.recordings.raw_capture.FLUSH_S", 0.01)
-
-
-def test_rotation_makes_numbered_parts_that_follow_by_themselves(tmp_path: Path) -> None:
-    path = str(tmp_path / "run.bin")
-    recorder = CaptureWriter(path, {}, rotate_bytes=10)
-    for number in range(5):
-        recorder.write(b"%d-------" % number)
-        wait_for(lambda number=number: recorder.written_bytes == 8 * (number + 1))
-    recorder.close()
-    assert sorted(os.listdir(tmp_path)) == [*(f"run.000{i}.bin" for i in range(1, 5)), "run.bin"]
-    assert contents(path) == b"".join(b"%d-------" % number for number in range(5))
-    assert contents(part_path(path, 3)) == b"3-------4-------"
-
-
-def test_an_old_recording_is_never_overwritten_nor_mixed_in(tmp_path: Path) -> None:
-    path = str(tmp_path / "run.bin")
-    for words in (b"first", b"second"):
-        recorder = CaptureWriter(path, {})
-        recorder.write(words)
-        recorder.close()
-    assert contents(path) == b"first"
-    assert contents(tmp_path / "run.0001.bin") == b"second"
-
-
-@pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
-def test_a_recording_that_is_removed_goes_on_in_its_next_part(tmp_path: Path, name: str) -> None:
-    recorder = CaptureWriter(str(tmp_path / name), {})
-    (tmp_path / name).unlink()
-    recorder.write(b"what comes next")
-    recorder.close()
-    assert recorder.stopped is None
-    assert contents(part_path(str(tmp_path / name), 1)) == b"what comes next"
-
-
-def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(SourceError, match="nobody reads that pipe"):
-        CaptureWriter(str(tmp_path / "pipe"), {})
-
-
-def test_full_disk_ends_the_recording_and_nothing_else() -> None:
-    with pytest.raises(SourceError, match=r"cannot record to /dev/full: no space left on device"):
-        CaptureWriter("/dev/full", {})
-
-
-def test_disk_that_fills_up_ends_the_recording_and_says_so(tmp_path: Path) -> None:
-    code = """
-import resource, signal, sys, time
-from imumon.recordings import Recorder
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
-recorder = Recorder(sys.argv[1], {})
-begun = time.monotonic()
-while recorder.stopped is None and time.monotonic() < begun + 10:
-    recorder.write(bytes(1000))
-    time.sleep(0.01)
-recorder.write(b"ignored")
-recorder.close()
-print(recorder.stopped)
-"""
-    path = tmp_path / "run.bin"
-    said = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
-    assert "has ended: file too large; " in said.stdout
-    assert 0 < len(contents(path)) <= 5000
-
-
-def test_slow_disk_never_holds_up_the_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.recordings.raw_capture.BACKLOG", 10_000)
-    fifo = tmp_path / "slow"
-    os.mkfifo(fifo)
-    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    recorder = CaptureWriter(str(fifo), {})
-    longest = 0.0
-    for _ in range(200):
-        begun = time.monotonic()
-        recorder.write(bytes(1000))
-        longest = max(longest, time.monotonic() - begun)
-        if recorder.stopped is not None:
-            break
-        time.sleep(0.001)
-    assert recorder.stopped is not None
-    assert "too slow" in recorder.stopped
-    assert longest < 0.1
-    os.close(reader)
-    recorder.close()
-
-
-def test_recording_that_was_killed_is_readable_to_the_last_second(tmp_path: Path, noise: bytes) -> None:
-    path = tmp_path / "run.bin.gz"
-    recorder = CaptureWriter(str(path), {})
-    recorder.write(noise[:1000])
-    wait_for(lambda: recorder.written_bytes == 1000)
-    os.link(path, tmp_path / "as killed")
-    (tmp_path / "copy.gz").write_bytes(path.read_bytes())
-    recording = RawCapture(str(tmp_path / "copy.gz"))
-    assert b"".join(recording) == noise[:1000]
-    assert recording.problem is not None
-    assert "cut off" in recording.problem
-    recorder.close()
-
-
-def test_raw_and_compressed_captures_need_no_header(tmp_path: Path, noise: bytes) -> None:
-    (tmp_path / "raw").write_bytes(noise)
-    (tmp_path / "zipped").write_bytes(
-        gzip.compress(noise[:300_000]) + gzip.compress(noise[300_000:]) + bytes(512)
-    )
-    for name in ("raw", "zipped"):
-        recording = RawCapture(str(tmp_path / name))
-        assert recording.header is None
-        assert b"".join(recording) == noise
-        assert recording.problem is None
-
-
-@pytest.mark.parametrize("damage", ["cut", "flipped"])
-def test_damaged_gzip_gives_what_is_readable_and_says_so(tmp_path: Path, noise: bytes, damage: str) -> None:
-    path, data = tmp_path / "run.gz", bytearray(gzip.compress(noise, 1))
-    if damage == "cut":
-        del data[500_000:]
-    else:
-        data[500_000:500_100] = bytes(100)
-    path.write_bytes(data)
-    recording = RawCapture(str(path))
-    got = b"".join(recording)
-    assert len(got) > 300_000
-    assert got[:400_000] == noise[: len(got)][:400_000]
-    assert recording.problem is not None
-    assert str(path) in recording.problem
-
-
-def test_nothing_that_comes_before_a_damage_is_lost(tmp_path: Path, noise: bytes) -> None:
-    path, data = tmp_path / "run.gz", bytearray(gzip.compress(noise, 1))
-    data[300_000:300_100] = bytes(100)
-    path.write_bytes(data)
-    member, readable = zlib.decompressobj(wbits=31), bytearray()
-    with contextlib.suppress(zlib.error):
-        for byte in data:
-            readable += member.decompress(bytes([byte]))
-    assert b"".join(RawCapture(str(path))) == readable
-
-
-def test_a_bomb_is_unpacked_in_bounded_chunks(tmp_path: Path) -> None:
-    path = tmp_path / "zeros.gz"
-    path.write_bytes(gzip.compress(bytes(50 << 20)))
-    largest = total = 0
-    for chunk in RawCapture(str(path)):
-        largest, total = max(largest, len(chunk)), total + len(chunk)
-    assert total == 50 << 20
-    assert largest <= 256 << 10
-
-
-def test_what_is_no_recording_is_one_clear_line(tmp_path: Path) -> None:
-    (tmp_path / "empty").write_bytes(b"")
-    (tmp_path / "zip").write_bytes(b"PK\x03\x04 and so on")
-    for name, said in {
-        "missing": "cannot read .*: no such file or directory",
-        ".": "cannot read .*: is a directory",
-        "empty": "is empty: nothing was recorded",
-        "zip": "is not a recording but a ZIP archive: unpack it first",
-    }.items():
-        with pytest.raises(SourceError, match=said):
-            RawCapture(str(tmp_path / name))
-
-
-def test_progress_is_that_of_the_bytes_on_disk(tmp_path: Path, noise: bytes) -> None:
-    path = tmp_path / "raw"
-    path.write_bytes(noise)
-    recording = RawCapture(str(path))
-    shares = [recording.progress for _ in recording]
-    assert shares == sorted(shares)
-    assert shares[0] is not None
-    assert 0.0 < shares[0] < 1.0
-    assert shares[-1] == 1.0
-
-
-def test_standard_input_is_a_recording(noise: bytes) -> None:
-    code = "from imumon.recordings import Recording; r = Recording('-'); print(sum(map(len, r)), r.progress)"
-    said = subprocess.run(
-        [sys.executable, "-c", code], input=gzip.compress(noise), capture_output=True, check=True
-    )
-    assert said.stdout.split() == [b"700000", b"None"]

@@ -1,0 +1,82 @@
+"""Recording contract: what every kind of recording offers, how it is read, and its errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from imumon.errors import ImumonError
+from imumon.samples import Gap, Kind, SampleBlock
+
+BLOCK_BYTES = 1 << 20
+"""Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast. Not
+critical."""
+
+
+class RecordingError(ImumonError):
+    """A recording cannot be read, holds nothing that can be characterised, or cannot be written."""
+
+    def of(self, path: str) -> RecordingError:
+        """Return the same error with the path of the recording in front of its message."""
+        return RecordingError(self.code, f"{path}: {self.message}", self.cure)
+
+
+class OptionError(ImumonError):
+    """An option for reading is malformed or does not fit."""
+
+
+class OptionNotApplicable(OptionError):
+    """An option was given that this kind of recording does not have."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How to read a recording.
+
+    Attributes
+    ----------
+    kind : stream of a table that has several; None: the best.
+    columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; what it does not name is found by the
+        names.
+    rate_hz : Hz, configured sample rate; None: not configured.
+    topic : of a bag; None: the only one.
+    block_bytes : bytes of a raw capture that are decoded at once.
+    """
+
+    kind: Kind | None = None
+    columns: Mapping[str, str] | None = None
+    rate_hz: float | None = None
+    topic: str | None = None
+    block_bytes: int = BLOCK_BYTES
+
+
+class Recording(Protocol):
+    """A recording of any format: iterate to get sample blocks, and the gaps between them.
+
+    Attributes
+    ----------
+    header : what is known of the device, or None.
+    problem : after reading: why it ended early, or None.
+    remarks : after reading: what was left out or is doubtful, one line each.
+    fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
+    progress : share that has been read, 0 to 1; None: unknown.
+    """
+
+    @property
+    def header(self) -> Mapping[str, Any] | None: ...
+    @property
+    def problem(self) -> str | None: ...
+    @property
+    def remarks(self) -> Sequence[str]: ...
+    @property
+    def fed(self) -> int: ...
+    @property
+    def discarded(self) -> int: ...
+    @property
+    def bad_checksums(self) -> int: ...
+    @property
+    def progress(self) -> float | None: ...
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]: ...
+    def no_samples(self) -> RecordingError:
+        """Return the error that says why the recording has no samples."""

@@ -1,0 +1,169 @@
+"""Recordings of any format: opening one by its contents, and decoding raw captures."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
+
+from imumon.devices.base import DeviceError, RawDecoder, sample_blocks
+from imumon.devices.registry import DEFAULT_SCHEME, driver
+from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
+from imumon.recordings.columns import layout
+from imumon.recordings.csv import CsvFile, header_line, separator_of, split
+from imumon.recordings.npz import NpzFile
+from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.rosbag import RosbagFile, is_bag
+from imumon.samples import Gap, SampleBlock
+
+SNIFF_BYTES = 1 << 14
+"""Bytes of a text among which its header line is looked for. Not critical."""
+
+UTF_16_ZEROS = 50
+"""Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16."""
+
+
+class DecodedCapture:
+    """Samples of a raw capture, by the decoder of its device.
+
+    Parameters
+    ----------
+    capture : its header names the driver; without one, the default driver is used.
+    block_bytes : bytes that are decoded at once.
+
+    Raises
+    ------
+    RecordingError : there is no such driver, or it decodes no bytes.
+    """
+
+    remarks: Sequence[str] = ()
+
+    def __init__(self, capture: RawCapture, block_bytes: int) -> None:
+        self.header = capture.header
+        self._capture = capture
+        self._block_bytes = block_bytes
+        scheme = (capture.header or {}).get("driver", DEFAULT_SCHEME)
+        try:
+            self._driver = driver(scheme)
+        except DeviceError as error:
+            raise RecordingError(error.code, f"{capture.path}: {error.message}", error.cure) from None
+        decoder = self._driver.decoder()
+        if decoder is None:
+            raise RecordingError("no_decoder", f"{capture.path}: the driver {scheme!r} decodes no captures")
+        self._decoder: RawDecoder = decoder
+
+    @property
+    def problem(self) -> str | None:
+        return self._capture.problem
+
+    @property
+    def progress(self) -> float | None:
+        return self._capture.progress
+
+    @property
+    def fed(self) -> int:
+        return self._decoder.fed
+
+    @property
+    def discarded(self) -> int:
+        return self._decoder.discarded
+
+    @property
+    def bad_checksums(self) -> int:
+        return self._decoder.bad_checksums
+
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
+        for item in _in_blocks(self._capture.items(), self._block_bytes):
+            yield [item] if isinstance(item, Gap) else sample_blocks(self._decoder.feed(item))
+        yield sample_blocks(self._decoder.finish())
+
+    def no_samples(self) -> RecordingError:
+        """Return the error that says why the capture has no samples."""
+        path, decoder = self._capture.path, self._decoder
+        if decoder.messages:
+            text = f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
+            return RecordingError("no_inertial_messages", text)
+        text = (
+            f"{path} is no recording of a {self._driver.title}: not one valid message in {decoder.fed} bytes"
+        )
+        return RecordingError("no_messages", text)
+
+
+def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]:
+    """Yield the same bytes in blocks of about a size, none across a gap."""
+    waiting: list[bytes] = []
+    for item in items:
+        if isinstance(item, Gap):
+            yield b"".join(waiting)
+            yield item
+            waiting = []
+            continue
+        for at in range(0, len(item), size):
+            waiting.append(item[at : at + size])
+            if sum(map(len, waiting)) >= size:
+                yield b"".join(waiting)
+                waiting = []
+    yield b"".join(waiting)
+
+
+def open_recording(path: str, options: ReadOptions) -> Recording:
+    """Open a recording of any format: its contents decide, and the name only where they do not.
+
+    Raises
+    ------
+    RecordingError : it cannot be read, or is something else.
+    OptionNotApplicable : a topic was given, and it is no bag.
+    """
+    head = b""
+    if path != "-":
+        with contextlib.suppress(OSError), open(path, "rb") as file:
+            head = file.read(16)
+    if is_bag(path, head):
+        return RosbagFile(path, options)
+    found = NpzFile(path, options) if head.startswith(b"PK\x03\x04") and path.endswith(".npz") else None
+    capture = RawCapture(path) if found is None else None
+    if options.topic is not None:
+        raise OptionNotApplicable(
+            "topic_not_applicable", f"--topic is for bags, and {path} is none", "leave it out"
+        )
+    if capture is None:
+        assert found is not None
+        return found
+    if _is_utf_16(capture.head):
+        raise RecordingError("utf_16", f"{path} is text in UTF-16", "save it as UTF-8")
+    if _is_csv(capture, options):
+        return CsvFile(capture, options)
+    return DecodedCapture(capture, options.block_bytes)
+
+
+def _is_utf_16(head: bytes) -> bool:
+    return head[:2] in (b"\xff\xfe", b"\xfe\xff") and head[:200].count(0) > UTF_16_ZEROS
+
+
+def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
+    """Return whether text is a table: its name says so, or its header names an inertial sensor."""
+    head = capture.head[:SNIFF_BYTES]
+    if capture.header is not None or _has_messages(head):
+        return False
+    name = capture.path.lower().removesuffix(".gz")
+    if name.endswith((".csv", ".tsv")) or options.columns:
+        return True
+    if b"\0" in capture.head:
+        return False
+    lines = head.decode("utf-8-sig", "replace").splitlines()
+    at = header_line(lines)
+    if at is None:
+        return False
+    try:
+        layout(split(lines[at], separator_of(lines[at])))
+    except RecordingError:
+        return False
+    return True
+
+
+def _has_messages(head: bytes) -> bool:
+    """Return whether the default driver finds a valid message in the first bytes."""
+    decoder = driver().decoder()
+    if decoder is None:
+        return False
+    decoder.feed(head)
+    return decoder.messages > 0

@@ -1,0 +1,215 @@
+"""Sampling interval: its estimate from the steps between time stamps.
+
+A mean over single steps is biased when the stamps are jittered: a step that jitter makes long looks like a
+lost sample and is left out. So every sample gets an index first, by the steps that can be counted, and the
+interval is the slope of the line through the stamps over the index. Where a step cannot be counted, a new
+line with the same slope begins. A step near half an interval is decided by the mean deviation of the samples
+before from the grid (`phase`), so one late stamp adds no sample.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imumon.samples import Floats, Ints
+
+RATE_PRECISION = 1e-4
+"""Relative standard error at which a learned interval is good enough: it moves N by 0.005 %."""
+
+NOMINAL_SHARE = 0.02
+"""Share by which measured steps may differ from a nominal interval that is one: less than between the
+neighbouring output rates of any device."""
+
+SIGNIFICANT = 3.0
+"""Standard errors by which a learned interval differs from a nominal one, or from whole Hz."""
+
+SINGLE_STEP = 1.5
+"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
+
+SHORTEST_STEP = 0.9
+"""Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
+
+PASSES = 8
+"""Passes of counting and fitting; two are enough without jitter. Not critical."""
+
+GUESS_ERROR = 0.15
+"""Share by which the first guess of an interval may be wrong. Not critical: it is the bias of a mean over
+single steps at the largest jitter for which steps can be counted."""
+
+COUNTABLE = 0.25
+"""Intervals by which the length of a step may be uncertain so that its intervals can still be counted."""
+
+WHOLE = 0.1
+"""Intervals by which a step may differ from a whole number of them and be one."""
+
+MOST_STEPS = 0.9
+"""Share of steps that must be whole multiples so that all are."""
+
+TICK_DISTANCE = 0.1
+"""Ticks by which an interval may differ from a multiple that it is, if it has many ticks."""
+
+TICK_SHARE = 0.02
+"""Share of an interval by which it may differ from a multiple that it is, if it has few ticks."""
+
+AMBIGUOUS = 0.25
+"""Intervals; a step further from a whole number is decided by the samples before. Not critical: the jitter of
+two stamps must add up to twice this before a step can be wrong."""
+
+REFERENCE_SAMPLES = 16
+"""Samples over which the deviation from the grid is averaged for such a step: enough to make its jitter
+small, few enough that an error of the interval does not show. Not critical."""
+
+REFERENCE_GAP = 16
+"""Intervals; samples before a longer gap are no reference, for the error of the interval adds up in it."""
+
+ROUNDING = 1e-9
+"""Relative error of arithmetic and of stamps in whole ns."""
+
+
+def estimate_interval(
+    steps: Floats, nominal_s: float | None, tick_s: float | None, *, last: bool
+) -> float | None:
+    """Return the interval of a clock, s; None if more steps are needed.
+
+    Parameters
+    ----------
+    steps : (n,) s between consecutive time stamps, in order, at least one of them positive.
+    nominal_s : s, nominal interval; None: there is none.
+    tick_s : s, tick of the clock, of which the interval is a multiple; None: there is none.
+    last : return an estimate however imprecise.
+    """
+    positive = steps[steps > 0.0]
+    shortest = _shortest(positive)
+    single = float(np.mean(positive[positive < SINGLE_STEP * shortest]))
+    guess = nominal_s if nominal_s is not None and _is_multiple(positive, nominal_s) else None
+    if tick_s is not None:
+        return guess or nearest_multiple(single, tick_s)
+    interval, error = regression_interval(steps, guess or single)
+    if error > RATE_PRECISION and not last:
+        return None
+    tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), NOMINAL_SHARE)
+    if nominal_s is not None and abs(interval / nominal_s - 1.0) <= tolerance:
+        return nominal_s
+    return round_to_hertz(interval, min(SIGNIFICANT * error, RATE_PRECISION))
+
+
+def is_nominal(steps: Floats, nominal_s: float, tick_s: float | None) -> bool:
+    """Return whether all of (n,) steps, s, are the nominal interval, as far as a clock with a tick, or
+    without one, shows it."""
+    share = RATE_PRECISION if tick_s is None else NOMINAL_SHARE
+    return bool((np.abs(steps / nominal_s - 1.0) < share).all())
+
+
+def counter_unit(steps: Floats, tick_s: float | None) -> float:
+    """Return the unit of a counter, s: the tick of the device or a microsecond.
+
+    >>> counter_unit(np.full(9, 20.0), 1 / 800), counter_unit(np.full(9, 5000.0), 1 / 800)
+    (0.00125, 1e-06)
+    """
+    if tick_s is not None and _shortest(steps[steps > 0.0]) * 1e-6 < SHORTEST_STEP * tick_s:
+        return tick_s
+    return 1e-6
+
+
+def _shortest(steps: Floats) -> float:
+    """Return about the shortest of (n,) positive steps: samples may be missing between the others."""
+    return float(np.quantile(steps, 0.1, method="lower"))
+
+
+def regression_interval(steps: Floats, guess: float) -> tuple[float, float]:
+    """Return the interval of a grid by linear regression, and its relative standard error.
+
+    Parameters
+    ----------
+    steps : (n,) s between consecutive time stamps, in order; jitter, gaps and duplicates may be among them.
+    guess : s, within about `GUESS_ERROR`.
+
+    >>> interval, error = regression_interval(np.array([0.9, 1.1, 1.0, 7.0, 1.0]), 1.04)
+    >>> abs(interval - 1.0) < 0.01, error < 0.05
+    (True, True)
+    """
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    interval, uncertain, error = guess, GUESS_ERROR, float("inf")
+    for _ in range(PASSES):
+        counts = _counts(time, interval, settled=error < GUESS_ERROR)
+        countable = (counts >= 1.0) & ((counts == 1.0) | (counts * uncertain < COUNTABLE))
+        line = np.concatenate([[0], np.cumsum(~countable)])
+        index = np.concatenate([[0.0], np.cumsum(np.where(countable, counts, 0.0))])
+        x, y = _centred(index, line), _centred(time, line)
+        spread = float(x @ x)
+        if spread == 0.0:
+            break
+        interval = float(x @ y) / spread
+        freedom = len(time) - int(line[-1]) - 2
+        if freedom > 0:
+            error = float(np.sqrt(np.sum((y - interval * x) ** 2) / freedom / spread)) / interval
+            uncertain = max(4.0 * error, uncertain / 4.0)
+    return interval, error
+
+
+def _counts(time: Floats, interval: float, *, settled: bool) -> Floats:
+    """Return (n - 1,) intervals between (n,) time stamps; `settled`: the interval is no guess any more."""
+    exact = np.diff(time) / interval
+    counts = np.rint(exact)
+    if settled:
+        for k in np.flatnonzero(np.abs(exact - counts) > AMBIGUOUS).tolist():
+            start = max(0, k + 1 - REFERENCE_SAMPLES)
+            before = counts[start - 1 : k] if start else np.concatenate([[1.0], counts[:k]])
+            counts[k] = np.rint(exact[k] - phase(time[start : k + 1], before, 1.0 / interval))
+    return counts
+
+
+def phase(time: Floats | Ints, steps: Floats | Ints, scale: float) -> float:
+    """Return the mean deviation of some samples from the grid through the last one, intervals.
+
+    Parameters
+    ----------
+    time : (n,) units of a clock, the last samples, at most `REFERENCE_SAMPLES`.
+    steps : (n,) intervals before each.
+    scale : intervals in a unit of the clock.
+
+    >>> round(phase(np.array([0.0, 1.0, 2.0, 3.4]), np.ones(4), 1.0), 6)
+    -0.3
+    """
+    if len(time) < 2:
+        return 0.0
+    unusable = np.flatnonzero((steps[1:] < 1) | (steps[1:] > REFERENCE_GAP))
+    start = int(unusable[-1]) + 1 if len(unusable) else 0
+    behind = np.append(np.cumsum(steps[start + 1 :][::-1])[::-1], 0)  # intervals from each to the last
+    return float(np.mean(behind - (time[-1] - time[start:]) * scale))
+
+
+def _centred(values: Floats, line: Ints) -> Floats:
+    """Return values less the mean of their line."""
+    means: Floats = np.bincount(line, values) / np.bincount(line)
+    return values - means[line]
+
+
+def round_to_hertz(interval_s: float, tolerance: float) -> float:
+    """Return the interval of a whole number of Hz if the relative difference is within the tolerance.
+
+    >>> round_to_hertz(0.00990098, 1e-4) == 1 / 101, round_to_hertz(1 / 199.9, 1e-4) == 1 / 199.9
+    (True, True)
+    """
+    rate = 1.0 / interval_s
+    near = round(rate)
+    return 1.0 / near if near and abs(rate / near - 1.0) <= max(tolerance, ROUNDING) else interval_s
+
+
+def nearest_multiple(interval_s: float, tick_s: float) -> float:
+    """Return the multiple of a tick that an interval is near to; the interval itself if there is none.
+
+    >>> nearest_multiple(0.0251, 0.00125), nearest_multiple(0.0257, 0.00125)
+    (0.025, 0.0257)
+    """
+    ticks = interval_s / tick_s
+    near = round(ticks)
+    if near >= 1 and abs(ticks - near) < min(TICK_DISTANCE, TICK_SHARE * near):
+        return near * tick_s
+    return interval_s
+
+
+def _is_multiple(steps: Floats, interval_s: float) -> bool:
+    """Return whether nearly all of (n,) steps, s, are whole multiples of an interval."""
+    counts = steps / interval_s
+    return bool(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5)) > MOST_STEPS)

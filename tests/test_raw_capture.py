@@ -1,0 +1,246 @@
+"""Raw captures: written, read back, and what is left of corrupt ones."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import os
+import random
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from imumon.recordings import CaptureWriter, RawCapture, RecordingError
+from imumon.recordings.raw_capture import part_path
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 5.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "not in time"
+        time.sleep(0.002)
+
+
+def contents(path: Path | str) -> bytes:
+    return b"".join(RawCapture(str(path)))
+
+
+@pytest.fixture(scope="module")
+def noise() -> bytes:
+    return random.Random(5).randbytes(700_000)
+
+
+@pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
+@pytest.mark.parametrize("rotate", [0, 100_000])
+def test_a_recording_is_read_back(tmp_path: Path, noise: bytes, name: str, rotate: int) -> None:
+    path = str(tmp_path / name)
+    recorder = CaptureWriter(
+        path, {"time": "2026-01-01T00:00:00Z", "serial": "0100056785"}, rotate_bytes=rotate
+    )
+    for at in range(0, len(noise), 70_000):
+        recorder.write(noise[at : at + 70_000])
+        if rotate:
+            wait_for(lambda at=at: recorder.written_bytes >= at)
+    recorder.close()
+    assert recorder.stopped is None
+    assert recorder.written_bytes == len(noise)
+    recording = RawCapture(path)
+    assert recording.header is not None
+    assert recording.header["serial"] == "0100056785"
+    assert b"".join(recording) == noise
+    assert recording.problem is None
+    assert recording.progress == 1.0
+
+
+@pytest.fixture(autouse=True)
+def _no_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Flush at once: these tests wait for what is on disk."""
+    monkeypatch.setattr("imumon.recordings.capture_writer.FLUSH_S", 0.01)
+
+
+def test_rotation_makes_numbered_parts_that_are_read_in_order(tmp_path: Path) -> None:
+    path = str(tmp_path / "run.bin")
+    recorder = CaptureWriter(path, {}, rotate_bytes=10)
+    for number in range(5):
+        recorder.write(b"%d-------" % number)
+        wait_for(lambda number=number: recorder.written_bytes == 8 * (number + 1))
+    recorder.close()
+    assert sorted(os.listdir(tmp_path)) == [*(f"run.000{i}.bin" for i in range(1, 5)), "run.bin"]
+    assert contents(path) == b"".join(b"%d-------" % number for number in range(5))
+    assert contents(part_path(path, 3)) == b"3-------4-------"
+
+
+def test_an_old_recording_is_never_overwritten_nor_mixed(tmp_path: Path) -> None:
+    path = str(tmp_path / "run.bin")
+    for data in (b"first", b"second"):
+        recorder = CaptureWriter(path, {})
+        recorder.write(data)
+        recorder.close()
+    assert contents(path) == b"first"
+    assert contents(tmp_path / "run.0001.bin") == b"second"
+
+
+@pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
+def test_a_removed_recording_continues_in_its_next_part(tmp_path: Path, name: str) -> None:
+    recorder = CaptureWriter(str(tmp_path / name), {})
+    (tmp_path / name).unlink()
+    recorder.write(b"what comes next")
+    recorder.close()
+    assert recorder.stopped is None
+    assert contents(part_path(str(tmp_path / name), 1)) == b"what comes next"
+
+
+def test_a_pipe_without_a_reader_is_an_error(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RecordingError) as error:
+        CaptureWriter(str(tmp_path / "pipe"), {})
+    assert error.value.code == "pipe_without_reader"
+
+
+def test_a_full_disk_is_an_error() -> None:
+    with pytest.raises(RecordingError, match="no space left on device") as error:
+        CaptureWriter("/dev/full", {})
+    assert error.value.code == "not_writable"
+
+
+def test_a_disk_that_fills_up_ends_the_recording(tmp_path: Path) -> None:
+    code = """
+import resource, signal, sys, time
+from imumon.recordings import CaptureWriter
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
+recorder = CaptureWriter(sys.argv[1], {})
+begun = time.monotonic()
+while recorder.stopped is None and time.monotonic() < begun + 10:
+    recorder.write(bytes(1000))
+    time.sleep(0.01)
+recorder.write(b"ignored")
+recorder.close()
+print(recorder.stopped)
+"""
+    path = tmp_path / "run.bin"
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    assert "has ended: file too large; " in done.stdout
+    assert 0 < len(contents(path)) <= 5000
+
+
+def test_a_slow_disk_never_blocks_the_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.recordings.capture_writer.BACKLOG", 10_000)
+    fifo = tmp_path / "slow"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    recorder = CaptureWriter(str(fifo), {})
+    longest = 0.0
+    for _ in range(200):
+        begun = time.monotonic()
+        recorder.write(bytes(1000))
+        longest = max(longest, time.monotonic() - begun)
+        if recorder.stopped is not None:
+            break
+        time.sleep(0.001)
+    assert recorder.stopped is not None
+    assert "too slow" in recorder.stopped
+    assert longest < 0.1
+    os.close(reader)
+    recorder.close()
+
+
+def test_a_recording_of_a_killed_process_is_readable_to_the_last_second(tmp_path: Path, noise: bytes) -> None:
+    path = tmp_path / "run.bin.gz"
+    recorder = CaptureWriter(str(path), {})
+    recorder.write(noise[:1000])
+    wait_for(lambda: recorder.written_bytes == 1000)
+    os.link(path, tmp_path / "as killed")
+    (tmp_path / "copy.gz").write_bytes(path.read_bytes())
+    recording = RawCapture(str(tmp_path / "copy.gz"))
+    assert b"".join(recording) == noise[:1000]
+    assert recording.problem is not None
+    assert "truncated" in recording.problem
+    recorder.close()
+
+
+def test_raw_and_compressed_captures_need_no_header(tmp_path: Path, noise: bytes) -> None:
+    (tmp_path / "raw").write_bytes(noise)
+    (tmp_path / "zipped").write_bytes(
+        gzip.compress(noise[:300_000]) + gzip.compress(noise[300_000:]) + bytes(512)
+    )
+    for name in ("raw", "zipped"):
+        recording = RawCapture(str(tmp_path / name))
+        assert recording.header is None
+        assert b"".join(recording) == noise
+        assert recording.problem is None
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped"])
+def test_corrupt_gzip_gives_what_is_readable(tmp_path: Path, noise: bytes, damage: str) -> None:
+    path, data = tmp_path / "run.gz", bytearray(gzip.compress(noise, 1))
+    if damage == "cut":
+        del data[500_000:]
+    else:
+        data[500_000:500_100] = bytes(100)
+    path.write_bytes(data)
+    recording = RawCapture(str(path))
+    got = b"".join(recording)
+    assert len(got) > 300_000
+    assert got[:400_000] == noise[: len(got)][:400_000]
+    assert recording.problem is not None
+    assert str(path) in recording.problem
+
+
+def test_every_byte_before_a_corruption_is_read(tmp_path: Path, noise: bytes) -> None:
+    path, data = tmp_path / "run.gz", bytearray(gzip.compress(noise, 1))
+    data[300_000:300_100] = bytes(100)
+    path.write_bytes(data)
+    member, readable = zlib.decompressobj(wbits=31), bytearray()
+    with contextlib.suppress(zlib.error):
+        for byte in data:
+            readable += member.decompress(bytes([byte]))
+    assert b"".join(RawCapture(str(path))) == readable
+
+
+def test_a_gzip_bomb_is_decompressed_in_bounded_chunks(tmp_path: Path) -> None:
+    path = tmp_path / "zeros.gz"
+    path.write_bytes(gzip.compress(bytes(50 << 20)))
+    largest = total = 0
+    for chunk in RawCapture(str(path)):
+        largest, total = max(largest, len(chunk)), total + len(chunk)
+    assert total == 50 << 20
+    assert largest <= 256 << 10
+
+
+def test_a_file_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "zip").write_bytes(b"PK\x03\x04 and so on")
+    for name, code in {
+        "missing": "not_readable",
+        ".": "not_readable",
+        "empty": "empty",
+        "zip": "format_zip",
+    }.items():
+        with pytest.raises(RecordingError) as error:
+            RawCapture(str(tmp_path / name))
+        assert error.value.code == code
+
+
+def test_progress_is_that_of_the_bytes_on_disk(tmp_path: Path, noise: bytes) -> None:
+    path = tmp_path / "raw"
+    path.write_bytes(noise)
+    recording = RawCapture(str(path))
+    shares = [recording.progress for _ in recording]
+    assert shares == sorted(shares)
+    assert shares[0] is not None
+    assert 0.0 < shares[0] < 1.0
+    assert shares[-1] == 1.0
+
+
+def test_standard_input_is_a_recording(noise: bytes) -> None:
+    code = "from imumon.recordings import RawCapture as R; r = R('-'); print(sum(map(len, r)), r.progress)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=gzip.compress(noise), capture_output=True, check=True
+    )
+    assert done.stdout.split() == [b"700000", b"None"]

@@ -1,0 +1,421 @@
+"""Laws of the sample clock."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.devices.vn100.measurements import recipe
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.samples import GYRO, SampleBlock, Stream
+from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
+
+TICK = 25_000_000  # ns at 40 Hz
+LOOP_S = 1.0 / 800.0  # s, tick of a device whose intervals are multiples of one
+
+
+def block(
+    times: list[int] | np.ndarray, clock: str = "startup", lost: list[int] | None = None
+) -> SampleBlock:
+    time = np.asarray(times, dtype=np.int64)
+    stream = Stream("uncompensated", GYRO, "test", clock)  # type: ignore[arg-type]
+    values = np.arange(len(time), dtype=float)[:, None] * np.ones(3)
+    gone = np.zeros(len(time), dtype=np.int64) if lost is None else np.array(lost)
+    return SampleBlock(stream, values, None if clock == "none" else time, gone)
+
+
+def place(
+    clock: SampleClock, whole: SampleBlock, cuts: list[int] | None = None
+) -> tuple[list[int], list[float]]:
+    edges = [0, *sorted(cuts or []), len(whole)]
+    out: list[PlacedSamples] = []
+    for a, b in pairwise(edges):
+        time = None if whole.time_ns is None else whole.time_ns[a:b]
+        out += clock.place(SampleBlock(whole.stream, whole.values[a:b], time, whole.lost[a:b]))
+    out += clock.finish()
+    steps = [int(s) for p in out for s in p.steps]
+    return steps, [float(v) for p in out for v in p.values[:, 0]]
+
+
+def test_regular_stream_learns_its_interval_and_loses_nothing() -> None:
+    clock = SampleClock("startup")
+    steps, values = place(clock, block(np.arange(100) * TICK + 7))
+    assert clock.interval_s == 0.025
+    assert steps == [1] * 100
+    assert values == list(range(100))
+
+
+def test_stamps_of_coarse_resolution_give_the_true_rate() -> None:
+    clock = SampleClock("startup")
+    times = (np.arange(200) * 6.25 // 1).astype(np.int64) * 1_000_000
+    steps, _ = place(clock, block(times))
+    assert clock.interval_s == pytest.approx(0.00625)
+    assert steps == [1] * 200
+
+
+def test_gap_is_counted_exactly() -> None:
+    ticks = np.array([0, 1, 2, 5, 6, 1000, 1001])
+    steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
+    assert steps == [1, 1, 1, 3, 1, 994, 1]
+
+
+def test_a_gap_longer_than_plausible_counts_once_confirmed() -> None:
+    ticks = np.array([0, 1, 2, 400_000, 400_001])
+    clock = SampleClock("startup", 0.025)
+    steps, _ = place(clock, block(ticks * TICK))
+    assert steps == [1, 1, 1, 399_998, 1]
+    assert clock.implausible == 0
+
+
+@pytest.mark.parametrize("bad", [10**15, 0, 5 * TICK, 99 * TICK + 10**9 * 100])
+def test_damaged_stamp_leaves_the_grid_alone(bad: int) -> None:
+    times = (np.arange(50) + 100) * TICK
+    times[20] = bad
+    clock = SampleClock("startup", 0.025)
+    steps, values = place(clock, block(times))
+    assert 20.0 not in values
+    assert steps == [1] * 20 + [2] + [1] * 28
+    assert clock.implausible == 1
+
+
+def test_restart_is_a_gap_of_unknown_length() -> None:
+    times = np.concatenate([np.arange(10) + 5000, np.arange(10) + 3]) * TICK
+    steps, _ = place(SampleClock("startup", 0.025), block(times))
+    assert steps == [1] * 10 + [BREAK] + [1] * 9
+
+
+def test_twice_the_same_sample_counts_once() -> None:
+    clock = SampleClock("startup", 0.025)
+    steps, values = place(clock, block(np.array([0, 1, 1, 2, 3]) * TICK))
+    assert steps == [1, 1, 1, 1]
+    assert values == [0, 1, 3, 4]
+    assert clock.duplicates == 1
+
+
+def test_count_of_loop_ticks_is_a_clock() -> None:
+    clock = SampleClock("counter", tick_s=LOOP_S)
+    counts = np.delete(np.arange(100) * 20 + 543, [50, 51])
+    steps, _ = place(clock, block(counts, "counter"))
+    assert clock.interval_s == 0.025
+    assert steps == [1] * 50 + [3] + [1] * 47
+
+
+def test_count_of_microseconds_is_a_clock() -> None:
+    clock = SampleClock("counter", tick_s=LOOP_S)
+    place(clock, block(np.arange(100) * 5000, "counter"))
+    assert clock.interval_s == 0.005
+
+
+def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
+    clock = SampleClock("none", 0.025)
+    steps, _ = place(clock, block([0] * 4, "none", [0, 0, 2, 0]))
+    assert steps == [1, 1, 3, 1]
+    clock.gap()
+    steps, _ = place(clock, block([0] * 2, "none", [0, 0]))
+    assert steps == [BREAK, 1]
+
+
+def test_interval_of_the_deltas_is_a_clock() -> None:
+    clock = SampleClock("dt")
+    times = np.full(60, 10_000_000)
+    times[40] *= 3
+    steps, _ = place(clock, block(times, "dt"))
+    assert clock.interval_s == 0.01
+    assert steps == [1] * 40 + [3] + [1] * 19
+
+
+def test_no_clock_and_no_rate_is_refused() -> None:
+    with pytest.raises(ValueError, match="rate"):
+        SampleClock("none")
+
+
+@given(
+    st.lists(st.sampled_from([0, 1, 1, 1, 1, 1, 2, 7, 5000, -40, 10**7]), min_size=1, max_size=80),
+    st.lists(st.integers(0, 80), max_size=6),
+    st.booleans(),
+)
+def test_any_chunking_gives_the_same_grid(jumps: list[int], cuts: list[int], known: bool) -> None:
+    whole = block((np.cumsum(jumps) + 10**6) * TICK)
+    cuts = [c for c in cuts if c <= len(whole)]
+    interval = 0.025 if known else None
+    one, many = SampleClock("startup", interval), SampleClock("startup", interval)
+    assert place(one, whole) == place(many, whole, cuts)
+    assert (one.duplicates, one.implausible) == (many.duplicates, many.implausible)
+
+
+def test_a_restored_clock_continues() -> None:
+    clock = SampleClock("startup")
+    place(clock, block(np.arange(100) * TICK))
+    again = SampleClock.restore("startup", clock.save())
+    steps, _ = place(again, block((np.arange(10) + 500) * TICK))
+    assert steps == [401] + [1] * 9
+    assert again.interval_s == clock.interval_s
+
+
+@pytest.mark.parametrize(("length_s", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
+def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float | None, step: int) -> None:
+    clock = SampleClock("startup", 0.025)
+    place(clock, block(np.arange(100) * TICK))
+    clock.gap(length_s)
+    steps, _ = place(clock, block((np.arange(10) + 500) * TICK))
+    assert steps == [step] + [1] * 9
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.625, 0.8, 0.875, 1.04, 1.25, 4 / 3, 1.5, 1.6, 2.0, 2.5, 3.0])
+@pytest.mark.parametrize("cuts", [[], [190, 230, 231], list(range(0, 600, 7))])
+def test_another_rate_is_noticed_and_its_samples_kept_apart(factor: float, cuts: list[int]) -> None:
+    steps = np.concatenate([np.ones(200), np.full(400, factor)])
+    whole = block((np.cumsum(steps) * TICK).astype(np.int64))
+    clock = SampleClock("startup")
+    placed, kept = [], 0
+    edges = [0, *cuts, 600]
+    for a, b in pairwise(edges):
+        if not clock.changed:
+            assert whole.time_ns is not None
+            placed += clock.place(
+                SampleBlock(whole.stream, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b])
+            )
+            kept = b
+    assert clock.changed
+    assert clock.rest is not None
+    assert kept - len(clock.rest) == 263  # 64 equal steps in a row, wherever the cuts are
+
+
+def test_jitter_and_losses_are_no_other_rate() -> None:
+    rng = np.random.default_rng(11)
+    kept = np.flatnonzero(rng.random(100_000) > 0.3)
+    clock = SampleClock("startup", 0.025)
+    place(clock, block((kept + rng.uniform(-0.2, 0.2, len(kept))) * TICK))
+    assert not clock.changed
+
+
+def test_a_clock_that_stops_needs_no_memory_and_is_learned_when_it_runs() -> None:
+    clock = SampleClock("startup", 0.025)
+    for _ in range(50):
+        assert not clock.place(block(np.full(40, 7 * TICK)))
+        assert clock.unplaced <= 40
+    steps, _ = place(clock, block((np.arange(100) + 8) * TICK))
+    assert steps == [1] * 101  # the last one of the stopped clock, and those after it
+    assert clock.interval_s == 0.025
+    assert clock.duplicates == 50 * 40 - 1
+
+
+@pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])
+def test_lossy_start_does_not_mislead(pattern: list[int]) -> None:
+    clock = SampleClock("startup")
+    steps, _ = place(clock, block(np.cumsum(pattern * 20) * TICK))
+    assert clock.interval_s == 0.025
+    assert steps[1:] == (pattern * 20)[1:]
+
+
+def test_a_nominal_rate_shows_a_start_that_loses_every_other_sample() -> None:
+    clock = SampleClock("startup", 0.025)
+    steps, _ = place(clock, block(np.cumsum([2] * 40 + [1] * 40) * TICK))
+    assert clock.interval_s == 0.025
+    assert steps[1:] == [2] * 39 + [1] * 40
+
+
+def test_samples_out_of_order_do_not_mislead() -> None:
+    order = np.arange(60).reshape(-1, 2)[:, ::-1].ravel()
+    clock = SampleClock("startup")
+    place(clock, block(order * TICK))
+    assert clock.interval_s == 0.025
+
+
+@pytest.mark.parametrize("away_s", [5.0, 70.0, 6000.0])
+def test_the_gap_of_a_restart_has_a_known_length(away_s: float) -> None:
+    clock = SampleClock("startup", 0.025)
+    place(clock, block(np.arange(100) * TICK))
+    again = SampleClock.restore("startup", clock.save())
+    again.gap(away_s)
+    gap = round(away_s / 0.025)
+    out = again.place(block((np.arange(10) + 99 + gap) * TICK), host_s=0.0)
+    assert [int(s) for p in out for s in p.steps] == [gap] + [1] * 9
+
+
+def test_a_gap_with_two_interruptions_has_a_known_length() -> None:
+    clock = SampleClock("startup", 0.025)
+    clock.place(block(np.arange(100) * TICK), host_s=2.5)
+    clock.gap(60.0)
+    clock.gap(60.0)
+    out = clock.place(block((np.arange(10) + 99 + 4800) * TICK), host_s=0.2)
+    assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
+
+
+def test_a_fast_host_clock_leaves_no_time_open() -> None:
+    clock = SampleClock("startup", 0.025)
+    for k in range(2000):
+        clock.place(block((np.arange(400) + 400 * k) * TICK), host_s=10.0 * 1.0001)
+    out = clock.place(block((np.arange(10) + 800_000 + 4000) * TICK), host_s=0.25)
+    assert out[0].steps[0] == BREAK
+
+
+def test_time_before_the_first_sample_is_not_open() -> None:
+    clock = SampleClock("startup", 0.025)
+    clock.place(block(np.arange(100) * TICK), host_s=7200.0)
+    out = clock.place(block((np.arange(10) + 100 + 280_000) * TICK), host_s=0.25)
+    assert out[0].steps[0] == BREAK
+
+
+def test_a_jump_of_the_last_sample_is_no_gap_of_known_length() -> None:
+    clock = SampleClock("startup", 0.025)
+    clock.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), host_s=2.5)
+    [last] = clock.finish()
+    assert last.steps.tolist() == [BREAK]
+
+
+def test_a_jump_of_a_century_is_no_gap_of_known_length() -> None:
+    ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
+    steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
+    assert steps == [1, 1, 1, BREAK, 1]
+
+
+def test_a_jump_that_the_host_clock_does_not_confirm_is_no_gap() -> None:
+    clock = SampleClock("startup", 0.025)
+    out = clock.place(block(np.arange(100) * TICK), host_s=2.5)
+    out += clock.place(block((np.arange(100) + 100 + 144_000) * TICK), host_s=2.5)
+    assert [int(s) for p in out for s in p.steps] == [1] * 100 + [BREAK] + [1] * 99
+
+
+@pytest.mark.parametrize("blocks", [1, 3])
+def test_the_gap_of_a_pause_is_known_if_older_samples_come_first(blocks: int) -> None:
+    clock = SampleClock("startup", 0.025)
+    out = clock.place(block(np.arange(100) * TICK), host_s=2.5)
+    for k in range(blocks):
+        old = np.arange(100) + 100 * (k + 1)
+        out += clock.place(block(old * TICK), host_s=0.0 if k else 3600.0)
+    out += clock.place(block((np.arange(100) + 144_000) * TICK), host_s=0.2)
+    gap = 144_000 - 100 * (blocks + 1) + 1
+    assert [int(s) for p in out for s in p.steps] == [1] * 100 * (blocks + 1) + [gap] + [1] * 99
+    out = clock.place(block((np.arange(100) + 288_000) * TICK), host_s=2.5)
+    assert out[0].steps[0] == BREAK, "time that samples account for is not open again"
+
+
+def test_a_count_of_32_bits_continues_over_its_wrap() -> None:
+    counts = (np.arange(200, dtype=np.int64) * 25_000 + (1 << 32) - 90 * 25_000) % (1 << 32)
+    for cuts in ([], [88, 91, 120]):
+        steps, _ = place(SampleClock("counter"), block(counts, "counter"), cuts)
+        assert steps == [1] * 200
+
+
+def test_one_sample_with_a_nominal_rate_is_placed() -> None:
+    steps, values = place(SampleClock("startup", 0.01), block([7 * TICK]))
+    assert (steps, values) == ([1], [0.0])
+
+
+# ---------------------------------------------------------------- clocks without a tick
+
+RATES = [101.0, 810.0, 416.0, 104.0, 199.9]
+JITTER = {
+    "none": lambda rng, n: np.zeros(n),
+    "uniform": lambda rng, n: rng.uniform(-0.1, 0.1, n),
+    "normal": lambda rng, n: np.clip(rng.normal(0.0, 0.1, n), -0.4, 0.4),
+}
+"""Deviation of n time stamps from their grid, in ticks."""
+
+
+def stamps(rate: float, jitter: str, n: int, seed: int = 1) -> np.ndarray:
+    """Return (n,) ns, strictly increasing time stamps of a clock of this rate."""
+    ticks = np.arange(n) + JITTER[jitter](np.random.default_rng(seed), n)
+    return np.rint(np.sort(ticks) / rate * 1e9).astype(np.int64) + 10**12
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("jitter", JITTER)
+@pytest.mark.parametrize("size", [1, 7, 5000])
+@pytest.mark.parametrize("nominal", [None, 1.0, 1.009])
+def test_a_clock_without_a_tick_has_its_own_rate(
+    rate: float, jitter: str, size: int, nominal: float | None
+) -> None:
+    clock = SampleClock("startup", None if nominal is None else nominal / rate)
+    steps, _ = place(clock, block(stamps(rate, jitter, 5000)), list(range(size, 5000, size)))
+    assert clock.interval_s is not None
+    assert clock.interval_s * rate == pytest.approx(1.0, rel=1e-7 if jitter == "none" else 5e-4)
+    assert steps == [1] * 5000
+
+
+@pytest.mark.parametrize("jitter", JITTER)
+def test_the_learned_rate_has_no_bias(jitter: str) -> None:
+    errors = []
+    for seed in range(60):
+        clock = SampleClock("startup")
+        place(clock, block(stamps(101.3, jitter, 1100, seed)))
+        assert clock.interval_s is not None
+        errors.append(clock.interval_s * 101.3 - 1.0)
+    spread = max(float(np.std(errors)), 1e-9)
+    assert abs(np.mean(errors)) < 4.0 * spread / np.sqrt(len(errors))
+    assert spread < 2e-4
+
+
+@pytest.mark.parametrize("rate", [100.0, 99.9, 101.0])
+def test_a_clock_with_a_tick_has_a_multiple_of_it(rate: float) -> None:
+    clock = SampleClock("startup", tick_s=LOOP_S)
+    place(clock, block(stamps(rate, "none", 100)))
+    assert clock.interval_s == 0.01
+
+
+@pytest.mark.parametrize("jitter", JITTER)
+def test_hours_of_jitter_and_drift_leave_the_grid_whole(jitter: str) -> None:
+    n = 2 * 3600 * 101
+    rng = np.random.default_rng(7)
+    kept = rng.random(n) > 0.001
+    kept[[0, -1]] = True
+    times = stamps(101.0 * (1.0 + 20e-6), jitter, n)[kept]
+    clock = SampleClock("startup")
+    steps, values = place(clock, block(times), list(range(1000, len(times), 1000)))
+    assert (clock.duplicates, clock.implausible, clock.changed) == (0, 0, False)
+    assert len(values) == len(times)
+    np.testing.assert_array_equal(np.cumsum(steps) - 1, np.flatnonzero(kept))
+
+
+@given(
+    st.lists(st.sampled_from([0, 1, 1, 1, 1, 1, 2, 7, 5000, -40, 10**7]), min_size=1, max_size=80),
+    st.lists(st.floats(-0.45, 0.45), min_size=80, max_size=80),
+    st.lists(st.integers(0, 80), max_size=6),
+    st.booleans(),
+)
+def test_any_chunking_gives_the_same_grid_with_jitter(
+    jumps: list[int], jitter: list[float], cuts: list[int], known: bool
+) -> None:
+    ticks = np.cumsum(jumps) + 10**6 + np.array(jitter[: len(jumps)])
+    whole = block(np.rint(ticks * TICK).astype(np.int64))
+    cuts = [c for c in cuts if c <= len(whole)]
+    interval = 0.025 if known else None
+    one, many = SampleClock("startup", interval), SampleClock("startup", interval)
+    assert place(one, whole) == place(many, whole, cuts)
+    assert (one.duplicates, one.implausible) == (many.duplicates, many.implausible)
+
+
+def test_a_count_without_a_tick_is_of_microseconds() -> None:
+    clock = SampleClock("counter")
+    place(clock, block(np.arange(100) * 625, "counter"))
+    assert clock.interval_s == 625e-6
+
+
+def test_streams_of_a_vn_100_have_the_tick_of_its_loop() -> None:
+    found = recipe(frozenset({"startup", "ugyro", "uaccel"}), "binary")
+    assert found is not None
+    assert found.stream.tick_s == LOOP_S
+
+
+@pytest.mark.parametrize("jitter", JITTER)
+def test_the_monitor_has_the_rate_of_a_clock_without_a_tick(jitter: str) -> None:
+    """Live, in blocks of 7, with a nominal rate that is 1 % off; every 50th sample is lost."""
+    n = 5001
+    kept = np.arange(n) % 50 != 3
+    whole = block(stamps(101.0, jitter, n)[kept])
+    monitor = Monitor(MonitorOptions(guarded=False), rate_hz=100.0)
+    assert whole.time_ns is not None
+    for a in range(0, len(whole), 7):
+        rows = slice(a, a + 7)
+        monitor.feed(SampleBlock(whole.stream, whole.values[rows], whole.time_ns[rows], whole.lost[rows]))
+    monitor.flush()
+    assert monitor.sample_rate_hz == pytest.approx(101.0, rel=1e-9 if jitter == "none" else 5e-4)
+    assert monitor.samples == len(whole)
+    saved, _ = monitor.save()
+    assert saved["restarts"] == 0
+    assert saved["timeline"]["interval_s"] == pytest.approx(1 / 101.0, rel=5e-4)
