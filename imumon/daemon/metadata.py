@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from imumon import report
+from imumon.devices import registry
 from imumon.devices.vn100.vn100_session import Vn100Info
 
 
@@ -27,6 +28,8 @@ def device(name: str, facts: Vn100Info | None) -> report.DeviceDescription:
         clock=facts.clock,
         settings=facts.settings,
         remarks=facts.remarks,
+        driver=registry.DEFAULT_SCHEME,
+        setting_texts=registry.setting_texts(registry.driver(), facts.settings),
     )
 
 
@@ -42,6 +45,7 @@ def header(name: str, facts: Vn100Info, rate_hz: float | None, started: str | No
         "time": report.stamp(datetime.now(UTC)),
         "record": started,
         "id": name,
+        "driver": registry.DEFAULT_SCHEME,
         "model": facts.model,
         "serial": facts.serial,
         "firmware": facts.firmware,
@@ -56,7 +60,8 @@ def header(name: str, facts: Vn100Info, rate_hz: float | None, started: str | No
 def kept(facts: Vn100Info) -> dict[str, Any]:
     """Of the state, for a report that is made from it alone."""
     names = ("model", "serial", "firmware", "port", "baud", "alias_factor")
-    return {name: getattr(facts, name) for name in names} | {"caveats": list(facts.caveats)}
+    known = {name: getattr(facts, name) for name in names}
+    return known | {"driver": registry.DEFAULT_SCHEME, "caveats": list(facts.caveats)}
 
 
 def who(facts: Vn100Info | None) -> str:

@@ -137,6 +137,9 @@ def channels(
                 (float(recent.mean[column]), float(recent.std[column])),
                 report_builder.bias(name, means, fit, record.elapsed_s),
                 correlations[name],
+                report_builder.effective_samples(
+                    found.allan, running.channels[column].std, running.channels[column].count
+                ),
             ),
             grade=ChannelGrade() if found.grade is not None and hindered else found.grade,
             changes=changed.get(column, ()) if fit is not None else (),

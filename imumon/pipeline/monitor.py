@@ -28,7 +28,7 @@ from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.events import DetectedEvent, EventLog
-from imumon.pipeline.report_builder import signal
+from imumon.pipeline.report_builder import limit_curves, signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
@@ -41,6 +41,8 @@ PATIENCE_S = 5.0
 
 SAME_RATE = 1e-3
 """Relative difference up to which two intervals are one, learned twice."""
+
+LIMIT_CURVES = limit_curves(LIMITS)
 
 RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
 
@@ -226,6 +228,7 @@ class Monitor:
             channels=channels,
             caveats=tuple(dict.fromkeys(caveats)),
             limits=LIMITS,
+            limit_curves=LIMIT_CURVES,
         )
 
     @property

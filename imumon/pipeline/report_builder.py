@@ -171,7 +171,11 @@ class Bias(NamedTuple):
 
 
 def distribution(
-    shape: DistributionShape | None, recent: tuple[float, float], bias: Bias, correlation: Mapping[str, float]
+    shape: DistributionShape | None,
+    recent: tuple[float, float],
+    bias: Bias,
+    correlation: Mapping[str, float],
+    effective_samples: float | None,
 ) -> report.Distribution:
     """Shape of a channel's values, beside its last minute, its bias and the sensor's other axes.
 
@@ -190,7 +194,49 @@ def distribution(
         bias_high=bias.high,
         bias_reason=bias.reason,
         correlation=correlation,
+        effective_samples=effective_samples,
     )
+
+
+def effective_samples(allan: report.Allan | None, std: float | None, count: int) -> float | None:
+    """Return the number of independent samples whose mean has the variance of this mean.
+
+    The mean of n independent samples has the variance std^2 / n. The mean of a record of length T has, if
+    clusters of length tau were independent, the variance sigma^2(tau) tau / T. The largest over all tau decides.
+
+    Parameters
+    ----------
+    std : channel unit, standard deviation of the samples.
+    count : number of samples.
+    """
+    if allan is None or not allan.tau_s or std is None:
+        return None
+    largest = max(sigma**2 * tau for sigma, tau in zip(allan.sigma, allan.tau_s, strict=True))
+    length_s = count * allan.tau_s[0]
+    return min(std**2 * length_s / largest, float(count)) if largest > 0.0 else None
+
+
+LIMIT_CURVE_TAU_S = 10.0 ** np.arange(-4.0, 7.01, 0.5)
+"""(t,) s, averaging times of the limit curves; drawn straight between them the error is at most 2 %."""
+
+
+def limit_curves(
+    limits: Mapping[str, Mapping[str, Mapping[str, float]]],
+) -> dict[str, dict[str, report.LimitCurve]]:
+    """Return the Allan deviation at the limits of each grade: N^2 / tau + (2 ln 2 / pi) B^2 (IEEE Std 952).
+
+    Parameters
+    ----------
+    limits : SI, by sensor, coefficient and grade.
+    """
+    flicker = 2.0 * math.log(2.0) / math.pi
+    curves: dict[str, dict[str, report.LimitCurve]] = {}
+    for sensor, of in limits.items():
+        for grade, white in of["N"].items():
+            sigma = np.sqrt(white**2 / LIMIT_CURVE_TAU_S + flicker * of["B"][grade] ** 2)
+            curve = report.LimitCurve(tau_s=rounded(LIMIT_CURVE_TAU_S), sigma=rounded(sigma))
+            curves.setdefault(sensor, {})[grade] = curve
+    return curves
 
 
 def bias(name: str, means: Mapping[str, float | None], fit: ChannelFit | None, length_s: float) -> Bias:

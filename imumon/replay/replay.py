@@ -16,6 +16,7 @@ from typing import Any, Protocol, TextIO
 
 from imumon import pipeline, report
 from imumon.bus import Publisher
+from imumon.devices import registry
 from imumon.devices.vn100 import Vn100Decoder
 from imumon.pipeline import Monitor
 from imumon.recordings import (
@@ -238,14 +239,19 @@ class _Run:
             guarded=task.guarded, precision=task.precision, baseline=task.baseline
         )
         self.monitor = Monitor(wanted, rate_hz=task.rate_hz or header.get("rate_hz"))
+        id = header.get("id") or (f"vn100-{header['serial']}" if header.get("serial") else "replay")
+        settings = header.get("settings", {})
+        driver = registry.driver_of_record(header.get("driver"), header.get("model"), id)
         self.device = report.DeviceDescription(
-            id=header.get("id") or (f"vn100-{header['serial']}" if header.get("serial") else "replay"),
+            id=id,
+            driver=driver.scheme if driver is not None else header.get("driver"),
+            setting_texts=registry.setting_texts(driver, settings),
             model=header.get("model"),
             serial=header.get("serial"),
             firmware=header.get("firmware"),
             port=task.path,
             alias_factor=header.get("alias_factor"),
-            settings=header.get("settings", {}),
+            settings=settings,
         )
         self.started = header.get("time")
         self._waiting: list[report.Event] = []
