@@ -305,7 +305,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitCurve:
-    """Allan deviation of a sensor whose N and B are exactly at the limits of a grade."""
+    """Allan deviation at the limits of a grade for N and B; straight between the points on log-log axes."""
 
     tau_s: tuple[float, ...]  # s, averaging times
     sigma: tuple[float, ...]  # channel unit, Allan deviation
@@ -364,8 +364,8 @@ class CoefficientRatio:
 def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRatio:
     """Return the ratio of the second coefficient to the first, and whether they differ.
 
-    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. These limits
-    follow from the half-widths that face one another, added in quadrature (method of variance estimates
+    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. These
+    limits follow from the half-widths that face one another, added in quadrature (method of variance estimates
     recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if the
     limits of the value are beyond it; otherwise it says nothing about the ratio.
 

@@ -17,7 +17,7 @@ from commands import imumon
 from daemons import free_endpoint
 
 from imumon.bus import Publisher, Subscriber
-from imumon.datasheet.signal_text import signal
+from imumon.datasheet.signal_text import signal_lines
 from imumon.devices.vn100 import ascii as sentences
 from imumon.replay.replay import ReplayOptions, replay
 from imumon.report import Report, from_json
@@ -118,7 +118,7 @@ def test_what_is_in_the_signal_is_told(tmp_path: Path) -> None:
     np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
     text = imumon("replay", path, "--json")
     channels = json.loads(text)["channels"]
-    shown = "\n".join(signal(from_json(Report, text)))
+    shown = "\n".join(signal_lines(from_json(Report, text)))
     bias = channels["gyro/x"]["distribution"]
     assert bias["bias_low"] < 1e-3 < bias["bias_high"]
     upright = channels["accel/z"]["distribution"]

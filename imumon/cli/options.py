@@ -134,12 +134,12 @@ def print_report(made: Any, as_json: bool, baseline: Any = None) -> None:
 
         print_json(to_json(made))
     else:
-        from imumon.datasheet.signal_text import signal, unchanged
-        from imumon.datasheet.text_table import table
+        from imumon.datasheet.signal_text import baseline_summary, signal_lines
+        from imumon.datasheet.tables import report_table
 
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        same = unchanged(made, baseline) if baseline is not None else None
-        lines = [table(made, width), "", *signal(made, width), *([same] if same else [])]
+        same = baseline_summary(made, baseline) if baseline is not None else None
+        lines = [report_table(made, width), "", *signal_lines(made, width), *([same] if same else [])]
         print("\n".join(lines).rstrip())
 
 

@@ -216,8 +216,8 @@ def effective_samples(allan: report.Allan | None, std: float | None, count: int)
     return min(std**2 * length_s / largest, float(count)) if largest > 0.0 else None
 
 
-LIMIT_CURVE_TAU_S = 10.0 ** np.arange(-4.0, 7.01, 0.5)
-"""(t,) s, averaging times of the limit curves; drawn straight between them the error is at most 2 %."""
+KNEE_DECADES = np.array([-8.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 8.0])
+"""(t,) decades around the knee of a limit curve: straight lines between them are within 1 % on log-log axes."""
 
 
 def limit_curves(
@@ -229,12 +229,13 @@ def limit_curves(
     ----------
     limits : SI, by sensor, coefficient and grade.
     """
-    flicker = 2.0 * math.log(2.0) / math.pi
     curves: dict[str, dict[str, report.LimitCurve]] = {}
     for sensor, of in limits.items():
         for grade, white in of["N"].items():
-            sigma = np.sqrt(white**2 / LIMIT_CURVE_TAU_S + flicker * of["B"][grade] ** 2)
-            curve = report.LimitCurve(tau_s=rounded(LIMIT_CURVE_TAU_S), sigma=rounded(sigma))
+            floor = 2.0 * math.log(2.0) / math.pi * of["B"][grade] ** 2
+            tau = white**2 / floor * 10.0**KNEE_DECADES
+            sigma = np.sqrt(white**2 / tau + floor)
+            curve = report.LimitCurve(tau_s=rounded(tau), sigma=rounded(sigma))
             curves.setdefault(sensor, {})[grade] = curve
     return curves
 
