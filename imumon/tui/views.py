@@ -99,7 +99,7 @@ class Overview(ChannelView):
         self.imumon.toggle("overlay")
 
     def action_limits(self) -> None:
-        self.imumon.toggle("limits")
+        self.imumon.toggle("show_limits")
 
     def action_baseline(self) -> None:
         self.imumon.toggle_baseline()
