@@ -242,8 +242,8 @@ def _grade_limits(report: Report) -> Iterator[Block]:
     yield DataTable(("at most", *units), rows, strong=strong)
     yield Paragraph(
         "Table 3.1 of the VectorNav inertial navigation primer. The grade of a sensor is the nearest on a "
-        "logarithmic scale, the worst over N and B and over the axes. Beside it is the best grade whose limits "
-        "no value exceeds."
+        "logarithmic scale, the worst over N and B and over the axes. Beside it is the best grade whose "
+        "limits no value exceeds."
     )
 
 

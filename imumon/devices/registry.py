@@ -61,7 +61,7 @@ def scheme_of(url: str) -> str:
 def driver_of_record(name: str | None, model: str | None, id: str) -> DeviceDriver | None:
     """Return the driver that made a report or a recording; None if it is unknown or not installed.
 
-    Files of earlier versions do not name the driver. They are of the default one if their model or id says so.
+    Files of earlier versions do not name the driver; they are of the default one if model or id says so.
 
     Parameters
     ----------

@@ -202,7 +202,7 @@ def effective_samples(allan: report.Allan | None, std: float | None, count: int)
     """Return the number of independent samples whose mean has the variance of this mean.
 
     The mean of n independent samples has the variance std^2 / n. The mean of a record of length T has, if
-    clusters of length tau were independent, the variance sigma^2(tau) tau / T. The largest over all tau decides.
+    clusters of length tau were independent, the variance sigma^2(tau) tau / T. The largest one decides.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def effective_samples(allan: report.Allan | None, std: float | None, count: int)
 
 
 KNEE_DECADES = np.array([-8.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 8.0])
-"""(t,) decades around the knee of a limit curve: straight lines between them are within 1 % on log-log axes."""
+"""(t,) decades around the knee of a limit curve: straight lines on log-log axes are within 1 %."""
 
 
 def limit_curves(

@@ -88,8 +88,8 @@ class Canvas:
         Parameters
         ----------
         left : first column, cell.
-        top, bottom : (n,) cells from above, per column. A column is empty for NaN and for a band thinner than half
-            a cell, which the points would cover.
+        top, bottom : (n,) cells from above, per column. A column is empty for NaN and for a band thinner than
+            half a cell, which the points would cover.
         """
         index, page = self._role(role), self._role("page")
         for k, (a, b) in enumerate(zip(top, bottom, strict=True)):

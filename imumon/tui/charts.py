@@ -101,7 +101,7 @@ def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     tau = np.concatenate([numbers(c.tau_s) for c in curves])
     sigma = np.concatenate([numbers((*c.sigma, *c.model), factor) for c in curves])
     edges = np.concatenate([numbers((*c.low, *c.high), factor) for c in curves])
-    # a limit of an octave with few samples may be decades away: the points decide, limits add at most a factor
+    # limits of octaves with few samples may be decades away: the points decide, limits add at most a factor
     positive = sigma[np.isfinite(sigma) & (sigma > 0)]
     if len(positive):
         edges = np.clip(edges, positive.min() / 4.0, positive.max() * 4.0)

@@ -1,7 +1,8 @@
 """Where the screen gets its reports from.
 
-A slot for the latest value: the receiver writes into it from its own threads, and the screen reads it when it
-is about to draw. Nothing is queued, so a slow terminal delays nobody and a fast sensor never floods the screen.
+A slot for the latest value: the receiver writes into it from its own threads, and the screen reads it when
+it is about to draw. Nothing is queued, so a slow terminal delays no thread and a fast sensor does not flood
+the screen.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Everything that the screen shows at one moment, frozen.
 
-The app makes a new state when something has changed. Every part of the screen is a pure function from a state
-and a size to lines, so a view can be tested without a terminal, and freezing the screen means keeping a state.
+The app makes a new state when something has changed. Every part of the screen is a pure function from a
+state and a size to lines, so a view can be tested without a terminal, and freezing the screen means keeping a
+state.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class RoleStyles(Widget):
         super().notify_style_update()
 
     def style(self, role: str, page: Color | None) -> Style:
-        """Return the style of a role, or of a role on a background (``text/band``), on a page of this colour."""
+        """Return the style of a role, or of a role on a background (``text/band``), on a page of a colour."""
         style = self._styles.get((role, page))
         if style is None:
             name, _, background = role.partition("/")

@@ -15,7 +15,7 @@ _MANUFACTURER: Mapping[tuple[str, str], tuple[float, str]] = {
     ("accel", "B"): (0.04, "< 0.04"),
     ("mag", "N"): (0.14, "0.14"),
 }
-"""Datasheet of the manufacturer, readable units. Its B is an in-run bias stability: the floor of the curve."""
+"""Datasheet of the manufacturer, readable units. Its B is an in-run bias stability, the curve's floor."""
 
 _LABORATORY: Mapping[tuple[str, str], tuple[float, float, float]] = {
     ("gyro", "N"): (8.858211836469779e-5, 1.118982270722039e-4, 9.042853866968627e-5),
@@ -47,7 +47,7 @@ REFERENCE_VALUES: Mapping[tuple[str, str], Sequence[ReferenceValue]] = MappingPr
 _NOTE = (
     "The laboratory report is from five hours of $VNYMR at 40 Hz and concludes industrial for both sensors. "
     "That stream is aliased and compensated: its N is about √5 = 2.24 times too high, and its gyroscope B "
-    "describes the filter of the sensor. The bias stability of the manufacturer is the floor of the curve, 0.664 B."
+    "describes the filter of the sensor. The bias stability of the manufacturer is the curve's floor, 0.664 B."
 )
 
 
