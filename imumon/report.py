@@ -364,9 +364,9 @@ class CoefficientRatio:
 def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRatio:
     """Return the ratio of the second coefficient to the first, and whether they differ.
 
-    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. These
-    limits follow from the half-widths that face one another, added in quadrature (method of variance
-    estimates recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if the
+    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. They
+    follow from the half-widths that face one another, added in quadrature (method of variance estimates
+    recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if the
     limits of the value are beyond it; otherwise it says nothing about the ratio.
 
     Parameters

