@@ -1,4 +1,4 @@
-"""What the screen costs: CPU share and resident memory with a new report every half second or second.
+"""Cost of the screen: CPU share and resident memory with a new report every half second or second.
 
     python benchmarks/screen.py [SECONDS]
 
@@ -27,10 +27,11 @@ sys.path.insert(0, {tests!r})
 import reports
 from imumon.tui import run
 
-READY = [reports.report(600.0 + 1.7 * k) for k in range(24)]
-SIGNAL = reports.signal()
+RUN = reports.Run(700.0)
+READY = [RUN.report_at(600.0 + 1.7 * k) for k in range(24)]
+SIGNAL = RUN.monitor.signals(("gyro/x",))["gyro/x"]
 
-class Feed:
+class Source:
     begin = time.monotonic()
     @property
     def version(self): return int({rate} * (time.monotonic() - self.begin))
@@ -41,7 +42,7 @@ class Feed:
     def signal(self): return SIGNAL, time.monotonic()
     def connected(self): return True
 
-sys.exit(run(Feed()))
+sys.exit(run(Source()))
 """
 
 
@@ -80,7 +81,7 @@ def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> 
             written[0] += len(data)
 
     threading.Thread(target=drain, daemon=True).start()
-    time.sleep(4.0)
+    time.sleep(10.0)
     os.write(ours, keys)
     time.sleep(2.0)
     begin, cpu, out = time.monotonic(), spent(process.pid), written[0]

@@ -43,6 +43,8 @@ class DeviceDescription:
     clock: str | None = None  # where the time of the samples comes from: "startup", "counter", "dt" or "none"
     settings: Mapping[str, str] = field(default_factory=dict)  # registers that change the data, as text
     remarks: tuple[str, ...] = ()  # what is unknown or not as it should be, one line each
+    driver: str | None = None  # URL scheme of the device driver, such as vn100; null: unknown
+    setting_texts: Mapping[str, str] = field(default_factory=dict)  # effect of those settings that are known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,6 +197,7 @@ class Distribution:
     bias_high: float | None = None  # channel unit, upper 95 % limit of the bias
     bias_reason: str | None = None  # why there is no bias
     correlation: Mapping[str, float] = field(default_factory=dict)  # -1 to 1, by the sensor's other channels
+    effective_samples: float | None = None  # independent samples that give the mean the same variance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,6 +303,14 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LimitCurve:
+    """Allan deviation at the limits of a grade for N and B; straight between the points on log-log axes."""
+
+    tau_s: tuple[float, ...]  # s, averaging times
+    sigma: tuple[float, ...]  # channel unit, Allan deviation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
     """Something that happened: `kind` is one word, `text` one line of text."""
 
@@ -329,6 +340,54 @@ class Report:
     speed: float = 1.0  # device seconds per second of the host clock; not 1 in time-lapse
     # SI, by gyro and accel, N and B, and grade: largest value that each grade allows
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+    # of gyro and accel, by grade: the curve at the limits of the grade
+    limit_curves: Mapping[str, Mapping[str, LimitCurve]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class CoefficientRatio:
+    """Ratio of a coefficient in two reports, and whether the two differ at 95 %.
+
+    Attributes
+    ----------
+    value : the second over the first if `relation` is "=", else a bound of it; None: unknown.
+    relation : "=", or "<" or ">" where one of the two is only bounded.
+    differs : whether the 95 % limits rule out that both are equal.
+    """
+
+    value: float | None = None
+    relation: Literal["=", "<", ">"] = "="
+    differs: bool = False
+
+
+def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRatio:
+    """Return the ratio of the second coefficient to the first, and whether they differ.
+
+    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. They
+    follow from the half-widths that face one another, added in quadrature (method of variance estimates
+    recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if the
+    limits of the value are beyond it; otherwise it says nothing about the ratio.
+
+    Parameters
+    ----------
+    first, second : the same coefficient of the same sensor type in two reports, SI.
+    """
+    if first.value and second.value:
+        differs = _exceeds(second, first) or _exceeds(first, second)
+        return CoefficientRatio(second.value / first.value, differs=differs)
+    if first.value and second.high is not None and first.low is not None and second.high < first.low:
+        return CoefficientRatio(second.high / first.value, "<", differs=True)
+    if second.value and first.high and second.low is not None and first.high < second.low:
+        return CoefficientRatio(second.value / first.high, ">", differs=True)
+    return CoefficientRatio()
+
+
+def _exceeds(larger: Coefficient, smaller: Coefficient) -> bool:
+    """Return whether the first of two values is larger at 95 %."""
+    if not (smaller.value and smaller.high and larger.value and larger.low) or larger.value <= smaller.value:
+        return False
+    half_widths = math.log(smaller.high / smaller.value), math.log(larger.value / larger.low)
+    return math.log(larger.value / smaller.value) > math.hypot(*half_widths)
 
 
 def stamp(moment: datetime) -> str:
@@ -394,6 +453,7 @@ _PARALLEL: Mapping[type, tuple[str, ...]] = {
     Histogram: ("counts", "gaussian"),
     Spectrum: ("frequency_hz", "density", "averages"),
     Strip: ("low", "high"),
+    LimitCurve: ("tau_s", "sigma"),
 }
 """Arrays of equal length, or empty."""
 

@@ -158,6 +158,7 @@ class DeviceInfo:
     Attributes
     ----------
     id : default name of the device in keys and files.
+    driver : URL scheme of the driver.
     kind : noun for the device in messages, such as "VN-100".
     port : path or URL that it was opened by.
     baud : bit/s; None for devices without a baud rate.
@@ -175,6 +176,7 @@ class DeviceInfo:
     """
 
     id: str
+    driver: str | None = None
     kind: str = "sensor"
     model: str | None = None
     serial: str | None = None

@@ -1,4 +1,4 @@
-"""A screen in a process of its own, fed by a report that grows; for tests that need a real terminal."""
+"""A screen in its own process with a growing report, for tests that need a real terminal."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ import reports
 from imumon.report import Event, Report, Signal
 from imumon.tui import app, run
 
+START_S = 60.0
+"""s, elapsed time of the first report."""
 
-class Growing:
-    """A daemon in small: a new report twice a second, three of sensor time in a second."""
+
+class GrowingSource:
+    """A new report twice a second, of three seconds of the sensor per second."""
 
     def __init__(self) -> None:
+        self._run = reports.Run(3600.0)
+        self._report = self._run.report_at(START_S)
+        self._signal = self._run.monitor.signals(("gyro/x",))["gyro/x"]
         self._begin = time.monotonic()
 
     @property
@@ -22,8 +28,10 @@ class Growing:
         return int(2.0 * (time.monotonic() - self._begin))
 
     def reports(self) -> dict[str, tuple[Report, float]]:
-        report = reports.report(600.0 + 1.5 * self.version)
-        return {report.device.id: (report, time.monotonic())}
+        elapsed_s = START_S + 1.5 * self.version
+        if elapsed_s > self._report.session.elapsed_s:
+            self._report = self._run.report_at(elapsed_s)
+        return {reports.ID: (self._report, time.monotonic())}
 
     def alive(self) -> set[str]:
         return {reports.ID}
@@ -32,15 +40,15 @@ class Growing:
         return reports.events()
 
     def watch(self, id: str, channel: str | None) -> None:
-        self._channel = channel
+        pass
 
     def signal(self) -> tuple[Signal, float] | None:
-        return reports.signal(), time.monotonic()
+        return self._signal, time.monotonic()
 
     def connected(self) -> bool:
         return True
 
 
 if __name__ == "__main__":
-    app.POLL = 0.3
-    sys.exit(run(Growing(), ascii="--ascii" in sys.argv))
+    app.TERMINAL_POLL_S = 0.3
+    sys.exit(run(GrowingSource(), ascii="--ascii" in sys.argv))

@@ -28,20 +28,20 @@ class Tmux:
         run = f"{command}; echo EXIT=$?; exec cat"
         environment = [part for k in ("LANG", "PYTHONPATH") for part in ("-e", f"{k}={ENVIRONMENT[k]}")]
         where = ["-x", str(size[0]), "-y", str(size[1])]
-        self.tell("-f", "/dev/null", "new-session", "-d", *environment, *where, "sh", "-c", run)
+        self.command("-f", "/dev/null", "new-session", "-d", *environment, *where, "sh", "-c", run)
 
-    def tell(self, *words: str) -> str:
+    def command(self, *words: str) -> str:
         done = subprocess.run([*self._base, *words], capture_output=True, text=True, check=True, timeout=20)
         return done.stdout
 
     def text(self) -> str:
-        return self.tell("capture-pane", "-p")
+        return self.command("capture-pane", "-p")
 
     def flag(self, name: str) -> str:
-        return self.tell("display-message", "-p", f"#{{{name}}}").strip()
+        return self.command("display-message", "-p", f"#{{{name}}}").strip()
 
     def press(self, *keys: str) -> None:
-        self.tell("send-keys", *keys)
+        self.command("send-keys", *keys)
 
     def screen(self) -> int:
         """Process of the screen in the pane."""

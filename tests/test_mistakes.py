@@ -109,20 +109,20 @@ def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
     assert done.stdout.startswith("/dev/")
 
 
-def _text(scene: ViewState) -> str:
-    return "\n".join("".join(text for text, _ in line) for line in welcome(scene, 100, 30))
+def _text(state: ViewState) -> str:
+    return "\n".join("".join(text for text, _ in line) for line in welcome(state, 100, 30))
 
 
 def test_the_screen_shows_that_the_emulator_starts_and_why_its_daemon_ended() -> None:
     starting = ViewState(starting="The emulated sensor is starting.", endpoint="unixsock-stream/x")
     assert "emulated sensor is starting" in _text(starting)
     assert "imumon run" not in _text(starting)
-    assert "no space left" in _text(starting.after(ended="imumon: no space left"))
-    shown = report(200.0)
+    assert "no space left" in _text(starting.updated(ended="imumon: no space left"))
+    made = report(200.0)
     lost = ViewState(
         reports={shown.device.id: shown}, ages={shown.device.id: 60.0}, id=shown.device.id, ended="it fell"
     )
-    assert "it fell" in lost.situation().text
+    assert "it fell" in lost.connection_status().text
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from commands import imumon
 from daemons import free_endpoint
 
 from imumon.bus import Publisher, Subscriber
-from imumon.datasheet.signal_text import signal
+from imumon.datasheet.signal_text import signal_lines
 from imumon.devices.vn100 import ascii as sentences
 from imumon.recordings import RecordingError
 from imumon.replay import ReplayOptions, replay
@@ -117,9 +117,9 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
     mag[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.0 * t)
     path = tmp_path / "a.npz"
     np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
-    made = imumon("replay", path, "--json")
-    channels = json.loads(made)["channels"]
-    shown = "\n".join(signal(from_json(Report, made)))
+    text = imumon("replay", path, "--json")
+    channels = json.loads(text)["channels"]
+    shown = "\n".join(signal_lines(from_json(Report, text)))
     bias = channels["gyro/x"]["distribution"]
     assert bias["bias_low"] < 1e-3 < bias["bias_high"]
     upright = channels["accel/z"]["distribution"]

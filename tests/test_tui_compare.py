@@ -1,28 +1,44 @@
-"""Two sensors compared: ratios, and the word that they differ only where that is shown."""
+"""Ratio of two coefficients: it differs only if the 95 % limits show it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-import reports
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.report import Coefficient
-from imumon.tui.compare import ratio
+from imumon.pipeline.report_builder import coefficient
+from imumon.report import Coefficient, Status, coefficient_ratio
+from imumon.tui.compare import ratio_text
+
+
+@dataclass(frozen=True)
+class Estimate:
+    value: float | None
+    low: float | None
+    high: float | None
+    status: Status
+    reason: str | None = None
 
 
 def known(value: float, spread: float) -> Coefficient:
-    return reports.coefficient("gyro", "N", value, spread)
+    """Return a coefficient with a relative half-width of `spread`: measured, bounded or pending."""
+    if spread < 0.9:
+        estimate = Estimate(value, value * (1 - 0.95 * spread), value * (1 + 1.05 * spread), "measured")
+    elif spread < 6.0:
+        estimate = Estimate(None, 0.0, value * (1 + spread), "upper_bound")
+    else:
+        estimate = Estimate(None, None, None, "pending")
+    return coefficient("gyro", "N", estimate)
 
 
 def test_a_ratio_differs_beyond_the_limits_of_both() -> None:
-    assert ratio(known(1.0, 0.05), known(2.0, 0.05)) == ("2.00 differs", "warn")
-    assert ratio(known(2.0, 0.05), known(1.0, 0.05)) == ("0.500 differs", "warn")
-    assert ratio(known(1.0, 0.05), known(1.06, 0.05)) == ("1.06  within", "muted")
+    assert ratio_text(known(1.0, 0.05), known(2.0, 0.05)) == ("2.00 differs", "warn")
+    assert ratio_text(known(2.0, 0.05), known(1.0, 0.05)) == ("0.500 differs", "warn")
+    assert ratio_text(known(1.0, 0.05), known(1.06, 0.05)) == ("1.06  within", "muted")
 
 
 def test_limits_that_touch_need_not_be_alike() -> None:
@@ -31,18 +47,18 @@ def test_limits_that_touch_need_not_be_alike() -> None:
     assert one.high is not None
     assert two.low is not None
     assert one.high > two.low
-    assert ratio(one, two)[0] == "1.17 differs"
+    assert ratio_text(one, two)[0] == "1.17 differs"
 
 
 def test_a_bound_differs_only_from_what_is_measured_beyond_it() -> None:
     bound, pending = known(1.0, 1.5), known(1.0, 9.0)
     assert (bound.status, pending.status) == ("upper_bound", "pending")
-    assert ratio(known(10.0, 0.05), bound) == ("< 0.250 differs", "warn")
-    assert ratio(bound, known(10.0, 0.05)) == ("> 4.00 differs", "warn")
+    assert ratio_text(known(10.0, 0.05), bound) == ("< 0.250 differs", "warn")
+    assert ratio_text(bound, known(10.0, 0.05)) == ("> 4.00 differs", "warn")
     for other in (known(1.0, 0.05), bound, pending):
-        assert ratio(bound, other) == ("–", "faint")
-        assert ratio(pending, other) == ("–", "faint")
-    assert ratio(None, bound) == ("", "faint")
+        assert ratio_text(bound, other) == ("–", "faint")
+        assert ratio_text(pending, other) == ("–", "faint")
+    assert ratio_text(None, bound) == ("", "faint")
 
 
 @given(
@@ -56,7 +72,7 @@ def test_which_is_first_does_not_matter(
 ) -> None:
     one, two = known(value, spread), known(value * factor, 0.1)
     two = replace(two, low=None if low is None or two.value is None else two.value * low)
-    here, there = ratio(one, two), ratio(two, one)
+    here, there = ratio_text(one, two), ratio_text(two, one)
     assert here[1] == there[1]
     assert len(here[0]) <= 15
     assert "differs" not in here[0] or factor != 1.0
@@ -64,12 +80,12 @@ def test_which_is_first_does_not_matter(
 
 @pytest.mark.slow
 def test_alike_sensors_differ_in_one_pair_of_twenty() -> None:
-    """Estimates with log-normal scatter and their own 95 % limits: the word is wrong at 5 % of them."""
+    """Estimates with log-normal scatter and their own 95 % limits: `differs` is wrong for 5 % of them."""
     rng, wrong, pairs = np.random.default_rng(3), 0, 2000
     for _ in range(pairs):
         spread = rng.uniform(0.02, 0.4, 2)
         one, two = (_estimate(float(s), float(rng.standard_normal())) for s in spread)
-        wrong += "differs" in ratio(one, two)[0]
+        wrong += coefficient_ratio(one, two).differs
     assert abs(wrong / pairs - 0.05) < 3 * math.sqrt(0.05 * 0.95 / pairs)
 
 

@@ -1,4 +1,4 @@
-"""The screen on a real terminal: what it needs, how it ends, what it leaves behind."""
+"""The screen on a real terminal: what it needs, how it ends, what it restores."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def shell(*arguments: str) -> str:
 
 
 def test_from_end_to_end_in_a_terminal(tmux: Callable[..., Tmux]) -> None:
-    """It shows, lives, answers keys, and leaves the terminal as it was."""
+    """It draws, updates, reacts to keys, and restores the terminal."""
     pane = tmux(shell())
     until(lambda: "● live" in pane.text())
     until(lambda: ("█" in pane.text() and "⠤" in pane.text()) or "⠑" in pane.text())
@@ -57,7 +57,7 @@ def test_from_end_to_end_in_a_terminal(tmux: Callable[..., Tmux]) -> None:
     until(lambda: "signal: keys" in pane.text())
     pane.press("Escape")
     until(lambda: "signal: keys" not in pane.text())
-    pane.tell("resize-window", "-x", "80", "-y", "24")
+    pane.command("resize-window", "-x", "80", "-y", "24")
     pane.press("1")
     until(lambda: "INDUSTRIAL" in pane.text())
     assert "±" in pane.text()
@@ -125,16 +125,16 @@ def start(**options: object) -> tuple[subprocess.Popen[bytes], int]:
     return process, ours
 
 
-def read_until(line: int, wanted: bytes, seconds: float = 20.0) -> None:
+def read_until(line: int, expected: bytes, seconds: float = 20.0) -> None:
     end, got = time.monotonic() + seconds, b""
-    while wanted not in got:
+    while expected not in got:
         assert time.monotonic() < end, got[-200:]
         got += os.read(line, 65536)
 
 
 @pytest.mark.parametrize("ignore_hangup", [False, True])
 def test_it_ends_when_its_terminal_vanishes(ignore_hangup: bool) -> None:
-    """A closed window, a lost connection: no process is left that spins for ever."""
+    """A closed window, a lost connection: no process keeps spinning."""
     process, line = start(ignore_hangup=ignore_hangup)
     try:
         read_until(line, b"live")
@@ -181,7 +181,7 @@ def test_a_dumb_terminal_is_refused() -> None:
 
 
 def test_the_screen_imports_no_heavy_library() -> None:
-    """scipy, pydantic and the port are other people's business."""
+    """The screen needs neither scipy nor pydantic nor the serial port."""
     program = "import sys, imumon.tui.app; print(sorted({m.partition('.')[0] for m in sys.modules}))"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True

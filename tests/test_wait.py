@@ -41,7 +41,7 @@ def graded(report: Report, provisional: bool) -> Report:
     return replace(report, grade={"gyro": headline, "accel": headline})
 
 
-LONG = graded(reports.report(100_000.0), False)
+LONG = graded(reports.long_report(), False)
 
 
 def test_a_final_grade_counts_for_itself_and_all_worse_ones() -> None:

@@ -106,10 +106,15 @@ def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
 
         print_json(to_json(report))
         return
-    from imumon.datasheet.signal_text import signal, unchanged
-    from imumon.datasheet.text_table import table
+    from imumon.datasheet.signal_text import baseline_summary, signal_lines
+    from imumon.datasheet.tables import report_table
 
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    comparison = unchanged(report, baseline) if baseline is not None else None
-    lines = [table(report, width), "", *signal(report, width), *([comparison] if comparison else [])]
+    comparison = baseline_summary(report, baseline) if baseline is not None else None
+    lines = [
+        report_table(report, width),
+        "",
+        *signal_lines(report, width),
+        *([comparison] if comparison else []),
+    ]
     print("\n".join(lines).rstrip())

@@ -21,6 +21,7 @@ STATE_MAGIC = b"imumon-state "
 
 
 def add_report(parser: Parser) -> None:
+    """Add the arguments of the command."""
     from imumon.datasheet import FORMS
 
     forms = "; ".join(f"{name}: {what}" for name, (_, what) in FORMS.items())
@@ -107,7 +108,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
             with open(arguments.file, "rb") as file:
                 head = file.read(64)
         except IsADirectoryError:
-            pass  # a bag of two or more files
+            pass  # a bag of several files
         except OSError as error:
             message = f"cannot read {arguments.file}: {_reason(error)}"
             raise CommandError("file_unreadable", message) from None
@@ -132,6 +133,7 @@ def _from_state(path: Path) -> Any:
     from datetime import datetime
 
     from imumon.checkpoint import decode
+    from imumon.devices import registry
     from imumon.pipeline import Monitor, MonitorOptions
     from imumon.report import DeviceDescription, SessionCounters
 
@@ -143,8 +145,10 @@ def _from_state(path: Path) -> Any:
         monitor.accept_restored()
         known = {"serial": meta.get("serial")} | meta.get("device", {})
         caveats = tuple(known.pop("caveats", ()))
-        name = path.name.partition(".state")[0]
-        device = DeviceDescription(**(known | {"id": name, "settings": meta.get("settings", {})}))
+        id, settings = path.name.partition(".state")[0], meta.get("settings", {})
+        driver = registry.driver_of_record(known.get("driver"), known.get("model"), id)
+        texts = registry.setting_texts(driver, settings)
+        device = DeviceDescription(**(known | {"id": id, "settings": settings, "setting_texts": texts}))
         session = SessionCounters(started=meta.get("started"), **meta["session"])
         if monitor.stream is not None and monitor.stream.kind == "compensated":
             caveats = tuple(dict.fromkeys((*caveats, "compensated")))

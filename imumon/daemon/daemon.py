@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -97,7 +97,7 @@ class Daemon:
         self.settings, self.options = settings, options
         self._notifier = ServiceNotifier()
         driver = driver_of(options.url)
-        self._driver = driver.scheme
+        self._scheme = driver.scheme
         self._reader = DeviceReader(
             driver.create(
                 DeviceOptions(
@@ -166,9 +166,9 @@ class Daemon:
             case Items(items):
                 self._on_items(items)
             case Opened(info):
-                self._on_opened(info)
+                self._on_opened(self._with_driver(info))
             case Started(info, again):
-                (self._on_reconnect if again else self._on_connect)(info)
+                (self._on_reconnect if again else self._on_connect)(self._with_driver(info))
             case OpenFailed(error, again):
                 self._on_open_failed(error, again)
             case Disconnected(error):
@@ -179,6 +179,9 @@ class Daemon:
                 self._ended = True
                 if error is not None:
                     raise error
+
+    def _with_driver(self, info: DeviceInfo) -> DeviceInfo:
+        return replace(info, driver=self._scheme)
 
     # ------------------------------------------------------------------ connection
 
@@ -281,7 +284,7 @@ class Daemon:
                 case Notice(kind, text, level):
                     self._event(kind, text, level)
                 case DeviceInfo():
-                    self._on_info(item)
+                    self._on_info(self._with_driver(item))
                 case DeviceCounters():
                     self._counters = item
         samples = self._monitor.samples not in (0, before)
@@ -334,9 +337,7 @@ class Daemon:
     def _start_recording(self) -> None:
         if self._info is not None and self._bus is not None:
             rate = self._monitor.rate_hz
-            self._recorder.start(
-                metadata.recording_header(self._bus.id, self._driver, self._info, rate, self._started)
-            )
+            self._recorder.start(metadata.recording_header(self._bus.id, self._info, rate, self._started))
 
     def _check_timeout(self, *, data: bool, samples: bool) -> None:
         if not self._connected:

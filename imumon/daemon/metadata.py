@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from imumon import report
+from imumon.devices import registry
 from imumon.samples import DeviceInfo
 
 
@@ -27,24 +28,27 @@ def description(name: str, info: DeviceInfo | None) -> report.DeviceDescription:
         clock=info.clock,
         settings=info.settings,
         remarks=info.remarks,
+        driver=info.driver,
+        setting_texts=registry.setting_texts(
+            registry.driver(info.driver) if info.driver else None, info.settings
+        ),
     )
 
 
 def recording_header(
-    name: str, driver: str, info: DeviceInfo, rate_hz: float | None, started: str | None
+    name: str, info: DeviceInfo, rate_hz: float | None, started: str | None
 ) -> dict[str, Any]:
     """Return the header of a recording that starts now.
 
     Parameters
     ----------
-    driver : URL scheme of the device driver, which decodes the recording.
     rate_hz : Hz, of a stream without a clock.
     started : when the record began, which continues in the next recording after a restart.
     """
     return {
         "time": report.stamp(datetime.now(UTC)),
         "record": started,
-        "driver": driver,
+        "driver": info.driver,  # decodes the recording
         "id": name,
         "model": info.model,
         "serial": info.serial,
@@ -59,5 +63,5 @@ def recording_header(
 
 def saved_description(info: DeviceInfo) -> dict[str, Any]:
     """Return what the saved state holds of the device, for a report that is made from it alone."""
-    names = ("model", "serial", "firmware", "port", "baud", "alias_factor")
+    names = ("driver", "model", "serial", "firmware", "port", "baud", "alias_factor")
     return {name: getattr(info, name) for name in names} | {"caveats": list(info.caveats)}

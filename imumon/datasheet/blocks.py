@@ -1,4 +1,7 @@
-"""Blocks: the parts of a datasheet before they have a form."""
+"""Blocks of a datasheet, and their form in Markdown.
+
+The Markdown form has tables and text only, so that it also reads well as plain text.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,21 @@ class Heading:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class Paragraph:
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Warned:
-    """Something a reader must know before the numbers."""
+class Caution:
+    """A caveat that a reader must know before the numbers."""
 
     name: str
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """The grade of one sensor: its name, the grade, and what is to be said of it."""
+class GradeSummary:
+    """Grade of one sensor with its explanation."""
 
     sensor: str
     grade: str
@@ -34,8 +37,8 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of cells; the first column names the row. `strong` rows are those a reader looks for."""
+class DataTable:
+    """Rows of cells; the first column names the row, `strong` rows are emphasised."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -44,21 +47,21 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Curves:
-    """Allan curves of a sensor: drawn where that can be, else their numbers."""
+class CurveFigure:
+    """Allan deviation of a sensor: a figure where the form has figures, else its numbers."""
 
     sensor: str
     caption: str
-    numbers: Table
+    numbers: DataTable
 
 
 @dataclass(frozen=True, slots=True)
-class Snippet:
+class CodeBlock:
     language: str
     text: str
 
 
-Block: TypeAlias = Heading | Text | Warned | Verdict | Table | Curves | Snippet
+Block: TypeAlias = Heading | Paragraph | Caution | GradeSummary | DataTable | CurveFigure | CodeBlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,3 +69,50 @@ class Document:
     title: str
     subtitle: str
     blocks: tuple[Block, ...]
+
+
+def markdown(document: Document) -> str:
+    """Return a document as Markdown."""
+    parts = [f"# {_escaped(document.title)}", _escaped(document.subtitle)]
+    parts += [text for block in document.blocks if (text := _markdown_block(block))]
+    return "\n\n".join(parts) + "\n"
+
+
+def _markdown_block(block: Block) -> str:
+    match block:
+        case Heading(text):
+            return f"## {text}"
+        case Paragraph(text):
+            return text
+        case Caution(name, text):
+            return f"> **{_escaped(name)}** {text}".rstrip()
+        case GradeSummary(sensor, grade, text):
+            return f"**{sensor}: {grade}** ({text.rstrip('.')})"
+        case DataTable():
+            return _markdown_table(block)
+        case CurveFigure(_, caption, numbers):
+            return f"{_markdown_table(numbers)}\n\n{caption.partition(' with')[0]}."
+        case CodeBlock(language, text):
+            return f"```{language}\n{text}\n```"
+
+
+def _markdown_table(table: DataTable) -> str:
+    rows = [
+        tuple(f"**{_escaped(cell)}**" if i in table.strong else _escaped(cell) for cell in row)
+        for i, row in enumerate(table.rows)
+    ]
+    head = tuple(map(_escaped, table.head))
+    widths = [max(3, *(len(row[k]) for row in (head, *rows))) for k in range(len(head))]
+
+    def line(cells: tuple[str, ...]) -> str:
+        return "| " + " | ".join(f"{c:<{width}}" for c, width in zip(cells, widths, strict=True)) + " |"
+
+    lines = [line(head), "|" + "|".join("-" * (width + 2) for width in widths) + "|", *map(line, rows)]
+    return "\n".join(lines) + (f"\n\n{table.caption}" if table.caption else "")
+
+
+def _escaped(cell: str) -> str:
+    """Return text without characters that end a cell, begin a tag or set italics."""
+    for character in "\\|<>*_`":
+        cell = cell.replace(character, f"\\{character}")
+    return cell.replace("\n", " ")

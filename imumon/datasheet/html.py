@@ -1,4 +1,4 @@
-"""Page: a datasheet as one HTML file that needs nothing else: light or dark, on a screen or on paper."""
+"""HTML form of a datasheet: one file that needs nothing else, light or dark, on a screen or on paper."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import html
 
 from imumon.datasheet.blocks import (
     Block,
-    Curves,
+    Caution,
+    CodeBlock,
+    CurveFigure,
+    DataTable,
     Document,
+    GradeSummary,
     Heading,
-    Snippet,
-    Table,
-    Text,
-    Verdict,
-    Warned,
+    Paragraph,
 )
-from imumon.datasheet.svg_figure import svg
+from imumon.datasheet.figures import svg
 from imumon.report import Report
 
 SHORT = 14
-"""Rows of a table that is kept on one page."""
+"""Rows up to which a table is not broken between two printed pages."""
 
-TOGETHER = 30
-"""Characters of a cell that is not broken."""
+UNBROKEN = 30
+"""Characters up to which a cell stays on one line."""
 
 STYLE = """
 :root { color-scheme: light dark; --ground: #fff; --text: #1b1f24; --muted: #5b6470; --rule: #d5dae0;
@@ -42,13 +42,13 @@ h2 { margin: 2.2rem 0 .6rem; font-size: 1.12rem; border-bottom: 1px solid var(--
 p { margin: .6rem 0; }
 .subtitle, .note, figcaption { color: var(--muted); }
 .note, figcaption { font-size: .87rem; }
-.verdicts { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
-.verdict { flex: 1 1 18rem; background: var(--soft); border-radius: 6px; padding: .7rem 1rem .8rem; }
-.verdict b { display: block; font-size: 1.45rem; line-height: 1.25; text-transform: capitalize; }
-.verdict span { font-size: .87rem; color: var(--muted); }
-.warned { margin: .5rem 0; padding: .5rem .9rem; max-width: none; background: var(--warn-soft);
+.grades { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
+.grade { flex: 1 1 18rem; background: var(--soft); border-radius: 6px; padding: .7rem 1rem .8rem; }
+.grade b { display: block; font-size: 1.45rem; line-height: 1.25; text-transform: capitalize; }
+.grade span { font-size: .87rem; color: var(--muted); }
+.caution { margin: .5rem 0; padding: .5rem .9rem; max-width: none; background: var(--warn-soft);
   border-left: 4px solid var(--warn); border-radius: 0 4px 4px 0; font-size: .92rem; }
-.warned b { color: var(--warn); }
+.caution b { color: var(--warn); }
 .wide { overflow-x: auto; margin: .7rem 0; }
 table { border-collapse: collapse; width: 100%; font-size: .88rem; font-variant-numeric: tabular-nums; }
 caption { caption-side: bottom; text-align: left; color: var(--warn); padding-top: .3rem; }
@@ -60,67 +60,61 @@ tr.strong td, tr.strong th { background: var(--soft); font-weight: 700; }
 table.facts { width: auto; } table.facts th { font-weight: 400; color: var(--muted); padding-right: 1.6rem; }
 figure { margin: 1rem 0 1.6rem; }
 svg.allan { width: 100%; height: auto; display: block; }
-svg.allan text { fill: var(--text); font: 12.5px system-ui, "Segoe UI", Arial, "DejaVu Sans", sans-serif; }
-.frame { fill: none; stroke: var(--muted); } .grid { stroke: var(--rule); fill: none; }
-.fine { stroke: var(--rule); fill: none; opacity: .4; }
-.x { --c: var(--x); } .y { --c: var(--y); } .z { --c: var(--z); }
-.model { fill: none; stroke: var(--c); stroke-width: 1.3; opacity: .8; }
-.bar { stroke: var(--c); stroke-width: 1.2; fill: none; }
-.mark { fill: var(--c); } .left-out { fill: var(--ground); stroke: var(--c); stroke-width: 1.2; }
+svg.allan text { font-family: system-ui, "Segoe UI", Arial, "DejaVu Sans", sans-serif; }
 pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow-x: auto; font: 12.5px/1.45
   ui-monospace, "SF Mono", Consolas, "DejaVu Sans Mono", monospace; }
 @page { margin: 14mm; }
 @media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
-  svg.allan { width: 56%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
-  .short, figure, pre, tr, .warned, .verdict { break-inside: avoid; }
+  svg.allan { width: 62%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
+  .short, figure, pre, tr, .caution, .grade { break-inside: avoid; }
   .wide { overflow: visible; margin: .5rem 0; }
-  table { font-size: 7.8pt; } .note, figcaption, .warned, .verdict span { font-size: 8pt; }
+  table { font-size: 7.8pt; } .note, figcaption, .caution, .grade span { font-size: 8pt; }
   pre { white-space: pre-wrap; font-size: 7.4pt; } .note:has(+ pre) { break-after: avoid; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 
 
-def page(found: Document, made: Report) -> str:
-    """The whole datasheet; the curves are drawn from the report."""
-    verdicts = "".join(_block(block, made) for block in found.blocks if isinstance(block, Verdict))
-    rest = [_block(block, made) for block in found.blocks if not isinstance(block, Verdict)]
-    title = html.escape(found.title)
+def html_page(document: Document, report: Report) -> str:
+    """Return the whole datasheet; the curves are drawn from the report."""
+    grades = "".join(_block(block, report) for block in document.blocks if isinstance(block, GradeSummary))
+    rest = [_block(block, report) for block in document.blocks if not isinstance(block, GradeSummary)]
+    title = html.escape(document.title)
     return "\n".join(
         [
             '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{title}: noise datasheet</title><style>{STYLE}</style></head><body>",
-            f'<h1>{title}</h1><p class="subtitle">{html.escape(found.subtitle)}</p>',
-            f'<div class="verdicts">{verdicts}</div>' if verdicts else "",
+            f'<h1>{title}</h1><p class="subtitle">{html.escape(document.subtitle)}</p>',
+            f'<div class="grades">{grades}</div>' if grades else "",
             *rest,
             "</body></html>\n",
         ]
     )
 
 
-def _block(block: Block, made: Report) -> str:
+def _block(block: Block, report: Report) -> str:
     match block:
         case Heading(text):
             return f"<h2>{html.escape(text)}</h2>"
-        case Text(text):
+        case Paragraph(text):
             return f'<p class="note">{html.escape(text)}</p>'
-        case Warned(name, text):
-            return f'<p class="warned"><b>{html.escape(name)}</b> {html.escape(text)}</p>'
-        case Verdict(sensor, grade, text):
+        case Caution(name, text):
+            return f'<p class="caution"><b>{html.escape(name)}</b> {html.escape(text)}</p>'
+        case GradeSummary(sensor, grade, text):
             inner = f"{html.escape(sensor)}<b>{html.escape(grade)}</b><span>{html.escape(text)}</span>"
-            return f'<div class="verdict">{inner}</div>'
-        case Table():
+            return f'<div class="grade">{inner}</div>'
+        case DataTable():
             return _table(block)
-        case Curves(sensor, caption, _):
-            drawn = svg(made, sensor)
+        case CurveFigure(sensor, caption, _):
+            drawn = svg(report, sensor)
             return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
-        case Snippet(_, text):
+        case CodeBlock(_, text):
             return f"<pre>{html.escape(text)}</pre>"
 
 
-def _table(table: Table) -> str:
+def _table(table: DataTable) -> str:
     out = []
     short = len(table.rows) <= SHORT
     for k, row in enumerate(table.rows):
@@ -140,12 +134,12 @@ def _table(table: Table) -> str:
 
 
 def _cell(text: str) -> str:
-    """Cell whose number and limits stay on one line, as long as they are short."""
-    return html.escape(text) if len(text) > TOGETHER else f'<span class="one">{html.escape(text)}</span>'
+    """Return a cell; short ones, such as a number with its limits, stay on one line."""
+    return html.escape(text) if len(text) > UNBROKEN else f'<span class="one">{html.escape(text)}</span>'
 
 
 def _title(text: str) -> str:
-    """Title of a column with its unit on a line of its own."""
+    """Return the title of a column with its unit on a line of its own."""
     name, comma, unit = text.rpartition(", ")
     if not comma:
         return html.escape(text)

@@ -1,8 +1,8 @@
-"""Signal: what is in the values besides N, B and K, in lines of text.
+"""Lines of text about the values of each channel, besides N, B and K.
 
-A line a channel for what every channel has: bias, the last minute beside the whole record, drift. Below it
-a line for what only some have: values that are not Gaussian, spectral lines, an effect of temperature, axes
-that move together, what has changed.
+One line per channel for what every channel has: bias, the last minute beside the whole record, drift. Below
+it a line for what only some channels have: values that are not Gaussian, spectral lines, an effect of
+temperature, correlated axes, changes.
 """
 
 from __future__ import annotations
@@ -10,41 +10,42 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from imumon.datasheet.text_table import coefficient
+from imumon.datasheet.tables import coefficient_text
 from imumon.messages import follows_temperature
 from imumon.report import COEFFICIENTS, Channel, Report
 from imumon.samples import sensor_of
 from imumon.units import READABLE, ReadableUnit, figures, pretty
 
-LINES = 4
-"""Spectral lines told of a channel."""
-TOGETHER = 0.3
+MOST_LINES = 4
+"""Spectral lines shown per channel."""
+CORRELATED = 0.3
 """Correlation from which two axes are said to move together."""
-CERTAIN = 5.0
-"""Standard errors by which it must differ from none: one is 1 / sqrt(n) of n independent samples."""
-LEAST = 60
-"""Cells that a note is broken at, at least."""
+SIGNIFICANT = 5.0
+"""Standard errors by which it must differ from 0: one is 1 / sqrt(n) of n independent samples."""
+LEAST_WIDTH = 60
+"""Cells at which a note is broken, at least."""
 
 
-def signal(made: Report, width: int | None = None) -> list[str]:
-    """Lines of text; none before the first sample.
+def signal_lines(report: Report, width: int | None = None) -> list[str]:
+    """Return the lines; none before the first sample.
 
     Parameters
     ----------
     width : cells of the terminal; None: no line is broken.
     """
     lines, before = [], ""
-    for name, channel in made.channels.items():
+    for name, channel in report.channels.items():
         if channel.mean is not None:
             lines += [_heading(channel)] if sensor_of(name) != before else []
             lines.append(_row(name, channel))
             before = sensor_of(name)
-    for name, channel in made.channels.items() if lines else ():
-        for note in (*_notes(name, channel), *_together(name, made)):
+    for name, channel in report.channels.items() if lines else ():
+        for note in (*_notes(name, channel), *_correlations(name, report)):
             text = f"{name}: {note}"
-            lines += (
-                [text] if width is None else textwrap.wrap(text, max(width, LEAST), subsequent_indent="  ")
-            )
+            if width is None:
+                lines.append(text)
+            else:
+                lines += textwrap.wrap(text, max(width, LEAST_WIDTH), subsequent_indent="  ")
     return lines
 
 
@@ -57,18 +58,18 @@ def _row(name: str, channel: Channel) -> str:
     shape, drift = channel.distribution, channel.drift
     bias = minute = spread = slope = ""
     if shape is not None:
-        bias = _about(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
+        bias = _with_half_width(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
         minute = "" if shape.recent_mean is None else f"{shape.recent_mean:.4e}"
         spread = "" if shape.recent_std is None else f"{shape.recent_std:.2e}"
     if drift is not None:
-        slope = _about(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+        slope = _with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
     return f"{name:<12}{bias:>24}{minute:>12}{spread:>10}{slope:>21}".rstrip()
 
 
-def _about(value: float | None, low: float | None, high: float | None) -> str:
-    """Value and half-width of its limits.
+def _with_half_width(value: float | None, low: float | None, high: float | None) -> str:
+    """Return a value with the half-width of its limits.
 
-    >>> _about(1.2e-3, 1.1e-3, 1.3e-3), _about(None, None, None)
+    >>> _with_half_width(1.2e-3, 1.1e-3, 1.3e-3), _with_half_width(None, None, None)
     ('1.200e-03 ±1.0e-04', '')
     """
     if value is None:
@@ -78,31 +79,31 @@ def _about(value: float | None, low: float | None, high: float | None) -> str:
 
 
 def _notes(name: str, channel: Channel) -> Iterator[str]:
-    """What only some channels have, a sentence each."""
+    """Yield what only some channels have, one sentence each."""
     unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
     if shape is not None and shape.gaussian is False and shape.verdict:
         yield shape.verdict
     if channel.spectrum is not None and channel.spectrum.lines:
-        told = [
+        texts = [
             f"{line.frequency_hz:.4g} Hz of {line.amplitude:.2g} {unit}"
             + (f" ({line.name})" if line.name else "")
-            for line in channel.spectrum.lines[:LINES]
+            for line in channel.spectrum.lines[:MOST_LINES]
         ]
-        more = len(channel.spectrum.lines) - LINES
-        yield f"lines at {', '.join(told)}" + (f" and {more} more" if more > 0 else "")
+        more = len(channel.spectrum.lines) - MOST_LINES
+        yield f"lines at {', '.join(texts)}" + (f" and {more} more" if more > 0 else "")
     if drift is not None and drift.significant:
-        yield "the drift is more than the noise makes"
+        yield "the drift exceeds what the noise explains"
     if drift is not None and drift.per_degC is not None and follows_temperature(drift):
         half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
-        share = "" if drift.explained is None else f", {drift.explained:.0%} of what is slow"
+        share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
         steady = ", ".join(
-            f"{letter} {coefficient(found)} {pretty(READABLE[sensor_of(name), letter].unit)}"
+            f"{letter} {coefficient_text(part)} {pretty(READABLE[sensor_of(name), letter].unit)}"
             for letter in COEFFICIENTS
-            if (found := getattr(drift, f"steady_{letter}")) is not None
+            if (part := getattr(drift, f"steady_{letter}")) is not None
         )
         yield (
-            f"follows the temperature by {drift.per_degC:.2e}{half} {unit} a degree{share}; "
-            f"without that (the table is with it) {steady}"
+            f"follows the temperature by {drift.per_degC:.2e}{half} {unit} per degree{share}; "
+            f"without that (the table includes it) {steady}"
         )
     for change in channel.changes:
         scale = READABLE.get((sensor_of(name), change.quantity), ReadableUnit(1.0, channel.unit))
@@ -110,45 +111,36 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} (against the {change.against})"
 
 
-def unchanged(made: Report, baseline: Report) -> str | None:
-    """A line where no channel differs from a baseline, or none could; None where the notes tell what does."""
-    if any(change.against == "baseline" for channel in made.channels.values() for change in channel.changes):
+def baseline_summary(report: Report, baseline: Report) -> str | None:
+    """Return a line if no channel differs from a baseline or none can; None if the notes say what differs."""
+    if any(
+        change.against == "baseline" for channel in report.channels.values() for change in channel.changes
+    ):
         return None
-    measured = (
-        [getattr(one.channels.get(name), letter, None) for one in (made, baseline)]
-        for name in made.channels
+    pairs = (
+        [getattr(one.channels.get(name), letter, None) for one in (report, baseline)]
+        for name in report.channels
         for letter in ("N", "B")
     )
-    if any(all(part is not None and part.status == "measured" for part in pair) for pair in measured):
+    if any(all(part is not None and part.status == "measured" for part in pair) for pair in pairs):
         return "nothing changed against the baseline"
     return "nothing to compare with the baseline: no N or B is measured in both"
 
 
-def _together(name: str, made: Report) -> Iterator[str]:
-    """Axes behind this one that it moves together with for certain, so that each pair is told once."""
-    channel, names = made.channels[name], list(made.channels)
-    shape = channel.distribution
-    beside = [
+def _correlations(name: str, report: Report) -> Iterator[str]:
+    """Yield the later channels that this one correlates with beyond chance, so that each pair occurs once."""
+    shape, names = report.channels[name].distribution, list(report.channels)
+    others = [
         f"{other} ({r:+.2f})"
         for other, r in (shape.correlation.items() if shape is not None else ())
         if other in names[names.index(name) :]
-        and abs(r) >= TOGETHER
-        and r * r * min(_independent(channel), _independent(made.channels[other])) > CERTAIN**2
+        and abs(r) >= CORRELATED
+        and r * r * min(_effective_samples(report, name), _effective_samples(report, other)) > SIGNIFICANT**2
     ]
-    if beside:
-        yield f"moves together with {', '.join(beside)}"
+    if others:
+        yield f"moves together with {', '.join(others)}"
 
 
-def _independent(channel: Channel) -> float:
-    """Samples that would be worth as much if they were independent, for the error of a mean or a correlation.
-
-    The mean of n independent samples has the variance std^2 / n. Of clusters of tau it is sigma^2(tau), of
-    the record of length T, were they independent, sigma^2(tau) tau / T: the worst tau tells how many
-    samples the record is worth. None before there is a curve.
-    """
-    allan, count = channel.allan, channel.count
-    if allan is None or not allan.tau_s or channel.std is None:
-        return 0.0
-    worst = max(sigma**2 * tau for sigma, tau in zip(allan.sigma, allan.tau_s, strict=True))
-    length = count * allan.tau_s[0]
-    return min(channel.std**2 * length / worst, float(count)) if worst > 0.0 else 0.0
+def _effective_samples(report: Report, name: str) -> float:
+    shape = report.channels[name].distribution
+    return (shape.effective_samples if shape is not None else None) or 0.0

@@ -240,12 +240,13 @@ class ReferenceValue:
     Attributes
     ----------
     source : short name of the source, a heading such as "manufacturer".
-    value : number in the readable unit of the coefficient, or the upper end of a range.
+    value : number in the readable unit of the coefficient, or the upper end of a range; None if a measured
+        value cannot be compared with it.
     text : as the source prints it.
     """
 
     source: str
-    value: float
+    value: float | None
     text: str
 
 
@@ -290,6 +291,12 @@ class DeviceDriver(ABC):
     def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
         """Return published values by (sensor, coefficient), such as ``("gyro", "N")``."""
         return {}
+
+    def reference_notes(
+        self, model: str | None, channels: Sequence[str], rate_hz: float | None
+    ) -> Sequence[str]:
+        """Return what must be known to compare a record of these channels and this rate with the values."""
+        return ()
 
     def setting_text(self, name: str, value: str) -> str | None:
         """Return what a setting of the device does, in a few words; None if that is unknown."""

@@ -8,6 +8,7 @@ needed, so one that fails to import disturbs no other.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -55,6 +56,28 @@ def scheme_of(url: str) -> str:
     """
     found = _SCHEME.match(url)
     return found[1] if found else DEFAULT_SCHEME
+
+
+def driver_of_record(name: str | None, model: str | None, id: str) -> DeviceDriver | None:
+    """Return the driver that made a report or a recording; None if it is unknown or not installed.
+
+    Files of earlier versions do not name the driver; they are of the default one if model or id says so.
+
+    Parameters
+    ----------
+    name : scheme in the file, if it has one.
+    model, id : model of the sensor and name of the device in the file.
+    """
+    if name is None:
+        named = (text.lower().replace("-", "") for text in (model or "", id))
+        name = DEFAULT_SCHEME if any(text.startswith(DEFAULT_SCHEME) for text in named) else None
+    return _load(name) if name in _entry_points() else None
+
+
+def setting_texts(driver: DeviceDriver | None, settings: Mapping[str, str]) -> dict[str, str]:
+    """Return what the settings of a device do, for those that its driver knows."""
+    texts = {name: driver.setting_text(name, value) for name, value in settings.items()} if driver else {}
+    return {name: text for name, text in texts.items() if text is not None}
 
 
 @cache

@@ -143,6 +143,7 @@ def assess_channels(
             shape,
             (float(recent.mean[column]), float(recent.std[column])),
             correlations[name],
+            report_builder.effective_samples(channel.allan, own.std, own.count),
         )
         channels[name] = replace(
             channel,

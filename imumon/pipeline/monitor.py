@@ -29,7 +29,7 @@ from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.events import DetectedEvent, EventLog
-from imumon.pipeline.report_builder import signal
+from imumon.pipeline.report_builder import limit_curves, signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
@@ -46,6 +46,8 @@ SAME_INTERVAL = 1e-3
 
 SAME_GIVEN_RATE = 1e-6
 """Relative difference up to which two configured rates are the same: they are equal but for rounding."""
+
+LIMIT_CURVES = limit_curves(LIMITS)
 
 STREAM_RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
 """Rank of a kind of stream: the highest is characterised."""
@@ -228,6 +230,7 @@ class Monitor:
             channels=channels,
             caveats=tuple(dict.fromkeys(caveats)),
             limits=LIMITS,
+            limit_curves=LIMIT_CURVES,
         )
 
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:

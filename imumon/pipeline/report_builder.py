@@ -118,7 +118,10 @@ def with_fit(
 
 
 def distribution(
-    shape: DistributionShape | None, recent: tuple[float, float], correlation: Mapping[str, float]
+    shape: DistributionShape | None,
+    recent: tuple[float, float],
+    correlation: Mapping[str, float],
+    effective_samples: float | None,
 ) -> report.Distribution:
     """Return the shape of a channel's values, its last minute, and its correlation with other axes.
 
@@ -133,7 +136,50 @@ def distribution(
         recent_mean=_finite(recent[0]),
         recent_std=_finite(recent[1]),
         correlation=correlation,
+        effective_samples=effective_samples,
     )
+
+
+def effective_samples(allan: report.Allan | None, std: float | None, count: int) -> float | None:
+    """Return the number of independent samples whose mean has the variance of this mean.
+
+    The mean of n independent samples has the variance std^2 / n. The mean of a record of length T has, if
+    clusters of length tau were independent, the variance sigma^2(tau) tau / T. The largest one decides.
+
+    Parameters
+    ----------
+    std : channel unit, standard deviation of the samples.
+    count : number of samples.
+    """
+    if allan is None or not allan.tau_s or std is None:
+        return None
+    largest = max(sigma**2 * tau for sigma, tau in zip(allan.sigma, allan.tau_s, strict=True))
+    length_s = count * allan.tau_s[0]
+    return min(std**2 * length_s / largest, float(count)) if largest > 0.0 else None
+
+
+KNEE_DECADES = np.array([-8.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 8.0])
+"""(t,) decades around the knee of a limit curve: straight lines on log-log axes are within 1 %."""
+
+
+def limit_curves(
+    limits: Mapping[str, Mapping[str, Mapping[str, float]]],
+) -> dict[str, dict[str, report.LimitCurve]]:
+    """Return the Allan deviation at the limits of each grade: N^2 / tau + (2 ln 2 / pi) B^2 (IEEE Std 952).
+
+    Parameters
+    ----------
+    limits : SI, by sensor, coefficient and grade.
+    """
+    curves: dict[str, dict[str, report.LimitCurve]] = {}
+    for sensor, of in limits.items():
+        for grade, white in of["N"].items():
+            floor = 2.0 * math.log(2.0) / math.pi * of["B"][grade] ** 2
+            tau = white**2 / floor * 10.0**KNEE_DECADES
+            sigma = np.sqrt(white**2 / tau + floor)
+            curve = report.LimitCurve(tau_s=_rounded(tau), sigma=_rounded(sigma))
+            curves.setdefault(sensor, {})[grade] = curve
+    return curves
 
 
 def with_bias(

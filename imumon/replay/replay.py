@@ -15,7 +15,7 @@ from typing import TextIO
 
 from imumon import pipeline, report
 from imumon.bus import Publisher
-from imumon.devices.registry import DEFAULT_SCHEME
+from imumon.devices import registry
 from imumon.pipeline import Monitor
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
@@ -128,15 +128,20 @@ class _Run:
             guarded=options.guarded, precision=options.precision, baseline=options.baseline
         )
         self.monitor = Monitor(monitored, rate_hz=options.rate_hz or header.get("rate_hz"))
-        serial, driver = header.get("serial"), header.get("driver", DEFAULT_SCHEME)
+        serial, scheme = header.get("serial"), header.get("driver", registry.DEFAULT_SCHEME)
+        id = header.get("id") or (f"{scheme}-{serial}" if serial else "replay")
+        settings = header.get("settings", {})
+        driver = registry.driver_of_record(header.get("driver"), header.get("model"), id)
         self.device = report.DeviceDescription(
-            id=header.get("id") or (f"{driver}-{serial}" if serial else "replay"),
+            id=id,
+            driver=driver.scheme if driver is not None else header.get("driver"),
+            setting_texts=registry.setting_texts(driver, settings),
             model=header.get("model"),
             serial=serial,
             firmware=header.get("firmware"),
             port=options.path,
             alias_factor=header.get("alias_factor"),
-            settings=header.get("settings", {}),
+            settings=settings,
         )
         self.started = header.get("time")
         self._events: list[report.Event] = []

@@ -1,7 +1,7 @@
-"""App: the live screen.
+"""Textual application of the terminal UI.
 
-It owns the scene: twice a second it asks the feed whether anything is new, and only then makes a new
-scene and hands it to the view that is seen. Threads of the bus never call in here.
+It owns the state. Twice a second it polls the source, and only if something is new it makes a new state and
+passes it to the visible view. Threads of the bus never call it.
 """
 
 from __future__ import annotations
@@ -22,36 +22,38 @@ from textual.theme import Theme
 from imumon.report import Report
 from imumon.samples import sensor_of
 from imumon.tui import export, terminal
-from imumon.tui.formatting import Line, Notation, length, on, padded
+from imumon.tui.formatting import Line, Notation, length, padded, with_background
 from imumon.tui.panels import status, welcome
 from imumon.tui.report_source import ReportSource
-from imumon.tui.svg_export import redrawn
+from imumon.tui.svg_export import portable_svg
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import (
     DeviceView,
+    DialogWindow,
     EventsView,
     Overview,
-    Saving,
+    SaveDialog,
     SensorsView,
     SignalView,
     View,
-    Window,
     help_lines,
 )
-from imumon.tui.widgets import Inks, Paper
+from imumon.tui.widgets import DrawnPanel, RoleStyles
 
-PERIOD = 0.5
-"""Seconds between two looks at the feed: the screen is drawn at most so often."""
-EAGER = 0.1
-"""Seconds between two looks while there is nothing to show yet: looking costs nothing."""
-POLL = 5.0
-"""Seconds between two looks whether the terminal is still there."""
+POLL_S = 0.5
+"""s between two polls of the source: the screen is drawn at most this often."""
+FIRST_POLL_S = 0.1
+"""s between two polls while there is no report yet."""
+TERMINAL_POLL_S = 5.0
+"""s between two checks whether the terminal is still open."""
+SMALL_AGE_PERIODS = 3.0
+"""Periods of a report from which its age is redrawn every second."""
 
 _TEXT = ("text-primary", "text-secondary", "text-accent", "text-success", "text-warning", "text-error")
 
 
 def _theme(name: str, dark: bool, colours: str, texts: str) -> Theme:
-    """Theme of this screen: grounds and colours, and the same colours as they are written in."""
+    """Return a theme: backgrounds and colours, and the same colours for text."""
     primary, secondary, success, warning, error, foreground, background, surface, panel = colours.split()
     return Theme(
         name=name,
@@ -86,8 +88,8 @@ THEMES = (
 )
 
 
-def here() -> Path:
-    """Folder into which is saved."""
+def save_directory() -> Path:
+    """Return the directory of saved files."""
     return Path.cwd()
 
 
@@ -96,10 +98,10 @@ class ImumonApp(App[int]):
 
     Parameters
     ----------
-    feed : where reports come from.
-    id : device to show first; None: the first that is heard.
+    source : where reports come from.
+    id : device to show first; None: the first that answers.
     baseline : report whose curves are drawn behind the live ones.
-    clock : s, monotonic, the same as that of the feed's arrivals.
+    clock : s, monotonic, the clock of the arrivals of `source`.
     """
 
     CSS_PATH = "app.tcss"
@@ -113,7 +115,7 @@ class ImumonApp(App[int]):
         Binding("shift+tab", "turn(-1)", "previous view", priority=True),
         Binding("n", "device(1)", "next sensor"),
         Binding("u", "units", "readable units or SI"),
-        Binding("f", "freeze", "freeze, go on"),
+        Binding("f", "freeze", "freeze, continue"),
         Binding("s", "save", "save this view"),
         Binding("t", "dark", "light or dark"),
         Binding("ctrl+p", "command_palette", "command palette"),
@@ -124,7 +126,7 @@ class ImumonApp(App[int]):
 
     def __init__(
         self,
-        feed: ReportSource,
+        source: ReportSource,
         *,
         id: str | None = None,
         ascii: bool = False,
@@ -139,10 +141,10 @@ class ImumonApp(App[int]):
         for own in THEMES:
             self.register_theme(own)
         self.theme = theme if theme in self.available_themes else THEMES[0].name
-        self.feed = feed
+        self.source = source
         self.clock = clock
-        self.scene = ViewState(
-            wanted=id,
+        self.view_state = ViewState(
+            requested_id=id,
             notation=Notation(ascii=ascii),
             baseline=baseline,
             baseline_name="saved",
@@ -151,149 +153,153 @@ class ImumonApp(App[int]):
         )
         self._ended = ended
         self._built = False
-        self._asked: tuple[str, str | None] | None = None
+        self._watched: tuple[str, str | None] | None = None
         self._seen: tuple[int, tuple[object, ...]] | None = None
 
-    # ------------------------------------------------------------------ life
+    # ------------------------------------------------------------------ start
 
     def compose(self) -> ComposeResult:
-        yield Inks()
-        yield Paper(status, id="status")
+        yield RoleStyles()
+        yield DrawnPanel(status, id="status")
         with Container(id="body"):
-            yield Paper(welcome, id="welcome")
+            yield DrawnPanel(welcome, id="welcome")
             for view in (Overview, SignalView, DeviceView, EventsView, SensorsView):
                 yield view(id=view.title)
-        yield Paper(foot, id="foot")
+        yield DrawnPanel(footer, id="footer")
 
     def on_mount(self) -> None:
         self._built = True
-        self.set_interval(PERIOD, self.look)
-        self._eager = self.set_interval(EAGER, self.look)
-        self.look()
+        self.set_interval(POLL_S, self.poll)
+        self._first_poll = self.set_interval(FIRST_POLL_S, self.poll)
+        self.poll()
         if not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
-            terminal.watch(POLL)
+            terminal.exit_when_closed(TERMINAL_POLL_S)
 
     def on_resize(self) -> None:
-        self._spread()
+        self._redraw()
 
-    # ------------------------------------------------------------------ the feed
+    # ------------------------------------------------------------------ source
 
-    def look(self) -> None:
-        """See what is new in the feed; draw only when something is."""
-        if self.scene.frozen:
+    def poll(self) -> None:
+        """Read the source; draw only if something is new."""
+        if self.view_state.frozen:
             return
-        arrived = self.feed.reports()
+        reports = self.source.reports()
         now = self.clock()
-        alive, connected = frozenset(self.feed.alive()), self.feed.connected()
-        ages = {name: max(now - moment, 0.0) for name, (_, moment) in arrived.items()}
-        old = {name: round(age) for name, age in ages.items() if age > 3.0 * arrived[name][0].period_s}
+        alive, connected = frozenset(self.source.alive()), self.source.connected()
+        ages = {name: max(now - moment, 0.0) for name, (_, moment) in reports.items()}
+        shown_ages = {
+            name: round(age)
+            for name, age in ages.items()
+            if age > SMALL_AGE_PERIODS * reports[name][0].period_s
+        }
         ended = self._ended() if self._ended is not None else None
-        seen = (self.feed.version, (alive, connected, tuple(sorted(old.items())), ended))
+        seen = (self.source.version, (alive, connected, tuple(sorted(shown_ages.items())), ended))
         if seen == self._seen:
             return
         self._seen = seen
-        scene = self.scene.after(
-            reports={name: arrived[name][0] for name in sorted(arrived)},
+        state = self.view_state.updated(
+            reports={name: reports[name][0] for name in sorted(reports)},
             ages=ages,
             alive=alive,
             connected=connected,
             ended=ended,
         )
-        self._show(_settled(scene))
-        if self.scene.channels:
-            self._eager.stop()
+        self._show(_with_existing_selection(state))
+        if self.view_state.channels:
+            self._first_poll.stop()
 
-    def _show(self, scene: ViewState) -> None:
-        """Take what belongs to the chosen device and channel from the feed, then draw."""
-        if scene.id is not None and not scene.frozen:
-            asked = (scene.id, scene.channel)
-            if asked != self._asked:
-                self._asked = asked
-                self.feed.watch(*asked)
-            signal = self.feed.signal()
-            fits = signal is not None and signal[0].channel == scene.channel
-            scene = scene.after(
-                events=tuple(self.feed.events(scene.id)), signal=signal[0] if signal and fits else None
+    def _show(self, state: ViewState) -> None:
+        """Add signal and events of the selected device and channel, then draw."""
+        if state.id is not None and not state.frozen:
+            watched = (state.id, state.channel)
+            if watched != self._watched:
+                self._watched = watched
+                self.source.watch(*watched)
+            signal = self.source.signal()
+            matches = signal is not None and signal[0].channel == state.channel
+            state = state.updated(
+                events=tuple(self.source.events(state.id)), signal=signal[0] if signal and matches else None
             )
-        self.scene = scene
-        self._spread()
+        self.view_state = state
+        self._redraw()
 
-    def _spread(self) -> None:
-        """Hand the scene to the parts that are seen."""
+    def _redraw(self) -> None:
+        """Pass the state to the visible widgets."""
         if not self._built:
             return
         base = self.screen_stack[0]
-        base.query_one("#status", Paper).show(self.scene)
-        base.query_one("#foot", Paper).show(self.scene)
-        there = bool(self.scene.channels)
+        base.query_one("#status", DrawnPanel).show(self.view_state)
+        base.query_one("#footer", DrawnPanel).show(self.view_state)
+        has_channels = bool(self.view_state.channels)
         body = base.query_one("#body")
-        body.set_class(there and not self.scene.situation().live, "stale")
-        body.set_class(not there, "empty")
+        body.set_class(has_channels and not self.view_state.connection_status().live, "stale")
+        body.set_class(not has_channels, "empty")
         for view in base.query(View):
-            shown = there and view.id == self.scene.view
+            shown = has_channels and view.id == self.view_state.view
             if view.display != shown:
                 view.display = shown
                 if shown and base is self.screen:
                     view.focus()
-        if there:
-            base.query_one(f"#{self.scene.view}", View).show(self.scene)
+        if has_channels:
+            base.query_one(f"#{self.view_state.view}", View).show(self.view_state)
         else:
-            base.query_one("#welcome", Paper).show(self.scene)
+            base.query_one("#welcome", DrawnPanel).show(self.view_state)
 
-    # ------------------------------------------------------------------ choices
+    # ------------------------------------------------------------------ selection
 
     def change(self, **changes: object) -> None:
-        """Change what is chosen and draw it."""
-        self._show(self.scene.after(**changes))
+        """Change the state and draw it."""
+        self._show(self.view_state.updated(**changes))
 
-    def choose(self, *, id: str | None = None, channel: str | None = None) -> None:
-        """Choose another device or channel."""
-        scene = self.scene.after(id=id or self.scene.id, channel=channel or self.scene.channel)
-        if id is not None and scene.other == id:
-            scene = scene.after(other=None)
-        self._show(_settled(scene))
+    def select(self, *, id: str | None = None, channel: str | None = None) -> None:
+        """Select another device or channel."""
+        state = self.view_state.updated(
+            id=id or self.view_state.id, channel=channel or self.view_state.channel
+        )
+        if id is not None and state.compared_id == id:
+            state = state.updated(compared_id=None)
+        self._show(_with_existing_selection(state))
 
     def step_channel(self, step: int) -> None:
-        names = self.scene.channels
-        if names and self.scene.channel in names:
-            self.choose(channel=names[(names.index(self.scene.channel) + step) % len(names)])
+        names = self.view_state.channels
+        if names and self.view_state.channel in names:
+            self.select(channel=names[(names.index(self.view_state.channel) + step) % len(names)])
 
     def step_sensor(self, step: int) -> None:
-        names = [c for c in self.scene.channels if "/" in c]
+        names = [c for c in self.view_state.channels if "/" in c]
         groups = list(dict.fromkeys(map(sensor_of, names)))
-        if not groups or self.scene.channel is None:
+        if not groups or self.view_state.channel is None:
             return
-        here = sensor_of(self.scene.channel)
-        at = groups.index(here) + step if here in groups else 0
-        wanted = f"{groups[at % len(groups)]}/{self.scene.channel[-1]}"
-        self.choose(
-            channel=wanted
-            if wanted in names
-            else next(c for c in names if c.startswith(groups[at % len(groups)]))
-        )
+        current = sensor_of(self.view_state.channel)
+        at = groups.index(current) + step if current in groups else 0
+        sensor = groups[at % len(groups)]
+        same_axis = f"{sensor}/{self.view_state.channel[-1]}"
+        first = next(name for name in names if sensor_of(name) == sensor)
+        self.select(channel=same_axis if same_axis in names else first)
 
     def step_device(self, step: int) -> None:
-        names = list(self.scene.reports)
-        if self.scene.id in names:
-            self.choose(id=names[(names.index(self.scene.id) + step) % len(names)])
+        names = list(self.view_state.reports)
+        if self.view_state.id in names:
+            self.select(id=names[(names.index(self.view_state.id) + step) % len(names)])
 
-    def step_other(self) -> None:
-        """Compare with the next device after the one compared with, then with none."""
-        names: list[str | None] = [None, *(n for n in self.scene.reports if n != self.scene.id)]
-        at = names.index(self.scene.other) if self.scene.other in names else 0
+    def step_compared(self) -> None:
+        """Compare with the next device, and after the last one with none."""
+        names: list[str | None] = [None, *(n for n in self.view_state.reports if n != self.view_state.id)]
+        at = names.index(self.view_state.compared_id) if self.view_state.compared_id in names else 0
         other = names[(at + 1) % len(names)]
-        baseline = self.scene.reports.get(other) if other is not None else None
-        self.change(other=other, baseline=baseline, baseline_name="compared" if other else "saved")
+        baseline = self.view_state.reports.get(other) if other is not None else None
+        self.change(compared_id=other, baseline=baseline, baseline_name="compared" if other else "saved")
 
     def toggle(self, name: str) -> None:
-        self.change(**{name: not getattr(self.scene, name)})
+        self.change(**{name: not getattr(self.view_state, name)})
 
     def toggle_baseline(self) -> None:
-        """Keep the present report as the baseline, or drop the one there is."""
-        kept = self.scene.report if self.scene.baseline is None else None
-        name = f"at {kept.time[11:16]}" if kept is not None else "saved"
-        self.change(baseline=kept, baseline_name=name, other=None)
+        """Use the present report as the baseline, or remove the baseline."""
+        baseline = self.view_state.report if self.view_state.baseline is None else None
+        name = f"at {baseline.time[11:16]}" if baseline is not None else "saved"
+        self.change(baseline=baseline, baseline_name=name, compared_id=None)
 
     # ------------------------------------------------------------------ keys
 
@@ -302,19 +308,19 @@ class ImumonApp(App[int]):
 
     def action_turn(self, step: int) -> None:
         if len(self.screen_stack) == 1:
-            self.action_view(VIEWS[(VIEWS.index(self.scene.view) + step) % len(VIEWS)])
+            self.action_view(VIEWS[(VIEWS.index(self.view_state.view) + step) % len(VIEWS)])
 
     def action_device(self, step: int) -> None:
         self.step_device(step)
 
     def action_units(self) -> None:
-        notation = self.scene.notation
+        notation = self.view_state.notation
         self.change(notation=Notation(si=not notation.si, ascii=notation.ascii))
 
     def action_freeze(self) -> None:
-        if self.scene.frozen:
-            self.scene, self._seen = self.scene.after(frozen=False), None
-            self.look()
+        if self.view_state.frozen:
+            self.view_state, self._seen = self.view_state.updated(frozen=False), None
+            self.poll()
         else:
             self.change(frozen=True)
 
@@ -325,13 +331,13 @@ class ImumonApp(App[int]):
         self.exit(0)
 
     def action_help(self) -> None:
-        view = self.screen_stack[0].query_one(f"#{self.scene.view}", View)
-        lines = help_lines(view, list(self.BINDINGS), self.scene.notation.ascii)
-        self.push_screen(Window(f"{view.title}: keys", lines, self.scene.notation))
+        view = self.screen_stack[0].query_one(f"#{self.view_state.view}", View)
+        lines = help_lines(view, list(self.BINDINGS), self.view_state.notation.ascii)
+        self.push_screen(DialogWindow(f"{view.title}: keys", lines, self.view_state.notation))
 
     def action_save(self) -> None:
-        self.clear_notifications()  # what the last save said is no part of the next picture
-        where = here()
+        self.clear_notifications()  # a notification about the last save must not be part of the next picture
+        where = save_directory()
         lines: list[Line] = [
             [("v", "key"), ("   picture, SVG", "text")],
             [("p", "key"), ("   picture, PNG", "text")],
@@ -341,78 +347,74 @@ class ImumonApp(App[int]):
             [(f"into {where}"[:56], "muted")],
         ]
         self.push_screen(
-            Saving("save what is seen", lines, self.scene.notation), partial(self.save_view, where)
+            SaveDialog("save this view", lines, self.view_state.notation), partial(self.save_view, where)
         )
 
     def save_view(self, where: Path, form: str | None) -> None:
-        """Write what is seen into a folder and say where; what fails is said in one line."""
+        """Write the view into a directory, and notify of the file or of the error."""
         if form is None:
             return
         try:
-            target = where / export.name_of(self.scene, "svg" if form == "png" else form)
+            target = where / export.file_name(self.view_state, "svg" if form == "png" else form)
             if form in ("svg", "png"):
                 target.write_text(self.export_screenshot(), encoding="utf-8")
-                made = export.png(target) if form == "png" else target
-                said = (
-                    f"saved {made}"
-                    if made
-                    else f"saved {target} (no converter to PNG: apt install librsvg2-bin)"
-                )
+                saved = export.convert_to_png(target) if form == "png" else target
+                hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
+                text = f"saved {saved or target}{hint}"
             else:
-                target.write_text(export.text(self.scene, form), encoding="utf-8")
-                said = f"saved {target}"
-            self.notify(said, markup=False)
+                target.write_text(export.exported_text(self.view_state, form), encoding="utf-8")
+                text = f"saved {target}"
+            self.notify(text, markup=False)
         except (OSError, ValueError) as error:
             self.notify(f"not saved: {error}", severity="error", markup=False)
 
     def export_screenshot(self, *, title: str | None = None, simplify: bool = True) -> str:
-        """Picture of the screen as SVG."""
-        return redrawn(super().export_screenshot(title=title or "imumon", simplify=simplify))
+        """Return a screenshot as SVG."""
+        return portable_svg(super().export_screenshot(title=title or "imumon", simplify=simplify))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         for k, name in enumerate(VIEWS, 1):
             yield SystemCommand(f"View: {name}", f"key {k}", partial(self.action_view, name))
         yield SystemCommand("Units", "readable or SI", self.action_units)
-        yield SystemCommand("Freeze", "hold the view, and go on", self.action_freeze)
-        yield SystemCommand("Save", "what is seen, as SVG, PNG, CSV or JSON", self.action_save)
+        yield SystemCommand("Freeze", "freeze the view, and continue", self.action_freeze)
+        yield SystemCommand("Save", "this view as SVG, PNG, CSV or JSON", self.action_save)
         yield SystemCommand("Help", "keys of this view", self.action_help)
         yield SystemCommand("Theme", "choose another theme", self.action_change_theme)
-        yield SystemCommand("Quit", "leave the screen; the daemon goes on", self.action_quit)
+        yield SystemCommand("Quit", "close the screen; the daemon continues", self.action_quit)
 
     def on_click(self, event: Click) -> None:
-        """The names of the views at the foot can be clicked."""
-        if event.widget is not None and event.widget.id == "foot":
+        """Select a view by a click on its name in the footer."""
+        if event.widget is not None and event.widget.id == "footer":
             at = 0
-            for name, (text, _) in zip(VIEWS, _tabs(self.scene, self.size.width), strict=True):
+            for name, (text, _) in zip(VIEWS, _tabs(self.view_state, self.size.width), strict=True):
                 if at <= event.x < at + len(text):
                     self.action_view(name)
                 at += len(text)
 
 
-def _settled(scene: ViewState) -> ViewState:
-    """Scene whose device and channel exist."""
-    reports = scene.reports
-    if scene.id not in reports:
-        found = scene.wanted if scene.wanted is not None else next(iter(reports), None)
-        scene = scene.after(id=found if found in reports else None)
-    if scene.channel not in scene.channels:
-        scene = scene.after(channel=next(iter(scene.channels), None))
-    if scene.other is not None:
-        scene = scene.after(baseline=reports.get(scene.other))
-    return scene
+def _with_existing_selection(state: ViewState) -> ViewState:
+    """Return the state with a device and a channel that exist."""
+    reports = state.reports
+    if state.id not in reports:
+        id = state.requested_id if state.requested_id is not None else next(iter(reports), None)
+        state = state.updated(id=id if id in reports else None)
+    if state.channel not in state.channels:
+        state = state.updated(channel=next(iter(state.channels), None))
+    if state.compared_id is not None:
+        state = state.updated(baseline=reports.get(state.compared_id))
+    return state
 
 
-ROOMY, TIGHT = 100, 66
-"""Cells from which on the views at the foot, and the keys, stand apart by two blanks; and from which on
-all views have their names."""
+WIDE_FOOTER, NAMED_FOOTER = 100, 66
+"""Widths in cells from which views and keys are two blanks apart, and from which all views are named."""
 
 
-def _tabs(scene: ViewState, width: int) -> Line:
-    """The views by name, the one that is seen on a ground of its own."""
-    roles = ["tab" if name == scene.view else "muted" for name in VIEWS]
-    named = width >= TIGHT
-    names = [f"{k} {name}" if named or name == scene.view else str(k) for k, name in enumerate(VIEWS, 1)]
-    if width >= ROOMY:
+def _tabs(state: ViewState, width: int) -> Line:
+    """Return the views by name, the visible one highlighted."""
+    roles = ["tab" if name == state.view else "muted" for name in VIEWS]
+    named = width >= NAMED_FOOTER
+    names = [f"{k} {name}" if named or name == state.view else str(k) for k, name in enumerate(VIEWS, 1)]
+    if width >= WIDE_FOOTER:
         return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
     before = ["muted", *roles]
     return [
@@ -421,13 +423,15 @@ def _tabs(scene: ViewState, width: int) -> Line:
     ]
 
 
-def foot(scene: ViewState, width: int, height: int = 1) -> list[Line]:
-    """Views and the keys one needs to find all others."""
-    line = _tabs(scene, width)
+def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
+    """Return the views and the most important keys."""
+    line = _tabs(state, width)
     keys = (("?", "help"), ("q", "quit"), ("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
     right: Line = []
     for key, name in keys:
-        item: Line = [(f"  {key} " if width >= ROOMY else f" {key} ", "key"), (name, "muted")]
+        item: Line = [(f"  {key} " if width >= WIDE_FOOTER else f" {key} ", "key"), (name, "muted")]
         if length(line) + length(right) + length(item) < width:
             right += item
-    return [on([*padded(line, max(width - length(right) - 1, 0)), *right, (" ", "text")], "foot")]
+    return [
+        with_background([*padded(line, max(width - length(right) - 1, 0)), *right, (" ", "text")], "footer")
+    ]

@@ -1,9 +1,9 @@
-"""Plot: numbers in, character cells out.
+"""Plotting with braille characters: numbers in, character cells out.
 
-A `Canvas` is a field of cells; each cell holds eight braille dots (2 x 4), or a character, upon a
-ground. Where lines cross, their dots merge and the cell takes the colour of the one drawn last, so no
-line is broken by another. A `PlotFrame` is the part of a canvas inside two axes. Nothing here knows
-colours or widgets: what is drawn has a *role*, and the widget knows the colour of the role.
+A `Canvas` is an array of cells. Each cell holds eight braille dots (2 x 4) or a character, on a background.
+Where lines cross, their dots merge and the cell takes the colour of the last one, so no line interrupts
+another. A `PlotFrame` is the part of a canvas inside two axes. This module knows neither colours nor widgets:
+what is drawn has a *role*, and the widget knows the colour of the role.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 class Canvas:
-    """Field of `height` x `width` cells, two dots wide and four dots high each.
+    """Array of `height` x `width` cells, each two dots wide and four dots high.
 
-    Dots are counted from the upper left corner, x to the right and y down.
+    Dots count from the upper left corner, x to the right and y down.
     """
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = max(width, 1), max(height, 1)
         shape = (self.height, self.width)
         self.bits = np.zeros(shape, dtype=np.uint8)
-        self.bits_ink = np.zeros(shape, dtype=np.uint8)
+        self.bits_role = np.zeros(shape, dtype=np.uint8)
         self.glyph = np.full(shape, ord(" "), dtype=np.uint32)
-        self.glyph_ink = np.zeros(shape, dtype=np.uint8)
-        self.lettered = np.zeros(shape, dtype=np.bool_)
-        self.ground = np.zeros(shape, dtype=np.uint8)
-        self.under = np.zeros(shape, dtype=np.uint8)
+        self.glyph_role = np.zeros(shape, dtype=np.uint8)
+        self.text_mask = np.zeros(shape, dtype=np.bool_)
+        self.background = np.zeros(shape, dtype=np.uint8)
+        self.shade = np.zeros(shape, dtype=np.uint8)
         self._roles = ["text"]
 
     def _role(self, role: str) -> int:
@@ -52,7 +52,7 @@ class Canvas:
 
         Parameters
         ----------
-        x, y : (n,) dots; what falls outside the canvas is left out.
+        x, y : (n,) dots; those outside the canvas are ignored.
         """
         inside = np.isfinite(x) & np.isfinite(y)
         column, row = np.rint(x[inside]).astype(np.int64), np.rint(y[inside]).astype(np.int64)
@@ -60,15 +60,15 @@ class Canvas:
         column, row = column[inside], row[inside]
         cell = (row // 4, column // 2)
         np.bitwise_or.at(self.bits, cell, _DOT[row % 4, column % 2])
-        self.bits_ink[cell] = self._role(role)
+        self.bits_role[cell] = self._role(role)
 
     def line(self, x: Floats, y: Floats, role: str, dash: tuple[int, int] | None = None) -> None:
-        """Connect points by lines; a point that is not finite breaks the line.
+        """Connect points by lines; a point that is not finite interrupts the line.
 
         Parameters
         ----------
         x, y : (n,) dots.
-        dash : dots that are drawn and dots that are not, in turn.
+        dash : numbers of dots that are drawn and of dots that are not, alternating.
         """
         good = np.isfinite(x) & np.isfinite(y)
         for part in np.split(np.arange(len(x)), np.flatnonzero(~good)):
@@ -83,15 +83,15 @@ class Canvas:
             self.dots(np.interp(steps, path, px), np.interp(steps, path, py), role)
 
     def band(self, left: int, top: Floats, bottom: Floats, role: str) -> None:
-        """Colour the ground of whole columns of cells, with edges an eighth of a cell fine.
+        """Colour the background of columns of cells, with edges to an eighth of a cell.
 
         Parameters
         ----------
         left : first column, cell.
-        top, bottom : (n,) cells from above, a column each; NaN leaves a column out, and so does a
-            band thinner than half a cell, which the points cover anyhow.
+        top, bottom : (n,) cells from above, per column. A column is empty for NaN and for a band thinner than
+            half a cell, which the points would cover.
         """
-        ink, paper = self._role(role), self._role("paper")
+        index, page = self._role(role), self._role("page")
         for k, (a, b) in enumerate(zip(top, bottom, strict=True)):
             column = left + k
             if not b - a >= 0.5 or not 0 <= column < self.width:
@@ -100,33 +100,33 @@ class Canvas:
             for row in range(max(first, 0), min(last, self.height - 1) + 1):
                 above, below = a - row, row + 1 - b
                 if above > 0.0 and below <= 0.0:
-                    self._edge(row, column, round(8 * (1.0 - above)), ink)
+                    self._fill_from_below(row, column, round(8 * (1.0 - above)), index)
                 elif below > 0.0 and above <= 0.0:
                     eighths = round(8 * below)
                     if eighths <= 7:
-                        self.ground[row, column] = ink
+                        self.background[row, column] = index
                     if 0 < eighths <= 7:
-                        self.glyph[row, column], self.glyph_ink[row, column] = ord(_EIGHTHS[eighths]), paper
+                        self.glyph[row, column], self.glyph_role[row, column] = ord(_EIGHTHS[eighths]), page
                 else:
-                    self.ground[row, column] = ink
+                    self.background[row, column] = index
 
-    def _edge(self, row: int, column: int, eighths: int, ink: int) -> None:
-        """Fill a cell from below; dots upon it stand on the fill where that is more than half."""
+    def _fill_from_below(self, row: int, column: int, eighths: int, index: int) -> None:
+        """Fill a cell from below; dots in it are drawn on the fill if that is more than half of the cell."""
         if eighths >= 8:
-            self.ground[row, column] = ink
-        elif eighths > 0 and not self.lettered[row, column]:
-            self.glyph[row, column], self.glyph_ink[row, column] = ord(_EIGHTHS[eighths]), ink
-            self.under[row, column] = ink if eighths >= 4 else 0
+            self.background[row, column] = index
+        elif eighths > 0 and not self.text_mask[row, column]:
+            self.glyph[row, column], self.glyph_role[row, column] = ord(_EIGHTHS[eighths]), index
+            self.shade[row, column] = index if eighths >= 4 else 0
 
     def bars(self, left: int, bottom: int, heights: Floats, role: str) -> None:
-        """Columns that stand on a row of cells.
+        """Draw vertical bars on a row of cells.
 
         Parameters
         ----------
-        left, bottom : column of the first and row they stand on, cell.
+        left, bottom : column of the first bar and row of their lower ends, cell.
         heights : (n,) cells.
         """
-        ink = self._role(role)
+        index = self._role(role)
         for k, height in enumerate(heights):
             column = left + k
             if not height > 0 or not 0 <= column < self.width:
@@ -134,59 +134,59 @@ class Canvas:
             eighths = max(round(8 * float(height)), 1)
             for row in range(bottom, max(bottom - math.ceil(eighths / 8), -1), -1):
                 if row >= self.height:
-                    continue  # no room for it
-                self._edge(row, column, eighths - 8 * (bottom - row), ink)
+                    continue
+                self._fill_from_below(row, column, eighths - 8 * (bottom - row), index)
 
     def put(self, column: int, row: int, character: str, role: str) -> None:
-        """A character that dots may cover, such as a line of the grid."""
+        """Write a character that dots may cover, such as a line of the grid."""
         if 0 <= row < self.height and 0 <= column < self.width:
-            self.glyph[row, column], self.glyph_ink[row, column] = ord(character), self._role(role)
+            self.glyph[row, column], self.glyph_role[row, column] = ord(character), self._role(role)
 
     def text(self, column: int, row: int, text: str, role: str) -> None:
-        """Text that covers everything."""
+        """Write text that covers everything."""
         if not 0 <= row < self.height:
             return
         for k, character in enumerate(text):
             if 0 <= column + k < self.width:
                 self.put(column + k, row, character, role)
-                self.lettered[row, column + k] = True
+                self.text_mask[row, column + k] = True
 
-    def free(self, column: int, row: int, length: int) -> int:
-        """How much stands in the way of a text: 0 nothing; very many where there is no room."""
+    def overlap(self, column: int, row: int, length: int) -> int:
+        """Return the cost of a text at this place: 0 if nothing is there, large if it does not fit."""
         if not 0 <= row < self.height or column < 0 or column + length > self.width:
             return 1_000_000
         part = (row, slice(column, column + length))
-        return 10_000 * int(self.lettered[part].any()) + int(np.count_nonzero(self.bits[part]))
+        return 10_000 * int(self.text_mask[part].any()) + int(np.count_nonzero(self.bits[part]))
 
     def rows(self) -> list[Line]:
-        """The canvas as lines of pieces, neighbours of one role joined."""
-        dotted = (self.bits > 0) & ~self.lettered
+        """Return the canvas as lines of spans, joining neighbours of one role."""
+        dotted = (self.bits > 0) & ~self.text_mask
         glyph = np.where(dotted, 0x2800 + self.bits.astype(np.uint32), self.glyph)
-        ink = np.where(dotted, self.bits_ink, self.glyph_ink)
-        solid = np.where(dotted & (self.ground == 0), self.under, self.ground)
-        key = ink.astype(np.int64) * 256 + solid
+        role = np.where(dotted, self.bits_role, self.glyph_role)
+        background = np.where(dotted & (self.background == 0), self.shade, self.background)
+        key = role.astype(np.int64) * 256 + background
         lines: list[Line] = []
         for row in range(self.height):
             text = "".join(map(chr, glyph[row].tolist()))
-            cuts = [0, *(np.flatnonzero(np.diff(key[row])) + 1).tolist(), self.width]
+            starts = [0, *(np.flatnonzero(np.diff(key[row])) + 1).tolist(), self.width]
             line: Line = []
-            for a, b in pairwise(cuts):
-                name, ground = self._roles[ink[row, a]], solid[row, a]
-                line.append((text[a:b], f"{name}/{self._roles[ground]}" if ground else name))
+            for a, b in pairwise(starts):
+                name, behind = self._roles[role[row, a]], background[row, a]
+                line.append((text[a:b], f"{name}/{self._roles[behind]}" if behind else name))
             lines.append(line)
         return lines
 
 
 @dataclass(frozen=True, slots=True)
 class AxisScale:
-    """One axis: from data to a share of its length, linear or logarithmic."""
+    """Scale of one axis, linear or logarithmic."""
 
     low: float
     high: float
     log: bool = False
 
     def share(self, values: Floats) -> Floats:
-        """(n,) share of the axis, 0 at `low` and 1 at `high`; NaN where it cannot be drawn."""
+        """Return (n,) fraction of the axis, 0 at `low` and 1 at `high`; NaN if it cannot be drawn."""
         if self.log:
             with np.errstate(divide="ignore", invalid="ignore"):
                 values = np.where(values > 0, np.log10(np.where(values > 0, values, 1.0)), np.nan)
@@ -196,12 +196,12 @@ class AxisScale:
         return np.asarray((values - low) / (high - low), dtype=np.float64)
 
     def decades(self) -> list[int]:
-        """Exponents of the powers of ten on a logarithmic axis."""
+        """Return the exponents of the powers of ten on a logarithmic axis."""
         low, high = math.log10(self.low), math.log10(self.high)
         return list(range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1))
 
     def ticks(self, count: int) -> list[float]:
-        """About so many round values on a linear axis."""
+        """Return about `count` round values on a linear axis."""
         step = (self.high - self.low) / max(count, 1)
         power = 10.0 ** math.floor(math.log10(step))
         step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= step * 0.999)
@@ -210,12 +210,12 @@ class AxisScale:
 
 
 def logarithmic(values: Floats, step: float = 0.5) -> AxisScale:
-    """Logarithmic scale around some values, ending at steps of so many decades: it keeps still
-    while a curve grows.
+    """Return a logarithmic scale around some values, which does not move while a curve grows.
 
     Parameters
     ----------
-    values : (n,) any unit; what is not positive counts for nothing.
+    values : (n,) any unit; those that are not positive are ignored.
+    step : decades; both ends are multiples of it.
     """
     values = values[np.isfinite(values) & (values > 0)]
     if not len(values):
@@ -226,7 +226,7 @@ def logarithmic(values: Floats, step: float = 0.5) -> AxisScale:
 
 
 def linear(values: Floats, margin: float = 0.06) -> AxisScale:
-    """Linear scale around some values.
+    """Return a linear scale around some values.
 
     Parameters
     ----------
@@ -236,8 +236,8 @@ def linear(values: Floats, margin: float = 0.06) -> AxisScale:
     if not len(values):
         return AxisScale(0.0, 1.0)
     low, high = float(values.min()), float(values.max())
-    room = (high - low) * margin or max(abs(high), 1e-12) * 1e-3
-    return AxisScale(low - room, high + room)
+    extra = (high - low) * margin or max(abs(high), 1e-12) * 1e-3
+    return AxisScale(low - extra, high + extra)
 
 
 class PlotFrame:
@@ -253,29 +253,29 @@ class PlotFrame:
         self.left, self.top, self.width, self.height = area
 
     def across(self, values: Floats) -> Floats:
-        """(n,) dots from the left of the canvas; NaN beside the frame."""
+        """Return (n,) dots from the left of the canvas; NaN outside the frame."""
         share = self.x.share(np.asarray(values, dtype=np.float64))
         share = np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
         return np.asarray(2 * self.left + share * (2 * self.width - 1))
 
     def down(self, values: Floats) -> Floats:
-        """(n,) dots from the top of the canvas; NaN above and below the frame."""
+        """Return (n,) dots from the top of the canvas; NaN outside the frame."""
         share = self.y.share(np.asarray(values, dtype=np.float64))
         share = np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
         return np.asarray(4 * self.top + (1.0 - share) * (4 * self.height - 1))
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Column and row of a point, None outside."""
+        """Return column and row of a point, None outside the frame."""
         a, b = self.across(np.array([x]))[0], self.down(np.array([y]))[0]
         return None if math.isnan(a) or math.isnan(b) else (round(float(a)) // 2, round(float(b)) // 4)
 
     def curve(self, x: Floats, y: Floats, role: str, dash: tuple[int, int] | None = None) -> None:
-        """Line through points of data; on logarithmic axes it is drawn straight between them."""
+        """Draw a line through points of data, straight between them, also on logarithmic axes."""
         finer_x, finer_y = self._clipped(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         self.canvas.line(finer_x, finer_y, role, dash)
 
     def _clipped(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Points of the line in dots, close enough that it ends at the edge of the frame."""
+        """Return points of the line in dots, so dense that it ends at the edge of the frame."""
         sx, sy = self.x.share(x), self.y.share(y)
         if len(sx) < 2:
             return self.across(x), self.down(y)
@@ -291,11 +291,11 @@ class PlotFrame:
         return 2 * self.left + fx * (2 * self.width - 1), 4 * self.top + (1 - fy) * (4 * self.height - 1)
 
     def points(self, x: Floats, y: Floats, role: str, letter: str | None = None) -> None:
-        """Marks of 3 x 3 dots, which nobody takes for a part of a line; of 2 x 2 where they stand close.
+        """Draw marks of 3 x 3 dots, which cannot be confused with a line; of 2 x 2 if they are close.
 
         Parameters
         ----------
-        letter : mark where dots cannot be told from a line.
+        letter : mark to use instead of dots.
         """
         a, b = np.rint(self.across(x)), np.rint(self.down(y))
         if letter is not None:
@@ -303,13 +303,13 @@ class PlotFrame:
                 self.canvas.text(int(column), int(row), letter, role)
             return
         apart = np.nanmin(np.diff(a), initial=np.inf)
-        beside = (-1, 0, 1) if apart >= 5 else (-1, 0)
-        for dx in beside:
-            for dy in beside:
+        offsets = (-1, 0, 1) if apart >= 5 else (-1, 0)
+        for dx in offsets:
+            for dy in offsets:
                 self.canvas.dots(a + dx, b + dy, role)
 
     def band(self, x: Floats, low: Floats, high: Floats, role: str) -> None:
-        """Band between two curves, a column of cells at a time.
+        """Fill the band between two curves, by columns of cells.
 
         Parameters
         ----------
@@ -333,11 +333,11 @@ class PlotFrame:
         self.canvas.band(self.left, np.where(outside | (a > 1) | (b < 0), np.nan, top), bottom, role)
 
     def columns(self, low: Floats, high: Floats, role: str) -> None:
-        """A vertical line from `low` to `high` in each column of dots.
+        """Draw a vertical line from `low` to `high` in each column of dots.
 
         Parameters
         ----------
-        low, high : (2 width,) data; NaN leaves a column out.
+        low, high : (2 width,) data; a column is empty for NaN.
         """
         top, bottom = np.rint(self.down(high)), np.rint(self.down(low))
         rows = np.arange(4 * self.canvas.height)[:, None]
@@ -346,7 +346,7 @@ class PlotFrame:
         self.canvas.dots(across, y.astype(np.float64), role)
 
     def label(self, x: float, y: float, text: str, role: str, mark: str = "◆") -> None:
-        """Mark at a point, with its text where least stands in the way."""
+        """Draw a mark at a point, with its text where it covers least."""
         at = self.cell(x, y)
         if at is None:
             return
@@ -362,11 +362,11 @@ class PlotFrame:
             and self.top <= r < self.top + self.height
         ]
         if inside:
-            c, r = min(inside, key=lambda p: self.canvas.free(p[0], p[1], len(text)))
+            c, r = min(inside, key=lambda p: self.canvas.overlap(p[0], p[1], len(text)))
             self.canvas.text(c, r, text, role)
 
     def grid(self, across: Sequence[float], down: Sequence[float]) -> None:
-        """Faint lines at values of the two axes."""
+        """Draw faint lines at values of the two axes."""
         columns = [int(c) // 2 for c in self.across(np.array(across, dtype=np.float64)) if not math.isnan(c)]
         rows = [int(r) // 4 for r in self.down(np.array(down, dtype=np.float64)) if not math.isnan(r)]
         for row in rows:
@@ -376,8 +376,8 @@ class PlotFrame:
             for row in range(self.top, self.top + self.height):
                 self.canvas.put(column, row, "┼" if row in rows else "│", "grid")
 
-    def below(self, ticks: Sequence[tuple[float, str]], row: int) -> None:
-        """Labels of the x axis, in a row of cells, each centred on its value."""
+    def x_labels(self, ticks: Sequence[tuple[float, str]], row: int) -> None:
+        """Write the labels of the x axis in a row of cells, each centred on its value."""
         end = -1
         for value, text in ticks:
             at = self.across(np.array([value]))[0]
@@ -389,8 +389,8 @@ class PlotFrame:
                 self.canvas.text(column, row, text, "muted")
                 end = column + len(text)
 
-    def beside(self, ticks: Sequence[tuple[float, str]]) -> None:
-        """Labels of the y axis, ending left of the frame."""
+    def y_labels(self, ticks: Sequence[tuple[float, str]]) -> None:
+        """Write the labels of the y axis to the left of the frame."""
         last = -2
         for value, text in sorted(ticks, reverse=True):
             at = self.down(np.array([value]))[0]

@@ -1,4 +1,4 @@
-"""Save: what is seen, as numbers or as a picture."""
+"""What the screen shows, saved as CSV, JSON or PNG."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from pathlib import Path
 
 from imumon.report import Strip, to_json
 from imumon.tui.channel_table import GRADED
-from imumon.tui.text_panels import chosen_events
+from imumon.tui.text_panels import filtered_events
 from imumon.tui.view_state import ViewState
 
 CONVERTERS = (
     ("rsvg-convert", ("rsvg-convert", "--zoom", "1.5", "-o")),
     ("inkscape", ("inkscape", "--export-type=png", "--export-filename")),
 )
-"""Programs that turn an SVG into a PNG, with how they are called."""
+"""Programs that convert SVG to PNG, with their arguments."""
 
 
-def name_of(scene: ViewState, suffix: str) -> str:
-    """File name by device, view and time of the report: two saves never meet by chance."""
-    report = scene.report
+def file_name(state: ViewState, suffix: str) -> str:
+    """Return a file name with device, view and time of the report, so that saved files do not collide."""
+    report = state.report
     when = re.sub(r"[^0-9TZ]", "", report.time.partition(".")[0]) if report is not None else "empty"
-    device = re.sub(r"[^\w.-]", "_", scene.id or "none")
-    return f"imumon-{device}-{scene.view}-{when}.{suffix}"
+    device = re.sub(r"[^\w.-]", "_", state.id or "none")
+    return f"imumon-{device}-{state.view}-{when}.{suffix}"
 
 
-def png(svg: Path) -> Path | None:
-    """Picture of the same name by whatever converter there is; None without one.
+def convert_to_png(svg: Path) -> Path | None:
+    """Convert with the first installed converter, and return the new file; None without a converter.
 
     Raises
     ------
@@ -51,46 +51,46 @@ def png(svg: Path) -> Path | None:
     return None
 
 
-def text(scene: ViewState, form: str) -> str:
-    """CSV of what the view shows, or JSON of the whole report."""
+def exported_text(state: ViewState, form: str) -> str:
+    """Return what the view shows as CSV, or the whole report as JSON."""
     if form == "json":
-        return to_json(scene.report, indent=1) + "\n"
+        return to_json(state.report, indent=1) + "\n"
     out = io.StringIO()
-    csv.writer(out).writerows(rows(scene))
+    csv.writer(out).writerows(table_rows(state))
     return out.getvalue()
 
 
-def rows(scene: ViewState) -> Iterable[Iterable[object]]:
-    """Table of what the view shows, in SI units, its first row the names."""
-    report = scene.report
+def table_rows(state: ViewState) -> Iterable[Iterable[object]]:
+    """Return what the view shows as a table in SI units, headings first."""
+    report = state.report
     if report is None:
         return []
-    if scene.view == "signal":
-        return _signal(scene)
-    if scene.view == "events":
+    if state.view == "signal":
+        return _signal(state)
+    if state.view == "events":
         head = ("time", "kind", "channel", "text")
         return [
             head,
-            *((e.time, e.kind, e.channel, e.text) for e in chosen_events(scene.events, scene.needle)),
+            *((e.time, e.kind, e.channel, e.text) for e in filtered_events(state.events, state.filter_text)),
         ]
-    if scene.view == "device":
+    if state.view == "device":
         parts = ("device", report.device), ("session", report.session)
         return [("part", "name", "value"), *((p, n, getattr(o, n)) for p, o in parts for n in o.__slots__)]
-    if scene.view == "sensors":
+    if state.view == "sensors":
         out: list[Iterable[object]] = [("id", "state", "gyro", "accel", "elapsed_s")]
-        for name, r in scene.reports.items():
+        for name, r in state.reports.items():
             grades = (r.grade[sensor].nearest if sensor in r.grade else None for sensor in GRADED)
             out.append((name, r.state, *grades, r.session.elapsed_s))
         return out
-    return _curves(scene)
+    return _curves(state)
 
 
-def _curves(scene: ViewState) -> list[Iterable[object]]:
-    """Coefficients and Allan deviations of every channel."""
+def _curves(state: ViewState) -> list[Iterable[object]]:
+    """Return coefficients and Allan deviations of every channel."""
     out: list[Iterable[object]] = [
         ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
     ]
-    channels = scene.report.channels.items() if scene.report is not None else ()
+    channels = state.report.channels.items() if state.report is not None else ()
     for name, channel in channels:
         a = channel.allan
         if a is not None:
@@ -105,17 +105,14 @@ def _curves(scene: ViewState) -> list[Iterable[object]]:
     return out
 
 
-def _signal(scene: ViewState) -> list[Iterable[object]]:
-    """The strip in the chosen window, the histogram and the spectrum of the chosen channel."""
-    found = scene.signal
-    if found is None:
-        return [("time_s", "low", "high")]
+def _signal(state: ViewState) -> list[Iterable[object]]:
+    """Return signal, histogram and spectrum of the selected channel."""
     out: list[Iterable[object]] = [("time_s", "low", "high")]
-    strip: Strip | None = getattr(found, scene.window)
-    if strip is not None:
-        times = (strip.start_s + k * strip.column_s for k in range(len(strip.low)))
-        out += zip(times, strip.low, strip.high, strict=False)
-    channel = scene.chosen
+    envelope: Strip | None = getattr(state.signal, state.window) if state.signal is not None else None
+    if envelope is not None:
+        times = (envelope.start_s + k * envelope.column_s for k in range(len(envelope.low)))
+        out += zip(times, envelope.low, envelope.high, strict=False)
+    channel = state.selected
     if channel is not None and channel.histogram is not None:
         h = channel.histogram
         out += [(), ("bin_start", "count", "gaussian")]

@@ -1,7 +1,7 @@
-"""Words: the numbers of a report as text of known width.
+"""Numbers of a report as text of limited width, and lines of styled text.
 
-A measuring instrument must never cut a number, so every text made here has a greatest width, and the
-table's columns are as wide as that. Readable units or SI, Unicode or ASCII is a `Notation`.
+A measuring instrument must never truncate a number, so every text made here has a maximum width, and the
+columns of the table are that wide. `Notation` chooses readable units or SI, Unicode or ASCII.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from imumon.messages import no_value_text
 from imumon.report import Coefficient, TimeTo
 from imumon.samples import UNITS, sensor_of
-from imumon.units import DEG, READABLE, SI, duration, measured, number, pretty
+from imumon.units import DEG, READABLE, SI, measured, number, pretty
 
-Piece = tuple[str, str]
-"""Some text and the role it plays; the widget knows the colour of the role."""
-Line = list[Piece]
+Span = tuple[str, str]
+"""Text and its role; the widget knows the colour of the role."""
+Line = list[Span]
 
 CELL = 14
-"""Cells that the text of a coefficient takes at most."""
+"""Cells of the text of a coefficient, at most."""
 
 _ASCII = str.maketrans(
     {
@@ -33,7 +33,7 @@ _ASCII = str.maketrans(
 
 
 def _braille(character: str) -> str:
-    """ASCII character that stands where the dots stood.
+    """Return an ASCII character of the same shape as the dots, roughly.
 
     >>> _braille("⠁"), _braille("⣀"), _braille("⠤"), _braille("⡇")
     ("'", '.', '-', ':')
@@ -48,10 +48,10 @@ def _braille(character: str) -> str:
     return "'" if high else "-"
 
 
-def plain(text: str) -> str:
-    """Text in ASCII, of the same width.
+def to_ascii(text: str) -> str:
+    """Return the text in ASCII, of the same width.
 
-    >>> plain("● live · 3 h")
+    >>> to_ascii("● live · 3 h")
     '* live - 3 h'
     """
     if text.isascii():
@@ -65,13 +65,13 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """How numbers are written: SI or readable units, ASCII or Unicode."""
+    """Notation of numbers: SI or readable units, ASCII or Unicode."""
 
     si: bool = False
     ascii: bool = False
 
     def unit(self, unit: str) -> str:
-        """Unit as it is written here, from its spelling in a report."""
+        """Return a unit in this notation, from its spelling in a report."""
         return unit.replace("sqrt", "rt").replace("^2", "2") if self.ascii else pretty(unit)
 
     @property
@@ -87,15 +87,15 @@ class Notation:
         return "chi2/dof" if self.ascii else "χ²/dof"
 
     @property
-    def about(self) -> str:
+    def plus_minus(self) -> str:
         return "+-" if self.ascii else "±"
 
     @property
-    def times(self) -> str:
+    def times_divide(self) -> str:
         return "x/" if self.ascii else "×÷"
 
     def decade(self, exponent: int) -> str:
-        """Power of ten.
+        """Return a power of ten.
 
         >>> Notation().decade(-2), Notation(ascii=True).decade(-2)
         ('10⁻²', '1e-2')
@@ -103,7 +103,7 @@ class Notation:
         return f"1e{exponent}" if self.ascii else "10" + str(exponent).translate(_SUPERSCRIPT)
 
     def scale(self, channel: str) -> tuple[float, str]:
-        """Factor from SI and unit in which the values of a channel are shown."""
+        """Return the factor from SI and the unit in which the values of a channel are shown."""
         sensor = sensor_of(channel)
         if not self.si and sensor == "gyro":
             return DEG, self.unit("deg/s")
@@ -112,7 +112,7 @@ class Notation:
         return 1.0, self.unit(UNITS.get(sensor, ""))
 
     def deviation(self, channel: str) -> tuple[float, str]:
-        """Factor from SI and unit in which an Allan deviation is shown: that of B."""
+        """Return the factor from SI and the unit in which an Allan deviation is shown: those of B."""
         key = (sensor_of(channel), "B")
         if self.si or key not in READABLE:
             return 1.0, self.unit(UNITS.get(key[0], ""))
@@ -123,12 +123,12 @@ class Notation:
         return self.unit(SI.get(key, "") if self.si else READABLE[key].unit if key in READABLE else "")
 
     def limits(self, part: Coefficient) -> tuple[float | None, float | None, float | None]:
-        """Value and 95 % limits in the unit shown."""
+        """Return value and 95 % limits in the unit shown."""
         shown = part if self.si else part.readable
         return shown.value, shown.low, shown.high
 
     def limit(self, sensor: str, name: str, value: float) -> str:
-        """Limit of a grade as its table prints it, from SI.
+        """Return the limit of a grade, given in SI, with the digits of its table.
 
         >>> Notation().limit("gyro", "N", 5.8178e-5), Notation(si=True).limit("gyro", "N", 5.8178e-5)
         ('0.2', '5.82e-05')
@@ -136,30 +136,30 @@ class Notation:
         scale = READABLE.get((sensor, name))
         return f"{value * (1.0 if self.si or scale is None else scale.factor):.3g}"
 
-    def coefficient(self, part: Coefficient | None, seconds: float | None) -> Piece:
-        """A coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or how long still.
+    def coefficient(self, part: Coefficient | None, seconds: float | None) -> Span:
+        """Return a coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or remaining time.
 
         Parameters
         ----------
-        seconds : s until it is known well enough, where that can be told.
+        seconds : s until the configured precision; None: unknown.
         """
         if part is None:
             return "–", "faint"
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
-            return measured(value, low, high, self.about, self.times)[:CELL], "text"
+            return measured(value, low, high, self.plus_minus, self.times_divide)[:CELL], "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
         if (why := no_value_text(part)) is not None:
             return why, "warn"
-        return (f"in {about(seconds)}", "muted") if seconds else ("pending", "faint")
+        return (f"in {approximate_duration(seconds)}", "muted") if seconds else ("pending", "faint")
 
 
-def about(seconds: float) -> str:
-    """Length of time still to come, no finer than one can rely on: at most 9 cells.
+def approximate_duration(seconds: float) -> str:
+    """Return a predicted length of time, no finer than it is certain, in at most 9 cells.
 
-    >>> about(42.0), about(734.0), about(9000.0), about(2e5), about(1e9)
-    ('42 s', '12 min', '2.5 h', '2.3 d', '> 1 year')
+    >>> [approximate_duration(seconds) for seconds in (42.0, 734.0, 9000.0, 2e5, 1e9)]
+    ['42 s', '12 min', '2.5 h', '2.3 d', '> 1 year']
     """
     if seconds < 90:
         return f"{seconds:.0f} s"
@@ -171,30 +171,12 @@ def about(seconds: float) -> str:
 
 
 def remaining(times: TimeTo | None, name: str) -> float | None:
-    """Seconds until a coefficient reaches the asked precision."""
+    """Return the seconds until a coefficient reaches the configured precision."""
     return None if times is None else getattr(times, name)
 
 
-def clock(seconds: float) -> str:
-    """Elapsed time.
-
-    >>> clock(10801.0)
-    '3 h'
-    """
-    return duration(seconds)
-
-
-def signed(value: float, digits: int = 4) -> str:
-    """Number with at most `digits` figures and 9 cells, zero where it is one.
-
-    >>> signed(-9.80665), signed(0.000012345)
-    ('-9.807', '1.23e-05')
-    """
-    return number(value, digits)
-
-
 def wrap(text: str, width: int) -> list[str]:
-    """Lines of at most `width` cells, broken at blanks; longer words are cut into pieces."""
+    """Break a text into lines of at most `width` cells, at blanks; longer words are broken too."""
     lines: list[str] = []
     current = ""
     for word in re.split(r"\s+", text.strip()):
@@ -217,22 +199,22 @@ def length(line: Line) -> int:
 
 
 def padded(line: Line, width: int, role: str = "text") -> Line:
-    """Line of exactly `width` cells: filled with blanks, or cut with a mark that says so."""
+    """Return a line of exactly `width` cells: filled with blanks, or truncated with an ellipsis."""
     missing = width - length(line)
     if missing >= 0:
         return [*line, (" " * missing, role)] if missing else line
     out: Line = []
-    room = max(width - 1, 0)
+    remaining_cells = max(width - 1, 0)
     for text, name in line:
-        out.append((text[:room], name))
-        room -= len(text)
-        if room <= 0:
+        out.append((text[:remaining_cells], name))
+        remaining_cells -= len(text)
+        if remaining_cells <= 0:
             break
     return [*out, ("…", "faint")] if width > 0 else []
 
 
 def fitted(parts: Sequence[Line], width: int) -> Line:
-    """As many parts as have room, the first always; a number is left out rather than cut."""
+    """Return the parts that fit, the first always; a number is omitted rather than truncated."""
     line: Line = []
     for part in parts:
         if not line or length(line) + length(part) <= width:
@@ -240,6 +222,6 @@ def fitted(parts: Sequence[Line], width: int) -> Line:
     return line
 
 
-def on(line: Line, ground: str) -> Line:
-    """The line upon another ground."""
-    return [(text, f"{role.partition('/')[0]}/{ground}") for text, role in line]
+def with_background(line: Line, background: str) -> Line:
+    """Return the line on another background."""
+    return [(text, f"{role.partition('/')[0]}/{background}") for text, role in line]

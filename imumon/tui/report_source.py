@@ -1,8 +1,8 @@
-"""Feed: where the screen gets its reports from.
+"""Where the screen gets its reports from.
 
-A latest-value slot: whoever receives writes into it from its own threads, the screen reads it when it
-is about to draw. Nothing is queued, so a slow terminal never holds anybody up and a fast sensor never
-floods the screen.
+A slot for the latest value: the receiver writes into it from its own threads, and the screen reads it when
+it is about to draw. Nothing is queued, so a slow terminal delays no thread and a fast sensor does not flood
+the screen.
 """
 
 from __future__ import annotations
@@ -15,36 +15,36 @@ from imumon.report import Event, Report, Signal
 
 
 class ReportSource(Protocol):
-    """What the screen asks for.
+    """What the screen reads.
 
     Attributes
     ----------
-    version : grows with every change, so that a screen draws only when there is something new.
+    version : grows with every change, so that the screen draws only when something is new.
     """
 
     version: int
 
     def reports(self) -> dict[str, tuple[Report, float]]:
-        """Newest report of each device by its id, with its arrival in s of the monotonic clock."""
+        """Return the newest report of each device by id, with its arrival in s of the monotonic clock."""
 
     def alive(self) -> set[str]:
-        """Ids of the devices whose daemon is known to live."""
+        """Return the ids of the devices with a running daemon."""
 
     def events(self, id: str) -> list[Event]:
-        """Events of a device, newest last, at most 100."""
+        """Return the events of a device, newest last, at most 100."""
 
     def watch(self, id: str, channel: str | None) -> None:
-        """Choose the channel whose signal is wanted from now on; None: no channel's."""
+        """Choose the channel whose signal is requested from now on; None: none."""
 
     def signal(self) -> tuple[Signal, float] | None:
-        """Newest signal of the watched channel, with its arrival in s of the monotonic clock."""
+        """Return the newest signal of the watched channel, with its arrival in s of the monotonic clock."""
 
     def connected(self) -> bool:
-        """Whether any daemon or router can be reached."""
+        """Return whether any daemon or router can be reached."""
 
 
 class FixedReport:
-    """A feed of one report that never changes: a saved one, or the one a picture is made of."""
+    """Source of one report that never changes, such as a saved one."""
 
     def __init__(self, report: Report, signal: Signal | None = None, events: Sequence[Event] = ()) -> None:
         self.version = 1
@@ -63,7 +63,7 @@ class FixedReport:
         return self._events
 
     def watch(self, id: str, channel: str | None) -> None:
-        """Nothing can be asked for."""
+        """Do nothing: the signal is fixed too."""
 
     def signal(self) -> tuple[Signal, float] | None:
         return None if self._signal is None else (self._signal, self._arrival)

@@ -1,8 +1,8 @@
-"""SVG: a saved picture of the screen that looks the same everywhere.
+"""Screenshots as SVG that look the same everywhere.
 
-Rich writes every cell as text, so braille, blocks and lines look as the reader's font happens to have
-them, blanks shift in some readers, and the fonts are fetched from the net. Here the drawn
-characters become shapes, each text stands at its own place, and nothing is fetched.
+Rich writes every cell as text, so braille, blocks and lines depend on the font of the reader, blanks shift in
+some readers, and the fonts are fetched from the net. Here the drawn characters become shapes, each text has
+its own position, and nothing is fetched.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ _EIGHTHS = "▁▂▃▄▅▆▇█"
 _LINES = {"─": "EW", "│": "NS", "┼": "NESW", "┴": "NEW", "━": "EW"}
 
 
-def redrawn(svg: str) -> str:
-    """Picture by Rich with its drawn characters as shapes and its texts in their places."""
+def portable_svg(svg: str) -> str:
+    """Return a screenshot by Rich with shapes for drawn characters and a position for each text."""
     colours = dict(_COLOUR.findall(svg))
     dots: dict[str, list[str]] = defaultdict(list)
     strokes: dict[str, list[str]] = defaultdict(list)
     blocks: dict[str, list[str]] = defaultdict(list)
 
-    def replace(found: re.Match[str]) -> str:
-        name, left, base, content = found.groups()
+    def replace(match: re.Match[str]) -> str:
+        name, left, base, content = match.groups()
         x, y = float(left), float(base) - BASELINE
         characters = html.unescape(content)
         rest = []
@@ -56,41 +56,41 @@ def redrawn(svg: str) -> str:
 
     svg = _FONTS.sub("", _CLIP.sub("", svg))
     svg = svg.replace("Fira Code, monospace", '"Fira Code", "DejaVu Sans Mono", monospace')
-    svg = _TEXT.sub(replace, _grounds(svg))
+    svg = _TEXT.sub(replace, _backgrounds(svg))
     shapes = [f'<path class="{name}" d="{"".join(d)}"/>' for name, d in blocks.items()]
-    for found, wide, cap in ((strokes, 1.2, "butt"), (dots, 3.6, "round")):
-        for name, d in found.items():
-            line = f'fill="none" stroke="{colours[name]}" stroke-width="{wide}" stroke-linecap="{cap}"'
+    for paths, width, cap in ((strokes, 1.2, "butt"), (dots, 3.6, "round")):
+        for name, d in paths.items():
+            line = f'fill="none" stroke="{colours[name]}" stroke-width="{width}" stroke-linecap="{cap}"'
             shapes.append(f'<path {line} d="{"".join(d)}"/>')
     head, end, tail = svg.rpartition("</g>\n    </g>")
-    return _shorter(head + "\n".join(shapes) + "\n" + end + tail)
+    return _renamed(head + "\n".join(shapes) + "\n" + end + tail)
 
 
-def _grounds(svg: str) -> str:
-    """The grounds of the cells as one shape a colour, the commonest as one sheet below the others."""
+def _backgrounds(svg: str) -> str:
+    """Merge the backgrounds of the cells into one shape per colour; the most common one covers everything."""
     areas: dict[str, float] = defaultdict(float)
     paths: dict[str, list[str]] = defaultdict(list)
-    found = list(_RECT.finditer(svg))
-    if not found:
+    matches = list(_RECT.finditer(svg))
+    if not matches:
         return svg
     right = bottom = 0.0
-    for colour, *numbers in (match.groups() for match in found):
-        x, y, wide, high = map(float, numbers)
-        areas[colour] += wide
-        right, bottom = max(right, x + wide), max(bottom, y + high)
-        paths[colour].append(f"M{x:g} {y:g}h{wide:g}v{high:g}h-{wide:g}z")
-    sheet = max(areas, key=lambda colour: areas[colour])
-    del paths[sheet]
-    shapes = [f'<rect fill="{sheet}" x="0" y="1.5" width="{right:g}" height="{bottom - 1.5:g}"/>']
+    for colour, *numbers in (match.groups() for match in matches):
+        x, y, width, height = map(float, numbers)
+        areas[colour] += width
+        right, bottom = max(right, x + width), max(bottom, y + height)
+        paths[colour].append(f"M{x:g} {y:g}h{width:g}v{height:g}h-{width:g}z")
+    base = max(areas, key=lambda colour: areas[colour])
+    del paths[base]
+    shapes = [f'<rect fill="{base}" x="0" y="1.5" width="{right:g}" height="{bottom - 1.5:g}"/>']
     shapes += [
         f'<path fill="{colour}" shape-rendering="crispEdges" d="{"".join(d)}"/>'
         for colour, d in paths.items()
     ]
-    return svg[: found[0].start()] + "".join(shapes) + _RECT.sub("", svg[found[0].start() :])
+    return svg[: matches[0].start()] + "".join(shapes) + _RECT.sub("", svg[matches[0].start() :])
 
 
 def _texts(name: str, text: str, x: float, y: float) -> str:
-    """The words of a text, each group of them at its place; wide blanks carry nothing."""
+    """Return each group of words at its own position, without the wide blanks between them."""
     out = []
     for part in re.finditer(r"\S+(?: \S+)*", text.replace("\xa0", " ")):
         at, size = x + part.start() * WIDTH, len(part.group()) * WIDTH
@@ -100,7 +100,7 @@ def _texts(name: str, text: str, x: float, y: float) -> str:
 
 
 def _dots(character: str, x: float, y: float) -> list[str]:
-    """Dots of a braille character."""
+    """Return the dots of a braille character."""
     bits = ord(character) - 0x2800
     places = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
     return [
@@ -111,21 +111,21 @@ def _dots(character: str, x: float, y: float) -> list[str]:
 
 
 def _lines(character: str, x: float, y: float) -> list[str]:
-    """Strokes of a line-drawing character from its middle to its sides."""
+    """Return the strokes of a line-drawing character from its centre to its sides."""
     mx, my = x + WIDTH / 2, y + HEIGHT / 2
     ends = {"N": f"V{y:.1f}", "S": f"V{y + HEIGHT:.1f}", "W": f"H{x:.1f}", "E": f"H{x + WIDTH:.1f}"}
     return [f"M{mx:.1f} {my:.1f}{ends[side]}" for side in _LINES[character]]
 
 
 def _block(character: str, x: float, y: float) -> str:
-    """Rectangle of a block character; it overlaps its neighbour by a hair, so that no seam is seen."""
+    """Return the rectangle of a block character; it overlaps its neighbour so that no seam shows."""
     if character == "▀":
         return f"M{x:.1f} {y:.1f}h{WIDTH + 0.2:.1f}v{HEIGHT / 2 + 0.2:.1f}h-{WIDTH + 0.2:.1f}z"
-    high = HEIGHT * (_EIGHTHS.index(character) + 1) / 8
-    return f"M{x:.1f} {y + HEIGHT - high:.1f}h{WIDTH + 0.2:.1f}v{high + 0.4:.1f}h-{WIDTH + 0.2:.1f}z"
+    height = HEIGHT * (_EIGHTHS.index(character) + 1) / 8
+    return f"M{x:.1f} {y + HEIGHT - height:.1f}h{WIDTH + 0.2:.1f}v{height + 0.4:.1f}h-{WIDTH + 0.2:.1f}z"
 
 
-def _shorter(svg: str) -> str:
-    """The same picture with a short name for what Rich gives a long one."""
-    found = re.search(r"terminal-\d+", svg)
-    return svg.replace(found.group(), "imumon") if found else svg
+def _renamed(svg: str) -> str:
+    """Return the picture with a short name instead of the long one by Rich."""
+    match = re.search(r"terminal-\d+", svg)
+    return svg.replace(match.group(), "imumon") if match else svg

@@ -1,8 +1,8 @@
-"""Terminal: what the screen needs of it, and how it is given back.
+"""What the screen needs of the terminal, and how the screen ends.
 
-The screen is drawn on stderr and keys are read from stdin, so both must be a terminal. A signal that
-ends the process, or a terminal that goes away, must end the screen properly: otherwise the terminal
-stays in its other mode, or the process spins on a dead line for ever.
+The screen is drawn on stderr and keys are read from stdin, so both must be a terminal. A signal that ends the
+process, or a terminal that is closed, must end the screen properly: otherwise the terminal stays in its
+alternate mode, or the process keeps polling a closed terminal.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ import threading
 import time
 from collections.abc import Callable
 
-ADVICE = "the screen needs a terminal; use `imumon status` or `imumon status --json` instead"
+CURE = "the screen needs a terminal; use `imumon status` or `imumon status --json` instead"
 
 
-def missing() -> str | None:
-    """Why the screen cannot be drawn here, in one line; None when it can."""
+def obstacle() -> str | None:
+    """Return in one line why the screen cannot be drawn here; None if it can."""
     for stream, name in ((sys.stdin, "stdin"), (sys.stderr, "stderr")):
         try:
-            fine = stream is not None and os.isatty(stream.fileno())
+            usable = stream is not None and os.isatty(stream.fileno())
         except (OSError, ValueError):
-            fine = False
-        if not fine:
-            return f"{name} is no terminal: {ADVICE}"
+            usable = False
+        if not usable:
+            return f"{name} is not a terminal: {CURE}"
     if os.environ.get("TERM") == "dumb":
-        return f"TERM is dumb: {ADVICE}"
+        return f"TERM is dumb: {CURE}"
     return None
 
 
-def vanished() -> bool:
-    """Whether the terminal has gone away under a running screen."""
+def closed() -> bool:
+    """Return whether the terminal was closed while the screen runs."""
     try:
         termios.tcgetattr(0)
     except (termios.error, OSError):
@@ -42,30 +42,29 @@ def vanished() -> bool:
     return False
 
 
-def watch(period: float) -> None:
-    """End the process once its terminal has gone away, looking every so many seconds.
+def exit_when_closed(period_s: float) -> None:
+    """End the process when its terminal is closed; check every `period_s` seconds.
 
-    From a thread of its own: with the terminal gone, the event loop may wait for ever to write to it,
-    while the reader of the keys turns on a line that is always ready. Nobody can see or hear us, so
-    nothing is put in order.
+    This runs in its own thread: without the terminal, the event loop may block in a write, and the reader of
+    the keys spins because a closed terminal is always readable. There is no screen to restore.
     """
 
-    def look() -> None:
-        while not vanished():
-            time.sleep(period)
+    def check() -> None:
+        while not closed():
+            time.sleep(period_s)
         os._exit(128 + signal.SIGHUP)
 
-    threading.Thread(target=look, name="terminal", daemon=True).start()
+    threading.Thread(target=check, name="terminal", daemon=True).start()
 
 
 def only_ascii() -> bool:
-    """Whether the terminal's encoding cannot show what we draw."""
+    """Return whether the encoding of the terminal lacks the characters of the screen."""
     encoding = (getattr(sys.stderr, "encoding", None) or "ascii").lower().replace("-", "")
     return "utf" not in encoding
 
 
 def on_signals(end: Callable[[int], None]) -> None:
-    """Call `end(128 + number)` inside the event loop at SIGTERM, SIGHUP and SIGINT."""
+    """Call `end(128 + number)` in the event loop at SIGTERM, SIGHUP and SIGINT."""
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         loop.add_signal_handler(number, end, 128 + number)

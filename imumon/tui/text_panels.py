@@ -1,21 +1,20 @@
-"""Lists: the device, the events, the sensors and the help as lines of text."""
+"""Device, events, sensors and drift as lines of text."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.devices.vn100.register_text import describe_setting
 from imumon.messages import CLOCKS, caveat_lines, excluded_by, follows_temperature
 from imumon.report import Channel, Drift, Event, Report
 from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
-from imumon.tui.formatting import Line, about, clock, fitted, length, padded, wrap
+from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, wrap
 from imumon.tui.view_state import ViewState
-from imumon.units import number
+from imumon.units import duration, number
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
-    """One line of a card: a name, its value, and a remark."""
+    """Return a line with a name, its value, and a remark."""
     text = "–" if value is None else str(value)
     return [
         (f"  {name:<20}", "muted"),
@@ -28,15 +27,15 @@ def _title(text: str) -> Line:
     return [(f" {text}", "title")]
 
 
-def device(scene: ViewState, width: int, height: int = 0) -> list[Line]:
-    """Who the sensor is, what its numbers describe, and how the line does."""
-    report = scene.report
+def device(state: ViewState, width: int, height: int = 0) -> list[Line]:
+    """Return identity and settings of the sensor, what its numbers describe, and the transmission."""
+    report = state.report
     if report is None:
         return []
     wide = width >= 110
     half = width // 2 if wide else width
     first = [_identity(report), _stream(report), _notes(report, half)]
-    second = [_link(report), _left_out(report)]
+    second = [_transmission(report), _excluded(report)]
     settings = _settings(report, width)
     if not wide:
         cards = [*first, settings, *second]
@@ -64,7 +63,7 @@ def _identity(report: Report) -> list[Line]:
 
 def _stream(report: Report) -> list[Line]:
     d = report.device
-    meaning = {
+    kinds = {
         "deltas": "true averages over each interval",
         "uncompensated": "samples before the bias filter",
         "compensated": "samples after the bias filter",
@@ -77,7 +76,7 @@ def _stream(report: Report) -> list[Line]:
     rate = None if d.sample_rate_hz is None else f"{d.sample_rate_hz:.6g} Hz"
     return [
         _title("What the numbers describe"),
-        _pair("stream", d.stream, meaning.get(d.stream or "", ""), "strong"),
+        _pair("stream", d.stream, kinds.get(d.stream or "", ""), "strong"),
         _pair("message", d.source),
         _pair("sample rate", rate),
         _pair("time from", CLOCKS.get(d.clock or "", d.clock)),
@@ -86,28 +85,28 @@ def _stream(report: Report) -> list[Line]:
 
 
 def _settings(report: Report, width: int) -> list[Line]:
-    """Registers by name, what each does, and behind that its value as it is."""
+    """Return each setting by name, with what it does and its value, or the value alone."""
     settings = report.device.settings
     lines = [_title("Settings that change the data")]
     if not settings:
         return [*lines, [("  not read from the sensor", "faint")]]
-    wide = min(max(map(len, settings)), max(width // 2 - 6, 1))
+    name_width = min(max(map(len, settings)), max(width // 2 - 6, 1))
     for name, value in settings.items():
-        said = describe_setting(name, value)
-        line: Line = [(f"  {name[:wide]:<{wide}}   ", "muted"), (said or value, "text")]
-        raw: Line = [(f"   {value}", "faint")] if said else []
+        text = report.device.setting_texts.get(name)
+        line: Line = [(f"  {name[:name_width]:<{name_width}}   ", "muted"), (text or value, "text")]
+        raw: Line = [(f"   {value}", "faint")] if text else []
         lines.append(fitted([line, raw], width))
     return lines
 
 
-def _link(report: Report) -> list[Line]:
+def _transmission(report: Report) -> list[Line]:
     s = report.session
     expected = s.samples + s.missing
     share = f"{100 * s.missing / expected:.2g} %" if s.missing and expected else ""
     return [
-        _title("Line"),
+        _title("Transmission"),
         _pair("since", None if s.started is None else s.started[:19].replace("T", " ") + " UTC"),
-        _pair("elapsed", clock(s.elapsed_s)),
+        _pair("elapsed", duration(s.elapsed_s)),
         _pair("samples", f"{s.samples:,}"),
         _pair("missing", f"{s.missing:,}", share, "warn" if s.missing else "text"),
         _pair("gaps", f"{s.gaps:,}", role="warn" if s.gaps else "text"),
@@ -123,21 +122,21 @@ def _link(report: Report) -> list[Line]:
     ]
 
 
-def _left_out(report: Report) -> list[Line]:
+def _excluded(report: Report) -> list[Line]:
     s = report.session
-    by, alone = excluded_by(report)
+    reasons, mag_only = excluded_by(report)
     return [
-        _title("Cut out"),
+        _title("Excluded"),
         _pair("disturbances", f"{s.disturbances:,}"),
-        _pair("excluded", clock(s.excluded_s)),
-        *(_pair(f"  by {reason}", clock(seconds)) for reason, seconds in by.items()),
-        *([_pair("magnetometer alone", clock(alone))] if alone else []),
-        _pair("warm-up", clock(s.warmup_s)),
+        _pair("disturbed", duration(s.excluded_s)),
+        *(_pair(f"  by {reason}", duration(seconds)) for reason, seconds in reasons.items()),
+        *([_pair("magnetometer only", duration(mag_only))] if mag_only else []),
+        _pair("warm-up", duration(s.warmup_s)),
     ]
 
 
 def _notes(report: Report, width: int) -> list[Line]:
-    """Caveats of the numbers, and what is not known of the sensor or not as it should be."""
+    """Return the caveats of the numbers and the remarks about the sensor."""
     lines: list[Line] = []
     for caveat in (*caveat_lines(report), *report.device.remarks):
         for k, text in enumerate(wrap(caveat, max(width - 5, 10))):
@@ -145,7 +144,7 @@ def _notes(report: Report, width: int) -> list[Line]:
     return [_title("Caveats"), *lines] if lines else []
 
 
-_KINDS = {
+_EVENT_ROLES = {
     "disconnect": "bad",
     "gap": "warn",
     "disturbance": "warn",
@@ -155,48 +154,48 @@ _KINDS = {
 }
 
 
-def chosen_events(events: Sequence[Event], needle: str) -> list[Event]:
-    """Events whose kind, channel or text hold every word asked for."""
-    wanted = needle.casefold().split()
-    return [e for e in events if all(w in f"{e.kind} {e.channel or ''} {e.text}".casefold() for w in wanted)]
+def filtered_events(events: Sequence[Event], filter_text: str) -> list[Event]:
+    """Return the events whose kind, channel and text contain every word of the filter."""
+    words = filter_text.casefold().split()
+    return [e for e in events if all(w in f"{e.kind} {e.channel or ''} {e.text}".casefold() for w in words)]
 
 
-def events(scene: ViewState, width: int, height: int = 0) -> list[Line]:
-    """The log, newest first."""
-    found = chosen_events(scene.events, scene.needle)
-    kept = f"{len(found)} of {len(scene.events)}" if scene.needle else f"{len(found)}"
-    head: Line = [(" events ", "title"), (kept, "muted")]
-    if scene.needle:
-        head += [(f"   with '{scene.needle}'", "bound"), ("   esc", "key"), (" shows all again", "muted")]
+def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
+    """Return the events, newest first."""
+    shown = filtered_events(state.events, state.filter_text)
+    count = f"{len(shown)} of {len(state.events)}" if state.filter_text else f"{len(shown)}"
+    head: Line = [(" events ", "title"), (count, "muted")]
+    if state.filter_text:
+        head += [(f"   with '{state.filter_text}'", "bound"), ("   esc", "key"), (" shows all", "muted")]
     else:
         head += [("   /", "key"), (" filters", "muted")]
     lines: list[Line] = [padded(head, width), []]
-    if not found:
-        lines.append([(" nothing has happened" if not scene.events else " none of them matches", "faint")])
-    for event in reversed(found):
-        role = next((r for kind, r in _KINDS.items() if kind in event.kind), "text")
-        stem: Line = [(f" {event.time[:10]} {event.time[11:19]} ", "faint"), (f"{event.kind:<14}", role)]
-        room = max(width - length(stem) - 1, 12)
+    if not shown:
+        lines.append([(" no events yet" if not state.events else " no event matches", "faint")])
+    for event in reversed(shown):
+        role = next((r for kind, r in _EVENT_ROLES.items() if kind in event.kind), "text")
+        prefix: Line = [(f" {event.time[:10]} {event.time[11:19]} ", "faint"), (f"{event.kind:<14}", role)]
+        available = max(width - length(prefix) - 1, 12)
         text = (
             event.text
             if event.channel is None or event.channel in event.text
             else f"{event.channel}: {event.text}"
         )
-        for k, part in enumerate(wrap(text, room)):
-            lines.append([*(stem if not k else [(" " * length(stem), "text")]), (part, "text")])
+        for k, part in enumerate(wrap(text, available)):
+            lines.append([*(prefix if not k else [(" " * length(prefix), "text")]), (part, "text")])
     return [padded(line, width) for line in lines]
 
 
-def sensors(scene: ViewState, width: int, height: int = 0) -> list[Line]:
-    """Every device: state, grades, elapsed; and two of them side by side."""
-    lines: list[Line] = [padded([(" sensors ", "title"), (str(len(scene.reports)), "muted")], width), []]
+def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
+    """Return every device with status, grades and elapsed time, and the comparison of two."""
+    lines: list[Line] = [padded([(" sensors ", "title"), (str(len(state.reports)), "muted")], width), []]
     head = f"   {'state':<16}{'name':<24}{'gyro':<12}{'accel':<12}{'elapsed':<12}"
     lines.append([(head, "muted")])
-    for name, report in sorted(scene.reports.items()):
-        now = scene.situation(name)
+    for name, report in sorted(state.reports.items()):
+        now = state.connection_status(name)
         line: Line = [
-            ("▌" if name == scene.id else " ", "accent"),
-            (f" {now.mark} {now.word:<14}"[:18], now.role),
+            ("▌" if name == state.id else " ", "accent"),
+            (f" {now.mark} {now.title:<14}"[:18], now.role),
         ]
         line = padded(line, 19)
         line.append((f"{name:<24}" if len(name) < 24 else f"{name[:22]}… ", "strong"))
@@ -204,45 +203,45 @@ def sensors(scene: ViewState, width: int, height: int = 0) -> list[Line]:
             grade = report.grade.get(sensor)
             nearest = grade.nearest if grade is not None else None
             line.append((f"{nearest or '–':<12}", f"grade-{nearest}" if nearest else "faint"))
-        line.append((f"{clock(report.session.elapsed_s):<12}", "text"))
+        line.append((f"{duration(report.session.elapsed_s):<12}", "text"))
         tail = (
             "compared"
-            if name == scene.other
-            else about(scene.ages.get(name, 0.0)) + " ago"
+            if name == state.compared_id
+            else approximate_duration(state.ages.get(name, 0.0)) + " ago"
             if not now.live
             else ""
         )
-        line.append((tail, "bound" if name == scene.other else "warn"))
+        line.append((tail, "bound" if name == state.compared_id else "warn"))
         line = padded(line, width)
-        lines.append([(t, f"{r.partition('/')[0]}/chosen") for t, r in line] if name == scene.id else line)
-    if len(scene.reports) < 2:
-        lines += [[], [("   another sensor stands here as soon as its daemon answers", "faint")]]
+        lines.append([(t, f"{r.partition('/')[0]}/selected") for t, r in line] if name == state.id else line)
+    if len(state.reports) < 2:
+        lines += [[], [("   other sensors appear here when their daemons answer", "faint")]]
     else:
         lines += [
             [],
             [
-                ("   arrows choose", "faint"),
+                ("   arrows select", "faint"),
                 (" · ", "faint"),
                 (
-                    "c compares the chosen one with the next"
-                    if scene.other is None
-                    else "c goes on to the next, then to none",
+                    "c compares the selected one with the next"
+                    if state.compared_id is None
+                    else "c: the next one, then none",
                     "faint",
                 ),
             ],
         ]
-    return [padded(line, width) for line in [*lines, [], *comparison(scene)]]
+    return [padded(line, width) for line in [*lines, [], *comparison(state)]]
 
 
-def drift(scene: ViewState, width: int, height: int = 0) -> list[Line]:
-    """Shape of the values, slope of the mean, and what the temperature has to do with it."""
-    channel, name = scene.chosen, scene.channel
+def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
+    """Return the distribution, the slope of the mean, and the effect of the temperature."""
+    channel, name = state.selected, state.channel
     if channel is None or name is None:
         return []
-    factor, unit = scene.notation.scale(name)
-    notation = scene.notation
+    factor, unit = state.notation.scale(name)
+    notation = state.notation
     lines = [_shape(channel, width), _slope(channel.drift, factor, unit, width)]
-    degrees = scene.report.channels.get("temperature") if scene.report is not None else None
+    degrees = state.report.channels.get("temperature") if state.report is not None else None
     if degrees is not None and degrees.last is not None:
         celsius = notation.unit("degC")
         heat: list[Line] = [
@@ -263,9 +262,9 @@ _LABEL = " {:<13}"
 
 
 def _shape(channel: Channel, width: int) -> Line:
-    """Verdict on the distribution, with its third and fourth moment."""
+    """Return the shape of the distribution, with its third and fourth moment."""
     shape = channel.distribution
-    verdict = shape.verdict if shape is not None and shape.verdict else "not judged yet"
+    verdict = shape.verdict if shape is not None and shape.verdict else "not known yet"
     parts: list[Line] = [[(_LABEL.format("shape"), "muted"), (verdict[: width - 15], "text")]]
     if channel.skewness is not None:
         parts.append([(f"   skewness {channel.skewness:.2g}", "muted")])
@@ -274,28 +273,28 @@ def _shape(channel: Channel, width: int) -> Line:
     return fitted(parts, width)
 
 
-def _slope(found: Drift | None, factor: float, unit: str, width: int) -> Line:
-    """Drift over an hour, with 95 % limits."""
+def _slope(drift: Drift | None, factor: float, unit: str, width: int) -> Line:
+    """Return the drift per hour with 95 % limits."""
     label = (_LABEL.format("drift"), "muted")
-    if found is None or found.per_hour is None:
+    if drift is None or drift.per_hour is None:
         return [label, ("not known yet", "faint")]
-    hour = f"{number(found.per_hour * factor, 3)} {unit} an hour"
-    parts: list[Line] = [[label, (hour, "text" if found.significant else "muted")]]
-    if found.significant is False:
+    hour = f"{number(drift.per_hour * factor, 3)} {unit} per hour"
+    parts: list[Line] = [[label, (hour, "text" if drift.significant else "muted")]]
+    if drift.significant is False:
         parts.append([("   no more than noise", "muted")])
-    if found.per_hour_low is not None and found.per_hour_high is not None:
-        low, high = number(found.per_hour_low * factor, 2), number(found.per_hour_high * factor, 2)
+    if drift.per_hour_low is not None and drift.per_hour_high is not None:
+        low, high = number(drift.per_hour_low * factor, 2), number(drift.per_hour_high * factor, 2)
         parts.append([(f"   {low} to {high}", "muted")])
     return fitted(parts, width)
 
 
-def _effect(found: Drift | None, factor: float, unit: str) -> list[Line]:
-    """What a degree does to the mean, where it does more than the noise."""
-    if found is None or found.per_degC is None:
+def _effect(drift: Drift | None, factor: float, unit: str) -> list[Line]:
+    """Return the effect of a degree on the mean where it exceeds the noise."""
+    if drift is None or drift.per_degC is None:
         return []
-    if not follows_temperature(found):
+    if not follows_temperature(drift):
         return [[("   its effect: no more than noise", "muted")]]
-    parts: list[Line] = [[(f"   {number(found.per_degC * factor, 3)} {unit} a degree", "text")]]
-    if found.explained is not None:
-        parts.append([(f", {100 * found.explained:.0f} % of the drift", "muted")])
+    parts: list[Line] = [[(f"   {number(drift.per_degC * factor, 3)} {unit} per degree", "text")]]
+    if drift.explained is not None:
+        parts.append([(f", {100 * drift.explained:.0f} % of the drift", "muted")])
     return parts

@@ -1,8 +1,8 @@
-"""Scene: everything the screen shows at one moment, frozen.
+"""Everything that the screen shows at one moment, frozen.
 
-The app makes a new scene when something has changed; every part of the screen is a pure function from
-a scene and a size to lines. So a view can be tested without a terminal, and freezing the view is
-keeping a scene.
+The app makes a new state when something has changed. Every part of the screen is a pure function from a
+state and a size to lines, so a view can be tested without a terminal, and freezing the screen means keeping a
+state.
 """
 
 from __future__ import annotations
@@ -12,31 +12,33 @@ from dataclasses import dataclass, field, replace
 
 from imumon.report import Channel, Event, Report, Signal
 from imumon.samples import sensor_of
-from imumon.tui.formatting import Notation, about
+from imumon.tui.formatting import Notation, approximate_duration
 
 READABLE = Notation()
 VIEWS = ("overview", "signal", "device", "events", "sensors")
 WINDOWS = ("minute", "hour", "everything")
-MOVING = frozenset({"not_at_rest", "motion", "moving"})
-WARMING = frozenset({"warming_up", "warm_up", "warmup"})
+MOTION_CAVEATS = frozenset({"not_at_rest", "motion", "moving"})
+WARMUP_CAVEATS = frozenset({"warming_up", "warm_up", "warmup"})
+STALE_PERIODS, STALE_S = 3.0, 3.0
+"""Periods of a report, and s at least, after which the last report is stale."""
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
-    """How things stand with a device, in words.
+class ConnectionStatus:
+    """Status of a device, of its daemon, and of the connection to it.
 
     Attributes
     ----------
-    kind : ``nobody``, ``silent``, ``starting``, ``warming``, ``running``, ``moving``, ``waiting``,
+    kind : ``no_daemon``, ``no_report``, ``starting``, ``warming_up``, ``live``, ``moving``, ``waiting``,
         ``stale``, ``lost``, ``finished``.
-    mark, word, text : symbol, one or two words, and a sentence for where it needs one.
-    role : colour of it.
-    live : whether the numbers are of this moment; what is not live is drawn dimmed.
+    mark, title, text : symbol, one or two words, and a sentence if one is needed.
+    role : role of its colour.
+    live : whether the numbers are current; others are drawn dimmed.
     """
 
     kind: str
     mark: str
-    word: str
+    title: str
     text: str
     role: str
     live: bool
@@ -49,16 +51,19 @@ class ViewState:
     Attributes
     ----------
     reports, ages : by device id; ages in s since the arrival.
-    other : id of the device that is compared with the chosen one.
-    starting : what is said of a daemon that is known to start, while it does not answer.
-    ended : the last word of that daemon, when it has ended.
+    alive : ids of devices with a running daemon.
+    requested_id : device that the user asked for; None: any.
+    id, channel : selected device and channel.
+    compared_id : device that is compared with the selected one.
+    starting : message while a daemon is known to start and does not answer yet.
+    ended : last message of that daemon after it has ended.
     """
 
     reports: Mapping[str, Report] = field(default_factory=dict)
     ages: Mapping[str, float] = field(default_factory=dict)
     alive: frozenset[str] = frozenset()
     connected: bool = False
-    wanted: str | None = None
+    requested_id: str | None = None
     id: str | None = None
     channel: str | None = None
     signal: Signal | None = None
@@ -66,13 +71,13 @@ class ViewState:
     notation: Notation = READABLE
     view: str = "overview"
     window: str = "minute"
-    limits: bool = False
+    show_limits: bool = False
     overlay: bool = False
     zoomed: bool = False
     baseline: Report | None = None
     baseline_name: str = "baseline"
-    other: str | None = None
-    needle: str = ""
+    compared_id: str | None = None
+    filter_text: str = ""
     frozen: bool = False
     endpoint: str | None = None
     starting: str | None = None
@@ -80,70 +85,74 @@ class ViewState:
 
     @property
     def report(self) -> Report | None:
+        """Report of the selected device."""
         return None if self.id is None else self.reports.get(self.id)
 
     @property
-    def chosen(self) -> Channel | None:
+    def selected(self) -> Channel | None:
+        """The selected channel."""
         report = self.report
         return None if report is None or self.channel is None else report.channels.get(self.channel)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels of the chosen device, in the order they are shown."""
+        """Names of the channels of the selected device, in display order."""
         return () if self.report is None else tuple(self.report.channels)
 
-    def siblings(self) -> tuple[str, ...]:
-        """Channels of the same sensor as the chosen one."""
+    def sensor_channels(self) -> tuple[str, ...]:
+        """Return the channels of the same sensor as the selected one."""
         if self.channel is None:
             return ()
         sensor = sensor_of(self.channel)
         return tuple(c for c in self.channels if sensor_of(c) == sensor)
 
-    def situation(self, id: str | None = None) -> Situation:
-        """How things stand with a device, by default the chosen one."""
+    def connection_status(self, id: str | None = None) -> ConnectionStatus:
+        """Return the status of a device, by default the selected one."""
         id = self.id if id is None else id
         report = None if id is None else self.reports.get(id)
         if id is None or report is None:
-            return _without(self)
+            return _without_report(self)
         age = self.ages.get(id, 0.0)
         if report.state == "stopped":
-            return Situation(
-                "finished", "■", "finished", "the daemon has ended; this is its last report", "muted", True
-            )
-        patience = max(3.0, 3.0 * report.period_s)
-        if age > patience:
-            ago = f"no news for {about(age)}"
+            text = "the daemon has ended; this is its last report"
+            return ConnectionStatus("finished", "■", "finished", text, "muted", True)
+        if age > max(STALE_S, STALE_PERIODS * report.period_s):
+            old = f"no report for {approximate_duration(age)}"
             if self.ended:
-                return Situation("lost", "✕", "daemon gone", f"{ago}; it ended: {self.ended}", "bad", False)
+                text = f"{old}; it ended: {self.ended}"
+                return ConnectionStatus("lost", "✕", "daemon gone", text, "bad", False)
             if id in self.alive:
-                return Situation("stale", "○", "stale", f"{ago}; the daemon lives", "warn", False)
+                return ConnectionStatus("stale", "○", "stale", f"{old}; the daemon is alive", "warn", False)
             if self.connected:
-                return Situation("lost", "✕", "daemon gone", f"{ago}; waiting for it", "bad", False)
-            return Situation("lost", "✕", "daemon lost", f"{ago}; reconnecting", "bad", False)
-        return _present(report)
+                return ConnectionStatus("lost", "✕", "daemon gone", f"{old}; waiting for it", "bad", False)
+            return ConnectionStatus("lost", "✕", "daemon lost", f"{old}; reconnecting", "bad", False)
+        return _of_report(report)
 
-    def after(self, **changes: object) -> ViewState:
+    def updated(self, **changes: object) -> ViewState:
+        """Return a copy with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
 
-def _without(scene: ViewState) -> Situation:
-    """Situation while there is no report to show."""
-    if scene.alive or scene.connected:
-        text = "a daemon is there; waiting for its first report"
-        return Situation("silent", "◌", "connected", text, "warn", False)
-    return Situation("nobody", "◌", "no daemon", "nobody answers yet", "warn", False)
+def _without_report(state: ViewState) -> ConnectionStatus:
+    """Return the status while there is no report."""
+    if state.alive or state.connected:
+        text = "a daemon is running; waiting for its first report"
+        return ConnectionStatus("no_report", "◌", "connected", text, "warn", False)
+    return ConnectionStatus("no_daemon", "◌", "no daemon", "no daemon answers yet", "warn", False)
 
 
-def _present(report: Report) -> Situation:
-    """Situation by a report that has just come."""
+def _of_report(report: Report) -> ConnectionStatus:
+    """Return the status that a fresh report shows."""
     caveats = set(report.caveats).union(*(channel.caveats for channel in report.channels.values()))
     if report.state == "waiting":
-        port = report.device.port or "its port"
-        return Situation("waiting", "✕", "sensor gone", f"waiting for {port}", "bad", False)
+        text = f"waiting for {report.device.port or 'its port'}"
+        return ConnectionStatus("waiting", "✕", "sensor gone", text, "bad", False)
     if report.state == "starting":
-        return Situation("starting", "◌", "starting", "looking for the sensor and its stream", "warn", True)
-    if caveats & MOVING:
-        return Situation("moving", "◐", "not at rest", "it moves: what moves is cut out", "warn", True)
-    if caveats & WARMING:
-        return Situation("warming", "◐", "warming up", "cut out later, if it shows", "warn", True)
-    return Situation("running", "●", "live", "", "good", True)
+        text = "looking for the sensor and its stream"
+        return ConnectionStatus("starting", "◌", "starting", text, "warn", True)
+    if caveats & MOTION_CAVEATS:
+        return ConnectionStatus("moving", "◐", "not at rest", "motion is excluded", "warn", True)
+    if caveats & WARMUP_CAVEATS:
+        text = "excluded later if it shows"
+        return ConnectionStatus("warming_up", "◐", "warming up", text, "warn", True)
+    return ConnectionStatus("live", "●", "live", "", "good", True)

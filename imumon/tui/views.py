@@ -1,7 +1,7 @@
-"""Views: the five pages of the screen and the two small windows above them.
+"""The five views of the screen and the two dialog windows above them.
 
-A view arranges papers and owns the keys that make sense on it; what the papers show is drawn by pure
-functions. The help of a view is made from its own bindings, so it cannot be out of date.
+A view arranges panels and owns its keys; pure functions draw the panels. The help of a view is made from its
+own bindings, so it cannot be out of date.
 """
 
 from __future__ import annotations
@@ -19,26 +19,28 @@ from imumon.messages import uncertainty
 from imumon.tui import channel_table, charts, panels, text_panels
 from imumon.tui.formatting import Line, Notation, padded, wrap
 from imumon.tui.view_state import WINDOWS, ViewState
-from imumon.tui.widgets import Paper, StyledLines
+from imumon.tui.widgets import DrawnPanel, ScrolledPanel
 
 if TYPE_CHECKING:
     from imumon.tui.app import ImumonApp
 
 
 class View(Container, can_focus=True):
-    """One page: gets a scene and hands it to its papers."""
+    """One view: passes the state to its panels."""
 
     title = ""
 
     @property
-    def monitor(self) -> ImumonApp:
+    def imumon(self) -> ImumonApp:
+        """The application."""
         return cast("ImumonApp", self.app)
 
-    def show(self, scene: ViewState) -> None:
-        for paper in self.query(Paper):
-            paper.show(scene)
-        for sheet in self.query(StyledLines):
-            sheet.show(scene)
+    def show(self, state: ViewState) -> None:
+        """Draw a state."""
+        for panel in self.query(DrawnPanel):
+            panel.show(state)
+        for scrolled in self.query(ScrolledPanel):
+            scrolled.show(state)
 
 
 _CHANNEL_KEYS: list[BindingType] = [
@@ -48,12 +50,12 @@ _CHANNEL_KEYS: list[BindingType] = [
 
 
 class ChannelView(View):
-    """A page about one channel, which the arrows choose."""
+    """A view of one channel, which the arrows select."""
 
     BINDINGS: ClassVar[list[BindingType]] = _CHANNEL_KEYS
 
     def action_channel(self, step: int) -> None:
-        self.monitor.step_channel(step)
+        self.imumon.step_channel(step)
 
 
 class Overview(ChannelView):
@@ -65,55 +67,55 @@ class Overview(ChannelView):
         Binding("left,h", "sensor(-1)", "previous group"),
         Binding("z,enter", "zoom", "the chart alone, and back"),
         Binding("o", "overlay", "all three axes in one chart"),
-        Binding("g", "limits", "curves that just meet each grade"),
+        Binding("g", "limits", "curves at the limits of each grade"),
         Binding("b", "baseline", "keep this curve behind the live one"),
     ]
 
     def compose(self) -> ComposeResult:
         with Vertical(id="numbers"):
-            yield Paper(panels.plates, id="plates")
-            yield Paper(channel_table.table, id="table")
-            yield Paper(panels.detail, id="detail")
-        yield Paper(charts.allan, id="allan")
+            yield DrawnPanel(panels.headlines, id="headlines")
+            yield DrawnPanel(channel_table.table, id="table")
+            yield DrawnPanel(panels.detail, id="detail")
+        yield DrawnPanel(charts.allan_chart, id="allan")
 
-    def show(self, scene: ViewState) -> None:
-        """The table takes what it needs, where the chart beside or below it leaves room."""
+    def show(self, state: ViewState) -> None:
+        """Draw a state; the table gets the height it needs, as far as the chart permits."""
         size = self.app.size
-        airy = size.height >= 38
-        rows = len(channel_table.rows_of(scene, airy=airy))
+        spaced = size.height >= 38
+        rows = len(channel_table.rows_of(state, spaced=spaced))
         if size.width < 132 and size.height < 34:
             rows = min(rows, 12)
-        self.query_one("#table", Paper).styles.height = max(rows, 1)
-        self.set_class(scene.zoomed, "zoomed")
-        super().show(scene)
+        self.query_one("#table", DrawnPanel).styles.height = max(rows, 1)
+        self.set_class(state.zoomed, "zoomed")
+        super().show(state)
 
     def action_sensor(self, step: int) -> None:
-        self.monitor.step_sensor(step)
+        self.imumon.step_sensor(step)
 
     def action_zoom(self) -> None:
-        self.monitor.toggle("zoomed")
+        self.imumon.toggle("zoomed")
 
     def action_overlay(self) -> None:
-        self.monitor.toggle("overlay")
+        self.imumon.toggle("overlay")
 
     def action_limits(self) -> None:
-        self.monitor.toggle("limits")
+        self.imumon.toggle("show_limits")
 
     def action_baseline(self) -> None:
-        self.monitor.toggle_baseline()
+        self.imumon.toggle_baseline()
 
     def on_click(self, event: Click) -> None:
-        """A row of the table chooses its channel."""
-        paper = self.query_one("#table", Paper)
-        if event.widget is paper:
-            at = event.get_content_offset(paper)
-            rows = channel_table.table_rows(self.monitor.scene, *paper.size)
+        """Select the channel of a row of the table."""
+        table = self.query_one("#table", DrawnPanel)
+        if event.widget is table:
+            at = event.get_content_offset(table)
+            rows = channel_table.table_rows(self.imumon.view_state, *table.size)
             if at is not None and at.y < len(rows) and rows[at.y][1] is not None:
-                self.monitor.choose(channel=rows[at.y][1])
+                self.imumon.select(channel=rows[at.y][1])
 
 
 class SignalView(ChannelView):
-    """The chosen channel over time; its shape and its drift."""
+    """The selected channel over time, its distribution and its drift."""
 
     title = "signal"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -122,19 +124,19 @@ class SignalView(ChannelView):
     ]
 
     def compose(self) -> ComposeResult:
-        yield Paper(charts.strip, id="strip")
+        yield DrawnPanel(charts.signal_chart, id="signal-chart")
         with Horizontal(id="shapes"):
-            yield Paper(charts.histogram, id="histogram")
-            yield Paper(charts.spectrum, id="spectrum")
-        yield Paper(text_panels.drift, id="drift")
+            yield DrawnPanel(charts.histogram_chart, id="histogram")
+            yield DrawnPanel(charts.spectrum_chart, id="spectrum")
+        yield DrawnPanel(text_panels.drift, id="drift")
 
     def action_window(self, step: int) -> None:
-        at = (WINDOWS.index(self.monitor.scene.window) + step) % len(WINDOWS)
-        self.monitor.change(window=WINDOWS[at])
+        at = (WINDOWS.index(self.imumon.view_state.window) + step) % len(WINDOWS)
+        self.imumon.change(window=WINDOWS[at])
 
 
 class ScrolledView(View):
-    """A page with a long sheet."""
+    """A view that scrolls."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("pagedown", "scroll(10)", "a page down"),
@@ -144,8 +146,8 @@ class ScrolledView(View):
     ]
 
     def action_scroll(self, step: int) -> None:
-        sheet = self.query_one(StyledLines)
-        sheet.scroll_to(y=sheet.scroll_offset.y + step, animate=False)
+        panel = self.query_one(ScrolledPanel)
+        panel.scroll_to(y=panel.scroll_offset.y + step, animate=False)
 
 
 _LINE_KEYS: list[BindingType] = [
@@ -155,27 +157,27 @@ _LINE_KEYS: list[BindingType] = [
 
 
 class DeviceView(ScrolledView):
-    """Who the sensor is, what its numbers describe, how the line does."""
+    """Identity and settings of the sensor, what its numbers describe, transmission."""
 
     title = "device"
     BINDINGS: ClassVar[list[BindingType]] = _LINE_KEYS
 
     def compose(self) -> ComposeResult:
-        yield StyledLines(text_panels.device, id="device-sheet")
+        yield ScrolledPanel(text_panels.device, id="device-sheet")
 
 
 class EventsView(ScrolledView):
-    """What happened, newest first."""
+    """Events, newest first."""
 
     title = "events"
     BINDINGS: ClassVar[list[BindingType]] = [
         *_LINE_KEYS,
         Binding("slash", "filter", "filter by words", key_display="/"),
-        Binding("escape", "clear", "drop the filter"),
+        Binding("escape", "clear", "remove the filter"),
     ]
 
     def compose(self) -> ComposeResult:
-        yield StyledLines(text_panels.events, id="events-sheet")
+        yield ScrolledPanel(text_panels.events, id="events-sheet")
         yield Input(placeholder="words that must occur: gap gyro/x …", id="filter")
 
     def action_filter(self) -> None:
@@ -187,11 +189,11 @@ class EventsView(ScrolledView):
         box = self.query_one("#filter", Input)
         box.value = ""
         box.remove_class("open")
-        self.monitor.change(needle="")
+        self.imumon.change(filter_text="")
         self.focus()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        self.monitor.change(needle=event.value)
+        self.imumon.change(filter_text=event.value)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.query_one("#filter", Input).remove_class("open")
@@ -199,36 +201,36 @@ class EventsView(ScrolledView):
 
 
 class SensorsView(ScrolledView):
-    """Every sensor that is heard, and two of them compared."""
+    """All sensors, and a comparison of two."""
 
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "device(1)", "next sensor"),
         Binding("up,k", "device(-1)", "previous sensor"),
         Binding("enter", "open", "its numbers"),
-        Binding("c", "compare", "compare with the next one, and no more"),
+        Binding("c", "compare", "compare with the next one, then none"),
     ]
 
     def compose(self) -> ComposeResult:
-        yield StyledLines(text_panels.sensors, id="sensors-sheet")
-        yield Paper(charts.allan, id="sensors-allan")
+        yield ScrolledPanel(text_panels.sensors, id="sensors-sheet")
+        yield DrawnPanel(charts.allan_chart, id="sensors-allan")
 
     def action_device(self, step: int) -> None:
-        self.monitor.step_device(step)
+        self.imumon.step_device(step)
 
     def action_open(self) -> None:
-        self.monitor.action_view("overview")
+        self.imumon.action_view("overview")
 
     def action_compare(self) -> None:
-        self.monitor.step_other()
+        self.imumon.step_compared()
 
 
-WINDOW = 58
-"""Cells for text in a window."""
+WINDOW_WIDTH = 58
+"""Cells of text in a dialog window."""
 
 
-class Window(ModalScreen[str | None]):
-    """A small window above the page, closed by any key that means nothing else."""
+class DialogWindow(ModalScreen[str | None]):
+    """A small window above the view."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,enter,question_mark,f1", "dismiss(None)", "close")
@@ -241,23 +243,23 @@ class Window(ModalScreen[str | None]):
         self._notation = notation
 
     def compose(self) -> ComposeResult:
-        sheet = StyledLines(
-            lambda scene, width, height: [padded(line, width) for line in self._text], id="window"
+        panel = ScrolledPanel(
+            lambda state, width, height: [padded(line, width) for line in self._text], id="window"
         )
-        sheet.border_title = self._heading
-        sheet.styles.height = len(self._text) + 4
-        yield sheet
+        panel.border_title = self._heading
+        panel.styles.height = len(self._text) + 4
+        yield panel
 
     def on_mount(self) -> None:
-        self.query_one(StyledLines).show(ViewState(notation=self._notation))
+        self.query_one(ScrolledPanel).show(ViewState(notation=self._notation))
 
     def on_click(self, event: Click) -> None:
         if event.widget is self:
             self.dismiss(None)
 
 
-class Saving(Window):
-    """Asks in which form to save what is seen."""
+class SaveDialog(DialogWindow):
+    """Asks for the format in which to save."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("v", "dismiss('svg')", "picture, SVG"),
@@ -268,7 +270,7 @@ class Saving(Window):
 
 
 def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
-    """Keys and what they do, as people write them."""
+    """Return keys and what they do."""
     arrows = {"down": "↓", "up": "↑", "left": "←", "right": "→"} if not ascii else {}
     names = {"slash": "/", "question_mark": "?", "pagedown": "page down", "pageup": "page up", **arrows}
     shown: list[tuple[str, str]] = []
@@ -281,15 +283,15 @@ def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
 
 
 def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[Line]:
-    """Help of the view that is seen: what it is, its keys, and the keys that work everywhere."""
+    """Return the help of a view: what it is, its keys, and the keys that work everywhere."""
     own = [
         b for c in reversed(type(view).__mro__) if issubclass(c, View) for b in c.__dict__.get("BINDINGS", [])
     ]
-    about = (type(view).__doc__ or "").strip().partition("\n")[0]
-    lines: list[Line] = [*([(text, "text")] for text in wrap(about, WINDOW)), []]
+    summary = (type(view).__doc__ or "").strip().partition("\n")[0]
+    lines: list[Line] = [*([(text, "text")] for text in wrap(summary, WINDOW_WIDTH)), []]
     if isinstance(view, Overview):
         notation = Notation(ascii=ascii)
-        lines.insert(-1, [(uncertainty(notation.about, notation.times), "muted")])
+        lines.insert(-1, [(uncertainty(notation.plus_minus, notation.times_divide), "muted")])
     lines += [[(f"{keys:<12}", "key"), (text, "text")] for keys, text in keys_of(own, ascii)]
     lines += [[], [("everywhere", "title")]]
     shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)

@@ -1,7 +1,7 @@
-"""Paint: lines of pieces onto the terminal, each role in the colour that the theme gives it.
+"""Widgets that draw lines of styled text in the colours of the theme.
 
-The only place where roles become styles. Colours live in `app.tcss` as component classes made of theme
-variables, so every theme works. Text never passes through markup: a unit such as ``[s]`` stays.
+The only place where roles become styles. The colours are in `app.tcss` as component classes made of theme
+variables, so every theme works. Text is never parsed as markup: a unit such as ``[s]`` is shown as it is.
 """
 
 from __future__ import annotations
@@ -18,33 +18,35 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
 
-from imumon.tui.formatting import Line, plain
+from imumon.tui.formatting import Line, to_ascii
 from imumon.tui.view_state import ViewState
 
-Draw = Callable[[ViewState, int, int], list[Line]]
+DrawFunction = Callable[[ViewState, int, int], list[Line]]
+"""From a state, a width and a height in cells to lines."""
 
 ROLES = (
-    *("text", "strong", "title", "muted", "faint", "accent", "key", "tab", "chip", "bound", "paper"),
-    *("band", "bandkey", "bar", "signal", "grid", "axis", "limit", "model", "point", "leftout", "baseline"),
+    *("text", "strong", "title", "muted", "faint", "accent", "key", "tab", "chip", "bound", "page"),
+    *("band", "bandkey", "bar", "signal", "grid", "axis", "limit", "model", "point", "unused", "baseline"),
     *("good", "warn", "bad", "good-strong", "warn-strong", "bad-strong", "muted-strong"),
     *("N", "B", "K", "N-strong", "B-strong", "K-strong", "axis-x", "axis-y", "axis-z"),
     *("grade-navigation", "grade-tactical", "grade-industrial", "grade-consumer"),
     *("grade-navigation-strong", "grade-tactical-strong", "grade-industrial-strong", "grade-consumer-strong"),
 )
-GROUNDS = ("band", "bar", "chosen", "status", "alarm", "foot")
+BACKGROUNDS = ("band", "bar", "selected", "status", "alarm", "footer")
 
 
-class Inks(Widget):
-    """Widget that is never seen: it holds the style of each role for all the others.
+class RoleStyles(Widget):
+    """Hidden widget that holds the style of each role for all others.
 
-    The component classes live here once, and not in every widget that draws, so that the style sheet
-    is matched against them once a theme.
+    The component classes are on this widget alone, so that a theme change matches the style sheet once.
     """
 
-    COMPONENT_CLASSES: ClassVar[set[str]] = {f"ink-{r}" for r in ROLES} | {f"ground-{g}" for g in GROUNDS}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {f"role-{r}" for r in ROLES} | {
+        f"background-{b}" for b in BACKGROUNDS
+    }
 
     def __init__(self) -> None:
-        super().__init__(id="inks")
+        super().__init__(id="role-styles")
         self._styles: dict[tuple[str, Color | None], Style] = {}
 
     def notify_style_update(self) -> None:
@@ -52,62 +54,62 @@ class Inks(Widget):
         super().notify_style_update()
 
     def style(self, role: str, page: Color | None) -> Style:
-        """Style of a role, or of a role upon a ground (``text/band``), on a page of some colour."""
-        found = self._styles.get((role, page))
-        if found is None:
-            name, _, ground = role.partition("/")
-            if name not in ROLES:  # a grade that a later daemon knows
+        """Return the style of a role, or of a role on a background (``text/band``), on a page of a colour."""
+        style = self._styles.get((role, page))
+        if style is None:
+            name, _, background = role.partition("/")
+            if name not in ROLES:  # a grade of a newer daemon
                 name = "text"
-            ink = self.get_component_rich_style(f"ink-{name}")
-            under = self.get_component_rich_style(f"ground-{ground}").bgcolor if ground else page
-            found = Style(color=ink.color, bgcolor=under, bold=ink.bold, reverse=ink.reverse)
-            self._styles[role, page] = found
-        return found
+            own = self.get_component_rich_style(f"role-{name}")
+            if background:
+                bgcolor = self.get_component_rich_style(f"background-{background}").bgcolor
+            else:
+                bgcolor = page
+            style = Style(color=own.color, bgcolor=bgcolor, bold=own.bold, reverse=own.reverse)
+            self._styles[role, page] = style
+        return style
 
 
-class Painted(Widget):
-    """What all widgets that draw lines have in common."""
+class StyledWidget(Widget):
+    """Base of the widgets that draw lines."""
 
-    _inks: Inks | None = None
+    _role_styles: RoleStyles | None = None
     _page: Color | None = None
-    _scene = ViewState()
+    _view_state = ViewState()
 
     def notify_style_update(self) -> None:
-        self._inks = None
+        self._role_styles = None
         super().notify_style_update()
 
     def strip(self, line: Line, width: int) -> Strip:
-        """One line of the terminal, exactly `width` cells."""
-        inks = self._inks
-        if inks is None:
-            inks = self._inks = self.app.screen_stack[0].query_one("#inks", Inks)
+        """Return one line of the terminal, exactly `width` cells."""
+        styles = self._role_styles
+        if styles is None:
+            styles = self._role_styles = self.app.screen_stack[0].query_one("#role-styles", RoleStyles)
             self._page = self.rich_style.bgcolor
-        page, ascii = self._page, self._scene.notation.ascii
+        page, ascii = self._page, self._view_state.notation.ascii
         segments = [
-            Segment(plain(text) if ascii else text, inks.style(role, page)) for text, role in line if text
+            Segment(to_ascii(text) if ascii else text, styles.style(role, page))
+            for text, role in line
+            if text
         ]
-        return Strip(segments).adjust_cell_length(width, inks.style("text", page))
+        return Strip(segments).adjust_cell_length(width, styles.style("text", page))
 
 
-class Paper(Painted):
-    """A part of the screen that a pure function draws.
+class DrawnPanel(StyledWidget):
+    """Part of the screen that a pure function draws."""
 
-    Parameters
-    ----------
-    draw : from a scene, a width and a height in cells to lines.
-    """
-
-    def __init__(self, draw: Draw, *, id: str | None = None) -> None:
+    def __init__(self, draw: DrawFunction, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._draw = draw
         self._lines: list[Line] = []
         self._drawn: tuple[ViewState, Size] | None = None
 
-    def show(self, scene: ViewState) -> None:
-        """Draw this from now on; only the lines that differ are painted again."""
-        if scene is self._scene:
+    def show(self, state: ViewState) -> None:
+        """Draw this state; only lines that differ are sent to the terminal."""
+        if state is self._view_state:
             return
-        self._scene = scene
+        self._view_state = state
         if self._drawn is None or self._drawn[1] != self.content_size or not self.content_size.area:
             self.refresh()
             return
@@ -118,11 +120,11 @@ class Paper(Painted):
             self.refresh(*changed)
 
     def lines(self) -> list[Line]:
-        """What stands on the paper at its present size."""
+        """Return the lines at the present size."""
         drawn = self._drawn
-        if drawn is None or drawn[0] is not self._scene or drawn[1] != self.content_size:
-            self._lines = self._draw(self._scene, *self.content_size)
-            self._drawn = (self._scene, self.content_size)
+        if drawn is None or drawn[0] is not self._view_state or drawn[1] != self.content_size:
+            self._lines = self._draw(self._view_state, *self.content_size)
+            self._drawn = (self._view_state, self.content_size)
         return self._lines
 
     def render_line(self, y: int) -> Strip:
@@ -130,16 +132,16 @@ class Paper(Painted):
         return self.strip(lines[y] if y < len(lines) else [], self.content_size.width)
 
 
-class StyledLines(ScrollView, Painted, can_focus=False):
-    """Lines of which only a part may be seen at once."""
+class ScrolledPanel(ScrollView, StyledWidget, can_focus=False):
+    """Lines that scroll if they do not fit."""
 
-    def __init__(self, draw: Draw, *, id: str | None = None) -> None:
+    def __init__(self, draw: DrawFunction, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._draw = draw
         self._lines: list[Line] = []
 
-    def show(self, scene: ViewState) -> None:
-        self._scene = scene
+    def show(self, state: ViewState) -> None:
+        self._view_state = state
         self._draw_lines()
 
     def on_resize(self) -> None:
@@ -147,7 +149,7 @@ class StyledLines(ScrollView, Painted, can_focus=False):
 
     def _draw_lines(self) -> None:
         width = max(self.scrollable_content_region.width, 1)
-        before, self._lines = self._lines, self._draw(self._scene, width, self.size.height)
+        before, self._lines = self._lines, self._draw(self._view_state, width, self.size.height)
         self.virtual_size = Size(width, len(self._lines))
         if self._lines != before:
             self.refresh()

@@ -47,7 +47,16 @@ class Vn100Driver(DeviceDriver):
         return checks(observation, settings)
 
     def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
-        return {}
+        from imumon.devices.vn100.reference_values import REFERENCE_VALUES
+
+        return REFERENCE_VALUES if _is_vn100(model) else {}
+
+    def reference_notes(
+        self, model: str | None, channels: Sequence[str], rate_hz: float | None
+    ) -> Sequence[str]:
+        from imumon.devices.vn100.reference_values import reference_notes
+
+        return reference_notes(channels, rate_hz) if _is_vn100(model) else ()
 
     def setting_text(self, name: str, value: str) -> str | None:
         from imumon.devices.vn100.register_text import describe_setting
@@ -120,3 +129,8 @@ def _rate(text: str) -> float:
             f"{text} Hz is no sample rate; it is from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
         )
     return value
+
+
+def _is_vn100(model: str | None) -> bool:
+    """Return whether a sensor that this driver reads is a VN-100; one that cannot be asked is taken for one."""
+    return model is None or model.startswith("VN-100")

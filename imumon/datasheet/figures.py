@@ -1,0 +1,250 @@
+"""Figures of the Allan deviation, by matplotlib: SVG for the HTML page, PNG for everything else.
+
+One function draws a sensor into a panel: measured points with 95 % bands, fitted model, octaves that the fit
+does not use, and the limits of the grades. Axes also differ in the shape of their marks, for readers who
+cannot tell the colours. matplotlib is imported where it is needed: it costs other commands 50 MB.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from imumon.datasheet.tables import SENSOR_TITLES, readable_curves, sensor_title
+from imumon.errors import ImumonError
+from imumon.report import Allan, LimitCurve, Report
+from imumon.units import READABLE, duration, pretty
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = {"x": "o", "y": "s", "z": "^"}
+PRINT = {
+    "x": "#0b66b0", "y": "#c4500a", "z": "#0a8a62",
+    "text": "#1b1f24", "muted": "#5b6470", "rule": "#d5dae0", "ground": "#ffffff",
+}  # fmt: skip
+"""Colours on white, by axis and role."""
+PAGE = {role: f"#10{k:02d}fe" for k, role in enumerate(PRINT)}
+"""Colours that `svg` replaces by the CSS variables of the page, which follow its light or dark scheme."""
+
+DPI = 150
+PANEL_INCHES = (5.6, 4.8)
+PAGE_INCHES = (8.4, 4.6)
+MARGIN_DECADES = 0.06
+"""Decades between the data and the frame."""
+WIDEST_LIMIT = 2.0
+"""Factor beyond the points to which the frame follows their limits: those of the last octave span decades."""
+FEW_DECADES = 2.0
+"""Decades up to which 2 and 5 are labelled too."""
+_SHORTER = (
+    (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
+    (r' id="(?:figure|axes|patch|text|line2d|legend|[xy]tick|\w+Collection|matplotlib\.axis)_\d+"', ""),
+    (r" font-family: [^;\"]*;?", ""),
+    (r"(\.\d\d)\d+", r"\1"),
+    ("xlink:href", "href"),
+    (r"\s*\n\s*", "\n"),
+)
+"""Parts of an SVG by matplotlib that a page does not need, as patterns with their replacements."""
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class NoCurve(ImumonError):
+    """The report has no Allan deviation yet."""
+
+
+def png(report: Report) -> bytes:
+    """Return the curves of all sensors as PNG, one panel per sensor.
+
+    Raises
+    ------
+    NoCurve : the record is too short.
+    """
+    from matplotlib.figure import Figure
+
+    sensors = [sensor for sensor in SENSOR_TITLES if _drawable(readable_curves(report, sensor))]
+    if not sensors:
+        raise NoCurve("no_curve", "there is no curve to draw yet", "record longer")
+    width, height = PANEL_INCHES
+    figure = Figure(figsize=(width * len(sensors), height), dpi=DPI, layout="constrained")
+    device = report.device
+    rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
+    length = f"{duration(report.session.elapsed_s)} of {device.stream or 'samples'}{rate}"
+    figure.suptitle(f"{sensor_title(report)}: {length}", fontsize=11)
+    for panel, sensor in zip(figure.subplots(1, len(sensors), squeeze=False)[0], sensors, strict=True):
+        _draw(panel, report, sensor, PRINT)
+        panel.set_title(SENSOR_TITLES[sensor], loc="left")
+    return _saved(figure, "png")
+
+
+def svg(report: Report, sensor: str) -> str:
+    """Return the curves of a sensor as an SVG element of the HTML page; empty if there are none."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    if not _drawable(readable_curves(report, sensor)):
+        return ""
+    # text stays text, in the font of the page; ids do not depend on the run
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": sensor, "font.family": "sans-serif"}):
+        figure = Figure(figsize=PAGE_INCHES, layout="constrained")
+        _draw(figure.subplots(), report, sensor, PAGE)
+        drawn = _saved(figure, "svg").decode()
+    label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
+    body = drawn[drawn.index("<svg ") : drawn.rindex("</svg>")].partition(">")[2]
+    for pattern, replacement in _SHORTER:
+        body = re.sub(pattern, replacement, body, flags=re.DOTALL)
+    for role, colour in PAGE.items():
+        body = body.replace(colour, f"var(--{role})")
+    width, height = (72.0 * inches for inches in PAGE_INCHES)
+    label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
+    view = f'viewBox="0 0 {width:g} {height:g}"'
+    return f'<svg class="allan" role="img" aria-label="{label}" {view}>{body}</svg>'
+
+
+def _saved(figure: Figure, form: str) -> bytes:
+    out = io.BytesIO()
+    metadata = {"Date": None} if form == "svg" else None
+    figure.savefig(out, format=form, transparent=form == "svg", metadata=metadata)
+    return out.getvalue()
+
+
+def _drawable(curves: Mapping[str, Allan]) -> bool:
+    return any(sigma > 0.0 for curve in curves.values() for sigma in curve.sigma)
+
+
+def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) -> None:
+    """Draw one sensor."""
+    curves = readable_curves(report, sensor)
+    scale = READABLE[sensor, "B"]
+    x, y = _extent(curves)
+    panel.set(xscale="log", yscale="log", xlim=x, ylim=y)
+    panel.set_xlabel("averaging time τ, s", color=colours["text"])
+    panel.set_ylabel(f"Allan deviation σ(τ), {pretty(scale.unit)}", color=colours["text"])
+    _draw_grid(panel, x, y, colours)
+    for grade, limit in report.limit_curves.get(sensor, {}).items():
+        _draw_limit(panel, grade, limit, scale.factor, colours)
+    for axis, curve in curves.items():
+        _draw_curve(panel, axis, curve, colours)
+    _draw_legend(panel, curves, colours)
+
+
+def _extent(curves: Mapping[str, Allan]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of both axes."""
+    taus = [tau for curve in curves.values() for tau in curve.tau_s]
+    sigmas = [sigma for curve in curves.values() for sigma in curve.sigma if sigma > 0.0]
+    limits = [v for c in curves.values() for v in (*c.low, *c.high) if v is not None and v > 0.0]
+    low = max(min([*sigmas, *limits]), min(sigmas) / WIDEST_LIMIT)
+    high = min(max([*sigmas, *limits]), max(sigmas) * WIDEST_LIMIT)
+    margin = 10.0**MARGIN_DECADES
+    return (min(taus) / margin, max(taus) * margin), (low / margin, high * margin)
+
+
+def _draw_grid(
+    panel: Axes, x: tuple[float, float], y: tuple[float, float], colours: Mapping[str, str]
+) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis, (low, high) in ((panel.xaxis, x), (panel.yaxis, y)):
+        few = math.log10(high / low) < FEW_DECADES
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=30))
+        axis.set_major_formatter(FuncFormatter(lambda value, position: tick_label(value)))
+        axis.set_minor_locator(LogLocator(subs=range(2, 10), numticks=30))
+        axis.set_minor_formatter(NullFormatter())
+    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
+    panel.grid(which="minor", color=colours["rule"], linewidth=0.4, alpha=0.6)
+    panel.set_axisbelow(True)
+    panel.tick_params(which="both", color=colours["muted"], labelcolor=colours["text"], labelsize=9)
+    for spine in panel.spines.values():
+        spine.set_color(colours["muted"])
+
+
+def tick_label(value: float) -> str:
+    """Return a round number as text, powers of ten with their exponent where they are long.
+
+    >>> tick_label(0.01), tick_label(500.0), tick_label(1e-5), tick_label(2e6)
+    ('0.01', '500', '10⁻⁵', '2·10⁶')
+    """
+    if 1e-3 <= value < 1e4:
+        return f"{value:g}"
+    exponent = math.floor(math.log10(value) + 1e-9)
+    factor = f"{value / 10.0**exponent:.0f}·" if value > 1.5 * 10.0**exponent else ""
+    return f"{factor}10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def _draw_limit(
+    panel: Axes, grade: str, limit: LimitCurve, factor: float, colours: Mapping[str, str]
+) -> None:
+    """Draw the curve at the limits of a grade, named at its right end inside the frame."""
+    import numpy as np
+
+    (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
+    tau = np.geomspace(left, right, 200)
+    sigma = factor * np.exp(np.interp(np.log(tau), np.log(limit.tau_s), np.log(limit.sigma)))
+    panel.plot(tau, sigma, color=colours["muted"], linewidth=1.0, linestyle=(0, (1, 2)), label="_")
+    seen = np.flatnonzero((sigma > bottom) & (sigma < top))
+    if len(seen):
+        end = seen[-1]
+        left_aligned = end < len(tau) / 4
+        panel.annotate(
+            grade, (tau[seen[0] if left_aligned else end], sigma[end]), (6 if left_aligned else -3, 3),
+            textcoords="offset points", ha="left" if left_aligned else "right", va="bottom", fontsize=8,
+            color=colours["muted"],
+        )  # fmt: skip
+
+
+def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]) -> None:
+    """Draw one axis: band, model, and points, hollow where the fit does not use them."""
+    colour, marker = colours[axis], MARKERS[axis]
+    band = [
+        (tau, low, high)
+        for tau, low, high in zip(curve.tau_s, curve.low, curve.high, strict=True)
+        if low is not None and high is not None and low > 0.0
+    ]
+    if band:
+        tau, low, high = zip(*band, strict=True)
+        panel.fill_between(tau, low, high, color=colour, alpha=0.16, linewidth=0.0)
+    model = [(t, m) for t, m in zip(curve.tau_s, curve.model, strict=True) if m is not None and m > 0.0]
+    if model:
+        panel.plot(*zip(*model, strict=True), color=colour, linewidth=1.2, label="_")
+    for used in (True, False):
+        points = [
+            (tau, sigma)
+            for tau, sigma, of_fit in zip(curve.tau_s, curve.sigma, curve.used, strict=True)
+            if of_fit is used and sigma > 0.0
+        ]
+        if points:
+            panel.plot(
+                *zip(*points, strict=True), linestyle="none", marker=marker, markersize=4.5, color=colour,
+                markerfacecolor=colour if used else "none", markeredgewidth=1.0, label="_",
+            )  # fmt: skip
+
+
+def _draw_legend(panel: Axes, axes: Sequence[str] | Mapping[str, Allan], colours: Mapping[str, str]) -> None:
+    """Name the axes above the frame; say what band, line and hollow marks are."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    muted = colours["muted"]
+    entries = [
+        *(Line2D([], [], color=colours[a], marker=MARKERS[a], markersize=4.5, label=a) for a in axes),
+        Patch(color=muted, alpha=0.25, linewidth=0.0, label="95 %"),
+        Line2D([], [], color=muted, linewidth=1.2, label="model"),
+        Line2D(
+            [],
+            [],
+            color=muted,
+            marker="o",
+            markersize=4.5,
+            markerfacecolor="none",
+            linestyle="none",
+            label="not used",
+        ),
+    ]
+    panel.legend(
+        handles=entries, frameon=False, ncols=len(entries), loc="lower right", bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.1, fontsize=8, handlelength=1.4, columnspacing=1.1, handletextpad=0.4,
+        labelcolor=colours["text"],
+    )  # fmt: skip

@@ -1,0 +1,250 @@
+"""Tables of a report: plain text for a terminal or a pipe, and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from imumon.messages import (
+    FILTER_NOT_KNOWN,
+    caveats,
+    exclusions,
+    filter_not_known,
+    joined,
+    line,
+    no_value_text,
+    uncertainty,
+    within,
+)
+from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, DeviceDescription, Report
+from imumon.samples import AXES, sensor_of
+from imumon.units import READABLE, counted, duration, figures, measured, pretty
+
+SENSOR_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
+
+
+def sensor_title(report: Report) -> str:
+    """Return the sensor by model and serial number, else by the name of its device or of its recording."""
+    device = report.device
+    if title := " ".join(part for part in (device.model, device.serial) if part):
+        return title
+    if device.id == "replay" and device.port:
+        return device.port.rpartition("/")[2]
+    return device.id
+
+
+def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
+    """Return the Allan deviations of a sensor by axis, in readable units, those that have points."""
+    factor = READABLE[sensor, "B"].factor
+
+    def scaled(values: Sequence[float | None]) -> tuple[float | None, ...]:
+        return tuple(None if v is None else v * factor for v in values)
+
+    curves = {}
+    for axis in AXES:
+        channel = report.channels.get(f"{sensor}/{axis}")
+        if channel is not None and (allan := channel.allan) is not None and allan.tau_s:
+            curves[axis] = Allan(
+                tau_s=allan.tau_s,
+                sigma=tuple(s * factor for s in allan.sigma),
+                low=scaled(allan.low),
+                high=scaled(allan.high),
+                edf=allan.edf,
+                model=scaled(allan.model),
+                used=allan.used,
+            )
+    return curves
+
+
+# ---------------------------------------------------------------- text
+
+
+@dataclass(frozen=True, slots=True)
+class TableLayout:
+    """Layout of a row of the text table.
+
+    Attributes
+    ----------
+    cell : cells of a coefficient.
+    limits : show 95 % limits; otherwise their half-width in percent, or their factor where they are wide.
+    std : show the standard deviation.
+    """
+
+    cell: int
+    limits: bool
+    std: bool
+
+    @property
+    def width(self) -> int:
+        """Cells of the whole row."""
+        return NAME + (NUMBER + 1) * (1 + self.std) + (self.cell + 1) * len(COEFFICIENTS) + 1 + GRADE
+
+
+NAME, NUMBER, GRADE = 12, 11, 10
+FULL = TableLayout(28, limits=True, std=True)
+LAYOUTS = (FULL, TableLayout(15, limits=False, std=True), TableLayout(14, limits=False, std=False))
+"""From the widest to the narrowest."""
+
+
+def report_table(report: Report, width: int | None = None) -> str:
+    """Return the whole report as lines of text.
+
+    Parameters
+    ----------
+    width : cells of the terminal; None if the output is no terminal: then nothing is abbreviated.
+    """
+    fitting = (layout for layout in LAYOUTS if width is None or layout.width <= width)
+    layout = next(fitting, LAYOUTS[-1])
+    legend = [uncertainty()] if report.channels and not layout.limits else []
+    parts = [*_header(report), "", *_rows(report, layout), *legend, "", *_grades(report), *_caveats(report)]
+    return "\n".join(parts)
+
+
+def coefficient_text(coefficient: Coefficient | None) -> str:
+    """Return N, B or K with its limits in readable units: ``0.358 (0.353 to 0.364)``, ``< 8.72``."""
+    if coefficient is None:
+        return ""
+    shown = coefficient.readable
+    if coefficient.status == "measured" and shown.value is not None:
+        if shown.low is None or shown.high is None:
+            return figures(shown.value)
+        count = significant_digits(shown.value, shown.high - shown.low)
+        low, high = figures(shown.low, count), figures(shown.high, count)
+        return f"{figures(shown.value, count)} ({low} to {high})"
+    if coefficient.status == "upper_bound" and shown.high is not None:
+        return f"< {figures(shown.high)}"
+    return no_value_text(coefficient) or "too short"
+
+
+def significant_digits(value: float, width: float) -> int:
+    """Return how many digits of a value show an interval of that width, three or four.
+
+    >>> significant_digits(0.21, 0.02), significant_digits(0.21, 0.0004), significant_digits(0.21, 0.0)
+    (3, 4, 4)
+    """
+    if width <= 0.0 or value <= 0.0:
+        return 4
+    return min(max(3, 1 - math.floor(math.log10(width / value))), 4)
+
+
+def _header(report: Report) -> list[str]:
+    device, session = report.device, report.session
+    title = " ".join(part for part in (device.model, device.serial) if part)
+    name = f"{device.id}: {title}" if title and device.id != "replay" else title or device.id
+    rate = f"{device.sample_rate_hz:g} Hz" if device.sample_rate_hz else "rate unknown"
+    lines = [
+        f"{name}  {device.source or ''} {device.stream or ''}  {rate}  {report.state}",
+        f"{duration(session.elapsed_s)}, {counted(session.samples, 'sample')}, {session.missing:,} missing "
+        f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, invalid_noun(device))}, "
+        f"{counted(session.discarded_bytes, 'byte')} discarded",
+    ]
+    excluded = exclusions(report, lambda seconds: f"{seconds:.1f} s")
+    if session.disturbances or excluded:
+        text = f"{' and '.join(excluded)} excluded" if excluded else "nothing excluded"
+        lines.append(f"{counted(session.disturbances, 'disturbance')}, {text}")
+    if session.warmup_s:
+        lines.append(f"warm-up of {duration(session.warmup_s)} excluded")
+    return lines
+
+
+def invalid_noun(device: DeviceDescription) -> str:
+    """Return what `bad_checksums` counts: messages that failed their check, or rows of a table."""
+    table = (device.source or "").startswith(("csv", "npz", "bag"))
+    return "invalid row" if table else "bad checksum"
+
+
+def _rows(report: Report, layout: TableLayout) -> list[str]:
+    lines, before = [], ""
+    for name, channel in report.channels.items():
+        sensor = sensor_of(name)
+        if sensor != before:
+            before = sensor
+            lines.append(_heading(sensor, channel, layout))
+        cells = [f"{name:<{NAME}}", _number(channel.mean), *([_number(channel.std)] if layout.std else [])]
+        for letter in COEFFICIENTS:
+            coefficient: Coefficient | None = getattr(channel, letter)
+            text = coefficient_text(coefficient) if layout.limits else _abbreviated(coefficient)
+            cells.append(f"{text:<{layout.cell}}")
+        grade = channel.grade.nearest if channel.grade else None
+        lines.append(" ".join([*cells, grade or ""]).rstrip())
+    return lines
+
+
+def _abbreviated(coefficient: Coefficient | None) -> str:
+    """Return N, B or K with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
+    if (
+        coefficient is not None
+        and coefficient.status == "measured"
+        and coefficient.readable.value is not None
+    ):
+        shown = coefficient.readable
+        return measured(coefficient.readable.value, shown.low, shown.high)
+    return coefficient_text(coefficient)
+
+
+def _heading(sensor: str, channel: Channel, layout: TableLayout) -> str:
+    unit = pretty(channel.unit)
+    cells = [f"{'' if layout.limits else f'in {unit}':<{NAME}}", f"{'mean':>{NUMBER}}"]
+    cells += [f"{'std':>{NUMBER}}"] if layout.std else []
+    for letter in COEFFICIENTS:
+        coefficient: Coefficient | None = getattr(channel, letter)
+        name = f"{letter} in " if layout.limits else f"{letter} "
+        title = f"{name}{pretty(coefficient.readable.unit)}" if coefficient else ""
+        cells.append(f"{title:<{layout.cell}}")
+    return " ".join(cells).rstrip() + (f"   ({sensor} in {unit})" if layout.limits else "")
+
+
+def _number(value: float | None) -> str:
+    return f"{value:>11.4e}" if value is not None else f"{'':>11}"
+
+
+def _grades(report: Report) -> list[str]:
+    lines = []
+    for sensor, grade in report.grade.items():
+        if grade.nearest is None:
+            lines.append(f"{sensor}: no grade{f', {grade.reason}' if grade.reason else ''}")
+            continue
+        decided = grade.decided_by
+        by = f", decided by {decided.coefficient} of {decided.axis}" if decided else ""
+        provisional = f" (provisional: {grade.reason})" if grade.provisional and grade.reason else ""
+        lines.append(f"{sensor}: nearest grade {grade.nearest}{by}; {within(grade.meets)}{provisional}")
+    return lines
+
+
+def _caveats(report: Report) -> list[str]:
+    """Return each caveat by its name, with its channels and its meaning."""
+    with_curve = sum(1 for channel in report.channels.values() if channel.allan is not None)
+    lines = [
+        f"caveat {word}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(word)}"
+        for word, names in caveats(report).items()
+    ]
+    warning = filter_not_known(report)
+    return lines if warning is None else [*lines, f"{FILTER_NOT_KNOWN}: {warning}"]
+
+
+# ---------------------------------------------------------------- CSV
+
+CURVE_COLUMNS = ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
+COEFFICIENT_COLUMNS = ("channel", "coefficient", "unit", "value", "low", "high", "status")
+
+
+def csv_tables(report: Report) -> str:
+    """Return every point of every channel, and after an empty line every coefficient; SI units."""
+    out = io.StringIO()
+    write = csv.writer(out, lineterminator="\n").writerow
+    write(CURVE_COLUMNS)
+    for name, channel in report.channels.items():
+        if (a := channel.allan) is not None:
+            for row in zip(a.tau_s, a.sigma, a.low, a.high, a.edf, a.model, a.used, strict=True):
+                write((name, channel.unit, *row[:-1], int(row[-1])))
+    write(())
+    write(COEFFICIENT_COLUMNS)
+    for name, channel in report.channels.items():
+        for letter in COEFFICIENTS:
+            c: Coefficient | None = getattr(channel, letter)
+            if c is not None:
+                write((name, letter, c.unit, c.value, c.low, c.high, c.status))
+    return out.getvalue()
