@@ -1,27 +1,27 @@
-"""imumon: live noise figures of an inertial sensor.
+"""imumon: live noise characterization of an inertial sensor.
 
-A device delivers blocks of samples. The pipeline updates running statistics and makes reports. The bus publishes
-them, and the terminal UI shows them. The types in `samples` and `report` cross package boundaries, nothing else.
+A device delivers sample blocks. The pipeline feeds running statistics and returns a report. The bus carries the
+report to the screen and to other tools. SampleBlock and Report are the types that cross package boundaries.
 
-  cli/           commands: parse arguments, print results, map errors to exit codes
+  cli/           commands: arguments, output, exit codes
   daemon/        the loop: read, feed, report, publish, save
   replay/        the same loop over a recording
   tui/           terminal UI
-  datasheet/     report to documents, figures, tables and configuration snippets
-  doctor/        checks of port, device, bus, state and service
-  recordings/    files as sources of samples
-  bus/           Zenoh session: publisher, subscriber, queryable
-  devices/       device contract, registry and drivers
-  pipeline/      samples in, report out
-  config/        settings: file and command line, with all faults at once
-  checkpoint.py  saved state, written atomically
-  noise/         mathematics on arrays: Allan variance, fit, grading, detection
-  messages.py    texts for caveats, grades and reasons
-  timebase/      clock values and host stamps to a grid of samples
+  datasheet/     report to documents, figures and settings of other software
+  doctor/        checks of port, device, Zenoh, state and service
+  recordings/    files as sources: raw captures, CSV, NumPy, ROS bags
+  bus/           Zenoh: publisher, subscriber, queries
+  devices/       the device contract, its registry, and the devices
+  pipeline/      sample blocks to report
+  config/        settings, with an error per fault
+  checkpoint.py  the saved state on disk
+  noise/         Allan variance, fit, detection, statistics: mathematics on arrays
+  messages.py    caveats, grades and reasons in words
+  timebase/      sample clock: which tick each sample belongs to
   report.py      published data model; standard library only
-  samples.py     types that devices deliver
-  units.py       SI units and readable units
-  errors.py      base class of errors that a user may see
+  samples.py     what devices and recordings deliver
+  units.py       SI to readable units
+  errors.py      errors with code, message and cure
 """
 
 __version__ = "0.1.0"

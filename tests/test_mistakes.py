@@ -118,7 +118,7 @@ def test_the_screen_shows_that_the_emulator_starts_and_why_its_daemon_ended() ->
     assert "emulated sensor is starting" in _text(starting)
     assert "imumon run" not in _text(starting)
     assert "no space left" in _text(starting.updated(ended="imumon: no space left"))
-    made = report(200.0)
+    shown = report(200.0)
     lost = ViewState(
         reports={shown.device.id: shown}, ages={shown.device.id: 60.0}, id=shown.device.id, ended="it fell"
     )
