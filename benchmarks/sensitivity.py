@@ -22,7 +22,6 @@ import json
 import math
 import multiprocessing
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -139,56 +138,46 @@ class _Loader(SourceFileLoader, Loader):
         return compile(tree, self.path, "exec")
 
 
-def records() -> dict[str, dict[str, float | str | None]]:
+def records() -> dict[str, dict[str, float | None]]:
     """Run the reference records and return the published numbers of each."""
     import numpy as np
 
     from imumon.noise import synthesise
 
-    made: dict[str, dict[str, float | str | None]] = {}
-    for name, rate, minutes in (("clean", 100.0, 5.0), ("slow", 10.0, 65.0)):
-        n = int(rate * 60 * minutes)
-        made[name] = _published(_imu(n, rate, seed=1), rate)
     rate, n = 50.0, 50 * 60 * 10
     random = np.random.default_rng(2)
     time_s = np.arange(n) / rate
 
-    knocks = _imu(n, rate, seed=3, sensors=2)
+    disturbed = _imu(n, rate, seed=3, sensors=2)
     for at in random.integers(2000, n - 2000, 12):
-        knocks[at : at + 20] += random.normal(0.0, 0.5, (20, 6)) * [1, 1, 1, 20, 20, 20]
-    knocks[15_000:17_000] += (np.sin(2 * np.pi * 0.7 * time_s[:2000]) * 0.4)[:, None]
-    knocks[20_000:20_400] = knocks[20_000]  # stuck
-    knocks[25_000:25_900, 1] = knocks[25_000, 1]  # one axis
-    made["disturbed"] = _published(knocks, rate, lose=0.002)
+        disturbed[at : at + 20] += random.normal(0.0, 0.5, (20, 6)) * [1, 1, 1, 20, 20, 20]
+    disturbed[15_000:17_000] += (np.sin(2 * np.pi * 0.7 * time_s[:2000]) * 0.4)[:, None]
+    disturbed[20_000:20_400] = disturbed[20_000]  # stuck
+    disturbed[25_000:25_900, 1] = disturbed[25_000, 1]  # one axis
 
-    warm = _imu(n, rate, seed=4)
-    warm += (4e-3 * np.exp(-time_s / 60.0))[:, None]
-    temperature = 25.0 - 8.0 * np.exp(-time_s / 60.0) + random.normal(0.0, 0.02, n)
-    made["warm-up"] = _published(np.column_stack((warm, temperature)), rate)
+    warm = _imu(n, rate, seed=4) + (4e-3 * np.exp(-time_s / 60.0))[:, None]
+    cooling = 25.0 - 8.0 * np.exp(-time_s / 60.0) + random.normal(0.0, 0.02, n)
+    drifting = 25.0 + 4.0 * np.sin(2 * np.pi * time_s / 450.0) + random.normal(0.0, 0.02, n)
 
-    drift = _imu(n, rate, seed=5)
-    temperature = 25.0 + 4.0 * np.sin(2 * np.pi * time_s / 450.0) + random.normal(0.0, 0.02, n)
-    drift += 1e-4 * (temperature - 25.0)[:, None]
-    made["temperature"] = _published(np.column_stack((drift, temperature)), rate)
-
-    lines = _imu(n, rate, seed=6)
-    lines += (1e-3 * np.sin(2 * np.pi * 17.3 * time_s))[:, None]
-    made["line"] = _published(lines, rate)
-
-    coarse = np.round(_imu(n, rate, seed=7) / 2e-3) * 2e-3
-    made["coarse"] = _published(coarse, rate)
+    mixed = _imu(n, rate, seed=6)
+    mixed[:, 0] += 1e-3 * np.sin(2 * np.pi * 17.3 * time_s)
+    mixed[:, 1] = synthesise(n, rate, N=6.1e-5, B=2.4e-5, K=3e-6, seed=9)[:, 0]
+    mixed[:, 2] = np.round(mixed[:, 2] / 4e-4) * 4e-4
 
     jittered = _imu(n, rate, seed=8)
     jittered[n // 2 :, 0] += 2e-4  # a step of the bias
     jittered[:, 2] = 0.1  # constant
-    made["jittered"] = _published(jittered, rate, jitter_s=1e-3, lose=0.01)
-
-    random_walk = synthesise(n, rate, N=6.1e-5, B=2.4e-5, K=3e-6, seed=9)[:, 0]
-    walk = _imu(n, rate, seed=10)
-    walk[:, 0] = random_walk
-    made["walk"] = _published(walk, rate)
-    made["table"] = _table(_imu(8_000, 97.0, seed=11, sensors=2), 97.0)
-    return made
+    return {
+        "clean": _published(_imu(n, rate, seed=1), rate),
+        "disturbed": _published(disturbed, rate, lose=0.002),
+        "warm-up": _published(np.column_stack((warm, cooling)), rate),
+        "temperature": _published(
+            np.column_stack((_imu(n, rate, seed=5) + 1e-4 * (drifting - 25.0)[:, None], drifting)), rate
+        ),
+        "mixed": _published(mixed, rate),
+        "jittered": _published(jittered, rate, jitter_s=1e-3, lose=0.01),
+        "table": _table(_imu(6_000, 97.0, seed=11, sensors=2), 97.0),
+    }
 
 
 def _imu(n: int, rate: float, seed: int, sensors: int = 1) -> Any:
@@ -221,20 +210,12 @@ def _published(values: Any, rate: float, *, lose: float = 0.0, jitter_s: float =
     ).astype(np.int64)[keep]
     values = values[keep]
     monitor = Monitor()
-    events: list[str] = []
     session = report.SessionCounters()
     device = report.DeviceDescription(id="x")
-    size = -(-len(values) // 2)
-    for at in range(0, len(values), size):
-        part = slice(at, at + size)
-        monitor.feed(
-            SampleBlock(stream, values[part], time_ns[part], np.zeros(len(values[part]), dtype=np.int64))
-        )
-        monitor.report(datetime.now(UTC), device, "running", session)
-        events += [event.kind for event in monitor.events()]
+    monitor.feed(SampleBlock(stream, values, time_ns, np.zeros(len(values), dtype=np.int64)))
     monitor.flush()
     made = monitor.report(datetime.now(UTC), device, "stopped", session)
-    events += [event.kind for event in monitor.events()]
+    events = [event.kind for event in monitor.events()]
     numbers = _numbers(json.loads(report.to_json(made)))
     return numbers | {f"events/{kind}": float(events.count(kind)) for kind in sorted(set(events))}
 
@@ -260,19 +241,19 @@ def _table(values: Any, rate: float) -> dict[str, Any]:
     return _numbers(json.loads(report.to_json(made)))
 
 
-DRAWN = ("histogram", "spectrum", "time", "modes", "aliases_hz", "readable", "limit_curves", "limits")
+DRAWN = ("histogram", "spectrum", "modes", "aliases_hz", "readable", "limit_curves", "limits")
 """Parts of a report that are drawn, repeat other numbers, or are no result."""
 
 
-def _numbers(tree: Any, path: str = "") -> dict[str, float | str | None]:
-    """Return the numbers and words of a report by their path."""
+def _numbers(tree: Any, path: str = "") -> dict[str, float | None]:
+    """Return the numbers of a report by their path; None where there might be one."""
     if isinstance(tree, dict):
         pairs = [(str(key), value) for key, value in tree.items() if key not in DRAWN]
     elif isinstance(tree, list):
         pairs = [(str(index), value) for index, value in enumerate(tree)]
     else:
-        return {path: tree if isinstance(tree, str) or tree is None else float(tree)}
-    numbers: dict[str, float | str | None] = {}
+        return {path: tree if tree is None else float(tree)} if not isinstance(tree, str) else {}
+    numbers: dict[str, float | None] = {}
     for key, value in pairs:
         numbers |= _numbers(value, f"{path}/{key}" if path else key)
     return numbers
@@ -282,13 +263,13 @@ def _numbers(tree: Any, path: str = "") -> dict[str, float | str | None]:
 
 
 def measure(constant: Constant, factor: float) -> dict[str, Any] | str:
-    """Return what the records publish with a changed constant; the error, in words, if they fail."""
-    command = [sys.executable, __file__, "--one", constant.module, constant.name, repr(factor)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
-    if done.returncode:
-        return (done.stderr.strip().splitlines() or ["no output"])[-1]
-    made: dict[str, Any] = json.loads(done.stdout)
-    return made
+    """Return what the records publish with a changed constant; the error if they fail. Runs in a new process."""
+    if factor != 1.0:
+        sys.meta_path.insert(0, _Patch(constant.module, constant.name, factor))
+    try:
+        return records()
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
 
 
 def difference(base: dict[str, Any], other: dict[str, Any] | str) -> tuple[float, str]:
@@ -314,9 +295,8 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _both(job: tuple[Constant, dict[str, Any]]) -> tuple[Constant, list[tuple[float, str]]]:
-    constant, base = job
-    return constant, [difference(base, measure(constant, factor)) for factor in (0.5, 2.0)]
+def _job(job: tuple[Constant, float]) -> dict[str, Any] | str:
+    return measure(*job)
 
 
 def main() -> None:
@@ -324,25 +304,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("prefix", nargs="?", default="", help="package or module, such as noise.fit")
     parser.add_argument("--list", action="store_true", help="what the constants say of themselves")
-    parser.add_argument("--one", nargs=3, metavar=("MODULE", "NAME", "FACTOR"), help=argparse.SUPPRESS)
     words = parser.parse_args()
-    if words.one is not None:
-        module, name, factor = words.one
-        if float(factor) != 1.0:
-            sys.meta_path.insert(0, _Patch(module, name, float(factor)))
-        json.dump(records(), sys.stdout)
-        return
     found = list(constants(words.prefix))
     if words.list:
         for each in found:
             says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
             print(f"{each.module}.{each.name} = {each.value:g}: {says}")
         return
-    base = measure(Constant("imumon", "NONE", 1.0, ""), 1.0)
-    assert not isinstance(base, str), base
+    import numpy  # noqa: F401
+    import scipy.special  # noqa: F401  the processes inherit what takes long to import, but no module of imumon
+
+    assert "imumon" not in sys.modules
+    jobs = [
+        (Constant("", "", 1.0, ""), 1.0),
+        *((constant, factor) for constant in found for factor in (0.5, 2.0)),
+    ]
     print("| constant | value | says | halved | doubled | largest change |\n|---|---:|---|---:|---:|---|")
-    with multiprocessing.Pool(2) as pool:
-        for each, (half, double) in pool.imap(_both, [(constant, base) for constant in found]):
+    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=1) as pool:
+        made = pool.imap(_job, jobs)
+        base = next(made)
+        assert not isinstance(base, str), base
+        for each in found:
+            half, double = (difference(base, next(made)) for _ in range(2))
             says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
             which = max(half, double)[1] if max(half[0], double[0]) > MOVED else ""
             name = f"{each.module.removeprefix('imumon.')}.{each.name}"

@@ -191,29 +191,29 @@ def slow_disk(tmp_path: Path) -> tuple[Recorder, int]:
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     recorder = Recorder(RecordSettings(file=str(fifo)))
-    recorder.begin({})
-    recorder.take(bytes(200_000))
+    recorder.start({})
+    recorder.write(bytes(200_000))
     return recorder, reader
 
 
 def test_bytes_of_an_earlier_record_that_were_not_written_are_reported(tmp_path: Path) -> None:
     recorder, reader = slow_disk(tmp_path)
-    recorder.begin_anew()
-    assert recorder.waits
-    assert recorder.complaints() == []
+    recorder.start_new_record()
+    assert recorder.needs_header
+    assert recorder.problems() == []
     recorder.close(wait_s=0.1)
-    (messages,) = recorder.complaints()
+    (messages,) = recorder.problems()
     assert "200000 bytes did not reach it" in messages
-    assert recorder.complaints() == []
+    assert recorder.problems() == []
     os.close(reader)
 
 
 def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Path) -> None:
     recorder, reader = slow_disk(tmp_path)
-    recorder.take(bytes(BACKLOG + 1))
-    recorder.begin_anew()
-    assert not recorder.waits
-    (messages,) = recorder.complaints()
+    recorder.write(bytes(BACKLOG + 1))
+    recorder.start_new_record()
+    assert not recorder.needs_header
+    (messages,) = recorder.problems()
     assert "has ended" in messages
     os.close(reader)
 
