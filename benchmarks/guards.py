@@ -124,7 +124,7 @@ def save_the_numbers(seeds: int) -> None:
                     tally.add(own, each)
     print(f"{hours:g} h at {rate:g} Hz, N = {NOISE['N']:g}, B = {NOISE['B']:g}, no K; {seeds} records\n")
     print(
-        "| spoilt by | guards | N off, median | N off, most | B of the unspoilt within its limits |", end=""
+        "| disturbance | guards | error of N, median | error of N, largest | undisturbed B within the limits |", end=""
     )
     print(" B of the same status | B's upper limit moves by | K invented / lost |\n|" + "---|" * 8)
     for (what, word), tally in tallies.items():
