@@ -284,7 +284,7 @@ def speed(sums: np.ndarray) -> None:
         times.append(1e3 * float(np.median(runs)))
     say(
         "Cost",
-        f"Nine channels of 19 octaves, processor time: points {times[0]:.1f} ms (goal 5), everything anew"
+        f"Nine channels of 19 octaves, processor time: points {times[0]:.1f} ms (goal 5), everything again"
         f" {times[1]:.0f} ms (goal 300).",
     )
 

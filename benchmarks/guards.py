@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import csv
 import gzip
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
@@ -124,7 +123,8 @@ def save_the_numbers(seeds: int) -> None:
                     tally.add(own, each)
     print(f"{hours:g} h at {rate:g} Hz, N = {NOISE['N']:g}, B = {NOISE['B']:g}, no K; {seeds} records\n")
     print(
-        "| spoilt by | guards | N off, median | N off, most | B of the unspoilt within its limits |", end=""
+        "| disturbance | guards | error of N, median | error of N, largest | undisturbed B within the limits |",
+        end="",
     )
     print(" B of the same status | B's upper limit moves by | K invented / lost |\n|" + "---|" * 8)
     for (what, word), tally in tallies.items():
@@ -320,15 +320,6 @@ def _reports(folder: Path) -> dict[str, dict[bool, Report]]:
             if path.exists():
                 _CACHE[name] = {
                     g: replay(ReplayOptions(path=str(path), rate_hz=rate, guarded=g)) for g in (True, False)
-                }
-        once = folder / "jpsnir_emulator.vnymr.txt.gz"
-        if once.exists():
-            with tempfile.NamedTemporaryFile(suffix=".gz") as file:
-                file.write(once.read_bytes() * 40)  # gzip members follow one another
-                file.flush()
-                name = "jpsnir_emulator, 40 times over"
-                _CACHE[name] = {
-                    g: replay(ReplayOptions(path=file.name, rate_hz=40.0, guarded=g)) for g in (True, False)
                 }
         for name in ("pelka_zup", "rob_static2", "instinct_vn310_static", "instinct_vn310_lckf"):
             path = folder / f"{name}.npz"

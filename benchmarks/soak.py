@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from daemons import Daemon
 from figures import Figure, at_most
-from stall import still
+from stall import pause
 from usage import cpu_s, resident_kb
 
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
@@ -105,11 +105,11 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
         seen_s = time.monotonic() - began
         first_s = (datetime.fromisoformat(first.time) - started).total_seconds()
         pid = daemon.process.pid
-        told, at_first, resident = still(sensor, daemon, "silence" if live else "stall")
+        first_counts, at_first, resident = pause(sensor, daemon, "silence" if live else "stall")
         at_rest, rested = [resident], np.zeros(2)
 
         def spent() -> np.ndarray:
-            """Processor time of the daemon and room's time, s, without the moments of stillness."""
+            """Processor time of the daemon and host time, s, without the moments of stillness."""
             return np.array([cpu_s(pid), time.monotonic()]) - rested
 
         latest, steady = at_first, spent()
@@ -120,7 +120,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
             states.append(state_bytes(scratch / "state"))
             if not live and len(taken) % STILL_EVERY == 0:
                 begun = spent()
-                _, latest, resident = still(sensor, daemon, "stall")
+                _, latest, resident = pause(sensor, daemon, "stall")
                 at_rest.append(resident)
                 rested += spent() - begun
             if latest.session.elapsed_s < until_s / 4:
@@ -130,13 +130,13 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
                 memory += "" if live else f", at rest {at_rest[-1]} kB"
                 print(f"{done:6.1%}  {memory}  state {states[-1]} B", file=sys.stderr, flush=True)
         worked = spent() - steady
-        counted, latest, _ = still(sensor, daemon, "stall")
+        counted, latest, _ = pause(sensor, daemon, "stall")
         cost = {who: cpu_s(number) for who, number in (("emulator", sensor.pid), ("daemon", pid))}
         asked = time.monotonic()
         daemon.process.terminate()
         daemon.process.wait(20)
         stop_s = time.monotonic() - asked
-    sent = (counted["sent"] - counted["replies"]) - (told["sent"] - told["replies"])
+    sent = (counted["sent"] - counted["replies"]) - (first_counts["sent"] - first_counts["replies"])
     received = latest.session.samples - at_first.session.samples
     passed_s = time.monotonic() - began
     rest = {"resident_kb_at_rest_by_tenth": by_tenth(at_rest), "growth_at_rest_kb": growth_kb(at_rest)}

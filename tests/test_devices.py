@@ -339,7 +339,7 @@ def test_a_broken_driver_disturbs_no_other(installed: dict[str, str], tmp_path: 
 
 def code_block(language: str) -> str:
     text = (TESTS.parent / "docs" / "DEVICES.md").read_text()
-    found = re.search(rf"```{language}\n(.*?)```", text, re.S)
+    found = re.search(rf"```{language} example\n(.*?)```", text, re.S)
     assert found is not None
     return found[1]
 

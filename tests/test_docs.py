@@ -1,8 +1,9 @@
-"""The documents keep their word: every command and program in them runs, every link leads somewhere.
+"""The documents are correct: their commands and programs run, their links and options exist.
 
-A block ```` ```sh ```` is run as it stands, beside a daemon on an emulated sensor, a recording and its
-report. A second word says why one is not: ``sensor`` (it needs a real one), ``service`` (a service manager),
-``root``, ``setup`` (it installs), ``long``. The words of these are still checked against the command line.
+A block ```` ```sh ```` or ```` ```python ```` runs unchanged, next to a daemon on an emulated sensor, a recording
+and its report. A second word says why a block does not run: ``sensor`` (it needs a real one), ``service`` (a service
+manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/test_devices.py runs it), ``hook`` (git runs it). The
+options in these are still checked against the command line.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from imumon.cli import parsers
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 OWN_TESTS = {"ZENOH.md"}  # tests/test_bus_docs.py
-REASONS = {"sensor", "service", "root", "setup", "long"}
+REASONS = {"", "sensor", "service", "root", "setup", "long", "example", "hook"}
 
 
 class Block(NamedTuple):
@@ -49,7 +50,7 @@ RUN = [b for b in BLOCKS if not b.reason and b.name.partition(":")[0] not in OWN
 
 
 class Place(NamedTuple):
-    """Where documents are tried: a directory with recordings, a daemon that answers."""
+    """Where documents are tested: a directory with recordings, and a daemon."""
 
     directory: Path
     endpoint: str
@@ -84,7 +85,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 @pytest.mark.parametrize("block", [b for b in RUN if b.language == "sh"], ids=lambda b: b.name)
 def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
     directory = place.directory
-    if "imumon run" in block.text:  # it has a bus of its own
+    if "imumon run" in block.text:  # it needs its own endpoint
         directory = tmp_path
         (tmp_path / "config.toml").write_text(f'[zenoh]\nlisten = ["{free_endpoint()}"]\n')
     done = subprocess.run(
@@ -113,7 +114,7 @@ def test_a_program_runs(block: Block, place: Place) -> None:
     )
     assert process.stdout is not None
     try:
-        line = process.stdout.readline()  # a subscriber goes on for ever: its first line will do
+        line = process.stdout.readline()  # a subscriber does not end: its first line is enough
     finally:
         process.kill()
         _, errors = process.communicate()
@@ -122,9 +123,8 @@ def test_a_program_runs(block: Block, place: Place) -> None:
 
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "sh"], ids=lambda b: b.name)
-def test_its_words_are_known(block: Block) -> None:
-    """No document shows a command or an option that does not exist, run or not."""
-    assert block.reason in REASONS | {""}
+def test_its_options_exist(block: Block) -> None:
+    """Commands and options exist, also in blocks that do not run."""
     _, commands = parsers()
     for line in block.text.replace("\\\n", " ").splitlines():
         for part in re.split(r"\|\||&&|[|;&]", line.partition(" #")[0]):
@@ -138,14 +138,46 @@ def test_its_words_are_known(block: Block) -> None:
             assert not unknown, f"{block.name}: imumon {name} has no {', '.join(unknown)}"
 
 
+def test_every_reason_is_known() -> None:
+    assert not [block.name for block in BLOCKS if block.reason not in REASONS]
+
+
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: p.name)
-def test_links_lead_somewhere(path: Path) -> None:
-    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text("utf-8")):
-        if "://" not in target:
-            assert (path.parent / target).exists(), f"{path.name}: {target}"
+def test_links_exist(path: Path) -> None:
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", path.read_text("utf-8")):
+        if "://" in target:
+            continue
+        page = path.parent / target if target else path
+        assert page.exists(), f"{path.name}: {target}"
+        if anchor:
+            assert anchor in _anchors(page), f"{path.name}: {target}#{anchor}"
 
 
-def test_the_benchmarks_are_one_command_and_their_table_has_its_place() -> None:
+def _anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 200
+
+
+def test_the_index_names_every_document() -> None:
+    index = (ROOT / "docs" / "README.md").read_text("utf-8")
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert not [name for name in pages if f"({name}" not in index]
+
+
+def test_the_walk_of_a_sample_names_files_that_exist() -> None:
+    text = (ROOT / "docs" / "ARCHITECTURE.md").read_text("utf-8")
+    rows = re.findall(r"^\| (\d+) \| (.+?) \|", text, re.MULTILINE)
+    assert [int(step) for step, _ in rows[-38:]] == list(range(1, 39))
+    files = re.findall(r"`([\w/]+\.py)`", " ".join(cell for _, cell in rows))
+    assert not [name for name in files if not (ROOT / "imumon" / name).exists()]
+
+
+def test_the_benchmarks_are_one_command_with_one_table() -> None:
     command = [sys.executable, "-m", "benchmarks", "--help"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
     assert "--quick" in done.stdout
@@ -154,7 +186,7 @@ def test_the_benchmarks_are_one_command_and_their_table_has_its_place() -> None:
     assert marks == ["<!-- table: python -m benchmarks --into -->", "<!-- end of the table -->"]
 
 
-def test_the_changelog_keeps_its_grammar() -> None:
+def test_the_changelog_has_known_headings() -> None:
     text = (ROOT / "CHANGELOG.md").read_text("utf-8")
     heads = re.findall(r"^## (.+)$", text, re.MULTILINE)
     assert heads[0] == "Unreleased"

@@ -1,0 +1,85 @@
+"""Plain language: words that must not appear in documents, help, messages, docstrings and comments."""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from imumon.cli import parsers
+
+ROOT = Path(__file__).parents[1]
+MODULES = sorted((ROOT / "imumon").rglob("*.py"))
+DOCUMENTS = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "config.toml",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "systemd").iterdir()),
+]
+
+PLAIN = {
+    r"(is|was|are|be|been|being) told|told|tells?": "configured, set, given; reports, shows, prints",
+    r"the room'?s( own)? clock|the sensor'?s own time": "host clock, sample clock",
+    r"cut (out|away)": "excluded",
+    r"kept from the record": "dropped samples",
+    r"spoil|spoils|spoilt": "invalid row, corrupt file",
+    r"strangers?|nobody('?s)?": "unknown device, unrelated bytes; no process",
+    r"anew": "again, restart",
+    r"shut in": "sandboxed",
+    r"mend(s|ed)?": "fixed",
+    r"and says so": "95 % upper bound",
+    r"in vain|a vain|for ever|of its own accord|so many|let go|to the letter|it wants": "say it plainly",
+    r"goes on|went on": "continues",
+    r"whatever comes|what came|what (it|he) had to complain of|to be rid of": "say it plainly",
+}
+"""Pattern → what to write instead."""
+PATTERN = re.compile("|".join(rf"\b({pattern})\b" for pattern in PLAIN), re.IGNORECASE)
+
+
+def found(text: str) -> list[str]:
+    """Return the words to avoid, with what precedes and follows them."""
+    flat = " ".join(text.split())
+    return [flat[max(0, match.start() - 30) : match.end() + 30] for match in PATTERN.finditer(flat)]
+
+
+def prose(path: Path) -> Iterator[str]:
+    """Yield string constants of several words and comments of a module."""
+    source = path.read_text("utf-8")
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+            yield node.value
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.string
+
+
+def test_the_patterns_match() -> None:
+    assert len(found("What came was cut\nout for ever; nobody was told anew.")) == 6
+    assert not found("Stored, foretold numbers continue. A stall is excluded again.")
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: p.name)
+def test_documents(path: Path) -> None:
+    assert not found(path.read_text("utf-8"))
+
+
+def test_the_unreleased_changes() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8").partition("## Unreleased")[2]
+    assert not found(re.split(r"^## ", text, flags=re.MULTILINE)[0])
+
+
+def test_the_help() -> None:
+    main, commands = parsers()
+    for parser in (main, *commands.values()):
+        assert not found(parser.format_help()), parser.prog
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_texts_of_a_module(path: Path) -> None:
+    assert not [words for text in prose(path) for words in found(text)]
