@@ -77,17 +77,8 @@ def test_a_channel_of_a_long_record_is_fitted_alone_as_beside_one_with_a_ramp(oc
 
     def n_of(channels):
         count = channels.shape[1]
-        curve = AllanCurve(
-            0.00125,
-            m,
-            channels,
-            np.repeat(terms[:, None], count, 1),
-            stride,
-            span,
-            np.full(count, span),
-            1,
-            8,
-        )
+        both_terms = np.repeat(terms[:, None], count, 1)
+        curve = AllanCurve(0.00125, m, channels, both_terms, span, np.full(count, span), 1)
         return Estimator(averaged=False).fit(curve)[0].N
 
     alone, beside = n_of(both[:, :1]), n_of(both)
@@ -373,7 +364,7 @@ def other_records(whole, window, values):
     yield "restored state that continued differently", restored.result()
     yield "changed values", replace(first.result(), avar=4.0 * first.result().avar)
     yield "other channels", first.result().select([1, 0])
-    yield "part of the record", whole.sums_since(window).curve(1 / 40, 8)
+    yield "part of the record", whole.sums_since(window).curve(1 / 40)
 
 
 def test_an_estimator_returns_no_limits_of_another_record(records):
@@ -399,7 +390,7 @@ def test_a_growing_record_keeps_its_limits_between_renewals(records, kind):
     renewals, before = 0, None
     for block in np.array_split(records[20_000:21_000, :2], 50):
         whole.update(block)
-        curve = whole.sums_since(window).curve(1 / 40, 8) if kind == "part" else whole.cascade.result()
+        curve = whole.sums_since(window).curve(1 / 40) if kind == "part" else whole.cascade.result()
         estimator.fit(curve)
         renewals += estimator._confidences[0] is not before
         before = estimator._confidences[0]
