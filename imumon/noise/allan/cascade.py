@@ -7,8 +7,8 @@ on white noise, and all of them on flicker and random walk.
 
 Rules:
 
-* Time is a grid. A missing sample does not count; a sample that a caller excludes is treated the same.
-  Validity belongs to the sample of a sensor, so it is stored by group of channels.
+* Time is a grid. A missing sample does not count, nor does one that a caller excludes. Validity belongs to
+  the sample of a sensor, so it is stored by group of channels.
 * A lossy link costs precision, not averaging times: from 16 samples on a cluster counts if 45 % of it are
   valid, and the excess of white noise is subtracted (`octave`).
 * A gap of unknown length begins a new segment; no difference spans it.
@@ -126,7 +126,7 @@ class OctaveCascade:
         ValueError : `n` is negative.
         """
         if n < 0:
-            raise ValueError(f"time runs forward: cannot skip {n} samples")
+            raise ValueError(f"the number of samples to skip must not be negative, not {n}")
         if self._fill:
             head = min(n, BLOCK - self._fill)
             self._buffer_missing(head)
@@ -136,7 +136,7 @@ class OctaveCascade:
         self._buffer_missing(n % BLOCK)
 
     def break_(self) -> None:
-        """Begin a new segment after a gap of unknown length: differences never span it, the sums stay."""
+        """Begin a new segment after a gap of unknown length: keep the sums, but let no difference span it."""
         self._flush()
         self.ended_segments += self._stages.position > 0
         self.segment_start += self._stages.position
@@ -273,7 +273,7 @@ class OctaveCascade:
         """
         for group in np.flatnonzero(~self._has_offset):
             mine = self._groups.members[group]
-            there = values[mine] if present is None else values[mine][:, present[group]]
-            if there.shape[1]:
-                self._offset[mine] = np.median(there, axis=1)
+            first = values[mine] if present is None else values[mine][:, present[group]]
+            if first.shape[1]:
+                self._offset[mine] = np.median(first, axis=1)
                 self._has_offset[group] = True

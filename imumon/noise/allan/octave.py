@@ -19,7 +19,7 @@ The average of n of m samples keeps flicker noise and random walk, but has more 
 difference is that of white samples times 1/n + 1/n' instead of 2/m. So each octave also sums the relative
 excess of white noise of its differences, (m/n + m/n')/2 - 1, and `variances` subtracts that share of the
 white noise, using the first octave as the variance of single samples. Measured on 12 records of 2^18 samples,
-half of them lost at random: white noise is right within 3 % up to m = 1024 and 15 % too high where 16
+half of them lost at random: white noise is correct within 3 % up to m = 1024 and 15 % too high where 16
 clusters are left; without the correction it is 2 times too high (1.05 times at 5 % lost). Flicker is 8 % too
 high at m = 8 and 1 % from m = 256 on, random walk 3 % and 0. Losses of one second at a time, 10 % in all,
 make flicker 4 % too high.
@@ -99,7 +99,7 @@ class Octave:
         return other
 
     def start_segment(self) -> None:
-        """Clear the history; the sums stay."""
+        """Clear the history but keep the sums."""
         self.history.fill(0.0)
         self.counts.fill(BEFORE_SEGMENT)
         self._complete = False

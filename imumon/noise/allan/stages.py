@@ -89,7 +89,7 @@ class OctaveStages:
             x = above
 
     def start_segment(self) -> None:
-        """Clear all histories; the sums stay."""
+        """Clear all histories but keep the sums."""
         self.position = 0
         for octave in self._octaves:
             octave.start_segment()
@@ -119,7 +119,7 @@ class OctaveStages:
         return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the state but for the position; the histories of all octaves are concatenated."""
+        """Return the state except the position; the histories of all octaves are concatenated."""
         octaves = self._octaves
         no_history, no_counts = np.zeros((self._groups.channels, 0)), np.zeros((len(self._groups), 0))
         return {
@@ -148,7 +148,7 @@ class OctaveStages:
     def _with_missing(
         self, octave: Octave, index: int, x: Floats, length: int, counts: Floats | None
     ) -> tuple[Floats, Floats]:
-        """Return `x` and its counts with missing entries appended until no valid one is in reach.
+        """Return `x` and its counts with missing entries appended until no difference reaches a valid one.
 
         They are appended in whole groups. The rest up to `length` has no effect: the histories then hold
         missing clusters only.

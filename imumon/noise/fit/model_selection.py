@@ -1,7 +1,7 @@
-"""Selection of the octaves and terms with which a curve is described, by a rule that does not flicker.
+"""Selection of the octaves and terms that describe a curve, with hysteresis.
 
 Real sensors are not three-term models. Filters, vibration and quantisation bend the short octaves, a spectral
-line some in the middle, a warm-up the long ones; an efficient fit would bend with them. The rule:
+line bends some in the middle, and a warm-up the long ones. An efficient fit would follow them. The rules:
 
 1. White noise, flicker and random walk over all octaves are accepted unless chi-square rejects them
    (p < `REJECTED_P`).
@@ -10,18 +10,18 @@ line some in the middle, a warm-up the long ones; an efficient fit would bend wi
    then passes.
 3. If the model is still rejected, the cheapest description that passes (p >= `ACCEPTED_P`) is searched. An
    excluded octave costs 1, a term `TERM_COST`. Octaves are excluded from the short end or as a block further
-   on, or both. A block costs one less where octaves stay below it, since those are the most precise and
-   agree, and three more where this is a single one, on which N would depend alone. Among equal costs the
-   description that keeps more octaves is preferred, then the one with the larger p.
-4. Where the shortest octaves are excluded, what bends them has a tail: noise correlated over a short time
-   adds to N^2/tau a term that falls as 1/tau^2 at longer tau, the shape of quantisation with either sign (for
-   a boxcar this is exact). There the 1/tau^2 term is free and may be negative, so that N and its limits do
-   not depend on the first octave that happens to pass.
+   on, or both. A block costs one less where several octaves remain below it, since those are the most
+   precise and agree, and three more where only one remains, because N would depend on it alone. At equal
+   cost more octaves win, then the larger p.
+4. If the shortest octaves are excluded, the cause of their deviation has a tail: noise correlated over a
+   short time adds to N^2/tau a term that falls as 1/tau^2 at longer tau, the shape of quantisation with
+   either sign (for a boxcar this is exact). So the 1/tau^2 term is free there and may be negative. N and its
+   limits then do not depend on the first octave that passes.
 5. If nothing passes up to `MAX_COST`, the best description is kept, and the rest counts as an error of the
-   model common to all octaves, as large as makes chi-square its expectation. It widens every interval.
+   model common to all octaves. Its size makes chi-square equal to its expectation. It widens every interval.
 
 The test allows a relative error of the model of `TOLERATED_ERROR`: with 10^9 samples any sensor departs from
-any model, and no octave is excluded for a part in a thousand; instead rule 5 includes this error.
+any model, and a part in a thousand excludes no octave. Instead rule 5 includes this error.
 
 An earlier selection is kept while it passes, and is replaced by a cheaper one only where that passes clearly
 (p >= `REGAINED_P`), so no octave alternates between reports.
@@ -42,7 +42,7 @@ from imumon.samples import Bools, Floats
 
 REJECTED_P = 1e-3
 """1, p-value below which a description is rejected. One record of a thousand that follows the model loses
-octaves without need."""
+octaves needlessly."""
 
 ACCEPTED_P = 0.1
 """1, p-value that a description must reach in a search: the best of many tries passes more easily."""
