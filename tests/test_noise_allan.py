@@ -393,7 +393,7 @@ def test_invalid_arguments_are_refused() -> None:
     cascade = OctaveCascade(2, 1.0)
     with pytest.raises(ValueError, match="must have the shape"):
         cascade.update(np.zeros((3, 4)))
-    with pytest.raises(ValueError, match="forward"):
+    with pytest.raises(ValueError, match="must not be negative"):
         cascade.skip(-1)
     with pytest.raises(ValueError, match="merge"):
         cascade.merge(OctaveCascade(2, 2.0))
