@@ -64,7 +64,7 @@ def curves(sums: np.ndarray, n: int, rate: float, K: float) -> AllanCurve:
     m = 1 << np.arange(len(avar), dtype=np.int64)
     stride = np.maximum(1, m // 8)
     terms = np.repeat(((n - 2 * m) // stride + 1)[:, None], avar.shape[1], axis=1)
-    return AllanCurve(1 / rate, m, avar, terms, stride, n, np.full(avar.shape[1], n), 1, 8)
+    return AllanCurve(1 / rate, m, avar, terms, n, np.full(avar.shape[1], n), 1)
 
 
 def check_against_cascade() -> float:

@@ -1,4 +1,4 @@
-"""Lost samples cost precision, never averaging times, and do not bend the curve."""
+"""Lost samples reduce the precision but keep all averaging times and do not bend the curve."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LENGTH, CHANNELS = 1 << 17, 12
 
 
 def signal(kind: str) -> Floats:
-    """(n, c) noise of one kind."""
+    """Return (n, c) noise of one kind."""
     white = np.random.default_rng(0).standard_normal((LENGTH, CHANNELS))
     if kind == "flicker":
         return np.asarray(synthesise(LENGTH, 100.0, N=[0.0] * CHANNELS, B=1.0, K=0.0, seed=2))
@@ -22,7 +22,7 @@ def signal(kind: str) -> Floats:
 
 
 def received(loss: float, run: int) -> Bools:
-    """(n, 1) validity when runs of about `run` samples are lost."""
+    """Return (n, 1) the validity when runs of about `run` samples are lost."""
     generator = np.random.default_rng(1)
     ok = np.ones(LENGTH, dtype=bool)
     if run == 1:
@@ -38,20 +38,20 @@ def received(loss: float, run: int) -> Bools:
 
 @pytest.mark.parametrize("kind", ["white", "flicker", "walk"])
 @pytest.mark.parametrize(("loss", "run"), [(0.05, 1), (0.2, 1), (0.5, 1), (0.1, 100)])
-def test_the_curve_is_that_of_the_whole_record(kind: str, loss: float, run: int) -> None:
+def test_loss_does_not_bend_the_curve(kind: str, loss: float, run: int) -> None:
     values, ok = signal(kind), received(loss, run)
     whole, part = OctaveCascade(CHANNELS, 0.01), OctaveCascade(CHANNELS, 0.01)
     whole.update(values)
     part.update(values, ok)
-    expected, found = whole.result(), part.result()
-    assert len(found.m) == len(expected.m)
-    ratio = found.avar[:13].mean(axis=1) / expected.avar[:13].mean(axis=1)
-    there = found.terms[:13, 0] > 1000 / found.m[:13]
-    assert np.abs(ratio[there] - 1.0).max() < (0.1 if loss < 0.5 else 0.15)
+    expected, curve = whole.result(), part.result()
+    assert len(curve.m) == len(expected.m)
+    ratio = curve.avar[:13].mean(axis=1) / expected.avar[:13].mean(axis=1)
+    enough = curve.terms[:13, 0] > 1000 / curve.m[:13]
+    assert np.abs(ratio[enough] - 1.0).max() < (0.1 if loss < 0.5 else 0.15)
     assert np.abs(ratio[4:9] - 1.0).max() < 0.08
 
 
-def test_half_of_the_samples_still_show_n_and_b() -> None:
+def test_n_and_b_are_measured_with_half_of_the_samples() -> None:
     values = synthesise(LENGTH * 2, 40.0, N=[6.1e-5] * 6, B=2.4e-5, K=0.0, seed=8)
     ok = np.random.default_rng(2).random((len(values), 1)) > 0.5
     cascade = OctaveCascade(6, 1 / 40)

@@ -1,4 +1,4 @@
-"""Synthetic noise: its spectrum, its Allan variance, and streams that do not depend on the chunk sizes."""
+"""Laws of synthetic noise: spectrum, Allan variance, streams that do not depend on chunk sizes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def curve_of(values: np.ndarray) -> AllanCurve:
 
 
 def deviation(n: int, m: np.ndarray, kind: str) -> np.ndarray:
-    """Relative standard deviation of the mean over channels of the Allan variance (SP 1065, table 5)."""
+    """Return the relative deviation of the mean over channels of the Allan variance (SP 1065, table 5)."""
     m = m.astype(float)
     if kind == "N":
         edf = (1.5 * (n - 1) / m - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
@@ -71,25 +71,26 @@ def expected(m: np.ndarray, kind: str, averaged: bool) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["N", "B", "K"])
 @pytest.mark.parametrize("averaged", [True, False])
 @pytest.mark.parametrize("make", [batch, stream])
-def test_allan_variance_is_the_formula(make: object, averaged: bool, kind: str) -> None:
+def test_allan_variance_agrees_with_the_formula(make: object, averaged: bool, kind: str) -> None:
     n = 1 << 14
     curve = curve_of(make(n, 11, averaged, **{kind: 1.0}))  # type: ignore[operator]
-    seen = curve.m <= n // 16
-    m = curve.m[seen]
-    ratio = curve.avar[seen].mean(axis=1) / expected(m, kind, averaged)
+    short = curve.m <= n // 16
+    m = curve.m[short]
+    ratio = curve.avar[short].mean(axis=1) / expected(m, kind, averaged)
     assert np.all(np.abs(ratio - 1.0) < 4.5 * deviation(n, m, kind)), ratio
 
 
 def allan_of_increments(r: np.ndarray, m: int) -> float:
-    """Allan variance at m from the covariance r of y[k+1] - y[k]; a difference is a triangle of them."""
+    """Return the Allan variance at m from the covariance r of y[k+1] - y[k]."""
+    # a second difference is a sum of increments with triangular weights
     triangle = np.convolve(np.ones(m), np.ones(m)) / m
     weight = np.convolve(triangle, triangle)
     lags = np.abs(np.arange(len(weight)) - len(weight) // 2)
     return float(weight @ r[lags]) / 2.0
 
 
-def test_covariances_give_the_curve_exactly() -> None:
-    """Averaged flicker is flat at every octave, the discrete one tends to it."""
+def test_covariances_reproduce_the_curve_exactly() -> None:
+    """Averaged flicker is flat at every octave, and discrete flicker converges to it."""
     lags = np.arange(2200)
     averaged, discrete = _averaged_increments(lags), _discrete_increments(lags)
     octaves = [1, 2, 4, 8, 16, 32, 64, 512]
@@ -119,7 +120,7 @@ def test_bank_has_the_spectrum_of_flicker(rate: float) -> None:
     assert_allclose(np.abs(response) ** 2 * 2.0 * np.sin(np.pi * cycles), 1.0, atol=3e-3)
 
 
-def test_averaging_filter_turns_one_flicker_into_the_other() -> None:
+def test_averaging_filter_converts_discrete_to_averaged_flicker() -> None:
     cycles = np.linspace(1e-3, 0.5, 500)
     gain = np.abs(AVERAGING @ np.exp(-2j * np.pi * cycles * np.arange(len(AVERAGING))[:, None])) ** 2
     aliases = (np.abs(cycles[:, None] + np.arange(-3000, 3001)) ** -3.0).sum(axis=1)
@@ -150,7 +151,7 @@ def test_a_stream_does_not_depend_on_chunk_sizes(cuts: list[int]) -> None:
     assert_array_equal(series, whole.generate(sum(cuts)))
 
 
-def test_channels_are_independent_and_seeds_decide() -> None:
+def test_channels_are_independent_and_seeds_reproduce() -> None:
     y = synthesise(1 << 14, RATE, N=1.0, B=[0.3, 0.3], K=0.01, seed=1)
     d = np.diff(y, axis=0)
     assert abs(np.corrcoef(d.T)[0, 1]) < 4.5 / np.sqrt(len(d) / 2.0)

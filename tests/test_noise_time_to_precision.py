@@ -1,4 +1,4 @@
-"""Time to precision: only measured coefficients have one."""
+"""Laws of the time to a precision: only measured coefficients have one."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def test_an_absent_coefficient_has_no_time() -> None:
     measured = 0
     for fit in fit_curve(cascade.result(), averaged=False):
         for name in ("B", "K"):
-            found = getattr(fit, name).status == "measured"
-            measured += found
-            assert found or getattr(fit.time_to, name) is None
+            is_measured = getattr(fit, name).status == "measured"
+            measured += is_measured
+            assert is_measured or getattr(fit.time_to, name) is None
         assert fit.time_to.N is not None
     assert measured <= 8  # of 80, at 2.5 % each
 

@@ -30,7 +30,7 @@ The curve with its 95 % limits, the octaves that the fit uses and the caveats:
 `averaged` says what a sample is: the true average over its interval (delta angle over its time), or a point
 sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`, a gap of unknown length is
 `cascade.break_()`. An unknown value is None with a reason, never 0 and never NaN. A curve of another record
-starts the estimator afresh: limits never pass from one record to another.
+restarts the estimator: it never returns limits of one record for another.
 
 | package | content |
 |---|---|

@@ -22,7 +22,7 @@ Rules:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -52,22 +52,14 @@ class GradedCoefficient(Protocol):
     def status(self) -> Status: ...
 
 
-def limits() -> dict[str, dict[str, dict[str, float]]]:
-    """Return the limits in SI by sensor, coefficient and grade.
-
-    >>> f"{limits()['gyro']['N']['industrial']:.3e} rad/s/sqrt(Hz)"
-    '5.818e-05 rad/s/sqrt(Hz)'
-    """
-    return {
-        sensor: {
-            name: dict(zip(GRADES, (row / READABLE[sensor, name].factor for row in rows), strict=True))
-            for name, rows in coefficients.items()
-        }
-        for sensor, coefficients in READABLE_LIMITS.items()
+LIMITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    sensor: {
+        name: {grade: row / READABLE[sensor, name].factor for grade, row in zip(GRADES, rows, strict=True)}
+        for name, rows in coefficients.items()
     }
-
-
-LIMITS = limits()
+    for sensor, coefficients in READABLE_LIMITS.items()
+}
+"""Limits in SI by sensor, coefficient and grade; 5.8e-5 rad/s/sqrt(Hz) for N of an industrial gyro."""
 
 
 def grade_coefficient(sensor: str, coefficient: str, value: float | None) -> Grading:
@@ -161,17 +153,19 @@ def _candidates(
     sensor: str, axis: str, coefficients: Mapping[str, GradedCoefficient | None]
 ) -> list[_Candidate]:
     """Return the coefficients of an axis that have a limit and are not pending."""
-    found = []
+    candidates = []
     for name, table in LIMITS.get(sensor, {}).items():
         known = coefficients.get(name)
-        size = None if known is None else _graded_size(known.value, known.high, known.status)
-        if known is None or size is None:
+        if known is None or known.status == "pending":
+            continue
+        size = known.value if known.status == "measured" else known.high
+        if size is None:
             continue
         measured = known.status == "measured"
         nearest = _nearest(table, size)
         low = known.low if known.low is not None else (size if measured else 0.0)
         high = known.high if known.high is not None else size
-        found.append(
+        candidates.append(
             _Candidate(
                 axis=axis,
                 coefficient=name,
@@ -183,12 +177,7 @@ def _candidates(
                 at_high=_nearest(table, high),
             )
         )
-    return found
-
-
-def _graded_size(value: float | None, high: float | None, status: Status) -> float | None:
-    """Return the number that a coefficient is graded by: its value or its bound; None while pending."""
-    return {"measured": value, "upper_bound": high, "pending": None}[status]
+    return candidates
 
 
 def _nearest(table: Mapping[str, float], size: float) -> GradeName:
@@ -199,22 +188,21 @@ def _nearest(table: Mapping[str, float], size: float) -> GradeName:
 
 
 def _meets(table: Mapping[str, float], size: float) -> GradeName | None:
+    """Return the best grade whose limit is not exceeded."""
     return next((grade for grade in GRADES if size <= table[grade]), None)
 
 
-def _deciding(candidates: Iterable[_Candidate]) -> _Candidate:
+def _deciding(candidates: Sequence[_Candidate]) -> _Candidate:
     """Return the worst of the measured ones, or of the bounds if nothing is measured."""
-    every = list(candidates)
-    return _worst([each for each in every if each.measured] or every)
+    return _worst([each for each in candidates if each.measured] or candidates)
 
 
-def _worst(candidates: Iterable[_Candidate]) -> _Candidate:
+def _worst(candidates: Sequence[_Candidate]) -> _Candidate:
+    """Return the one of the worst grade that is largest relative to that grade's limit."""
     return max(candidates, key=lambda each: (GRADES.index(each.nearest), each.excess))
 
 
-def _worst_meets(candidates: Iterable[_Candidate]) -> GradeName | None:
+def _worst_meets(candidates: Sequence[_Candidate]) -> GradeName | None:
     """Return the worst `meets`; None if nothing is known or one meets no grade."""
-    found = [each.meets for each in candidates]
-    if not found or None in found:
-        return None
-    return max((grade for grade in found if grade), key=GRADES.index)
+    grades = [each.meets for each in candidates if each.meets is not None]
+    return max(grades, key=GRADES.index) if grades and len(grades) == len(candidates) else None

@@ -174,7 +174,7 @@ class _DiscreteFlicker:
     ----------
     channels : c.
     rate_hz : Hz.
-    rng : draws the stationary state of the start.
+    rng : draws the stationary state at the start.
     """
 
     def __init__(self, channels: int, rate_hz: float, rng: np.random.Generator) -> None:
@@ -243,9 +243,7 @@ class NoiseStream:
         self._step = (walk / math.sqrt(rate_hz))[:, None]
         self._walk = np.zeros((len(walk), 1))
         self._strength = flicker[:, None]
-        self._flicker: _DiscreteFlicker | None = None
-        if flicker.any():
-            self._flicker = _DiscreteFlicker(len(flicker), rate_hz, self._rng)
+        self._flicker = _DiscreteFlicker(len(flicker), rate_hz, self._rng) if flicker.any() else None
         self._before: Floats | None = None  # discrete 1/f noise before this block
         self._origin = np.zeros((len(flicker), 1))  # flicker at the first sample
         self._ready = np.empty((0, len(white)))
@@ -280,23 +278,20 @@ class NoiseStream:
 
     def _next_flicker(self, bank: _DiscreteFlicker) -> Floats:
         """Return (c, n) flicker of B = 1 that begins at zero."""
-        c = len(self._independent)
-        keep = len(AVERAGING) - 1 if self._averaged else 0
+        keep, n = len(AVERAGING) - 1 if self._averaged else 0, STEP_SAMPLES * BLOCK_STEPS
         first = self._before is None
-        if self._before is None:
-            self._before = self._draw(bank)[:, STEP_SAMPLES * BLOCK_STEPS - keep :]
-        x = np.concatenate((self._before, self._draw(bank)), axis=1)
-        self._before = x[:, x.shape[1] - keep :]
-        y = x
+        before = self._draw(bank)[:, n - keep :] if self._before is None else self._before
+        y = x = np.concatenate((before, self._draw(bank)), axis=1)
+        self._before = x[:, n:]
         if self._averaged:
-            n = STEP_SAMPLES * BLOCK_STEPS
             y = AVERAGING[0] * x[:, keep:]
             for lag, weight in enumerate(AVERAGING[1:], start=1):
                 y += weight * x[:, keep - lag : keep - lag + n]
         if first:
             self._origin = y[:, :1]
-        return np.asarray(y - self._origin).reshape(c, -1)
+        return np.asarray(y - self._origin)
 
     def _draw(self, bank: _DiscreteFlicker) -> Floats:
+        """Return the next discrete 1/f noise, (c, n)."""
         c = len(self._independent)
         return bank.respond(self._rng.standard_normal((c, BLOCK_STEPS, STEP_SAMPLES))).reshape(c, -1)

@@ -51,9 +51,6 @@ class ValidityGroups:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ValidityGroups) and self.of.tolist() == other.of.tolist()
 
-    def __hash__(self) -> int:
-        return hash(tuple(self.of.tolist()))
-
     @property
     def channels(self) -> int:
         """Number of channels."""
@@ -80,7 +77,7 @@ class ValidityGroups:
         if values.ndim != 2 or values.shape[1] != self.channels:
             raise ValueError(f"samples must have the shape (n, {self.channels}), not {values.shape}")
         with np.errstate(over="ignore", invalid="ignore"):
-            plausible = bool(abs(values.sum()) < LARGEST)  # one fast pass; single values only if it fails
+            plausible = bool(abs(values.sum()) < LARGEST)  # one fast pass; every value only if it fails
         if valid is None and plausible:
             return values, None
         shape = (len(values), len(self))

@@ -3,7 +3,4 @@
 from imumon.noise.allan.cascade import OctaveCascade
 from imumon.noise.allan.curve import AllanCurve
 
-__all__ = [
-    "AllanCurve",
-    "OctaveCascade",
-]
+__all__ = ["AllanCurve", "OctaveCascade"]

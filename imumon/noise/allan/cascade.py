@@ -7,8 +7,8 @@ on white noise, and all of them on flicker and random walk.
 
 Rules:
 
-* Time is a grid. A missing sample does not count; a sample that a caller excludes is treated the same.
-  Validity belongs to the sample of a sensor, so it is stored by group of channels.
+* Time is a grid. A missing sample does not count, nor does one that a caller excludes. Validity belongs to
+  the sample of a sensor, so it is stored by group of channels.
 * A lossy link costs precision, not averaging times: from 16 samples on a cluster counts if 45 % of it are
   valid, and the excess of white noise is subtracted (`octave`).
 * A gap of unknown length begins a new segment; no difference spans it.
@@ -24,22 +24,17 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.allan.curve import AllanCurve
-from imumon.noise.allan.octave import BLOCK, RATIO
-from imumon.noise.allan.stages import BATCH, RATIOS, OctaveStages
+from imumon.noise.allan.curve import AllanCurve, WindowSums
+from imumon.noise.allan.octave import BLOCK, RATIO, VALID_SHARE
+from imumon.noise.allan.stages import BATCH, OctaveStages
 from imumon.noise.validity_groups import ValidityGroups
-from imumon.samples import Bools, Floats, Ints
-
-__all__ = ["AllanCurve", "OctaveCascade"]
-
-VALID_SHARE = 0.45
-"""1, share of a cluster that must be valid for it to count. Below one half, so that a link that loses
-half of its packets keeps all averaging times."""
+from imumon.samples import Bools, Floats
 
 
 class OctaveCascade:
@@ -52,13 +47,10 @@ class OctaveCascade:
     channels : number of columns, c.
     tau0 : s, sampling interval.
     groups : (c,) index of the group (0 .. g-1) whose validity a channel shares; default: all in one.
-    ratio : sub-clusters per cluster, R, a power of two; default `RATIO`, the only one the fit supports.
-    threshold : share of a cluster that must be valid for it to count; default `VALID_SHARE`.
 
     Raises
     ------
-    ValueError : `tau0` is not positive and finite, `ratio` is not one of `RATIOS`, `threshold` is not in
-        (0, 1], or `ValidityGroups` refuses `channels` and `groups`.
+    ValueError : `tau0` is not positive and finite, or `ValidityGroups` refuses `channels` and `groups`.
 
     Examples
     --------
@@ -71,30 +63,16 @@ class OctaveCascade:
     array([91.22945, 85.95287])
     """
 
-    def __init__(
-        self,
-        channels: int,
-        tau0: float,
-        *,
-        groups: Sequence[int] | None = None,
-        ratio: int | None = None,
-        threshold: float | None = None,
-    ) -> None:
-        ratio = RATIO if ratio is None else ratio
-        threshold = VALID_SHARE if threshold is None else threshold
+    def __init__(self, channels: int, tau0: float, *, groups: Sequence[int] | None = None) -> None:
         if not 0.0 < tau0 < math.inf:
             raise ValueError(f"the sampling interval must be positive, not {tau0} s")
-        if ratio not in RATIOS or not 0.0 < threshold <= 1.0:
-            raise ValueError(f"ratio must be one of {RATIOS} and threshold in (0, 1]: {ratio}, {threshold}")
         self._groups = ValidityGroups(channels, groups)
         self.tau0 = float(tau0)
-        self.ratio = ratio
-        self.threshold = float(threshold)
         self.record: Hashable = object()
-        self._stages = OctaveStages(self._groups, ratio, self.threshold)
+        self._stages = OctaveStages(self._groups)
         self._valid = np.zeros(len(self._groups), dtype=np.int64)
-        self._ended_span = 0  # samples of the grid in finished segments
-        self._ended_segments = 0
+        self.segment_start = 0  # samples of the grid in finished segments
+        self.ended_segments = 0
         self._offset = np.zeros(channels)  # subtracted from every sample of this segment
         self._has_offset = np.zeros(len(self._groups), dtype=bool)
         self._pending = np.zeros((channels, BLOCK))
@@ -107,17 +85,15 @@ class OctaveCascade:
         return self._groups.channels
 
     @property
+    def span(self) -> int:
+        """Samples of the grid so far, over all segments."""
+        return self.segment_start + self._stages.position + self._fill
+
+    @property
     def nbytes(self) -> int:
         """Bytes of state: sums, histories and one block."""
-        own = (
-            self._groups.of,
-            self._valid,
-            self._offset,
-            self._has_offset,
-            self._pending,
-            self._pending_valid,
-        )
-        return self._stages.nbytes + sum(array.nbytes for array in own)
+        own = sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
+        return own + self._stages.nbytes
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
         """Add consecutive samples.
@@ -150,7 +126,7 @@ class OctaveCascade:
         ValueError : `n` is negative.
         """
         if n < 0:
-            raise ValueError(f"time runs forward: cannot skip {n} samples")
+            raise ValueError(f"the number of samples to skip must not be negative, not {n}")
         if self._fill:
             head = min(n, BLOCK - self._fill)
             self._buffer_missing(head)
@@ -160,10 +136,10 @@ class OctaveCascade:
         self._buffer_missing(n % BLOCK)
 
     def break_(self) -> None:
-        """Begin a new segment after a gap of unknown length: differences never span it, the sums stay."""
-        self.flush()
-        self._ended_segments += self._stages.position > 0
-        self._ended_span += self._stages.position
+        """Begin a new segment after a gap of unknown length: keep the sums, but let no difference span it."""
+        self._flush()
+        self.ended_segments += self._stages.position > 0
+        self.segment_start += self._stages.position
         self._has_offset[:] = False
         self._stages.start_segment()
 
@@ -172,58 +148,36 @@ class OctaveCascade:
 
         Raises
         ------
-        ValueError : its interval, ratio, threshold or groups differ.
+        ValueError : its interval or groups differ.
         """
-        mine, its = self._parameters(), other._parameters()
-        if mine[1:] != its[1:] or not math.isclose(mine[0], its[0], rel_tol=1e-6):
-            raise ValueError("only cascades of the same interval, ratio, threshold and groups merge")
+        if self._groups != other._groups or not math.isclose(self.tau0, other.tau0, rel_tol=1e-6):
+            raise ValueError("only cascades of the same interval and groups merge")
         self.break_()
         other = other.copy()
         other._stages.add_sums(self._stages)
         self._stages = other._stages
         self._valid += other._valid
-        self._ended_span += other._ended_span
-        self._ended_segments += other._ended_segments
+        self.segment_start += other.segment_start
+        self.ended_segments += other.ended_segments
         self._offset, self._has_offset = other._offset, other._has_offset
         self._pending, self._pending_valid, self._fill = other._pending, other._pending_valid, other._fill
 
     def result(self) -> AllanCurve:
         """Return the curve so far; the cascade does not change."""
-        whole = self
-        if self._fill:
-            whole = self.copy()
-            whole.flush()
-        squares, terms, excess, valid, segments = whole.sums()
-        return AllanCurve.from_sums(
-            self.tau0,
-            self.ratio,
-            squares,
-            terms,
-            excess,
-            span=whole._ended_span + whole._stages.position,
-            valid=valid,
-            segments=segments,
-            record=self.record,
-        )
+        return self.sums().curve(self.tau0)
 
-    def flush(self) -> None:
-        """Process the buffered samples, although their block is not full: the segment ends here."""
-        if self._fill:
-            self._process(self._pending[:, :0], None)
+    def sums(self) -> WindowSums:
+        """Return the sums so far; the cascade does not change."""
+        if not self._fill:
+            return self.block_sums()
+        whole = self.copy()
+        whole._flush()
+        return replace(whole.block_sums(), record=self.record)
 
-    def sums(self) -> tuple[Floats, Ints, Ints, Ints, int]:
-        """Return the sums of the samples processed so far, without the buffered ones.
-
-        Returns
-        -------
-        squares : (k, c) (channel unit)^2, sums of squared differences.
-        terms : (k, c) number of differences.
-        white_excess : (k, c) 1/`EXCESS_SCALE`, sums of their relative excess of white noise.
-        valid : (c,) valid samples.
-        segments : number of segments that have begun.
-        """
-        segments = self._ended_segments + (self._stages.position > 0)
-        return *self._stages.sums(), self._valid[self._groups.of], segments
+    def block_sums(self) -> WindowSums:
+        """Return the sums of the blocks processed so far, without the buffered samples."""
+        valid, segments = self._valid[self._groups.of], self.ended_segments + (self._stages.position > 0)
+        return WindowSums(*self._stages.sums(), valid, self.span - self._fill, segments, self.record)
 
     def copy(self) -> OctaveCascade:
         """Return an independent cascade in the same state; from now on it is another record."""
@@ -236,9 +190,9 @@ class OctaveCascade:
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """Return the state as small arrays."""
-        numbers = (self._ended_span, self._ended_segments, self._stages.position)
+        numbers = (self.segment_start, self.ended_segments, self._stages.position)
         return {
-            "setting": np.array([self.tau0, self.ratio, self.threshold]),
+            "setting": np.array([self.tau0, RATIO, VALID_SHARE]),
             "group": self._groups.of.astype(np.int64),
             "numbers": np.array(numbers, dtype=np.int64),
             "valid": self._valid.copy(),
@@ -252,10 +206,9 @@ class OctaveCascade:
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> OctaveCascade:
         """Return a cascade in a saved state; it continues identically."""
-        tau0, ratio, threshold = (float(x) for x in state["setting"])
         groups = [int(g) for g in state["group"]]
-        self = cls(len(groups), tau0, groups=groups, ratio=int(ratio), threshold=threshold)
-        self._ended_span, self._ended_segments, position = (int(x) for x in state["numbers"])
+        self = cls(len(groups), float(state["setting"][0]), groups=groups)
+        self.segment_start, self.ended_segments, position = (int(x) for x in state["numbers"])
         self._valid[:] = state["valid"]
         self._stages.load(state, position)
         self._offset[:] = state["offset"]
@@ -264,9 +217,6 @@ class OctaveCascade:
         self._pending[:, : self._fill] = state["pending"]
         self._pending_valid[:, : self._fill] = state["present"]
         return self
-
-    def _parameters(self) -> tuple[float, int, float, tuple[int, ...]]:
-        return self.tau0, self.ratio, self.threshold, tuple(self._groups.of.tolist())
 
     # --- blocks on the grid ---------------------------------------------------------------------------
 
@@ -284,7 +234,12 @@ class OctaveCascade:
         self._pending_valid[:, part] = False
         self._fill = part.stop
         if self._fill == BLOCK:
-            self.flush()
+            self._flush()
+
+    def _flush(self) -> None:
+        """Process the buffered samples; if their block is not full, the segment ends here."""
+        if self._fill:
+            self._process(self._pending[:, :0], None)
 
     def _process(self, values: Floats, present: Bools | None) -> None:
         """Pass the buffer, and samples (c, n) with their validity (g, n), through the octaves."""
@@ -318,7 +273,7 @@ class OctaveCascade:
         """
         for group in np.flatnonzero(~self._has_offset):
             mine = self._groups.members[group]
-            there = values[mine] if present is None else values[mine][:, present[group]]
-            if there.shape[1]:
-                self._offset[mine] = np.median(there, axis=1)
+            first = values[mine] if present is None else values[mine][:, present[group]]
+            if first.shape[1]:
+                self._offset[mine] = np.median(first, axis=1)
                 self._has_offset[group] = True

@@ -1,4 +1,4 @@
-"""Allan variance of some channels at octave-spaced averaging times."""
+"""Sums of squared differences by octave, and the Allan curve that follows from them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.noise.allan.octave import variances
+from imumon.noise.allan.octave import RATIO, variances
 from imumon.samples import Floats, Ints
 
 
@@ -21,11 +21,9 @@ class AllanCurve:
     m : (k,) averaging factors 1, 2, 4 ... 2^(k-1); every octave for which some channel has a difference.
     avar : (k, c) (channel unit)^2, Allan variance; 0.0 where `terms` is 0.
     terms : (k, c) number of squared second differences of phase in each value; 0 where there is none.
-    stride : (k,) samples between successive differences, max(1, m // ratio).
     span : samples, length of the time grid, missing samples included, over all segments.
     valid : (c,) valid samples.
     segments : parts of the grid with gaps of unknown length between them.
-    ratio : sub-clusters per cluster, R.
     record : identity of the growing record; two curves with equal identities belong to the same record at two
         moments. None: unknown. It is not an argument, so that a curve made by `dataclasses.replace` or by
         `select` has none: its values are no longer those of the record.
@@ -35,45 +33,16 @@ class AllanCurve:
     m: Ints
     avar: Floats
     terms: Ints
-    stride: Ints
     span: int
     valid: Ints
     segments: int
-    ratio: int
     record: Hashable = field(default=None, init=False)
-
-    @classmethod
-    def from_sums(
-        cls,
-        tau0: float,
-        ratio: int,
-        squares: Floats,
-        terms: Ints,
-        white_excess: Ints,
-        *,
-        span: int,
-        valid: Ints,
-        segments: int,
-        record: Hashable = None,
-    ) -> AllanCurve:
-        """Return the curve of sums by octave, (j, c), up to the last octave with a difference.
-
-        See `imumon.noise.allan.octave.variances` for the sums.
-        """
-        present = np.flatnonzero((terms > 0).any(axis=1))
-        k = int(present[-1]) + 1 if len(present) else 0
-        m = np.left_shift(1, np.arange(k, dtype=np.int64))
-        avar = variances(squares[:k], terms[:k], white_excess[:k], m)
-        curve = cls(tau0, m, avar, terms[:k], np.maximum(1, m // ratio), span, valid, segments, ratio)
-        object.__setattr__(curve, "record", record)
-        return curve
 
     def select(self, channels: Sequence[int]) -> AllanCurve:
         """Return the curve of some of the channels, which has no `record`."""
         columns = list(channels)
-        return replace(
-            self, avar=self.avar[:, columns], terms=self.terms[:, columns], valid=self.valid[columns]
-        )
+        avar, terms, valid = self.avar[:, columns], self.terms[:, columns], self.valid[columns]
+        return replace(self, avar=avar, terms=terms, valid=valid)
 
     @property
     def tau(self) -> Floats:
@@ -84,3 +53,58 @@ class AllanCurve:
     def sigma(self) -> Floats:
         """(k, c) channel unit, Allan deviation; 0.0 where `terms` is 0."""
         return np.asarray(np.sqrt(self.avar), dtype=np.float64)
+
+    @property
+    def stride(self) -> Ints:
+        """(k,) samples between successive differences."""
+        return np.maximum(1, self.m // RATIO)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowSums:
+    """Sums of a record or of a part of it.
+
+    Attributes
+    ----------
+    squares : (k, c) (channel unit)^2, sums of squared differences by octave.
+    terms : (k, c) number of differences.
+    white_excess : (k, c) 1/`EXCESS_SCALE`, sums of their relative excess of white noise, see `octave`.
+    valid : (c,) valid samples.
+    span : samples of the grid.
+    segments : parts with gaps of unknown length between them.
+    record : identity of the growing part of the record, see `AllanCurve`; None: unknown.
+    """
+
+    squares: Floats
+    terms: Ints
+    white_excess: Ints
+    valid: Ints
+    span: int
+    segments: int
+    record: Hashable = None
+
+    def __add__(self, other: WindowSums) -> WindowSums:
+        """Return the sums of both, with a gap of unknown length between them."""
+        k = max(len(self.squares), len(other.squares))
+        return WindowSums(
+            padded(self.squares, k) + padded(other.squares, k),
+            padded(self.terms, k) + padded(other.terms, k),
+            padded(self.white_excess, k) + padded(other.white_excess, k),
+            self.valid + other.valid,
+            self.span + other.span,
+            self.segments + other.segments,
+        )
+
+    def curve(self, tau0: float) -> AllanCurve:
+        """Return the Allan curve of these sums, up to the last octave with a difference."""
+        k = int(np.flatnonzero((self.terms > 0).any(axis=1)).max(initial=-1)) + 1
+        m = np.left_shift(1, np.arange(k, dtype=np.int64))
+        avar = variances(self.squares[:k], self.terms[:k], self.white_excess[:k], m)
+        curve = AllanCurve(tau0, m, avar, self.terms[:k], self.span, self.valid, self.segments)
+        object.__setattr__(curve, "record", self.record)
+        return curve
+
+
+def padded(rows: np.ndarray, k: int) -> np.ndarray:
+    """Return (k, c) the rows, and rows of zeros below them."""
+    return np.pad(rows, ((0, k - len(rows)), (0, 0)))

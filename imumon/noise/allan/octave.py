@@ -19,7 +19,7 @@ The average of n of m samples keeps flicker noise and random walk, but has more 
 difference is that of white samples times 1/n + 1/n' instead of 2/m. So each octave also sums the relative
 excess of white noise of its differences, (m/n + m/n')/2 - 1, and `variances` subtracts that share of the
 white noise, using the first octave as the variance of single samples. Measured on 12 records of 2^18 samples,
-half of them lost at random: white noise is right within 3 % up to m = 1024 and 15 % too high where 16
+half of them lost at random: white noise is correct within 3 % up to m = 1024 and 15 % too high where 16
 clusters are left; without the correction it is 2 times too high (1.05 times at 5 % lost). Flicker is 8 % too
 high at m = 8 and 1 % from m = 256 on, random walk 3 % and 0. Losses of one second at a time, 10 % in all,
 make flicker 4 % too high.
@@ -38,6 +38,10 @@ from imumon.samples import Floats, Ints
 RATIO = 8
 """Sub-clusters per cluster, R. Keeps 98 % of the degrees of freedom of full overlap on white noise; the
 covariances of the fit are those of this value."""
+
+VALID_SHARE = 0.45
+"""1, share of a cluster that must be valid for it to count. Below one half, so that a link that loses
+half of its packets keeps all averaging times."""
 
 BLOCK = 256
 """Samples. Squares are added in groups that lie on this grid, so that any chunking gives the same bits."""
@@ -58,8 +62,6 @@ class Octave:
     ----------
     index : j of the averaging factor m = 2^j.
     groups : channels that share their validity.
-    ratio : entries per cluster, R, where m allows.
-    threshold : share of a cluster that must be valid for it to count, from `FULL_BELOW` samples on.
 
     Attributes
     ----------
@@ -70,14 +72,13 @@ class Octave:
     counts : (g, lag) valid samples in them.
     """
 
-    def __init__(self, index: int, groups: ValidityGroups, ratio: int, threshold: float) -> None:
+    def __init__(self, index: int, groups: ValidityGroups) -> None:
         self.m = m = 1 << index
-        self.lag = min(m, ratio)
-        self.step = 2 if m >= ratio else 1  # entries per entry of the next octave
+        self.lag = min(m, RATIO)
+        self.step = 2 if m >= RATIO else 1  # entries per entry of the next octave
         self.group = max(1, BLOCK * self.lag // m)  # entries in a block
-        self._least_count = threshold * m if m >= FULL_BELOW else float(m)
-        self._complete_only = self._least_count > m - 1
-        self._members = groups.members
+        self._least_count = VALID_SHARE * m if m >= FULL_BELOW else float(m)
+        self._group_of = groups.of
         self.squares = np.zeros(groups.channels)
         self.terms = np.zeros(len(groups), dtype=np.int64)
         self.white_excess = np.zeros(len(groups), dtype=np.int64)
@@ -86,20 +87,19 @@ class Octave:
         self._complete = False  # no sample is missing in the history
 
     @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """State as arrays."""
-        return self.squares, self.terms, self.white_excess, self.history, self.counts
+    def nbytes(self) -> int:
+        """Bytes of sums and history."""
+        return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def copy(self) -> Octave:
         """Return an independent octave in the same state."""
         other = copy.copy(self)
-        (other.squares, other.terms, other.white_excess, other.history, other.counts) = (
-            array.copy() for array in self.arrays
-        )
+        for name in ("squares", "terms", "white_excess", "history", "counts"):
+            setattr(other, name, getattr(self, name).copy())
         return other
 
     def start_segment(self) -> None:
-        """Clear the history; the sums stay."""
+        """Clear the history but keep the sums."""
         self.history.fill(0.0)
         self.counts.fill(BEFORE_SEGMENT)
         self._complete = False
@@ -130,9 +130,10 @@ class Octave:
             np.subtract(x[:, lag:], x[:, :n], out=out)
             self._add_squares(out)
             return None
-        both = np.empty((len(self.terms), lag + n))
+        both = np.full((len(self.terms), lag + n), float(self.m))
         both[:, :lag] = self.counts
-        both[:, lag:] = self.m if counts is None else counts
+        if counts is not None:
+            both[:, lag:] = counts
         self.set_counts(both[:, n:])
         self._subtract(x, both, out)
         self._add_squares(out)
@@ -144,18 +145,13 @@ class Octave:
         enough = counts >= self._least_count
         use = (enough[:, lag:] & enough[:, :n]).astype(np.float64)
         self.terms += use.sum(axis=1).astype(np.int64)
-        if not self._complete_only:
-            weight = np.zeros_like(counts)
-            np.divide(self.m, counts, out=weight, where=enough)
+        if self.m >= FULL_BELOW:
+            weight = np.divide(self.m, counts, out=np.zeros_like(counts), where=enough)
             excess = 0.5 * (weight[:, lag:] + weight[:, :n]) - 1.0
             self.white_excess += np.rint(excess * use * EXCESS_SCALE).astype(np.int64).sum(axis=1)
-            weighted = np.empty_like(x)
-            for channels, w in zip(self._members, weight, strict=True):
-                np.multiply(x[channels], w, out=weighted[channels])
-            x = weighted
+            x = x * weight[self._group_of]
         np.subtract(x[:, lag:], x[:, :n], out=out)
-        for channels, u in zip(self._members, use, strict=True):
-            out[channels] *= u
+        out *= use[self._group_of]
 
     def _add_squares(self, difference: Floats) -> None:
         """Add squares in groups that depend on the grid alone, so that any chunking gives the same bits."""
@@ -188,9 +184,8 @@ def variances(squares: Floats, terms: Ints, white_excess: Ints, m: Ints) -> Floa
     (k, c) (channel unit)^2; 0.0 where `terms` is 0.
     """
     count = np.maximum(terms, 1)
-    raw = np.where(terms > 0, np.maximum(squares, 0.0), 0.0) / (
-        2.0 * m[:, None].astype(np.float64) ** 2 * count
-    )
+    total = np.where(terms > 0, np.maximum(squares, 0.0), 0.0)
+    raw = total / (2.0 * m[:, None].astype(np.float64) ** 2 * count)
     if not white_excess.any():
         return np.asarray(raw)
     excess = white_excess / (EXCESS_SCALE * count)

@@ -15,14 +15,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.allan.octave import BLOCK, Octave
+from imumon.noise.allan.octave import BLOCK, RATIO, Octave
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
 BATCH = 32
 """Blocks processed at once at most. Not critical for results; fewer blocks cost more calls per sample."""
-
-RATIOS = (1, 2, 4, 8, 16)  # Sub-clusters per cluster, R, that an octave can have
 
 
 class OctaveStages:
@@ -33,16 +31,14 @@ class OctaveStages:
     Parameters
     ----------
     groups : channels that share their validity.
-    ratio : sub-clusters per cluster, R, one of `RATIOS`.
-    threshold : share of a cluster that must be valid for it to count; see `Octave`.
 
     Attributes
     ----------
     position : samples of this segment that have been processed.
     """
 
-    def __init__(self, groups: ValidityGroups, ratio: int, threshold: float) -> None:
-        self._groups, self._ratio, self._threshold = groups, ratio, threshold
+    def __init__(self, groups: ValidityGroups) -> None:
+        self._groups = groups
         self._octaves: list[Octave] = []
         self.position = 0
         self._buffers: list[Floats] = []  # reused: fresh arrays of this size double the time per sample
@@ -50,7 +46,7 @@ class OctaveStages:
     @property
     def nbytes(self) -> int:
         """Bytes of state: sums and histories."""
-        return sum(array.nbytes for octave in self._octaves for array in octave.arrays)
+        return sum(octave.nbytes for octave in self._octaves)
 
     def input_buffer(self, n: int) -> Floats:
         """Return (c, n) channel unit, where to write the next samples, at most `BATCH` blocks."""
@@ -71,7 +67,7 @@ class OctaveStages:
         x = self._buffer(0, 1 + n)
         while length:
             if index == len(self._octaves):
-                self._octaves.append(self._new_octave(index))
+                self._octaves.append(Octave(index, self._groups))
             octave = self._octaves[index]
             if n < length:
                 x, counts = self._with_missing(octave, index, x, length, counts)
@@ -83,19 +79,17 @@ class OctaveStages:
             begins, ends = slice(first, n, step), slice(octave.lag + first, None, step)
             n = (start + n) // step - start // step
             start, length = start // step, (start + length) // step - start // step
-            counts = None
-            if all_counts is not None:
-                counts = all_counts[:, ends] + all_counts[:, begins]
-                if (counts == 2 * octave.m).all():
-                    counts = None
+            counts = None if all_counts is None else all_counts[:, ends] + all_counts[:, begins]
+            if counts is not None and (counts == 2 * octave.m).all():
+                counts = None
             index += 1
-            lag = min(2 * octave.m, self._ratio)
+            lag = min(2 * octave.m, RATIO)
             above = self._buffer(index % 2, lag + n)
             np.add(x[:, ends], x[:, begins], out=above[:, lag:])
             x = above
 
     def start_segment(self) -> None:
-        """Clear all histories; the sums stay."""
+        """Clear all histories but keep the sums."""
         self.position = 0
         for octave in self._octaves:
             octave.start_segment()
@@ -103,7 +97,7 @@ class OctaveStages:
     def add_sums(self, other: OctaveStages) -> None:
         """Add the sums of other stages with the same parameters."""
         while len(self._octaves) < len(other._octaves):
-            self._octaves.append(self._new_octave(len(self._octaves)))
+            self._octaves.append(Octave(len(self._octaves), self._groups))
         for ours, theirs in zip(self._octaves, other._octaves, strict=False):
             ours.squares += theirs.squares
             ours.terms += theirs.terms
@@ -111,11 +105,11 @@ class OctaveStages:
 
     def sums(self) -> tuple[Floats, Ints, Ints]:
         """Return the sums by octave, (k, c) each: squared differences, their number, their white excess."""
-        members, shape = self._groups.of, (len(self._octaves), self._groups.channels)
-        squares = np.array([o.squares for o in self._octaves]).reshape(shape)
-        terms = np.array([o.terms[members] for o in self._octaves], dtype=np.int64).reshape(shape)
-        excess = np.array([o.white_excess[members] for o in self._octaves], dtype=np.int64).reshape(shape)
-        return squares, terms, excess
+        of, octaves = self._groups.of, self._octaves
+        squares = np.array([o.squares for o in octaves]).reshape(-1, of.size)
+        terms = np.array([o.terms for o in octaves], dtype=np.int64).reshape(-1, len(self._groups))
+        excess = np.array([o.white_excess for o in octaves], dtype=np.int64).reshape(-1, len(self._groups))
+        return squares, terms[:, of], excess[:, of]
 
     def copy(self) -> OctaveStages:
         """Return independent stages in the same state."""
@@ -125,7 +119,7 @@ class OctaveStages:
         return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the state but for the position; the histories of all octaves are concatenated."""
+        """Return the state except the position; the histories of all octaves are concatenated."""
         octaves = self._octaves
         no_history, no_counts = np.zeros((self._groups.channels, 0)), np.zeros((len(self._groups), 0))
         return {
@@ -141,7 +135,7 @@ class OctaveStages:
         self.position = position
         start = 0
         for j in range(len(state["squares"])):
-            octave = self._new_octave(j)
+            octave = Octave(j, self._groups)
             part = slice(start, start + octave.lag)
             octave.squares[:] = state["squares"][j]
             octave.terms[:] = state["terms"][j]
@@ -154,7 +148,7 @@ class OctaveStages:
     def _with_missing(
         self, octave: Octave, index: int, x: Floats, length: int, counts: Floats | None
     ) -> tuple[Floats, Floats]:
-        """Return `x` and its counts with missing entries appended until no valid one is in reach.
+        """Return `x` and its counts with missing entries appended until no difference reaches a valid one.
 
         They are appended in whole groups. The rest up to `length` has no effect: the histories then hold
         missing clusters only.
@@ -173,8 +167,5 @@ class OctaveStages:
         """Return (c, columns) working space: 0, 1 for entries of even, odd octaves, 2 for differences."""
         c = self._groups.channels
         if not self._buffers:
-            self._buffers = [np.empty(c * (max(RATIOS) + BATCH * BLOCK)) for _ in range(3)]
+            self._buffers = [np.empty(c * (RATIO + BATCH * BLOCK)) for _ in range(3)]
         return self._buffers[index][: c * columns].reshape(c, columns)
-
-    def _new_octave(self, index: int) -> Octave:
-        return Octave(index, self._groups, self._ratio, self._threshold)

@@ -1,4 +1,4 @@
-"""Limits, status and time to precision of a channel, which are computed again only as its record grows.
+"""Limits, status and time to precision of a channel, computed again only as its record grows.
 
 Rules:
 
@@ -6,7 +6,7 @@ Rules:
    two-sided limits. Else it is an ``upper_bound``: no value, but a one-sided bound. The levels are such that
    the limits hold in 95 % of all records, whatever the status: 2.2 % beyond each limit, 3.9 % beyond a bound,
    1.4 % false detections. They are set on simulated records, where a few per mille more lie beyond than these
-   normal quantiles predict, since the other terms are fitted to the same data.
+   normal quantiles predict, because the other terms are fitted to the same data.
 2. ``pending``: too few octaves to distinguish the terms; the reason says so.
 """
 
@@ -85,14 +85,12 @@ def confidences(
     fitted = with_selection(problems, models)
     powers = np.array([model.p for model in models])
     low, high, status, reasons = _limits(fitted, powers)
-    seconds = np.full((len(models), 3), np.nan)
+    times = [TimeTo()] * len(models)
     if precision is not None:
         widths = _half_widths(powers, low, high, status)
         seconds = seconds_to(fitted, powers, widths, span, tau0, precision)
-    times = []
-    for row in seconds:
-        n, b, k = (None if math.isnan(s) else float(s) for s in row)
-        times.append(TimeTo(N=n, B=b, K=k))
+        known = ([None if math.isnan(s) else float(s) for s in row] for row in seconds)
+        times = [TimeTo(N=n, B=b, K=k) for n, b, k in known]
     rows = zip(models, low, high, status, reasons, times, strict=True)
     return [ChannelConfidence(span, *row) for row in rows]
 
@@ -116,27 +114,20 @@ def _limits(
     deviation = intervals.deviations(problems.prepare(), problems.free, p)[:, :3].ravel()
     tested = np.isfinite(deviation) & (octaves >= needed)
     at_zero = np.full(term.size, -np.inf)
-    part = each.take(tested)
-    start = p[channel][tested]
-    at_zero[tested] = intervals.score(part.prepare(), part.free, term[tested], np.zeros(len(start)), start)[0]
+    part, begin = each.take(tested), p[channel]
+    zeros = np.zeros(int(tested.sum()))
+    at_zero[tested] = intervals.score(part.prepare(), part.free, term[tested], zeros, begin[tested])[0]
     detected = tested & (at_zero > DETECTED_SCORE) & (p[:, :3].ravel() > 0.0)
-    begin = p[channel]
     begin[~detected, term[~detected]] = 0.0
-    # one search for all limits: the lower ones of what is detected, and every upper one
+    # One search finds all limits: the lower ones of detected terms, and every upper one.
     rows = np.concatenate([np.flatnonzero(detected), np.flatnonzero(tested)])
     upper = np.arange(rows.size) >= detected.sum()
     bound = np.minimum(BOUND_SCORE, at_zero - LEAST_BOUND_SCORE)
     target = np.where(upper, np.where(detected, -LIMIT_SCORE, bound)[rows], LIMIT_SCORE)
     part = each.take(rows)
+    score = np.where(detected, 0.0, at_zero)[rows]
     values = intervals.limits(
-        part.prepare(),
-        part.free,
-        term[rows],
-        begin[rows],
-        np.where(detected, 0.0, at_zero)[rows],
-        deviation[rows],
-        target,
-        upper,
+        part.prepare(), part.free, term[rows], begin[rows], score, deviation[rows], target, upper
     )
     low, high = np.zeros(term.size), np.full(term.size, np.inf)
     low[rows[~upper]] = values[~upper]
@@ -147,12 +138,9 @@ def _limits(
         for d, b in zip(detected, bounded, strict=True)
     ]
     reasons = [_reason(*row) for row in zip(status, octaves.tolist(), needed.tolist(), strict=True)]
-    return (
-        low.reshape(count, 3),
-        high.reshape(count, 3),
-        [tuple(status[3 * row : 3 * row + 3]) for row in range(count)],
-        [tuple(reasons[3 * row : 3 * row + 3]) for row in range(count)],
-    )
+    parts = [slice(3 * row, 3 * row + 3) for row in range(count)]
+    statuses, texts = [tuple(status[part]) for part in parts], [tuple(reasons[part]) for part in parts]
+    return low.reshape(count, 3), high.reshape(count, 3), statuses, texts
 
 
 def _half_widths(p: Floats, low: Floats, high: Floats, status: list[tuple[Status, ...]]) -> Floats:

@@ -1,4 +1,4 @@
-"""Covariance of the octave Allan variances, exact, for white noise, flicker, random walk and quantisation.
+"""Exact covariance of the octave Allan variances of white noise, flicker, random walk and quantisation.
 
 An Allan variance is half the mean square of second differences d of the phase x (the integral of the rate),
 s_i = 1/(2 M_i) sum d_i^2. For Gaussian noise (Isserlis) the covariance of two octaves is
@@ -17,14 +17,15 @@ powers p = (N^2, B^2, K^2, Q^2): its tables depend only on the length of the rec
 Point samples differ from true averages at the shortest octaves: there S is that of the sampled process,
 (|k|^3 - |k|)/12 for the random walk and for flicker the one of (1 - z^-1)^(-1/2) (Kasdin 1995).
 
-Everything here is in units of tau0: p = (N^2/tau0, B^2, K^2 tau0, Q^2/tau0^2, R^2 tau0^2). The fifth term is
-a rate ramp, R^2 tau^2/2, which has no noise but multiplies that of the others.
+Powers are in units of tau0: p = (N^2/tau0, B^2, K^2 tau0, Q^2/tau0^2, R^2 tau0^2). The fifth term is
+a rate ramp, R^2 tau^2/2, which has no noise of its own but multiplies that of the others.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -34,10 +35,9 @@ from imumon.samples import Floats, Ints
 TERMS = ("N", "B", "K", "Q", "R")
 """Order of the terms of the model: white, flicker, random walk, quantisation, rate ramp."""
 
-PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))  # Pairs of noise types of which a table is kept
-LEFT = np.array([left for left, _ in PAIRS])
-RIGHT = np.array([right for _, right in PAIRS])
-_HALF = np.array([0.5 if a == b else 1.0 for a, b in PAIRS])
+LEFT, RIGHT = np.triu_indices(4)
+PAIRS = tuple(zip(LEFT.tolist(), RIGHT.tolist(), strict=True))  # Pairs of noise types that have a table
+_HALF = np.where(LEFT == RIGHT, 0.5, 1.0)
 _GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # power of the cluster length with which r grows, by noise type
 _SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])  # noise types whose rate has a significant derivative
 _DEGREE = np.repeat([2, 1], [len(PAIRS), 4])  # of r in `_sums`
@@ -55,7 +55,7 @@ COARSE_LAGS = 16
 """Lags represented by one of them where the octaves are more than `FAR_OCTAVES` apart. Not critical."""
 
 SCALED_FROM = 5
-"""Octave. From here on octaves are scaled copies of one another: so the tables agree with the definition to
+"""Octave. From here on octaves are scaled copies of one another. The tables then agree with the definition to
 2e-4. Not critical."""
 
 SAMPLED_OCTAVES = 12
@@ -139,13 +139,13 @@ def _stride(octave: int) -> int:
 
 
 def _strides(m: Ints) -> Ints:
-    """`_stride` by cluster length."""
+    """Return the same by cluster length."""
     return np.maximum(1, m // RATIO)
 
 
 def octaves_in(span: int) -> int:
     """Return the number of octaves that have a difference in a record of `span` samples."""
-    return max(0, int(span).bit_length() - 1)
+    return max(0, span.bit_length() - 1)
 
 
 def tables(span: int, octaves: int, *, averaged: bool) -> CovarianceTables:
@@ -157,7 +157,6 @@ def tables(span: int, octaves: int, *, averaged: bool) -> CovarianceTables:
     octaves : how many, from m = 1 on; at most `octaves_in(span)`.
     averaged : true cluster averages, else point samples.
     """
-    span = max(int(span), 1 << octaves)
     step = max(0, span.bit_length() - SPAN_BITS)
     return _cached_tables(span >> step << step, octaves, averaged)
 
@@ -182,7 +181,8 @@ def _sums_of_pairs(i: Ints, j: Ints, span: int, averaged: bool) -> Floats:
     lines = np.stack([_lines(each, averaged) for each in range(int(apart.max()) + 1)], axis=-1)
     begin, slope = lines[:, :, first, apart]
     sums = np.asarray((begin + slope * (span >> copies)) * scales)
-    # pairs for which the record is too short: those of one j with all far i, or copies of one pair, at once
+    # Pairs for which the record is too short. Those of one j with all far i are computed at once, and copies
+    # of one pair too.
     m = 1 << j
     short = np.flatnonzero((span < LINEAR_CLUSTERS * m) | (span % _strides(m) != 0))
     group = np.where(apart[short] > FAR_OCTAVES, -j[short], 64 * apart[short] + first[short])
@@ -303,11 +303,10 @@ def _differences(i: int, apart: int, averaged: bool) -> tuple[Floats, Floats]:
     # white noise, random walk and quantisation end where the differences separate; both parts can be thinned
     cut = min(-(-(long + short + 1) // COARSE_LAGS) * COARSE_LAGS, size)
     core, tail = np.zeros((4, cut)), np.zeros(size - cut)
-    for p, weight_p in enumerate((1.0, -2.0, 1.0)):
-        for q, weight_q in enumerate((1.0, -2.0, 1.0)):
-            begin = q * long + (2 - p) * short
-            core += weight_p * weight_q * phase[:, begin : begin + cut]
-            tail += weight_p * weight_q * phase[1, begin + cut : begin + size]
+    for (p, weight_p), (q, weight_q) in product(enumerate((1.0, -2.0, 1.0)), repeat=2):
+        begin = q * long + (2 - p) * short
+        core += weight_p * weight_q * phase[:, begin : begin + cut]
+        tail += weight_p * weight_q * phase[1, begin + cut : begin + size]
     clusters = float(1 << i) * float(1 << (i + apart))
     return core / clusters, tail / clusters
 

@@ -5,10 +5,10 @@
 by generalised least squares with the exact covariance (`covariance`, `leastsquares`), over the octaves and
 terms that describe the channel (`model_selection`), with limits from score tests (`intervals`).
 
-Point estimates are cheap and computed for every call (`results`). Limits, selection and times
-(`time_to_precision`) are computed again when the record has grown by 2 % (`confidence` has the rules for what
-is measured and what only bounded); in between, limits move with their value. A channel with too little data
-is ``pending`` with a reason.
+Every call computes point estimates, which are cheap (`results`). It computes limits, selection and times
+(`time_to_precision`) again when the record has grown by 2 %; in between, limits move with their value. What
+is measured and what only bounded follows the rules in `confidence`. A channel with too little data is
+``pending`` with a reason.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit import confidence
-from imumon.noise.fit.confidence import ChannelConfidence, confidences
-from imumon.noise.fit.covariance import TERMS, octaves_in, tables
+from imumon.noise.fit.confidence import OCTAVES_FOR_N, ChannelConfidence, confidences
+from imumon.noise.fit.covariance import TERMS, tables
 from imumon.noise.fit.leastsquares import FitProblems
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
 
@@ -84,28 +83,26 @@ class Estimator:
         if curve.record is None or curve.record != self._record:
             self._confidences.clear()
         self._record = curve.record
-        octaves = min(len(curve.m), octaves_in(curve.span))
+        octaves, count = len(curve.m), curve.valid.size
         if octaves == 0:
-            return tuple(pending_fit(len(curve.m), "no difference yet") for _ in curve.valid)
-        count = curve.valid.size
+            return (pending_fit(0, "no difference yet"),) * count
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
-        problems, reasons = _problems(curve, octaves, flags, resolution)
+        problems, reasons = _problems(curve, flags, resolution)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._confidences.get(channel)
+            current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
             if reason is not None:
                 self._confidences.pop(channel, None)
-            elif known is None or (_has_grown(known.span, curve.span) if renew is None else renew):
+            elif known is None or renew or (renew is None and not current):
                 due.append(channel)
         if due:
-            self._renew(problems.take(np.array(due)), due, curve)
-        fits = [pending_fit(len(curve.m), *(reason or ("", None))) for reason in reasons]
-        if rows := [channel for channel, reason in enumerate(reasons) if reason is None]:
-            known_rows = [self._confidences[channel] for channel in rows]
-            fitted = channel_fits(curve, rows, problems.take(np.array(rows)), known_rows)
-            for channel, fit in zip(rows, fitted, strict=True):
-                fits[channel] = fit
-        return tuple(fits)
+            self._renew(problems.take(due), due, curve)
+        fits = {row: pending_fit(octaves, *reason) for row, reason in enumerate(reasons) if reason}
+        if rows := [row for row, reason in enumerate(reasons) if reason is None]:
+            known_rows = [self._confidences[row] for row in rows]
+            fits |= zip(rows, channel_fits(curve, rows, problems.take(rows), known_rows), strict=True)
+        return tuple(fits[row] for row in range(count))
 
     def _renew(self, problems: FitProblems, due: list[int], curve: AllanCurve) -> None:
         """Compute selection, limits and times of some channels, one problem each."""
@@ -113,10 +110,6 @@ class Estimator:
         precision = np.array([self.precision[name] for name in TERMS[:3]]) if self._time_to else None
         renewed = confidences(problems, previous, curve.span, curve.tau0, precision)
         self._confidences.update(zip(due, renewed, strict=True))
-
-
-def _has_grown(before: int, now: int) -> bool:
-    return now >= before * RENEWAL_GROWTH or now < before
 
 
 def fit_curve(
@@ -127,34 +120,27 @@ def fit_curve(
 
 
 def _problems(
-    curve: AllanCurve, k: int, averaged: Sequence[bool], resolution: Sequence[float] | None
+    curve: AllanCurve, averaged: Sequence[bool], resolution: Sequence[float] | None
 ) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
-    """Return the first k octaves of the curve as one problem per channel, and why a channel has none."""
+    """Return one problem per channel, and why a channel cannot be fitted (text and code)."""
     kinds = sorted(set(averaged))
-    table = tuple(tables(curve.span, k, averaged=kind) for kind in kinds)
-    terms = curve.terms[:k].T
-    variance = curve.avar[:k].T
+    table = tuple(tables(curve.span, len(curve.m), averaged=kind) for kind in kinds)
+    terms, variance = curve.terms.T, curve.avar.T
     used = (terms > 0) & (variance > LEAST_VARIANCE) & (variance < MAX_VARIANCE)
     thinning = np.sqrt(table[0].full / np.maximum(terms, 1))
-    reasons: list[tuple[str, str | None] | None] = []  # text and code
-    for row in range(len(used)):
+    reasons: list[tuple[str, str | None] | None] = []
+    for row, octaves in enumerate(used.sum(axis=1).tolist()):
         if not (terms[row] > 0).any():
             reasons.append(("no difference yet", None))
-        elif not used[row].any():
+        elif not octaves:
             reasons.append(("the channel is constant", "constant"))
         elif resolution is not None and variance[row, 0] < (HIDDEN_SHARE * resolution[row]) ** 2:
             reasons.append((f"its resolution of {resolution[row]:.3g} hides the noise", "resolution"))
-        elif used[row].sum() < confidence.OCTAVES_FOR_N:
-            reasons.append((f"{int(used[row].sum())} octaves, {confidence.OCTAVES_FOR_N} are needed", None))
+        elif octaves < OCTAVES_FOR_N:
+            reasons.append((f"{octaves} octaves, {OCTAVES_FOR_N} are needed", None))
         else:
             reasons.append(None)
-    problems = FitProblems(
-        table,
-        np.array([kinds.index(kind) for kind in averaged]),
-        np.where(used, variance, 1.0),
-        thinning,
-        used,
-        np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0),
-        np.zeros(len(used)),
-    )
-    return problems, reasons
+    kind = np.array([kinds.index(kind) for kind in averaged])
+    free = np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0)
+    variance, excess = np.where(used, variance, 1.0), np.zeros(len(used))
+    return FitProblems(table, kind, variance, thinning, used, free, excess), reasons

@@ -17,7 +17,7 @@ round to round is computed once (`PreparedProblems`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 
@@ -79,17 +79,10 @@ class FitProblems:
     free: Bools
     excess: Floats
 
-    def take(self, index: Ints | slice) -> FitProblems:
+    def take(self, index: Ints | Bools | list[int]) -> FitProblems:
         """Return some of the problems, in any order, also repeated."""
-        return FitProblems(
-            self.tables,
-            self.kind[index],
-            self.variance[index],
-            self.thinning[index],
-            self.used[index],
-            self.free[index],
-            self.excess[index],
-        )
+        arrays = ("kind", "variance", "thinning", "used", "free", "excess")
+        return replace(self, **{name: getattr(self, name)[index] for name in arrays})
 
     @property
     def span(self) -> int:
@@ -138,18 +131,10 @@ class PreparedProblems:
     unused: Floats
     floor: Floats
 
-    def take(self, index: Ints | Bools | slice) -> PreparedProblems:
+    def take(self, index: Ints | Bools) -> PreparedProblems:
         """Return those of some of the problems, in any order, also repeated."""
-        return PreparedProblems(
-            self.tables,
-            self.pairs,
-            self.own[index],
-            self.design[index],
-            self.variance[index],
-            self.thinning[index],
-            self.unused[index],
-            self.floor[index],
-        )
+        arrays = (self.own, self.design, self.variance, self.thinning, self.unused, self.floor)
+        return PreparedProblems(self.tables, self.pairs, *(array[index] for array in arrays))
 
     def model(self, p: Floats) -> Floats:
         """Return (b, k) unit^2, A p at powers p, (b, 5), without a negative term where A p would vanish."""
@@ -183,9 +168,7 @@ class PreparedProblems:
         relative = self.covariance(p, model)
         design = self.design / model[:, :, None]
         weighted = np.asarray(np.linalg.solve(relative, design))
-        return WeightedProblems(
-            model, relative, design, weighted, np.asarray(design.transpose(0, 2, 1) @ weighted)
-        )
+        return WeightedProblems(model, relative, design, weighted, design.transpose(0, 2, 1) @ weighted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,12 +194,7 @@ class WeightedProblems:
 def cube_root_score(ratio: Floats, dof: Floats) -> Floats:
     """Return the standard normal score of chi-square over its expectation (Wilson & Hilferty 1931).
 
-    Unlike the exact quantile it is finite and smooth for any ratio and any real degrees of freedom.
-
-    Parameters
-    ----------
-    ratio : 1, value over expectation, >= 0.
-    dof : 1, equivalent degrees of freedom.
+    Unlike the exact quantile it is finite and smooth for any ratio >= 0 and any real degrees of freedom.
     """
     h = 2.0 / (9.0 * dof)
     return np.asarray((np.cbrt(ratio) - (1.0 - h)) / np.sqrt(h))
@@ -257,7 +235,7 @@ def solve(
     *,
     start: Floats | None = None,
     held: Floats | None = None,
-    rounds: int | None = None,
+    rounds: int = MAX_ROUNDS,
 ) -> Floats:
     """Return the powers that fit best.
 
@@ -266,7 +244,7 @@ def solve(
     free : (b, 5) terms that are fitted.
     start : (b, 5) powers to begin with.
     held : (b, 5) powers of the terms that are not free; default: zero.
-    rounds : of weighting and solving, at most; default `MAX_ROUNDS`.
+    rounds : of weighting and solving, at most.
 
     Returns
     -------
@@ -280,24 +258,20 @@ def solve(
         p[vanishes] += START_SHARE * first_guess(prepared, free)[vanishes]
         p = p if held is None else np.where(free, p, held)
     if len(p):
-        _iterate(prepared, p, fixed, free, MAX_ROUNDS if rounds is None else rounds)
+        _iterate(prepared, p, fixed, free, rounds)
     return p
 
 
 def _iterate(prepared: PreparedProblems, p: Floats, fixed: Floats, free: Bools, rounds: int) -> None:
     """Weight and solve until the powers p, (b, 5), no longer change; p is overwritten.
 
-    Parameters
-    ----------
-    fixed : (b, 5) powers of the terms that are not free, 0.0 for those that are.
-    free : (b, 5)
+    `fixed`, (b, 5), holds the powers of the terms that are not free, and 0.0 for those that are.
     """
     most = int(free.sum(axis=1).max())
     terms = np.argsort(~free, axis=1, kind="stable")[:, :most]  # free terms first
     fitted = np.take_along_axis(free, terms, axis=1)
     design = np.take_along_axis(prepared.design, terms[:, None, :], axis=2)
     target = prepared.variance - (prepared.design @ fixed[:, :, None])[:, :, 0]
-    subsets = _Subsets.of(most)
     at, model = p, prepared.model(p)
     rows = np.arange(len(p))  # problems that have not converged
     for _ in range(rounds):
@@ -305,7 +279,7 @@ def _iterate(prepared: PreparedProblems, p: Floats, fixed: Floats, free: Bools, 
         scaled = design / model[:, :, None]
         weighted = np.linalg.solve(relative, scaled).transpose(0, 2, 1)
         right = (weighted @ (target / model)[:, :, None])[:, :, 0]
-        solution = subsets.solve(weighted @ scaled, right, fitted, terms == SIGNED)
+        solution = _solve_subsets(weighted @ scaled, right, fitted, terms == SIGNED)
         powers = fixed.copy()
         powers[np.arange(len(at))[:, None], terms] += solution
         after = prepared.model(powers)
@@ -322,50 +296,39 @@ def _iterate(prepared: PreparedProblems, p: Floats, fixed: Floats, free: Bools, 
             at, model = at[moving], model[moving]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Subsets:
-    """Every non-empty subset of f terms.
+@lru_cache(maxsize=T)
+def _subsets(terms: int) -> tuple[Bools, Floats, Floats]:
+    """Return every non-empty subset of f terms.
 
-    Attributes
-    ----------
+    Returns
+    -------
     inside : (s, f) whether a term is in a subset.
     both : (s, f, f) 1.0 where two terms are.
     ridge : (s, f, f) added to the diagonal, so that each subset has a solution.
     """
+    inside = np.array(list(product((False, True), repeat=terms))[1:])
+    both = (inside[:, :, None] & inside[:, None, :]).astype(np.float64)
+    return inside, both, np.where(inside, RIDGE, 1.0)[:, :, None] * np.eye(terms)
 
-    inside: Bools
-    both: Floats
-    ridge: Floats
 
-    @classmethod
-    @lru_cache(maxsize=T)
-    def of(cls, terms: int) -> _Subsets:
-        """Return the subsets of a number of terms."""
-        inside = np.array(list(product((False, True), repeat=terms))[1:])
-        both = (inside[:, :, None] & inside[:, None, :]).astype(np.float64)
-        return cls(inside, both, np.where(inside, RIDGE, 1.0)[:, :, None] * np.eye(terms))
+def _solve_subsets(normal: Floats, right: Floats, fitted: Bools, signed: Bools) -> Floats:
+    """Return (b, f) the least squares solution without negative powers, from those of all subsets.
 
-    def solve(self, normal: Floats, right: Floats, fitted: Bools, signed: Bools) -> Floats:
-        """Return the least squares solution without negative powers, from those of all subsets.
-
-        Parameters
-        ----------
-        normal, right : (b, f, f) and (b, f), normal equations.
-        fitted : (b, f) terms that may be in a subset.
-        signed : (b, f) terms that may be negative.
-
-        Returns
-        -------
-        (b, f)
-        """
-        diagonal = np.abs(np.einsum("bii->bi", normal))
-        scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        matrix = (normal / (scale[:, :, None] * scale[:, None, :]))[:, None] * self.both + self.ridge
-        target = (right / scale)[:, None] * self.inside
-        solutions = np.linalg.solve(matrix, target[..., None])[..., 0]
-        gain = np.einsum("bsf,bsf->bs", solutions, target)
-        allowed = (((solutions >= 0.0) | signed[:, None]) & (fitted[:, None] | ~self.inside)).all(axis=2)
-        gain = np.where(allowed, gain, -1.0)
-        best = gain.argmax(axis=1)
-        rows = np.arange(len(solutions))
-        return np.asarray(np.where(gain[rows, best, None] >= 0.0, solutions[rows, best], 0.0) / scale)
+    Parameters
+    ----------
+    normal, right : (b, f, f) and (b, f), normal equations.
+    fitted : (b, f) terms that may be in a subset.
+    signed : (b, f) terms that may be negative.
+    """
+    inside, both, ridge = _subsets(right.shape[1])
+    diagonal = np.abs(np.einsum("bii->bi", normal))
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    matrix = (normal / (scale[:, :, None] * scale[:, None, :]))[:, None] * both + ridge
+    target = (right / scale)[:, None] * inside
+    solutions = np.linalg.solve(matrix, target[..., None])[..., 0]
+    gain = np.einsum("bsf,bsf->bs", solutions, target)
+    allowed = (((solutions >= 0.0) | signed[:, None]) & (fitted[:, None] | ~inside)).all(axis=2)
+    gain = np.where(allowed, gain, -1.0)
+    best = gain.argmax(axis=1)
+    rows = np.arange(len(solutions))
+    return np.asarray(np.where(gain[rows, best, None] >= 0.0, solutions[rows, best], 0.0) / scale)

@@ -1,7 +1,7 @@
-"""Selection of the octaves and terms with which a curve is described, by a rule that does not flicker.
+"""Selection of the octaves and terms that describe a curve, with hysteresis.
 
 Real sensors are not three-term models. Filters, vibration and quantisation bend the short octaves, a spectral
-line some in the middle, a warm-up the long ones; an efficient fit would bend with them. The rule:
+line bends some in the middle, and a warm-up the long ones. An efficient fit would follow them. The rules:
 
 1. White noise, flicker and random walk over all octaves are accepted unless chi-square rejects them
    (p < `REJECTED_P`).
@@ -10,18 +10,18 @@ line some in the middle, a warm-up the long ones; an efficient fit would bend wi
    then passes.
 3. If the model is still rejected, the cheapest description that passes (p >= `ACCEPTED_P`) is searched. An
    excluded octave costs 1, a term `TERM_COST`. Octaves are excluded from the short end or as a block further
-   on, or both. A block costs one less where octaves stay below it, since those are the most precise and
-   agree, and three more where this is a single one, on which N would depend alone. Among equal costs the
-   description that keeps more octaves is preferred, then the one with the larger p.
-4. Where the shortest octaves are excluded, what bends them has a tail: noise correlated over a short time
-   adds to N^2/tau a term that falls as 1/tau^2 at longer tau, the shape of quantisation with either sign (for
-   a boxcar this is exact). There the 1/tau^2 term is free and may be negative, so that N and its limits do
-   not depend on the first octave that happens to pass.
+   on, or both. A block costs one less where several octaves remain below it, since those are the most
+   precise and agree, and three more where only one remains, because N would depend on it alone. At equal
+   cost more octaves win, then the larger p.
+4. If the shortest octaves are excluded, the cause of their deviation has a tail: noise correlated over a
+   short time adds to N^2/tau a term that falls as 1/tau^2 at longer tau, the shape of quantisation with
+   either sign (for a boxcar this is exact). So the 1/tau^2 term is free there and may be negative. N and its
+   limits then do not depend on the first octave that passes.
 5. If nothing passes up to `MAX_COST`, the best description is kept, and the rest counts as an error of the
-   model common to all octaves, as large as makes chi-square its expectation. It widens every interval.
+   model common to all octaves. Its size makes chi-square equal to its expectation. It widens every interval.
 
 The test allows a relative error of the model of `TOLERATED_ERROR`: with 10^9 samples any sensor departs from
-any model, and no octave is excluded for a part in a thousand; instead rule 5 includes this error.
+any model, and a part in a thousand excludes no octave. Instead rule 5 includes this error.
 
 An earlier selection is kept while it passes, and is replaced by a cheaper one only where that passes clearly
 (p >= `REGAINED_P`), so no octave alternates between reports.
@@ -42,7 +42,7 @@ from imumon.samples import Bools, Floats
 
 REJECTED_P = 1e-3
 """1, p-value below which a description is rejected. One record of a thousand that follows the model loses
-octaves without need."""
+octaves needlessly."""
 
 ACCEPTED_P = 0.1
 """1, p-value that a description must reach in a search: the best of many tries passes more easily."""
@@ -126,22 +126,22 @@ def select_models(problems: FitProblems, previous: Sequence[SelectedModel | None
     """
     selected: dict[int, SelectedModel] = {}
     known = [(row, model) for row, model in enumerate(previous) if model is not None]
-    refitted = _fitted(
-        problems.take(np.array([row for row, _ in known], dtype=np.int64)),
-        [(_extended(model.used, problems.used[row]), model.free) for row, model in known],
-    )
-    kept = [row for (row, _), model in zip(known, refitted, strict=True) if model.passes]
+    earlier = [(_extended(model.used, problems.used[row]), model.free) for row, model in known]
+    refitted = _fitted(problems.take([row for row, _ in known]), earlier)
     for (row, before), model in zip(known, refitted, strict=True):
         if model.passes:
             selected[row] = model
         elif problems.span < SEARCH_GROWTH * before.searched_span:
             selected[row] = replace(model, searched_span=before.searched_span)
-    selected |= zip(kept, _improved(_rows(problems, kept), [selected[row] for row in kept]), strict=True)
+    kept = [row for row, model in selected.items() if model.passes]
+    passed = [selected[row] for row in kept]
+    for row, model, other in zip(kept, passed, _with_scored_terms(problems.take(kept), passed), strict=True):
+        selected[row] = other if other is not model else _cheaper(problems.take([row]), model)
     new = [row for row in range(len(previous)) if row not in selected]
-    others = _rows(problems, new)
+    others = problems.take(new)
     plain = _with_scored_terms(others, _fitted(others, [(used, _BASE) for used in others.used]))
-    for index, (row, model) in enumerate(zip(new, plain, strict=True)):
-        best = model if model.passes else _searched(_rows(others, [index]), model)
+    for row, model in zip(new, plain, strict=True):
+        best = model if model.passes else _searched(problems.take([row]), model)
         selected[row] = best if best.passes else replace(best, searched_span=problems.span)
     return _with_error(problems, [selected[row] for row in range(len(previous))])
 
@@ -149,28 +149,20 @@ def select_models(problems: FitProblems, previous: Sequence[SelectedModel | None
 def with_selection(problems: FitProblems, models: Sequence[SelectedModel]) -> FitProblems:
     """Return the problems with the octaves and terms selected for them."""
     both = zip(models, problems.used, strict=True)
-    return replace(
-        problems,
-        used=np.array([_extended(model.used, available) for model, available in both]),
-        free=np.array([model.free for model in models]),
-        excess=np.array([model.excess for model in models]),
-    )
-
-
-def _rows(problems: FitProblems, rows: Sequence[int]) -> FitProblems:
-    return problems.take(np.array(rows, dtype=np.int64))
+    used = np.array([_extended(model.used, available) for model, available in both])
+    free, excess = (np.array([getattr(model, name) for model in models]) for name in ("free", "excess"))
+    return replace(problems, used=used, free=free, excess=excess)
 
 
 def _extended(used: Bools, available: Bools) -> Bools:
     """Return an earlier selection of octaves on a longer curve: new octaves are used."""
-    extended = np.ones(available.size, dtype=bool)
-    n = min(used.size, available.size)
-    extended[:n] = used[:n]
-    return extended & available
+    extended = available.copy()
+    extended[: used.size] &= used[: available.size]
+    return extended
 
 
 def _fitted(
-    problems: FitProblems, descriptions: Sequence[tuple[Bools, Bools]], rounds: int | None = None
+    problems: FitProblems, descriptions: Sequence[tuple[Bools, Bools]], rounds: int = FIT_ROUNDS
 ) -> list[SelectedModel]:
     """Return the fit of each problem with its octaves and terms."""
     count = len(descriptions)
@@ -180,32 +172,17 @@ def _fitted(
     free = np.array([terms for _, terms in descriptions])
     batch = replace(problems, used=used, free=free, excess=np.full(count, TOLERATED_ERROR**2))
     prepared = batch.prepare()
-    p = solve(prepared, free, rounds=FIT_ROUNDS if rounds is None else rounds)
+    p = solve(prepared, free, rounds=rounds)
     chi2, dof = misfit(prepared, p)
     models = []
     for row in range(count):
-        tested = bool(dof[row] > 0)
-        p_value = float(chdtrc(dof[row], chi2[row])) if tested else None
-        models.append(
-            SelectedModel(
-                used[row],
-                free[row],
-                p[row],
-                0.0,
-                float(chi2[row]) if tested else None,
-                int(dof[row]),
-                p_value,
-                p_value is None or p_value >= REJECTED_P,
-            )
-        )
+        statistic, p_value = None, None
+        if dof[row] > 0:
+            statistic, p_value = float(chi2[row]), float(chdtrc(dof[row], chi2[row]))
+        passes = p_value is None or p_value >= REJECTED_P
+        fit = used[row], free[row], p[row], 0.0, statistic, int(dof[row]), p_value, passes
+        models.append(SelectedModel(*fit))
     return models
-
-
-def _all_fitted(
-    problem: FitProblems, descriptions: Sequence[tuple[Bools, Bools]], rounds: int | None = None
-) -> list[SelectedModel]:
-    """Return the fits of one problem with each of some octaves and terms."""
-    return _fitted(_rows(problem, [0] * len(descriptions)), descriptions, rounds)
 
 
 def _scores(
@@ -217,7 +194,7 @@ def _scores(
     rows, terms = [row for row, _ in candidates], np.array([term for _, term in candidates])
     free = np.array([models[row].free for row in rows])
     free[np.arange(len(rows)), terms] = True
-    batch = replace(_rows(problems, rows), used=np.array([models[row].used for row in rows]), free=free)
+    batch = replace(problems.take(rows), used=np.array([models[row].used for row in rows]), free=free)
     start = np.array([models[row].p for row in rows])
     z, _ = score(batch.prepare(), free, terms, np.zeros(len(rows)), start)
     return [float(value) for value in z]
@@ -236,7 +213,7 @@ def _with_scored_terms(problems: FitProblems, models: Sequence[SelectedModel]) -
             added.setdefault(row, []).append(term)
     result = list(models)
     for row, terms in added.items():
-        result[row] = _with_terms(_rows(problems, [row]), models[row], terms)
+        result[row] = _with_terms(problems.take([row]), models[row], terms)
     return result
 
 
@@ -250,14 +227,6 @@ def _with_terms(problem: FitProblems, model: SelectedModel, terms: list[int]) ->
         if (fitted.p_value is None or fitted.p_value >= least) and np.all(fitted.p[extra] != 0.0):
             return fitted
     return model
-
-
-def _improved(problems: FitProblems, models: Sequence[SelectedModel]) -> list[SelectedModel]:
-    """Return the models with another term, or else cheaper ones where these pass clearly."""
-    return [
-        other if other is not model else _cheaper(_rows(problems, [row]), model)
-        for row, (model, other) in enumerate(zip(models, _with_scored_terms(problems, models), strict=True))
-    ]
 
 
 def _cheaper(problem: FitProblems, model: SelectedModel) -> SelectedModel:
@@ -274,19 +243,12 @@ def _cheaper(problem: FitProblems, model: SelectedModel) -> SelectedModel:
     fewer = [[term for term in extras if term != dropped] for dropped in extras]
     tries = [(mask, _terms(mask, extra)) for mask in masks for extra in [extras, *fewer]]
     tries = [row for row in tries if _cost(*row) < _cost(model.used, model.free)]
-    if not tries:
-        return model
-    for other in _all_fitted(problem, tries):
-        passes = other.p_value is not None and other.p_value >= REGAINED_P
-        if passes and _drops_nothing_visible(problem, other, model.free):
-            return other
+    for other in _fitted(problem.take([0] * len(tries)), tries):
+        if other.p_value is not None and other.p_value >= REGAINED_P:
+            dropped = [(0, int(term)) for term in np.flatnonzero(model.free & ~other.free)]
+            if max(_scores(problem, [other], dropped), default=0.0) < KEPT_SCORE:
+                return other
     return model
-
-
-def _drops_nothing_visible(problem: FitProblems, model: SelectedModel, free: Bools) -> bool:
-    """Return whether the scores of the terms that the model drops are low."""
-    dropped = [int(term) for term in np.flatnonzero(free & ~model.free)]
-    return not dropped or max(_scores(problem, [model], [(0, term) for term in dropped])) < KEPT_SCORE
 
 
 def _terms(used: Bools, extra: Sequence[int]) -> Bools:
@@ -315,18 +277,16 @@ def _searched(problem: FitProblems, rejected: SelectedModel) -> SelectedModel:
     """Return the cheapest description that passes, or the best of those that do not."""
     best = rejected
     for cost in range(MAX_COST + 1):
-        models = _all_fitted(problem, _candidates(problem.used[0], cost), rounds=SEARCH_ROUNDS)
+        descriptions = _candidates(problem.used[0], cost)
+        models = _fitted(problem.take([0] * len(descriptions)), descriptions, SEARCH_ROUNDS)
         models = [model for model in models if model.p[RAMP] > 0.0 or not model.free[RAMP]]
         passed = [model for model in models if model.p_value is not None and model.p_value >= ACCEPTED_P]
         if passed:
             return max(passed, key=lambda model: (model.used.sum(), model.p_value))
-        best = max([best, *models], key=_quality)
+        best = min(
+            [best, *models], key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof
+        )
     return best
-
-
-def _quality(model: SelectedModel) -> float:
-    """Return minus chi-square per degree of freedom."""
-    return -np.inf if model.chi2 is None else -model.chi2 / model.dof
 
 
 def _candidates(available: Bools, cost: int) -> list[tuple[Bools, Bools]]:
@@ -359,11 +319,8 @@ def _exclusions(octaves: int, cost: int) -> list[list[int]]:
 
 def _with_error(problems: FitProblems, models: list[SelectedModel]) -> list[SelectedModel]:
     """Return the models with chi-square without tolerance, and with their error where that rejects them."""
-    batch = replace(
-        problems,
-        used=np.array([model.used for model in models]),
-        free=np.array([model.free for model in models]),
-    )
+    used, free = (np.array([getattr(model, name) for model in models]) for name in ("used", "free"))
+    batch = replace(problems, used=used, free=free)
     prepared = batch.prepare()
     p = solve(prepared, batch.free, start=np.array([model.p for model in models]))
     chi2, dof = misfit(prepared, p)
@@ -372,19 +329,12 @@ def _with_error(problems: FitProblems, models: list[SelectedModel]) -> list[Sele
         if dof[row] <= 0:
             result.append(replace(model, p=p[row], chi2=None, dof=0, p_value=None))
             continue
-        p_value, powers, excess = float(chdtrc(dof[row], chi2[row])), p[row], 0.0
+        statistic, degrees, powers, excess = float(chi2[row]), int(dof[row]), p[row], 0.0
+        p_value = float(chdtrc(degrees, statistic))
         if p_value < REJECTED_P:
-            powers, excess = _model_error(_rows(batch, [row]), p[row], int(dof[row]))
-        result.append(
-            replace(
-                model,
-                p=powers,
-                excess=excess,
-                chi2=float(chi2[row]),
-                dof=int(dof[row]),
-                p_value=p_value,
-            )
-        )
+            powers, excess = _model_error(batch.take([row]), powers, degrees)
+        fit = replace(model, p=powers, excess=excess, chi2=statistic, dof=degrees, p_value=p_value)
+        result.append(fit)
     return result
 
 

@@ -1,7 +1,7 @@
 """Fit of a channel in SI units, and the classical slope readings of its curve.
 
 Point estimates follow every curve. Limits, status and times are those of the last renewal (`confidence`); the
-limits have moved with their value since.
+limits move with their value in between.
 """
 
 from __future__ import annotations
@@ -89,19 +89,12 @@ class ChannelFit:
 
 def pending_fit(octaves: int, reason: str, reason_code: str | None = None) -> ChannelFit:
     """Return the fit of a channel with too little data."""
-    pending = FittedCoefficient(reason=reason, reason_code=reason_code)
-    zeros = np.zeros(octaves)
-    unused = np.zeros(octaves, dtype=bool)
-    return ChannelFit(
-        N=pending, B=pending, K=pending, model=zeros, used=unused, low=zeros, high=zeros, edf=zeros
-    )
+    c, zeros = FittedCoefficient(reason=reason, reason_code=reason_code), np.zeros(octaves)
+    return ChannelFit(N=c, B=c, K=c, model=zeros, used=zeros > 0.0, low=zeros, high=zeros, edf=zeros)
 
 
 def channel_fits(
-    curve: AllanCurve,
-    channels: Sequence[int],
-    problems: FitProblems,
-    known: Sequence[ChannelConfidence],
+    curve: AllanCurve, channels: Sequence[int], problems: FitProblems, known: Sequence[ChannelConfidence]
 ) -> list[ChannelFit]:
     """Return the fits of some channels of a curve.
 
@@ -137,11 +130,10 @@ def _channel(
     limits: tuple[Floats, Floats],
 ) -> ChannelFit:
     """Return the fit of one channel; `limits` are those of the Allan deviation over its estimate."""
-    total, k = len(curve.m), model.size
     tau0 = curve.tau0
     unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0, tau0**2, 1.0 / tau0**2]))
-    present = curve.terms[:k, channel] > 0
-    sigma = curve.sigma[:k, channel]
+    present = curve.terms[:, channel] > 0
+    sigma = curve.sigma[:, channel]
     low, high = (np.where(present, sigma * limit, 0.0) for limit in limits)
     selected = known.model
     positive = present & (sigma > 0.0)
@@ -154,36 +146,35 @@ def _channel(
         chi2=selected.chi2,
         dof=selected.dof if selected.chi2 is not None else None,
         p_value=selected.p_value,
-        model=_padded(np.sqrt(model), total),
-        used=_padded(used, total),
-        low=_padded(low, total),
-        high=_padded(high, total),
-        edf=_padded(np.where(present, edf, 0.0), total),
+        model=np.sqrt(model),
+        used=used,
+        low=low,
+        high=high,
+        edf=np.where(present, edf, 0.0),
         time_to=known.time_to,
-        readings=read_slopes(curve.tau[:k][positive], sigma[positive]),
+        readings=read_slopes(curve.tau[positive], sigma[positive]),
         caveats=caveats,
     )
 
 
 def _coefficient(p: Floats, known: ChannelConfidence, term: int, unit: float) -> FittedCoefficient:
     """Return one coefficient in SI; its limits move with its value since they were computed."""
-    status, then = known.status[term], known.model.p[term]
+    status, before = known.status[term], known.model.p[term]
     if status == "pending":
         return FittedCoefficient(reason=known.reasons[term])
     high = math.sqrt(known.high[term]) * unit
     if status == "upper_bound":
         return FittedCoefficient(low=0.0, high=high, status=status, reason=known.reasons[term])
-    ratio = math.sqrt(p[term] / then) if p[term] > 0.0 and then > 0.0 else 1.0
-    value = math.sqrt(then) * ratio * unit
-    low = math.sqrt(known.low[term]) * unit
-    return FittedCoefficient(
-        value=value, low=min(low * ratio, value), high=max(high * ratio, value), status=status
-    )
+    ratio = math.sqrt(p[term] / before) if p[term] > 0.0 and before > 0.0 else 1.0
+    value = math.sqrt(before) * ratio * unit
+    low, high = min(math.sqrt(known.low[term]) * unit * ratio, value), max(high * ratio, value)
+    return FittedCoefficient(value=value, low=low, high=high, status=status)
 
 
 def _caveats(
     selected: SelectedModel, used: Bools, present: Bools, variance: Floats, model: Floats, edf: Floats
 ) -> tuple[str, ...]:
+    """Return the caveats of a fit; see `ChannelFit`."""
     excluded = present & ~used
     caveats = ["misfit"] if not selected.passes or excluded.sum() > used.sum() else []
     below, agree = selected.p[QUANTISATION] < 0.0, True
@@ -209,7 +200,7 @@ def _share_of_expectation(probability: float, dof: Floats) -> Floats:
 def _few_differences_quantile(dof: Floats) -> Floats:
     """Return the 2.5 % quantile of an Allan variance over its expectation, also for few differences.
 
-    Chi-square of the same equivalent degrees of freedom has too long a tail towards zero there: several
+    Chi-square of the same equivalent degrees of freedom has too long a tail towards zero there. Several
     squares of unequal weights are less often all small than one and a fraction of equal ones. The table is
     the distribution of the squares with their weights, the eigenvalues of the covariance of the differences
     at R = 8, for flicker and random walk (white noise is up to a third narrower); from 18 degrees of freedom
@@ -222,13 +213,8 @@ def _few_differences_quantile(dof: Floats) -> Floats:
     return np.asarray(np.where(dof < _FEW_EDF[-1], few, _share_of_expectation(0.025, dof)))
 
 
-def _padded(values: np.ndarray, octaves: int) -> np.ndarray:
-    """(octaves,), with zeros appended."""
-    return np.concatenate([values, np.zeros(octaves - values.size, dtype=values.dtype)])
-
-
 def read_slopes(tau: Floats, sigma: Floats) -> Readings:
-    """Read N, B and K off a curve in the classical way, for comparison with papers and other tools.
+    """Return N, B and K read off a curve in the classical way, for comparison with papers and other tools.
 
     N is the line of slope -1/2 read at 1 s, K the line of slope +1/2 read at 3 s, B the flat part divided by
     sqrt(2 ln 2 / pi) = 0.664 (IEEE Std 952 annex C; the same as in MATLAB's example). Each line goes through

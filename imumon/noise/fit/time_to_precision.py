@@ -5,8 +5,8 @@ of generalised least squares, (A' V^-1 A)^-1 (Aitken 1935; `intervals.deviations
 `EXACT_DOUBLINGS` doublings use the tables of such records. Longer records follow by scaling: a record 2^q
 times as long resembles, at its long octaves, the last of these with N^2 smaller and K^2 larger by 2^q, and
 its q shortest octaves are ignored. Precision grows at least as the square root of the length,
-because a record contains its parts. A coefficient that the record does not show yet has no time: it may be
-zero, and a bound says how large it may be, not how large it is.
+because a record contains its parts. A coefficient that the record does not show yet has no time, because it
+may be zero: a bound limits it but does not measure it.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _samples_to(problems: FitProblems, p: Floats, widths: Floats, span: int, pre
     plain = problems.excess == 0.0
     growth = np.sqrt(lengths / lengths[0])
     spread[plain] = np.fmin(spread[plain], spread[plain, :1] / growth[:, None])
-    # the present limits fix the scale; the covariance gives the change relative to them
+    # The present limits set the scale; the covariance gives the change relative to them.
     known = np.isfinite(widths) & (spread[:, 0] > 0.0) & np.isfinite(spread[:, 0])
     quantile = np.where(known, widths, USUAL_QUANTILE) / np.where(known, spread[:, 0], 1.0)
     expected = spread * np.clip(quantile, LEAST_QUANTILE, MAX_QUANTILE)[:, None, :]

@@ -300,7 +300,7 @@ class HourlyStatistics:
         return whole
 
     def _curve(self, stretch: WindowSums) -> AllanCurve:
-        return stretch.curve(self._interval, self._cascade.cascade.ratio)
+        return stretch.curve(self._interval)
 
     def _new(self) -> Moments:
         return Moments(len(self._groups), groups=self._groups)
