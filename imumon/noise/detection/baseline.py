@@ -306,8 +306,8 @@ class NoiseBaseline(ArrayState):
         shift = MAD_SIGMA * _median(self._ring[:n, 3], np.zeros_like(rms))
         # The mean of a frame scatters at least as white noise of the parts would. With few distances, the
         # scatter of the parts is the least that is assumed.
-        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
-        self.shift = MEAN_SIGMA * (known if n > LEVEL_FRAMES else np.maximum(parts, known))
+        shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
+        self.shift = MEAN_SIGMA * (shift if n > LEVEL_FRAMES else np.maximum(parts, shift))
         # a constant channel differs from its level by rounding
         for limit in (self.sample, self.part, self.shift):
             np.maximum(limit, ROUNDING * np.abs(self.origin), out=limit)
@@ -352,7 +352,7 @@ class NoiseBaseline(ArrayState):
 
 
 def _median(rows: Floats, otherwise: Floats) -> Floats:
-    """Return the median of the finite numbers over the first axis; `otherwise` if there are none.
+    """Return the median of the finite numbers over the first axis, or `otherwise` without any.
 
     numpy's nanmedian takes fifty times as long on a few rows.
     """

@@ -22,7 +22,7 @@ from imumon.samples import Bools, Floats
 Codes: TypeAlias = npt.NDArray[np.int8]
 Reason: TypeAlias = Literal["glitch", "knock", "motion", "clipped", "stuck", "magnetic"]
 REASONS: tuple[Reason, ...] = get_args(Reason)
-"""Reasons in rising rank: if several hold, the last one counts. The code of a reason is its place, from 1."""
+"""Reasons in rising rank: if several apply, the last one counts. The code of a reason is its place, from 1."""
 
 GLITCH, KNOCK, MOTION, CLIPPED, STUCK, MAGNETIC = range(1, 7)
 INERTIAL = ("gyro", "accel")
@@ -34,7 +34,7 @@ MOTION_FRAMES = 8
 QUIET_FRAMES = 5
 """Quiet frames in a row that end motion."""
 NEW_BASELINE_FRAMES = 16
-"""Frames of motion that are tried as a new baseline: enough to know its scales to 20 %."""
+"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %."""
 MOST_UNUSUAL = 0.15
 """Share of these frames that may be unusual by the baseline that was learned from them."""
 LARGEST_SHARE = 0.5

@@ -12,8 +12,8 @@ Rules:
   by itself. Other sensors (temperature, pressure) pass unchanged.
 - The result depends on the grid alone: any chunking of the input gives the same exclusions.
 - Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass
-  on, unfiltered. Later results lack only the excluded ones.
-- This module owns margins, order and counters. The detectors decide what is unusual.
+  on, unfiltered. Later results differ by the excluded samples only.
+- The guard applies margins, order and counters. The detectors decide which samples are unusual.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Guard:
         self._saturated = np.zeros(0, dtype=bool)
         self._codes = np.zeros((0, len(self._detectors)), dtype=np.int8)  # of the parts assessed
         self._tail = np.zeros((PARTS, len(self._detectors)), dtype=np.int8)  # of the parts passed on last
-        self._index = 0  # place on the grid of the first row held
+        self._index = 0  # place on the grid of the first row that is held back
         self._started = False
         self._breaks: list[int] = []  # places on the grid before which the record breaks
         self._events: list[Disturbance] = []
@@ -142,6 +142,11 @@ class Guard:
         """Excluded samples of gyroscope and accelerometer, or of a stream that has neither."""
         inertial = any(detector.inertial for detector in self._detectors)
         return int(self._counts[:MAGNETIC].sum() if inertial else self._counts.sum())
+
+    @property
+    def held(self) -> int:
+        """Samples that are held back."""
+        return len(self._values)
 
     @property
     def pending(self) -> GuardedSamples | None:

@@ -26,8 +26,8 @@ MOST_SIGMA = 1e6
 LIMIT_95 = 1.96
 """Standard errors, half-width of a 95 % interval."""
 
-_TINY = 1e-300  # keeps divisions by a zero deviation finite
-_LEAST_ERROR = 1e-12  # relative; keeps a ratio of equal limits finite
+_TINY = 1e-300  # least divisor
+_LEAST_ERROR = 1e-12  # relative, least divisor
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Drift: slope of the mean against time and against temperature, with limits that know the noise.
+"""Drift: slope of the mean against time and against temperature, with limits that follow from the noise.
 
 The record is kept as at most 128 means over equal stretches; when they are full, neighbours are joined and
 stretches double. Slopes are fitted to the means by generalised least squares (Aitken 1935) with the
@@ -38,8 +38,8 @@ STEP_SIGMA = 6.0
 """Standard errors of the size of a step against all the noise beyond which it is reported: 128 places are
 tested repeatedly."""
 ABRUPT_SIGMA = 4.0
-"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift looks
-like a step only over several means."""
+"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift is
+as large only over several means."""
 STEP_WALK = 0.5
 """Share of the fitted K that is noise in a search for a step: a step raises the K that is fitted over it."""
 LEAST_SPAN_DEGC = 0.3
@@ -49,9 +49,9 @@ BEYOND_WHITE = 0.1
 HIGHEST_SHARE = 0.1
 """Share of the range of means by which the last one may be below the highest. Not critical."""
 LEAST_LEFT = 1e-12
-"""Least share of the Allan variance that is left without the temperature, for its logarithm."""
+"""Least share of the Allan variance that remains without the temperature, for its logarithm."""
 
-_TINY = 1e-300  # keeps divisions by a zero sum finite
+_TINY = 1e-300  # least divisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +186,8 @@ class DriftAccumulator:
         if time is None or self._temperature is None or c == self._temperature:
             return None if time is None else Trend(time)
         at, mean, count = self._means(c)
-        known, value, _ = self._means(self._temperature)
-        both, own, other = np.intersect1d(at, known, assume_unique=True, return_indices=True)
+        degrees_at, value, _ = self._means(self._temperature)
+        both, own, other = np.intersect1d(at, degrees_at, assume_unique=True, return_indices=True)
         mean, count, degrees = mean[own], count[own], value[other]
         if len(both) < LEAST_MEANS or np.ptp(degrees) < LEAST_SPAN_DEGC:
             return Trend(time)
@@ -216,35 +216,35 @@ class DriftAccumulator:
         changed = False
         for c, trend in enumerate(trends[: avar.shape[1]]):
             if trend is not None and trend.temperature is not None and trend.temperature.significant:
-                avar[:, c] *= self._left(c, trend.temperature.value, curve.tau)
+                avar[:, c] *= self._share_without_temperature(c, trend.temperature.value, curve.tau)
                 changed = True
         return replace(curve, avar=avar) if changed else None
 
-    def _left(self, c: int, slope: float, tau: Floats) -> Floats:
+    def _share_without_temperature(self, c: int, slope: float, tau: Floats) -> Floats:
         """Return (k,) the share of the Allan variance at tau, s, that does not follow the temperature."""
         assert self._temperature is not None
         series = np.full((2, MEANS), np.nan)  # the channel, with and without the effect of the temperature
         at, mean, _ = self._means(c)
         series[:, at] = mean
         degrees = np.full(MEANS, np.nan)
-        known_at, value, _ = self._means(self._temperature)
-        degrees[known_at] = value
+        degrees_at, value, _ = self._means(self._temperature)
+        degrees[degrees_at] = value
         series[1] -= slope * degrees
         series[0, np.isnan(series[1])] = np.nan
-        width, m, known, left = self._width / self._rate, 1, [], []
+        width, m, times, shares = self._width / self._rate, 1, [], []
         while 3 * m <= len(at):
             steps = series[:, m:] - series[:, :-m]
             ok = np.isfinite(steps[0])
             if ok.sum() >= 2 and (power := np.square(steps[:, ok]).sum(axis=1))[0] > 0.0:
-                known.append(m * width)
-                left.append(min(1.0, float(power[1] / power[0])))
+                times.append(m * width)
+                shares.append(min(1.0, float(power[1] / power[0])))
             series = 0.5 * (series[:, m:] + series[:, :-m])
             m *= 2
-        if not known:
+        if not times:
             return np.ones_like(tau)
-        share = np.exp(np.interp(np.log(tau), np.log(known), np.log(np.maximum(left, LEAST_LEFT))))
+        share = np.exp(np.interp(np.log(tau), np.log(times), np.log(np.maximum(shares, LEAST_LEFT))))
         # Below the shortest stretch temperature is a ramp, whose share of white noise grows with tau^3.
-        return np.where(tau < known[0], 1.0 - (1.0 - left[0]) * (tau / known[0]) ** 3, share)
+        return np.where(tau < times[0], 1.0 - (1.0 - shares[0]) * (tau / times[0]) ** 3, share)
 
     def slope(
         self, c: int, noise: MeanCovariance, begin_s: float = 0.0, end_s: float = math.inf
@@ -279,11 +279,11 @@ class DriftAccumulator:
         jumps, slope = np.diff(mean), np.diff(at * width)
         along = weights @ slope
         weights -= np.outer(along, along) / max(float(slope @ along), _TINY)
-        pulls = weights @ jumps
+        products = weights @ jumps
         own = np.maximum(np.diag(weights), _TINY)
-        scores = np.abs(pulls) / np.sqrt(own)
+        scores = np.abs(products) / np.sqrt(own)
         j = int(np.argmax(scores))
-        misfit = (float(jumps @ pulls) - float(scores[j]) ** 2) / (len(jumps) - 2)
+        misfit = (float(jumps @ products) - float(scores[j]) ** 2) / (len(jumps) - 2)
         sigma = float(scores[j]) / math.sqrt(max(1.0, misfit))
         near = [mean[min(j + b, len(mean) - 1)] - mean[max(j - a, 0)] for a, b in ((0, 1), (1, 1), (0, 2))]
         close = max(abs(float(v)) for v in near) / math.sqrt(float(covariance[j, j]))
@@ -300,7 +300,7 @@ class DriftAccumulator:
         return BiasStep(float(at[j] + 1) * width, change)
 
     def mean_change(self, c: int, begin_s: float, end_s: float) -> float | None:
-        """Return the difference of the means at two times, channel unit; None if there are none."""
+        """Return the difference of the means at two times, channel unit; None if unknown."""
         at, mean, _ = self._means(c)
         width = self._width / self._rate
         places = np.searchsorted(

@@ -141,7 +141,7 @@ class HourlyStatistics:
             part = min(n, self._until_split())
             long = n > LONG_GAP_HOURS * self._hour and self.position % self._hour == 0
             if long and len(self._splits()) == 1:
-                part = n // self._hour * self._hour  # hours without samples are not kept
+                part = n // self._hour * self._hour  # hours without samples are skipped
             self.drift.skip(part)
             self._cascade.skip(part)
             self._split()
@@ -194,7 +194,7 @@ class HourlyStatistics:
         """Decide whether a warm-up ended at a candidate."""
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
-        # the noise is fitted after the candidate: before it, a warm-up may look like K
+        # the noise is fitted after the candidate: a warm-up raises the fitted K
         fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self._warmup_channels))
         times = [share * middle for share in OVER_SHARES]
         settled = any(
@@ -262,13 +262,13 @@ class HourlyStatistics:
         """Merge segments that no later split separates."""
         pending = (c for c in self._candidates if DECISION_LENGTH * c > at)
         needed = {self._start, *pending, at - self._hour, at}
-        kept: list[tuple[int, Moments]] = []
+        merged: list[tuple[int, Moments]] = []
         for start, moments in self._segments:
-            if kept and start not in needed:
-                kept[-1][1].merge(moments)
+            if merged and start not in needed:
+                merged[-1][1].merge(moments)
             else:
-                kept.append((start, moments))
-        self._segments = kept
+                merged.append((start, moments))
+        self._segments = merged
 
     def _merged(self, begin: int, end: int) -> Moments:
         """Return the moments of the segments that begin from `begin` on and before `end`."""
@@ -311,7 +311,7 @@ class HourlyStatistics:
         return out
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state; the object is new and made with the same arguments."""
+        """Continue from a saved state; the object is new and has the same arguments."""
         self._cascade = WindowedCascade.restore(subset(saved, "cascade."))
         self.drift = DriftAccumulator.restore(subset(saved, "drift."))
         marks = self._cascade.windows

@@ -34,7 +34,7 @@ LEAST_EVIDENCE = 16.0
 """Twice the logarithm of the ratio of the likelihoods beyond which an exponential is significant. Of
 simulated series without one, one in a hundred reaches 10 and about one in ten thousand 16."""
 
-_TINY = 1e-300  # keeps divisions by a zero sum finite
+_TINY = 1e-300  # least divisor
 _ROUNDING = 1e-12  # share of a sum of squares that rounding may leave
 
 
@@ -86,12 +86,12 @@ def fit_settling(
         y, shapes = white[..., 0], white[..., 1:]
         whole = np.maximum(np.einsum("mk,mk->m", y, y), _TINY)[:, None]
         power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), _TINY)
-        pull = np.einsum("mkt,mk->mt", shapes, y)
-        left = np.maximum(whole - pull**2 / power, _ROUNDING * whole)
-        fits = n * np.log(left) + logs[:, None]
+        product = np.einsum("mkt,mk->mt", shapes, y)
+        residual = np.maximum(whole - product**2 / power, _ROUNDING * whole)
+        fits = n * np.log(residual) + logs[:, None]
         without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(fits[:, 0].min()))
         m, t = divmod(int(np.argmin(fits[:, 1:])), len(times_s))
-        size = float(pull[m, t + 1] / power[m, t + 1])
+        size = float(product[m, t + 1] / power[m, t + 1])
         best = min(best, (float(fits[m, t + 1]), float(times_s[t]), size))
     return SettlingFit(best[1], best[2], without - best[0])
 

@@ -30,8 +30,8 @@ CHANGED_SIGMA = 5.0
 SETTLED_SLOPE = 0.5
 """Ratio of the slope after to the slope before, at most, for a warm-up that is over."""
 OVER_SHARES = (0.0625, 0.125, 0.25, 0.5)
-"""Time constants of an exponential that is over at a candidate (at most a seventh is left), as shares of its
-time."""
+"""Time constants of an exponential that is over at a candidate, as shares of its time: at most a seventh
+remains."""
 LASTING_SHARES = (0.05, 0.1, 0.2, 0.35, 0.5)
 """Time constants of an exponential that still bends the record, as shares of its length."""
 LEAST_WARMUP_S = 120.0

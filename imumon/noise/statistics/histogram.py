@@ -144,12 +144,12 @@ class HistogramAccumulator:
 
     def _learn(self) -> None:
         """Estimate the steps from the samples that are held back, and count these."""
-        held, self._held = self._held, []
+        blocks, self._held = self._held, []
         for c, group in enumerate(self._groups):
-            x = np.concatenate([v[:, c] if ok is None else v[ok[:, group], c] for v, ok in held])
+            x = np.concatenate([v[:, c] if ok is None else v[ok[:, group], c] for v, ok in blocks])
             self._step[c] = quantum(x)
             self._unit[c] = self._step[c] or 1.0
-        for values, ok in held:
+        for values, ok in blocks:
             self._add(values, ok)
 
     def _add(self, values: Floats, valid: Bools | None) -> None:
@@ -365,7 +365,7 @@ def _deviations(n: int, distance: float, skewness: float, kurtosis: float, modes
         "light tails": kurtosis < -tails and modes == 1,
         "skewed": abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n),
     }
-    deviations = [text for text, holds in conditions.items() if holds]
+    deviations = [text for text, applies in conditions.items() if applies]
     different = distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n)
     return deviations or (["shape"] if different else [])
 

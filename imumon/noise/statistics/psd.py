@@ -7,9 +7,9 @@ scipy.signal.welch needs the whole record at once and has one resolution for all
 costs 50 MB.
 
 - A stage uses its first 1024 segments, then one in 2, from 2048 on one in 4 ...: 512 more each time the
-  record doubles. After a thousand averages a bin is known to 3 %, and more cost time for little.
+  record doubles. A thousand averages give a bin to 3 %; more cost time for little.
 - Missing samples are replaced by the mean of their neighbourhood (128 samples); a segment of which more than
-  a tenth was replaced does not count. So a gap costs a segment at short periods and nothing at long ones.
+  a tenth was replaced does not count. So a gap costs a segment at short periods and none at long ones.
 - Density is one-sided: white noise of coefficient N (Allan variance N^2/tau) has density 2 N^2.
 """
 
@@ -250,9 +250,9 @@ class SpectrumAccumulator:
         stages = self._densities()
         c = len(self._groups)
         if not stages:
-            nothing = np.zeros((0, c))
+            empty = np.zeros((0, c))
             white = np.full(c, np.nan)
-            return PowerSpectrum(np.zeros(0), nothing, nothing.astype(np.int64), ((),) * c, white)
+            return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), ((),) * c, white)
         frequency, density, averages = [], [], []
         lines: list[list[Line]] = [[] for _ in self._groups]
         rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)

@@ -29,7 +29,7 @@ GUARD = 3
 """Bins between these and the bin, which the line may fill: the main lobe of the window is four wide."""
 _WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))  # bins of each stretch
 LOWEST_BIN = 12
-"""First bin in which a line is sought: below, a drift looks like one."""
+"""First bin in which a line is sought: below, a drift exceeds the bins beside it."""
 MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
 """Highest harmonic of the mains that is a candidate. Not critical."""
