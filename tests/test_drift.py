@@ -1,4 +1,4 @@
-"""Drift: slopes are found with correct limits, and a random walk is no slope."""
+"""Drift: slopes have correct limits, and a random walk is no slope."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def test_slopes_scatter_as_their_errors_predict_and_none_is_significant(noise: s
     z = []
     for seed in range(2):
         values = synthesise(20_000, RATE, N=[n] * 12, B=b, K=k, seed=seed)
-        found = trends(values + 9.8, MeanCovariance(n, b, k))
-        assert not any(t.time.significant for t in found)
-        z += [t.time.value / t.time.error for t in found]
+        results = trends(values + 9.8, MeanCovariance(n, b, k))
+        assert not any(t.time.significant for t in results)
+        z += [t.time.value / t.time.error for t in results]
     assert np.std(z) == pytest.approx(1.0, abs=0.45)  # three standard errors of 24 values
     assert abs(np.mean(z)) < 0.6
 
 
-def test_drift_is_found_with_its_limits() -> None:
+def test_drift_is_estimated_with_correct_limits() -> None:
     slope = 2e-7  # 7.2e-4 in an hour
     values = synthesise(36_000, RATE, N=[1e-4] * 12, B=2e-5, K=1e-7, seed=5)
     values += slope * np.arange(len(values))[:, None] / RATE
-    found = [t.time for t in trends(values, MeanCovariance(1e-4, 2e-5, 1e-7))]
-    assert all(s.significant for s in found)
-    assert sum(s.low < slope < s.high for s in found) >= 9
+    slopes = [t.time for t in trends(values, MeanCovariance(1e-4, 2e-5, 1e-7))]
+    assert all(s.significant for s in slopes)
+    assert sum(s.low < slope < s.high for s in slopes) >= 9
 
 
 def test_temperature_explains_what_follows_it() -> None:
@@ -71,7 +71,7 @@ def test_temperature_explains_what_follows_it() -> None:
     assert abs(second.temperature.value) < 4 * second.temperature.error
 
 
-def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None:
+def test_the_curve_without_temperature_equals_that_at_constant_temperature() -> None:
     n, rng = 72_000, np.random.default_rng(4)
     hours = np.arange(n) / RATE / 3600
     degrees = 25.0 + 4.0 * np.sin(2 * np.pi * 1.3 * hours) + 0.01 * rng.standard_normal(n)
@@ -85,9 +85,9 @@ def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None
     drift = DriftAccumulator((0, 0, 0, 1), RATE, temperature=3)
     drift.update(np.column_stack((values, degrees)))
     noise_model = MeanCovariance(1e-4, 2e-5, 1e-7)
-    found = drift.without_temperature(curves[1], drift.result([noise_model] * 3 + [None]))
-    assert found is not None
-    before, truth, after = curves[1].sigma, curves[0].sigma, found.sigma
+    corrected = drift.without_temperature(curves[1], drift.result([noise_model] * 3 + [None]))
+    assert corrected is not None
+    before, truth, after = curves[1].sigma, curves[0].sigma, corrected.sigma
     long = (curves[1].tau > 60) & (curves[1].tau < 1000)
     assert (before[long, :2] / truth[long, :2]).max() > 5.0
     np.testing.assert_allclose(after[long, :2], truth[long, :2], rtol=0.25)
@@ -98,12 +98,12 @@ def test_the_curve_without_temperature_is_that_of_the_sensor_kept_warm() -> None
     assert drift.without_temperature(curves[0], drift.result([noise_model] * 3 + [None])) is None
 
 
-def test_a_constant_temperature_says_nothing() -> None:
+def test_a_constant_temperature_gives_no_slope() -> None:
     values = synthesise(20_000, RATE, N=[1e-4], seed=3)
     degrees = 25.0 + 0.1 * (np.arange(len(values)) % 2)
-    (found,) = trends(np.column_stack((values, degrees)), MeanCovariance(1e-4, 1e-6, 1e-8), temperature=1)
-    assert found.temperature is None
-    assert found.explained is None
+    (trend,) = trends(np.column_stack((values, degrees)), MeanCovariance(1e-4, 1e-6, 1e-8), temperature=1)
+    assert trend.temperature is None
+    assert trend.explained is None
 
 
 def test_too_short_or_unknown_noise_is_none() -> None:
@@ -130,7 +130,7 @@ def test_any_chunking_and_a_restored_state_give_the_same() -> None:
     np.testing.assert_allclose(slopes[0], slopes[2], rtol=1e-6)
 
 
-def test_holes_take_their_time() -> None:
+def test_gaps_count_as_time() -> None:
     slope = 1e-3
     t = np.arange(20_000) / RATE
     values = 1e-3 * np.random.default_rng(1).standard_normal((20_000, 1)) + slope * t[:, None]
@@ -138,16 +138,16 @@ def test_holes_take_their_time() -> None:
     drift.update(values[:4000])
     drift.skip(9000)
     drift.update(values[13_000:])
-    (found,) = drift.result([MeanCovariance(1e-3 / np.sqrt(RATE), 0.0, 0.0)])
-    assert found is not None
-    assert found.time.value == pytest.approx(slope, rel=1e-3)
+    (trend,) = drift.result([MeanCovariance(1e-3 / np.sqrt(RATE), 0.0, 0.0)])
+    assert trend is not None
+    assert trend.time.value == pytest.approx(slope, rel=1e-3)
     drift.skip(10**9)
     assert drift.elapsed_s > 1e8
     assert sum(a.nbytes for a in drift.save().values()) < 10_000
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_means_step_as_the_noise_says(noise: str) -> None:
+def test_differences_of_means_scatter_as_the_noise_predicts(noise: str) -> None:
     n, b, k = NOISES[noise]
     noise_model = MeanCovariance(n, b, k)
     values = synthesise(12_000, RATE, N=[n] * 400, B=b, K=k, seed=7)
@@ -156,7 +156,7 @@ def test_means_step_as_the_noise_says(noise: str) -> None:
 
 
 @pytest.mark.parametrize("at", [0.5, 0.62])
-def test_a_step_of_the_bias_is_found_where_it_is(at: float) -> None:
+def test_a_step_of_the_bias_is_detected_at_its_time(at: float) -> None:
     n = 72_000
     values = synthesise(n, RATE, N=[6e-5] * 3, B=5e-6, seed=5)
     values[round(at * n) :, 1] += 1e-4
@@ -170,7 +170,7 @@ def test_a_step_of_the_bias_is_found_where_it_is(at: float) -> None:
 
 
 def test_random_walk_drift_and_slow_waves_are_no_step() -> None:
-    n, found = 72_000, 0
+    n, steps = 72_000, 0
     t = np.arange(n) / RATE
     slow = np.stack((1e-7 * t, 1e-4 * np.sin(t / 900.0), 1e-3 * np.exp(-t / 600.0)), axis=1)
     for seed in range(2):
@@ -184,7 +184,7 @@ def test_random_walk_drift_and_slow_waves_are_no_step() -> None:
             noise_models = [
                 MeanCovariance.of(fit) for fit in fit_curve(cascade.result(), averaged=True, time_to=False)
             ]
-            found += sum(
+            steps += sum(
                 w is not None and drift.bias_step(c, w) is not None for c, w in enumerate(noise_models)
             )
-    assert found == 0
+    assert steps == 0

@@ -10,13 +10,13 @@ from imumon.samples import Bools, Floats
 
 
 def expected(values: Floats, valid: Bools, width: int, start: int) -> tuple[Floats, Floats]:
-    """(k, c) extremes of the columns that begin at `start`."""
-    shown = np.where(valid, values, np.nan)[start:]
-    pad = -len(shown) % width
-    shown = np.concatenate((shown, np.full((pad, values.shape[1]), np.nan))).reshape(
+    """Return (k, c) extremes of the columns that begin at `start`."""
+    marked = np.where(valid, values, np.nan)[start:]
+    pad = -len(marked) % width
+    marked = np.concatenate((marked, np.full((pad, values.shape[1]), np.nan))).reshape(
         -1, width, values.shape[1]
     )
-    return np.fmin.reduce(shown, axis=1), np.fmax.reduce(shown, axis=1)
+    return np.fmin.reduce(marked, axis=1), np.fmax.reduce(marked, axis=1)
 
 
 def record(n: int) -> tuple[Floats, Bools]:
@@ -28,14 +28,14 @@ def record(n: int) -> tuple[Floats, Bools]:
 
 @pytest.mark.parametrize("n", [1, 19, 20, 2345, 2400, 30_011])
 @pytest.mark.parametrize("chunk", [7, 40, 1000, 100_000])
-def test_columns_hold_the_extremes(n: int, chunk: int) -> None:
+def test_columns_have_the_extremes(n: int, chunk: int) -> None:
     if n > 10_000 and chunk < 40:
         pytest.skip("long enough with larger chunks")
     values, valid = record(n)
-    strip = Envelope((0, 0), 40.0)
+    envelope = Envelope((0, 0), 40.0)
     for i in range(0, n, chunk):
-        strip.update(values[i : i + chunk], valid[i : i + chunk])
-    minute, hour, everything = strip.minute(), strip.hour(), strip.everything()
+        envelope.update(values[i : i + chunk], valid[i : i + chunk])
+    minute, hour, everything = envelope.minute(), envelope.hour(), envelope.everything()
     assert (minute.width, hour.width) == (20, 1200)
     assert len(minute.low) <= RECENT_COLUMNS
     assert len(everything.low) <= ALL_COLUMNS
@@ -46,13 +46,13 @@ def test_columns_hold_the_extremes(n: int, chunk: int) -> None:
         np.testing.assert_array_equal(columns.high, high)
 
 
-def test_the_last_minute() -> None:
+def test_statistics_of_the_last_minute() -> None:
     values, valid = record(30_000)
     values += 1e4
-    strip = Envelope((0, 0), 40.0)
+    envelope = Envelope((0, 0), 40.0)
     for i in range(0, len(values), 300):
-        strip.update(values[i : i + 300], valid[i : i + 300])
-    recent = strip.recent()
+        envelope.update(values[i : i + 300], valid[i : i + 300])
+    recent = envelope.recent()
     last = values[-2400:][valid[-2400:, 0]]
     np.testing.assert_allclose(recent.mean, last.mean(axis=0))
     np.testing.assert_allclose(recent.std, last.std(axis=0, ddof=1), rtol=1e-6)
@@ -65,19 +65,19 @@ def columns_equal(a: EnvelopeColumns, b: EnvelopeColumns) -> None:
     np.testing.assert_array_equal(a.high, b.high)
 
 
-@pytest.mark.parametrize("hole", [1, 15, 500, 5000, 400_000])
-def test_a_gap_equals_as_many_invalid_samples(hole: int) -> None:
+@pytest.mark.parametrize("gap", [1, 15, 500, 5000, 400_000])
+def test_a_gap_equals_as_many_invalid_samples(gap: int) -> None:
     values, valid = record(3000)
     skipped, filled = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
-    for strip in (skipped, filled):
-        strip.update(values[:1005], valid[:1005])
-        if strip is skipped:
-            strip.skip(hole)
+    for envelope in (skipped, filled):
+        envelope.update(values[:1005], valid[:1005])
+        if envelope is skipped:
+            envelope.skip(gap)
         else:
-            for i in range(0, hole, 999):
-                n = min(999, hole - i)
-                strip.update(np.zeros((n, 2)), np.zeros((n, 1), dtype=bool))
-        strip.update(values[1005:], valid[1005:])
+            for i in range(0, gap, 999):
+                n = min(999, gap - i)
+                envelope.update(np.zeros((n, 2)), np.zeros((n, 1), dtype=bool))
+        envelope.update(values[1005:], valid[1005:])
     for view in (Envelope.minute, Envelope.hour, Envelope.everything):
         columns_equal(view(skipped), view(filled))
 
@@ -94,7 +94,7 @@ def test_save_and_restore_continue_identically() -> None:
     np.testing.assert_allclose(whole.recent().mean, second.recent().mean)
 
 
-def test_nothing_yet() -> None:
-    strip = Envelope((0,), 40.0)
-    assert strip.minute().low.shape == (0, 1)
-    assert np.isnan(strip.recent().mean).all()
+def test_an_empty_envelope() -> None:
+    envelope = Envelope((0,), 40.0)
+    assert envelope.minute().low.shape == (0, 1)
+    assert np.isnan(envelope.recent().mean).all()

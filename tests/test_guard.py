@@ -1,4 +1,4 @@
-"""Guard: what is not noise is excluded, noise is not, for any chunking."""
+"""Guard: disturbances are excluded and noise is not, for any chunking."""
 
 from __future__ import annotations
 
@@ -21,46 +21,46 @@ LEVEL = np.array([0.01, 0.0, -0.02, 0.0, 0.1, -9.8, 0.2, 0.0, -0.4])
 
 
 def quiet(seconds: float, rate: float = 40.0, seed: int = 1) -> Floats:
-    """(n, 9) A sensor at rest: white noise about a level."""
+    """Return (n, 9) samples of a sensor at rest: white noise about a level."""
     rng = np.random.default_rng(seed)
     return np.asarray(LEVEL + SIGMA * rng.standard_normal((round(seconds * rate), 9)))
 
 
-def through(
+def run_guard(
     guard: Guard, values: Floats, chunk: int = 1000, **kwargs: Bools
 ) -> tuple[list[GuardedSamples], list[Disturbance]]:
-    pieces = []
+    items = []
     for i in range(0, len(values), chunk):
-        pieces += guard.update(values[i : i + chunk], **{k: v[i : i + chunk] for k, v in kwargs.items()})
-    pieces += guard.flush()
-    return pieces, guard.events()
+        items += guard.update(values[i : i + chunk], **{k: v[i : i + chunk] for k, v in kwargs.items()})
+    items += guard.flush()
+    return items, guard.events()
 
 
 def excluded(values: Floats, rate: float = 40.0, **kwargs: Bools) -> tuple[Guard, Bools, list[Disturbance]]:
-    """Guard after all, (n, 3) samples that remain valid, and its events."""
+    """Return the guard after the record, (n, 3) the samples that remain valid, and the events."""
     guard = Guard(SENSORS, rate)
-    pieces, events = through(guard, values, **kwargs)
-    assert np.array_equal(np.concatenate([p.values for p in pieces]), values)
-    return guard, np.concatenate([p.valid for p in pieces]), events
+    items, events = run_guard(guard, values, **kwargs)
+    assert np.array_equal(np.concatenate([item.values for item in items]), values)
+    return guard, np.concatenate([item.valid for item in items]), events
 
 
 @pytest.mark.parametrize("rate", [10.0, 40.0, 200.0])
-def test_noise_is_left_alone(rate: float) -> None:
+def test_noise_is_not_excluded(rate: float) -> None:
     """White, flicker and random walk: fewer than 1e-4 of the samples excluded, sigma within 0.1 %."""
     seconds = 3600.0 if rate < 100 else 900.0
     values = quiet(seconds, rate)
-    wander = synthesise(len(values), rate, N=[6e-5] * 3, B=2.4e-5, K=1e-6, seed=2)
-    values[:, :3] += wander[: len(values)]
+    slow = synthesise(len(values), rate, N=[6e-5] * 3, B=2.4e-5, K=1e-6, seed=2)
+    values[:, :3] += slow[: len(values)]
     values[:, 3] += np.cumsum(np.random.default_rng(3).standard_normal(len(values))) * 1e-4
     guard, valid, events = excluded(values, rate)
     assert (~valid).mean(axis=0).max() < 1e-4
     assert guard.at_rest
     assert len(events) == guard.disturbances <= 1
-    left = values[valid[:, 0]][:, 0]
-    assert abs(left.std() / values[:, 0].std() - 1.0) < 1e-3
+    remaining = values[valid[:, 0]][:, 0]
+    assert abs(remaining.std() / values[:, 0].std() - 1.0) < 1e-3
 
 
-def test_one_wrong_sample() -> None:
+def test_a_single_wrong_sample_is_excluded() -> None:
     values = quiet(300)
     values[6000, 1] += 1.0
     guard, valid, events = excluded(values)
@@ -108,7 +108,7 @@ def test_magnetometer_is_assessed_by_itself() -> None:
     assert guard.excluded["magnetic"] >= 100
 
 
-def test_stuck() -> None:
+def test_a_stuck_sensor_is_excluded() -> None:
     values = quiet(400)
     values[8000:10400] = values[7999]
     guard, valid, events = excluded(values)
@@ -134,11 +134,11 @@ def test_a_single_stuck_axis_is_excluded() -> None:
     assert not guard.stuck
 
 
-def test_a_coarse_axis_may_be_constant_for_a_while() -> None:
+def test_a_constant_stretch_of_a_coarse_axis_is_not_stuck() -> None:
     """Its level drifts from between two steps, where it toggles, to the middle of one, where it does not."""
     values = quiet(1200)
-    wander = 0.05 * np.sin(np.arange(len(values)) * 2e-4)
-    values[:, 3] = np.rint((values[:, 3] + wander) / 0.03) * 0.03
+    slow = 0.05 * np.sin(np.arange(len(values)) * 2e-4)
+    values[:, 3] = np.rint((values[:, 3] + slow) / 0.03) * 0.03
     _, valid, _ = excluded(values)
     assert valid.mean() > 1 - 1e-4
 
@@ -164,7 +164,7 @@ def test_a_constant_axis_neither_moves_nor_is_disturbed_by_rounding(rate: float,
     assert (guard.disturbances, guard.excluded) == (0, {})
 
 
-def test_lawful_repeats_are_not_stuck() -> None:
+def test_usual_repeats_are_not_stuck() -> None:
     """A magnetometer read faster than it measures, a constant channel, and one of three levels."""
     values = quiet(120, 800.0)
     values[:, 6:9] = values[::3, 6:9].repeat(3, axis=0)[: len(values)]
@@ -179,7 +179,7 @@ def test_lawful_repeats_are_not_stuck() -> None:
     assert guard.at_rest
 
 
-def test_a_channel_that_moves_by_one_step_now_and_then_is_not_knocked() -> None:
+def test_an_occasional_quantisation_step_is_not_a_knock() -> None:
     values = quiet(600)
     rng = np.random.default_rng(8)
     values[:, 6:9] = 0.25 + 0.001 * (rng.random((len(values), 3)) < 0.003)
@@ -191,10 +191,10 @@ def test_exclusions_of_a_magnetometer_alone_are_counted() -> None:
     values = quiet(300)[:, 6:]
     values[4000:4100, 0] += 0.1
     guard = Guard(("mag",) * 3, 40.0)
-    pieces, _ = through(guard, values)
-    cut = int(sum((~p.valid).sum() for p in pieces))
-    assert cut >= 100
-    assert guard.excluded_samples == cut == sum(guard.excluded.values())
+    items, _ = run_guard(guard, values)
+    removed = int(sum((~item.valid).sum() for item in items))
+    assert removed >= 100
+    assert guard.excluded_samples == removed == sum(guard.excluded.values())
 
 
 def test_reported_saturation_is_excluded() -> None:
@@ -207,7 +207,7 @@ def test_reported_saturation_is_excluded() -> None:
 
 
 def drive(seconds: float, rate: float = 40.0, seed: int = 3) -> Floats:
-    """(n, 9) A car on its way: slow turns, rough road."""
+    """Return (n, 9) samples of a driving car: slow turns, rough road."""
     values = quiet(seconds, rate, seed)
     rng = np.random.default_rng(seed)
     n = len(values)
@@ -220,7 +220,7 @@ def drive(seconds: float, rate: float = 40.0, seed: int = 3) -> Floats:
 def test_motion_is_excluded_and_rest_after_it_is_not() -> None:
     values = np.concatenate((quiet(60), drive(60), quiet(60, seed=7)))
     guard = Guard(SENSORS, 40.0)
-    through(guard, values[: 100 * 40])
+    run_guard(guard, values[: 100 * 40])
     assert not guard.at_rest
     guard, valid, events = excluded(values)
     assert guard.at_rest
@@ -233,8 +233,8 @@ def test_motion_is_excluded_and_rest_after_it_is_not() -> None:
 def test_a_guard_that_only_detects_excludes_nothing() -> None:
     values = np.concatenate((quiet(60), drive(60)))
     guard = Guard(SENSORS, 40.0, excludes=False)
-    pieces, events = through(guard, values)
-    assert all(p.valid.all() and not p.broken for p in pieces)
+    items, events = run_guard(guard, values)
+    assert all(item.valid.all() and not item.broken for item in items)
     assert events == []
     assert guard.excluded == {}
     assert not guard.at_rest
@@ -246,27 +246,27 @@ def test_a_record_that_begins_in_motion_is_not_at_rest() -> None:
     assert valid[:, 0].mean() < 0.06
 
 
-def test_a_new_noise_becomes_the_reference() -> None:
-    """The engine is started and keeps running: disturbed rest counts after a while, behind a break."""
+def test_a_new_noise_becomes_the_baseline() -> None:
+    """An engine starts and keeps running: disturbed rest becomes valid again, behind a break."""
     values = quiet(200)
     t = np.arange(4000) / 40.0
     values[4000:, 3:6] += 0.1 * np.sin(2 * np.pi * 10.02 * t)[:, None]
     guard = Guard(SENSORS, 40.0)
-    pieces, _ = through(guard, values)
-    valid = np.concatenate([p.valid for p in pieces])
+    items, _ = run_guard(guard, values)
+    valid = np.concatenate([item.valid for item in items])
     assert guard.at_rest
     assert valid[-60 * 40 :].all()
-    assert sum(p.broken for p in pieces) == 1
+    assert sum(item.broken for item in items) == 1
 
 
 def test_a_tilt_breaks_the_record() -> None:
     values = quiet(200)
     values[4000:, 4] += 0.5
     guard = Guard(SENSORS, 40.0)
-    pieces, _ = through(guard, values)
-    valid = np.concatenate([p.valid for p in pieces])
+    items, _ = run_guard(guard, values)
+    valid = np.concatenate([item.valid for item in items])
     assert guard.at_rest
-    assert sum(p.broken for p in pieces) == 1
+    assert sum(item.broken for item in items) == 1
     assert 10 * 40 < (~valid[:, 0]).sum() < 40 * 40
 
 
@@ -299,10 +299,10 @@ RECORDINGS = Path(__file__).parents[1].parent / "shared" / "recordings"
 
 
 def recording(name: str, times: int = 1) -> Floats:
-    """(n, 9) Samples of a recording, so many times over."""
+    """Return (n, 9) samples of a recording, repeated `times`."""
     path = RECORDINGS / f"{name}.vnymr.txt.gz"
     if not path.exists():
-        pytest.skip("the recordings are not beside the checkout")
+        pytest.skip("the recordings are not available")
     decoder = Vn100Decoder()
     items = decoder.feed(gzip.decompress(path.read_bytes()) * times) + decoder.finish()
     return np.concatenate([item.values for item in items if isinstance(item, SampleBlock)])
@@ -329,8 +329,8 @@ def test_real_recordings(name: str, at_rest: bool | None, least: float, most: fl
         assert guard.at_rest is at_rest
 
 
-def busy() -> tuple[Floats, Bools]:
-    """A record with some of everything, and what of it was received."""
+def disturbed_record() -> tuple[Floats, Bools]:
+    """Return a record with every kind of disturbance, and (n, 3) the received samples."""
     values = np.concatenate((quiet(90), drive(30), quiet(60, seed=4)))
     values[1000, 0] += 1.0
     values[1500:1580, 1] += 0.1
@@ -342,56 +342,56 @@ def busy() -> tuple[Floats, Bools]:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_any_chunking_gives_the_same_exclusions(seed: int) -> None:
-    values, received = busy()
+    values, received = disturbed_record()
     rng = np.random.default_rng(seed)
     results = []
     for sizes in (np.full(20, 1000), rng.integers(1, 300, 10000)):
         guard = Guard(SENSORS, 40.0)
-        pieces, begin = [], 0
+        items, begin = [], 0
         for size in sizes.tolist():
-            pieces += guard.update(values[begin : begin + size], received[begin : begin + size])
+            items += guard.update(values[begin : begin + size], received[begin : begin + size])
             begin += size
             if begin >= len(values):
                 break
-        pieces += guard.flush()
+        items += guard.flush()
         events = [(e.kind, e.start, e.length) for e in guard.events()]
-        valid = np.concatenate([p.valid for p in pieces])
-        places = np.cumsum([len(p.values) for p in pieces])[[p.broken for p in pieces]]
+        valid = np.concatenate([item.valid for item in items])
+        places = np.cumsum([len(item.values) for item in items])[[item.broken for item in items]]
         results.append((valid, events, guard.excluded, guard.disturbances, places.tolist()))
     assert np.array_equal(results[0][0], results[1][0])
     assert results[0][1:] == results[1][1:]
 
 
 def test_save_and_restore_continue_identically() -> None:
-    values, received = busy()
+    values, received = disturbed_record()
     whole = Guard(SENSORS, 40.0)
-    expected = through(whole, values, 500, valid=received)[0]
+    expected = run_guard(whole, values, 500, valid=received)[0]
     for cut in (500, 2100, 4100, 5000):
         first = Guard(SENSORS, 40.0)
-        pieces = first.update(values[:cut], received[:cut])
+        items = first.update(values[:cut], received[:cut])
         second = Guard.restore(first.save())
-        pieces += second.update(values[cut:], received[cut:]) + second.flush()
+        items += second.update(values[cut:], received[cut:]) + second.flush()
         assert np.array_equal(
-            np.concatenate([p.valid for p in pieces]), np.concatenate([p.valid for p in expected])
+            np.concatenate([item.valid for item in items]), np.concatenate([item.valid for item in expected])
         )
         assert second.excluded == whole.excluded
 
 
 def test_the_grid_keeps_its_length() -> None:
-    """Samples in and missing = samples out and skipped, whatever the holes."""
+    """Samples in and missing = samples out and skipped, for any gaps."""
     guard = Guard(SENSORS, 40.0)
     values = quiet(100)
-    pieces = guard.update(values[:777])
-    for i, hole in enumerate((1, 3, 39, 40, 123, 5000, 1)):
-        pieces += guard.skip(hole)
-        pieces += guard.update(values[777 + 123 * i : 900 + 123 * i])
-    pieces += guard.break_()
+    items = guard.update(values[:777])
+    for i, gap in enumerate((1, 3, 39, 40, 123, 5000, 1)):
+        items += guard.skip(gap)
+        items += guard.update(values[777 + 123 * i : 900 + 123 * i])
+    items += guard.break_()
     assert guard.held == 0
-    pieces += guard.update(values[-100:]) + guard.flush()
-    out = sum(len(p.values) + p.skipped for p in pieces)
+    items += guard.update(values[-100:]) + guard.flush()
+    out = sum(len(item.values) + item.skipped for item in items)
     assert out == 777 + 7 * 123 + 1 + 3 + 39 + 40 + 123 + 5000 + 1 + 100
-    assert sum(int(p.valid[:, 0].sum()) for p in pieces) == 777 + 7 * 123 + 100
-    assert [p.broken for p in pieces].count(True) == 1
+    assert sum(int(item.valid[:, 0].sum()) for item in items) == 777 + 7 * 123 + 100
+    assert [item.broken for item in items].count(True) == 1
 
 
 def test_memory_is_bounded() -> None:
@@ -399,7 +399,7 @@ def test_memory_is_bounded() -> None:
     values = quiet(3600)
     sizes = []
     for _ in range(4):
-        through(guard, values, 4000)
+        run_guard(guard, values, 4000)
         sizes.append(sum(a.nbytes for a in guard.save().values()))
     assert max(sizes) < 1_000_000
     assert guard.held == 0
@@ -417,12 +417,12 @@ def test_the_curve_is_that_of_the_undisturbed_record() -> None:
     for values, guarded in ((clean, False), (disturbed, True), (disturbed, False)):
         cascade = OctaveCascade(3, 1 / rate, groups=(0, 0, 0))
         guard = Guard(("gyro",) * 3, rate)
-        pieces = (
-            through(guard, values, 8000)[0]
+        items = (
+            run_guard(guard, values, 8000)[0]
             if guarded
             else [GuardedSamples(values, np.ones((n, 1), dtype=bool))]
         )
-        for piece in pieces:
+        for piece in items:
             cascade.update(piece.values, piece.valid)
         sigma.append(cascade.result().sigma)
     assert np.abs(sigma[1][:4] / sigma[0][:4] - 1).max() < 1e-3

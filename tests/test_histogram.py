@@ -36,7 +36,7 @@ def test_gaussian_noise_is_gaussian_at_any_length(n: int, level: float) -> None:
     assert sum(result.gaussian) == pytest.approx(n, rel=1e-2)
 
 
-def test_so_is_noise_with_flicker_and_random_walk_and_a_printed_resolution() -> None:
+def test_coloured_or_rounded_noise_is_gaussian() -> None:
     noise = synthesise(400_000, 40.0, N=6e-5, B=2.4e-5, K=1e-6, seed=3)[:, 0]
     assert shape(noise).verdict == "Gaussian"
     result = shape(np.rint(noise * 1e6) * 1e-6)
@@ -64,7 +64,7 @@ def test_verdict_names_how_values_differ_from_a_gaussian(case: str, n: int) -> N
     assert reason in result.verdict
 
 
-def test_modes_are_where_they_are() -> None:
+def test_modes_are_at_the_maxima() -> None:
     values = np.concatenate(
         (3.0 + 0.5 * rng().standard_normal(60_000), -2.0 + 0.5 * rng(2).standard_normal(30_000))
     )
@@ -79,7 +79,7 @@ def test_moments_from_the_bins() -> None:
 
 
 @pytest.mark.parametrize("unit", [2.0**-60, 2.0**150])
-def test_the_unit_is_of_no_effect(unit: float) -> None:
+def test_the_unit_has_no_effect(unit: float) -> None:
     values = rng().gamma(9.0, size=20_000)
     one, other = shape(values), shape(values * unit)
     assert (other.skewness, other.excess_kurtosis, other.verdict, other.counts) == (
@@ -90,7 +90,7 @@ def test_the_unit_is_of_no_effect(unit: float) -> None:
     )
 
 
-def test_little_or_nothing() -> None:
+def test_few_samples_or_a_constant() -> None:
     histogram = HistogramAccumulator((0, 1))
     assert histogram.result() == [None, None]
     histogram.update(np.zeros((10, 2)), np.array([[True, False]] * 10))
@@ -118,15 +118,15 @@ def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
             histogram.update(values[i : i + chunk], valid[i : i + chunk])
         results.append(histogram.result())
     assert results[0] == results[1] == results[2]
-    for c, found in enumerate(results[0]):
-        assert found is not None
-        assert len(found.counts) <= HISTOGRAM_BINS
-        edges = found.start + found.width * np.arange(len(found.counts) + 1)
+    for c, result in enumerate(results[0]):
+        assert result is not None
+        assert len(result.counts) <= HISTOGRAM_BINS
+        edges = result.start + result.width * np.arange(len(result.counts) + 1)
         counted, _ = np.histogram(values[valid[:, c // 2], c], edges)
-        assert found.counts == tuple(counted.tolist())
+        assert result.counts == tuple(counted.tolist())
 
 
-def test_one_absurd_value_costs_resolution_only() -> None:
+def test_one_huge_value_costs_resolution_only() -> None:
     values = rng().standard_normal(10_000)
     values[5000] = 1e30
     result = shape(values, 100)
@@ -146,7 +146,7 @@ def test_save_and_restore_continue_identically() -> None:
         assert second.result() == whole.result()
 
 
-def test_steps_are_read_from_the_values() -> None:
+def test_steps_are_estimated_from_the_values() -> None:
     x = rng().standard_normal(256)
     assert quantum(x) == 0.0
     assert quantum(x.astype(np.float32).astype(np.float64)) == 0.0
@@ -155,7 +155,7 @@ def test_steps_are_read_from_the_values() -> None:
     assert quantum(np.full(256, 25.0)) == 0.0
 
 
-def test_the_step_of_a_channel_that_stood_still_at_first_is_read_later() -> None:
+def test_the_step_of_a_channel_that_is_constant_at_first_is_estimated_later() -> None:
     x = np.full((2000, 1), 9.8)
     x[[700, 1500], 0] = 9.9
     histogram = HistogramAccumulator([0])

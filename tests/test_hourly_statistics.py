@@ -1,4 +1,4 @@
-"""Laws of the history: warm-ups end where they end, hours are compared, nothing depends on the feeding."""
+"""Hourly statistics: warm-ups are excluded, hours are compared, for any chunking."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ def noise(hours: float, seed: int) -> np.ndarray:
     return synthesise(round(hours * 3600 * RATE), RATE, N=[N] * 3, B=B, K=0.0, seed=seed)
 
 
-def feed(values: np.ndarray, cuts: Sequence[int] = ()) -> HourlyStatistics:
-    made = history()
+def run_history(values: np.ndarray, cuts: Sequence[int] = ()) -> HourlyStatistics:
+    record = history()
     edges = [0, *cuts, len(values)]
     for start, end in pairwise(edges):
-        made.update(values[start:end])
-    return made
+        record.update(values[start:end])
+    return record
 
 
 @pytest.fixture(scope="module")
 def warm() -> np.ndarray:
-    """Two hours that begin with an exponential with a time constant of 5 min."""
+    """Return two hours that begin with an exponential with a time constant of 5 min."""
     x = noise(2.2, 3)
     t = np.arange(len(x)) / RATE
     return x + 1e-3 * np.exp(-t / 300.0)[:, None]
@@ -48,46 +48,46 @@ def warm() -> np.ndarray:
 
 def test_quiet_record_has_no_warm_up_and_no_change() -> None:
     x = noise(3.2, 1)
-    made = feed(x)
-    assert made.warmup_s == 0.0
-    assert made.changes() == {}
-    assert len(made.hours()) == 3 - 1  # of three, the older two joined
+    record = run_history(x)
+    assert record.warmup_s == 0.0
+    assert record.changes() == {}
+    assert len(record.hours()) == 3 - 1  # of three, the older two joined
     alone = Moments(3)
     alone.update(x)
-    for own, other in zip(made.moments().channels, alone.result().channels, strict=True):
+    for own, other in zip(record.moments().channels, alone.result().channels, strict=True):
         assert own.count == other.count
         assert own.std == pytest.approx(other.std, rel=1e-12)
 
 
-def test_warm_up_is_left_out(warm: np.ndarray) -> None:
-    made = feed(warm)
-    assert 600.0 <= made.warmup_s <= 2400.0
-    behind = warm[round(made.warmup_s * RATE) :]
-    assert made.moments().channels[0].count == len(behind)
-    assert made.moments().channels[0].mean == pytest.approx(behind[:, 0].mean(), rel=1e-9)
-    (found, *_) = fit(made.curve())
-    assert found.K.status != "measured"
-    assert found.N.value == pytest.approx(N, rel=0.05)
+def test_warm_up_is_excluded(warm: np.ndarray) -> None:
+    record = run_history(warm)
+    assert 600.0 <= record.warmup_s <= 2400.0
+    after = warm[round(record.warmup_s * RATE) :]
+    assert record.moments().channels[0].count == len(after)
+    assert record.moments().channels[0].mean == pytest.approx(after[:, 0].mean(), rel=1e-9)
+    (first, *_) = fit(record.curve())
+    assert first.K.status != "measured"
+    assert first.N.value == pytest.approx(N, rel=0.05)
 
 
-def test_a_faint_warm_up_is_left_out() -> None:
-    """What a random walk of the fitted size might have made, but not along such a curve."""
+def test_a_faint_warm_up_is_excluded() -> None:
+    """A random walk of the fitted size may be as large, but does not follow an exponential."""
     x = synthesise(round(3000.5 * RATE), RATE, N=[N] * 3, seed=8)
     x[:, 1] += 1.5e-4 * np.exp(-np.arange(len(x)) / RATE / 600.0)
-    made = feed(x)
-    assert made.warmup_s == 1200.0
-    assert fit(made.curve())[1].K.status != "measured"
+    record = run_history(x)
+    assert record.warmup_s == 1200.0
+    assert fit(record.curve())[1].K.status != "measured"
 
 
-def test_any_feeding_gives_the_same(warm: np.ndarray) -> None:
-    one, many = feed(warm), feed(warm, [7, 480, 481, 5000, 14_400, 20_001])
+def test_any_chunking_gives_the_same(warm: np.ndarray) -> None:
+    one, many = run_history(warm), run_history(warm, [7, 480, 481, 5000, 14_400, 20_001])
     assert one.warmup_s == many.warmup_s
     np.testing.assert_array_equal(one.curve().terms, many.curve().terms)
     np.testing.assert_allclose(one.curve().avar, many.curve().avar, rtol=1e-12)
 
 
 def test_saved_history_continues(warm: np.ndarray) -> None:
-    one = feed(warm[:16_000])
+    one = run_history(warm[:16_000])
     again = history()
     again.restore(one.save())
     for each in (one, again):
@@ -100,36 +100,36 @@ def test_saved_history_continues(warm: np.ndarray) -> None:
 def test_noisier_hour_is_a_change() -> None:
     x = noise(3.1, 4)
     x[round(2 * 3600 * RATE) :, 1] *= 1.5
-    made = feed(x)
-    changes = made.changes()
+    record = run_history(x)
+    changes = record.changes()
     assert list(changes) == [1]
     grown = next(change for change in changes[1] if change.quantity == "N")
     assert grown.ratio == pytest.approx(1.5, rel=0.1)
     restored = history()
-    restored.restore(made.save())
+    restored.restore(record.save())
     assert restored.changes() == changes
 
 
 def test_a_gap_of_a_month_costs_little() -> None:
-    made = history()
-    made.update(noise(2.0, 6))
-    made.skip(round(30 * 86400 * RATE))
-    made.update(noise(1.0, 7))
-    assert made.position == round((30 * 86400 + 3 * 3600) * RATE)
-    assert made.moments().channels[0].count == round(3 * 3600 * RATE)
+    record = history()
+    record.update(noise(2.0, 6))
+    record.skip(round(30 * 86400 * RATE))
+    record.update(noise(1.0, 7))
+    assert record.position == round((30 * 86400 + 3 * 3600) * RATE)
+    assert record.moments().channels[0].count == round(3 * 3600 * RATE)
 
 
 def test_warm_up_counts_valid_samples_only(warm: np.ndarray) -> None:
     """Missing and excluded samples within it are counted elsewhere."""
     ok = np.ones((len(warm), 1), dtype=bool)
     ok[100:300] = False
-    made = history()
-    made.update(warm[:1000], ok[:1000])
-    made.skip(200)
-    made.update(warm[1200:], ok[1200:])
+    record = history()
+    record.update(warm[:1000], ok[:1000])
+    record.skip(200)
+    record.update(warm[1200:], ok[1200:])
     total = len(warm) - 400
-    assert made.warmup_s > 0.0
-    assert made.moments().channels[0].count + round(made.warmup_s * RATE) == total
+    assert record.warmup_s > 0.0
+    assert record.moments().channels[0].count + round(record.warmup_s * RATE) == total
     again = history()
-    again.restore(made.save())
-    assert again.warmup_s == made.warmup_s
+    again.restore(record.save())
+    assert again.warmup_s == record.warmup_s

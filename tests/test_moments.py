@@ -17,7 +17,7 @@ GROUPS = (0, 0, 1)
 
 
 def check(result: MomentsResult, values: np.ndarray, ok: np.ndarray) -> None:
-    """Against the definitions, channel by channel."""
+    """Compare the result with the definitions, channel by channel."""
     for c, group in enumerate(GROUPS):
         x = values[ok[:, group], c]
         got = result.channels[c]
@@ -42,7 +42,7 @@ def check(result: MomentsResult, values: np.ndarray, ok: np.ndarray) -> None:
 
 
 def grid(rng: np.random.Generator, n: int, loss: float) -> tuple[np.ndarray, np.ndarray]:
-    """Skewed, correlated values around 9.8, and which count."""
+    """Return skewed, correlated values around 9.8, and (n, 2) the valid ones."""
     values = 9.8 + 1e-3 * (rng.standard_gamma(2.0, (n, 3)) @ np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 3]]))
     return values, rng.random((n, 2)) >= loss
 
@@ -54,7 +54,7 @@ def grid(rng: np.random.Generator, n: int, loss: float) -> tuple[np.ndarray, np.
     loss=st.sampled_from([0.0, 0.01, 0.9, 1.0]),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_any_chunking_is_the_definition(n: int, cuts: list[int], loss: float, seed: int) -> None:
+def test_any_chunking_agrees_with_the_definition(n: int, cuts: list[int], loss: float, seed: int) -> None:
     values, ok = grid(np.random.default_rng(seed), n, loss)
     moments = Moments(3, GROUPS)
     for a, b in pairwise(sorted({0, n, *(c for c in cuts if c <= n)})):
@@ -64,7 +64,7 @@ def test_any_chunking_is_the_definition(n: int, cuts: list[int], loss: float, se
 
 @settings(max_examples=25, deadline=None)
 @given(n=st.integers(0, 500), m=st.integers(0, 500), loss=st.sampled_from([0.0, 0.9, 1.0]))
-def test_merge_is_one_run(n: int, m: int, loss: float) -> None:
+def test_merged_moments_equal_one_run(n: int, m: int, loss: float) -> None:
     values, ok = grid(np.random.default_rng(n + m), n + m, loss)
     a, b = Moments(3, GROUPS), Moments(3, GROUPS)
     a.update(values[:n], ok[:n])
@@ -75,7 +75,7 @@ def test_merge_is_one_run(n: int, m: int, loss: float) -> None:
     assert b.result().channels == before
 
 
-def test_restored_continues_identically() -> None:
+def test_save_and_restore_continue_identically() -> None:
     values, ok = grid(np.random.default_rng(3), 900, 0.1)
     one = Moments(3, GROUPS)
     one.update(values[:500], ok[:500])
@@ -90,8 +90,8 @@ def test_restored_continues_identically() -> None:
     check(two.result(), values, ok)
 
 
-def test_a_stream_around_an_offset_loses_nothing() -> None:
-    """A million samples of 1e-3 around 9.8: as good as numpy on the noise alone."""
+def test_an_offset_costs_no_precision() -> None:
+    """A million samples of 1e-3 around 9.8 agree with numpy on the noise alone."""
     noise = 1e-3 * np.random.default_rng(4).standard_normal((1_000_000, 1))
     moments = Moments(1)
     for start in range(0, len(noise), 10_000):
@@ -109,7 +109,7 @@ def test_a_constant_has_no_shape() -> None:
     assert moments.result().channels[0] == ChannelMoments(1665, 9.81, 0.0, 9.81, 9.81, None, None, 9.81)
 
 
-def test_what_is_not_finite_never_counts() -> None:
+def test_values_that_are_not_finite_never_count() -> None:
     moments = Moments(3, GROUPS)
     moments.update(np.array([[1.0, 2.0, 3.0], [np.nan, 5.0, 4.0], [2.0, np.inf, np.nan], [3.0, 3.0, 9.0]]))
     x, y, z = moments.result().channels
@@ -117,7 +117,7 @@ def test_what_is_not_finite_never_counts() -> None:
     assert (x.mean, y.last, z.last) == (2.0, 3.0, 9.0)
 
 
-def test_wrong_words_are_refused() -> None:
+def test_invalid_arguments_raise() -> None:
     with pytest.raises(ValueError, match="from 0 upwards"):
         Moments(2, [1, 1])
     with pytest.raises(ValueError, match="must have the shape"):

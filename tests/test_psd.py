@@ -1,4 +1,4 @@
-"""Spectrum: the right density at every frequency, lines where there are some, none where there are none."""
+"""Power spectrum: the right density at every frequency, and lines only where the signal has some."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ def density(values: Floats, chunk: int = 4000, rate: float = RATE) -> PowerSpect
 
 
 def white(n: int, c: int = 1, seed: int = 1) -> Floats:
-    """(n, c) white noise of N = 1e-3."""
+    """Return (n, c) white noise of N = 1e-3."""
     return np.asarray(1e-3 * np.sqrt(RATE) * np.random.default_rng(seed).standard_normal((n, c)))
 
 
 def test_white_noise_is_flat_at_twice_n_squared() -> None:
-    found = density(white(400_000, 4) + 9.8)
-    assert (np.diff(found.frequency_hz) > 0).all()
-    assert found.frequency_hz[0] < 0.01
-    assert found.frequency_hz[-1] == RATE / 2
-    level = found.density[:-1] / 2e-6
-    scatter = 1.0 / np.sqrt(found.averages[:-1] * 0.94)
+    result = density(white(400_000, 4) + 9.8)
+    assert (np.diff(result.frequency_hz) > 0).all()
+    assert result.frequency_hz[0] < 0.01
+    assert result.frequency_hz[-1] == RATE / 2
+    level = result.density[:-1] / 2e-6
+    scatter = 1.0 / np.sqrt(result.averages[:-1] * 0.94)
     z = (level - 1.0) / scatter
     assert np.abs(z).max() < 6.0
     assert abs(z.mean()) < 0.2
     assert z.std() == pytest.approx(1.0, abs=0.1)
-    np.testing.assert_allclose(found.white, 1e-3, rtol=0.01)
+    np.testing.assert_allclose(result.white, 1e-3, rtol=0.01)
 
 
 def test_flicker_and_random_walk_have_their_slopes() -> None:
@@ -45,33 +45,33 @@ def test_flicker_and_random_walk_have_their_slopes() -> None:
     noise = np.concatenate(
         (synthesise(n, RATE, B=[1e-4] * 3, seed=2), synthesise(n, RATE, K=[1e-5] * 3, seed=3)), axis=1
     )
-    found = density(noise)
-    f = found.frequency_hz[:, None]
-    use = ((found.frequency_hz > 0.005) & (found.frequency_hz < 3.0))[:, None] & (found.averages >= 8)
+    result = density(noise)
+    f = result.frequency_hz[:, None]
+    use = ((result.frequency_hz > 0.005) & (result.frequency_hz < 3.0))[:, None] & (result.averages >= 8)
     for expected, columns in (
         (2e-8 / (2 * np.pi * f), slice(0, 3)),
         (2e-10 / (2 * np.pi * f) ** 2, slice(3, 6)),
     ):
-        ratio = (found.density[:, columns] / expected)[use[:, columns]]
+        ratio = (result.density[:, columns] / expected)[use[:, columns]]
         assert ratio.mean() == pytest.approx(1.0, abs=0.08)
 
 
 @pytest.mark.parametrize("frequency", [0.037, 0.37, 3.7, 7.3, 14.9, 19.9])
-def test_a_line_is_found_with_frequency_and_amplitude(frequency: float) -> None:
+def test_a_line_is_detected_with_frequency_and_amplitude(frequency: float) -> None:
     n = 400_000
     values = white(n, 2)
     amplitude = 2e-3 if frequency > 0.1 else 1e-3
     values[:, 1] += amplitude * np.sin(2 * np.pi * frequency * np.arange(n) / RATE)
-    found = density(values)
-    assert found.lines[0] == ()
-    assert len(found.lines[1]) == 1
-    line = found.lines[1][0]
+    result = density(values)
+    assert result.lines[0] == ()
+    assert len(result.lines[1]) == 1
+    line = result.lines[1][0]
     assert line.frequency_hz == pytest.approx(frequency, rel=0.01, abs=1e-3)
     assert line.amplitude == pytest.approx(amplitude, rel=0.15)
-    assert found.white[1] == pytest.approx(1e-3, rel=0.02)
+    assert result.white[1] == pytest.approx(1e-3, rel=0.02)
 
 
-def test_mains_is_named_where_it_folds_to() -> None:
+def test_mains_is_named_at_the_frequency_it_folds_to() -> None:
     n = 100_000
     values = white(n)
     values[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.02 * np.arange(n) / RATE)
@@ -87,14 +87,14 @@ def test_mains_is_named_where_it_folds_to() -> None:
 
 @pytest.mark.parametrize("level", [0.0, 9.8, -1.8562e-3])
 def test_rounding_has_no_lines(level: float) -> None:
-    """Of a constant, and of a few numbers over and over."""
+    """Rounding of a constant, and of a few repeated numbers."""
     assert density(np.full((20_000, 1), level)).lines == ((),)
     repeated = density(level + np.tile([0.1, 0.3, -0.2, 0.7], 5000)[:, None])
     assert {round(line.frequency_hz) for line in repeated.lines[0]} == {10, 20}
 
 
-def test_nothing_is_found_where_nothing_is() -> None:
-    """White, flicker, random walk and a boxcar's spectrum, asked at many lengths."""
+def test_noise_has_no_lines() -> None:
+    """White, flicker, random walk and boxcar noise, evaluated at many lengths."""
     reports = lines = 0
     for seed in range(6):
         values = np.concatenate(
@@ -109,7 +109,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
         for i in range(0, len(values), 2000):
             spectrum.update(values[i : i + 2000])
             reports += 1
-            lines += sum(len(found) for found in spectrum.result().lines)
+            lines += sum(len(each) for each in spectrum.result().lines)
     assert reports == 180
     assert lines == 0
 
@@ -124,7 +124,7 @@ def test_any_chunking_gives_the_same() -> None:
         for i in range(0, len(values), chunk):
             spectrum.update(values[i : i + chunk], valid[i : i + chunk])
             if i % 5000 < chunk:
-                spectrum.result()  # to ask changes nothing
+                spectrum.result()  # a request changes nothing
         results.append(spectrum.result())
     for other in results[1:]:
         np.testing.assert_allclose(other.density, results[0].density, rtol=1e-9)
@@ -132,23 +132,23 @@ def test_any_chunking_gives_the_same() -> None:
     assert results[0].averages[-1, 1] < results[0].averages[-1, 0]
 
 
-def test_gaps_cost_a_segment_and_leave_the_level() -> None:
+def test_a_gap_costs_a_segment_and_keeps_the_level() -> None:
     values = white(200_000) + 9.8
-    whole, holed = SpectrumAccumulator((0,), RATE), SpectrumAccumulator((0,), RATE)
+    whole, gapped = SpectrumAccumulator((0,), RATE), SpectrumAccumulator((0,), RATE)
     whole.update(values)
     for i in range(0, len(values), 10_000):
-        holed.update(values[i : i + 9_980])
-        holed.skip(20)
-    a, b = whole.result(), holed.result()
+        gapped.update(values[i : i + 9_980])
+        gapped.skip(20)
+    a, b = whole.result(), gapped.result()
     assert b.averages[-1, 0] > 0.9 * a.averages[-1, 0]
     assert b.averages[0, 0] == a.averages[0, 0]
     assert b.white[0] == pytest.approx(a.white[0], rel=0.02)
     low = a.frequency_hz < 0.05
     assert b.density[low].mean() == pytest.approx(a.density[low].mean(), rel=0.25)
-    holed.skip(10**9)
-    holed.break_()
-    holed.update(values[:1000])
-    assert np.isfinite(holed.result().density).all()
+    gapped.skip(10**9)
+    gapped.break_()
+    gapped.update(values[:1000])
+    assert np.isfinite(gapped.result().density).all()
 
 
 def test_memory_grows_with_the_logarithm() -> None:
@@ -174,14 +174,14 @@ def test_save_and_restore_continue_identically() -> None:
     np.testing.assert_allclose(second.result().density, whole.result().density, rtol=1e-9)
 
 
-def test_nothing_yet() -> None:
-    found = SpectrumAccumulator((0, 1), RATE).result()
-    assert found.density.shape == (0, 2)
-    assert found.lines == ((), ())
-    assert np.isnan(found.white).all()
+def test_an_empty_spectrum() -> None:
+    result = SpectrumAccumulator((0, 1), RATE).result()
+    assert result.density.shape == (0, 2)
+    assert result.lines == ((), ())
+    assert np.isnan(result.white).all()
 
 
-def test_short_hops_that_a_state_leaves_out_cost_a_segment_or_two() -> None:
+def test_unsaved_short_hops_cost_a_segment_or_two() -> None:
     values = white(40_000, 1)
     first = SpectrumAccumulator((0,), RATE)
     first.update(values[:17_777])

@@ -29,8 +29,8 @@ def record(amplitude: float, time_s: float, seed: int, minutes: float = 115.0) -
     return np.asarray(values + amplitude * np.exp(-np.arange(n) / RATE / time_s)[:, None])
 
 
-def warmup(values: Floats) -> float:
-    """s, end of the last warm-up recognised, every candidate being asked at its time."""
+def detected_end_s(values: Floats) -> float:
+    """Return the end of the last detected warm-up, s, with every candidate decided at its time."""
     drift, begin, done = DriftAccumulator((0,) * 3, RATE), 0.0, 0
     for candidate in CANDIDATES_S:
         until = round(DECISION_LENGTH * candidate * RATE)
@@ -40,32 +40,32 @@ def warmup(values: Floats) -> float:
         slopes = (
             (drift.slope(c, NOISE, begin, candidate), drift.slope(c, NOISE, candidate)) for c in range(3)
         )
-        if any(has_settled(before, behind) for before, behind in slopes):
+        if any(has_settled(before, after) for before, after in slopes):
             begin = candidate
     return begin
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_noise_is_no_warmup(seed: int) -> None:
-    assert warmup(record(0.0, 1.0, seed)) == 0.0
+    assert detected_end_s(record(0.0, 1.0, seed)) == 0.0
 
 
 @pytest.mark.parametrize(
     ("amplitude", "time_s", "least", "most"),
     [(2e-3, 100.0, 300.0, 600.0), (2e-3, 400.0, 1200.0, 2400.0), (1e-3, 1200.0, 1200.0, 2400.0)],
 )
-def test_settling_is_recognised(amplitude: float, time_s: float, least: float, most: float) -> None:
+def test_settling_is_detected(amplitude: float, time_s: float, least: float, most: float) -> None:
     values = record(amplitude, time_s, 1)
-    end = warmup(values)
+    end = detected_end_s(values)
     assert least <= end <= most
-    left = values[round(end * RATE) :, 0]
-    assert np.ptp(left[: len(left) // 600 * 600].reshape(-1, 600).mean(axis=1)) < 0.4 * amplitude
+    settled = values[round(end * RATE) :, 0]
+    assert np.ptp(settled[: len(settled) // 600 * 600].reshape(-1, 600).mean(axis=1)) < 0.4 * amplitude
 
 
 def test_a_steady_drift_is_no_warmup() -> None:
     values = record(0.0, 1.0, 3)
     values += 3e-7 * np.arange(len(values))[:, None] / RATE
-    assert warmup(values) == 0.0
+    assert detected_end_s(values) == 0.0
 
 
 def test_unknown_slopes_have_not_settled() -> None:
@@ -76,13 +76,13 @@ def test_unknown_slopes_have_not_settled() -> None:
     assert not has_settled(Slope(1.0, 1.0, 10, 1.0), Slope(0.1, 1.0, 10, 1.0))
 
 
-def decays(values: Floats, times_s: tuple[float, ...]) -> list[SettlingFit]:
-    """Of every channel of values that come once a second."""
+def settling_fits(values: Floats, times_s: tuple[float, ...]) -> list[SettlingFit]:
+    """Return the settling fit of every channel of a record at 1 Hz."""
     drift = DriftAccumulator((0,) * values.shape[1], 1.0)
     for i in range(0, len(values), 500):
         drift.update(values[i : i + 500])
-    found = [drift.settling(c, times_s) for c in range(values.shape[1])]
-    return [d for d in found if d is not None]
+    fits = [drift.settling(c, times_s) for c in range(values.shape[1])]
+    return [fit for fit in fits if fit is not None]
 
 
 def falling(seconds: int, size: float, time_s: float) -> Floats:
@@ -93,23 +93,27 @@ def falling(seconds: int, size: float, time_s: float) -> Floats:
 @pytest.mark.parametrize("flicker", [0.0, 2.4e-5])
 def test_noise_does_not_settle(walk: float, flicker: float) -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 60, B=flicker, K=walk, seed=11)
-    found = decays(values, tuple(share * 1200.0 for share in OVER_SHARES))
-    assert len(found) == 60
-    assert sum(d.significant for d in found) == 0
-    assert np.quantile([d.evidence for d in found], 0.9) < 9.0
+    fits = settling_fits(values, tuple(share * 1200.0 for share in OVER_SHARES))
+    assert len(fits) == 60
+    assert sum(fit.significant for fit in fits) == 0
+    assert np.quantile([fit.evidence for fit in fits], 0.9) < 9.0
 
 
-def test_a_faint_exponential_is_found() -> None:
+def test_a_faint_exponential_is_detected() -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 24, seed=12) + falling(3000, 1e-4, 600.0)
-    found = [d for d in decays(values, tuple(share * 1200.0 for share in OVER_SHARES)) if d.significant]
-    assert len(found) >= 16  # 0.85 of them, less three deviations
-    assert np.median([d.time_s for d in found]) == 600.0
-    assert np.median([d.start for d in found]) == pytest.approx(1e-4, rel=0.1)
+    fits = [
+        fit
+        for fit in settling_fits(values, tuple(share * 1200.0 for share in OVER_SHARES))
+        if fit.significant
+    ]
+    assert len(fits) >= 16  # 0.85 of them, less three deviations
+    assert np.median([fit.time_s for fit in fits]) == 600.0
+    assert np.median([fit.start for fit in fits]) == pytest.approx(1e-4, rel=0.1)
 
 
-def test_lasting_settling_is_found_and_a_steady_drift_is_none() -> None:
+def test_lasting_settling_is_detected_but_a_steady_drift_is_not() -> None:
     noise = synthesise(900, 1.0, N=[6.1e-5] * 6, B=5e-6, seed=13)
-    for values, lasts in (
+    for values, settles in (
         (noise + falling(900, 1e-3, 300.0), True),
         (noise - falling(900, 1e-3, 300.0), True),
         (noise + 1e-6 * np.arange(900)[:, None], False),
@@ -118,7 +122,7 @@ def test_lasting_settling_is_found_and_a_steady_drift_is_none() -> None:
     ):
         drift = DriftAccumulator((0,) * 6, 1.0)
         drift.update(values)
-        assert [find_settling(drift, c, 0.0) is not None for c in range(6)] == [lasts] * 6
+        assert [find_settling(drift, c, 0.0) is not None for c in range(6)] == [settles] * 6
 
 
 def test_gaps_neither_hide_settling_nor_imitate_it() -> None:
@@ -126,11 +130,11 @@ def test_gaps_neither_hide_settling_nor_imitate_it() -> None:
     ok = np.ones((3000, 1), dtype=bool)
     ok[200:420] = ok[1500:1900] = False
     ok[::3] = False
-    for values, plain in ((noise, False), (noise + falling(3000, 3e-4, 300.0), True)):
+    for values, settles in ((noise, False), (noise + falling(3000, 3e-4, 300.0), True)):
         drift = DriftAccumulator((0,) * 6, 1.0)
         drift.update(values, ok)
-        found = [drift.settling(c, (75.0, 150.0, 300.0, 600.0)) for c in range(6)]
-        assert [d is not None and d.significant for d in found] == [plain] * 6
+        fits = [drift.settling(c, (75.0, 150.0, 300.0, 600.0)) for c in range(6)]
+        assert [fit is not None and fit.significant for fit in fits] == [settles] * 6
 
 
 def test_the_unit_of_the_values_does_not_matter() -> None:
@@ -144,7 +148,7 @@ def test_the_unit_of_the_values_does_not_matter() -> None:
     assert other.start == pytest.approx(1e-6 * one.start, rel=1e-6)
 
 
-def test_few_means_say_nothing() -> None:
+def test_few_means_give_no_fit() -> None:
     assert fit_settling(np.arange(10), np.zeros(10), np.ones(10), 1.0, np.array([5.0])) is None
     drift = DriftAccumulator((0,), 1.0)
     drift.update(synthesise(60, 1.0, N=[6.1e-5], seed=1) + falling(60, 1.0, 20.0))
@@ -163,7 +167,7 @@ def test_a_rising_temperature_is_warming() -> None:
     assert not is_warming_up(drift, None)
 
 
-def test_a_room_that_grows_warm_again_is_no_warmup() -> None:
+def test_a_temperature_cycle_is_no_warmup() -> None:
     t = np.arange(72_000) / RATE
     drift = DriftAccumulator((0, 1), RATE, temperature=1)
     drift.update(np.column_stack((np.zeros(len(t)), 25.0 + 3.0 * np.sin(2 * np.pi * t / 2400.0))))

@@ -65,9 +65,8 @@ class GuardedStatistics:
 
     def update(self, items: Iterable[GuardedSamples]) -> None:
         """Add what the guard passed on."""
-        accumulators = (self.history, self.spectrum, self.histogram)
         for item in items:
-            for accumulator in accumulators:
+            for accumulator in (self.history, self.spectrum):  # the histogram does not depend on time
                 if item.broken:
                     accumulator.break_()
                 if item.skipped:
@@ -123,7 +122,6 @@ class Accumulators:
         self.gaps += int(np.count_nonzero(placed.steps != 1))
         for segment in fill_gaps(placed):
             if isinstance(segment, Break):
-                self.envelope.break_()
                 self._statistics.update(self.guard.break_())
             elif isinstance(segment, LongGap):
                 self.span += segment.ticks

@@ -1,19 +1,21 @@
 """Baseline: the noise of a sensor at rest, learned robustly while it runs.
 
-To detect a knock one must know the noise. Time is cut into *frames* of ten *parts*, about 1 s and 0.1 s. Of
-every quiet frame four figures are kept for each channel: its mean, the deviation of the samples about it,
-that of the parts about it, and the distance of the mean from the level, which is the median of the
-`LEVEL_FRAMES` quiet frames before it. Medians over the last `BASELINE_FRAMES` of them are the baseline: half
-of those frames may be disturbed before it moves.
+The detection of a knock requires the usual noise. Time is divided into *frames* of ten *parts*, about 1 s and
+0.1 s. The baseline keeps four figures of every quiet frame and channel: the mean, the deviation of the samples
+about it, that of the parts about it, and the distance of the mean from the level (the median of the
+`LEVEL_FRAMES` quiet frames before it). Medians over the last `BASELINE_FRAMES` of them are the baseline: it
+does not move before half of those frames are disturbed.
 
-The scales change at fixed frame numbers only (2, 3, 4, 6, 8, 12, 16, 32, 64, 128, then every
-`BASELINE_FRAMES`), so that decisions do not depend on how the samples are chunked. While they rest on few
-frames, the thresholds are wider by the uncertainty of the scales themselves.
+The scales change at fixed frame numbers only (`SCHEDULE`, then every `BASELINE_FRAMES`), so that decisions do
+not depend on how the samples are chunked. As long as they rest on few frames, the thresholds are wider by the
+uncertainty of the scales.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -77,8 +79,7 @@ MOST_SCATTER = 3.0
 """Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
 
 COARSE_SIGMA = 0.3
-"""Deviation, in quantisation steps, below which a channel mostly stands still and is not knocked by a
-step."""
+"""Deviation, in quantisation steps, below which a channel is mostly constant: one step is no knock."""
 COARSE_PEAK_STEPS = 3.0
 """Quantisation steps that a sample of such a channel may be off."""
 COARSE_MEAN_STEPS = 2.0
@@ -86,6 +87,21 @@ COARSE_MEAN_STEPS = 2.0
 
 ROUNDING = 1e-12
 """Share of the level by which sums of equal numbers may differ."""
+
+
+class ArrayState:
+    """Base of detectors whose state is some arrays: the attributes named in `_STATE`."""
+
+    _STATE: ClassVar[tuple[str, ...]]
+
+    def save(self) -> dict[str, np.ndarray]:
+        """Return the state as arrays."""
+        return {name.strip("_"): getattr(self, name).copy() for name in self._STATE}
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Continue from a saved state."""
+        for name in self._STATE:
+            setattr(self, name, np.array(saved[name.strip("_")]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +135,7 @@ class FrameStatistics:
 
     @classmethod
     def of(cls, d: Floats, usable: Bools | None, level: Floats) -> FrameStatistics:
-        """Return the figures of frames.
+        """Return the statistics of frames.
 
         Parameters
         ----------
@@ -154,7 +170,10 @@ class FrameStatistics:
         return cls((mean + level[:, None]).T, rms.T, np.sqrt(spread).T, peak.T, part_peak.T, known)
 
 
-class NoiseBaseline:
+_PUBLIC_STATE = ("origin", "sample", "part", "shift")
+
+
+class NoiseBaseline(ArrayState):
     """Level and scales of each channel at rest.
 
     Parameters
@@ -167,11 +186,13 @@ class NoiseBaseline:
     ----------
     frames : quiet frames learned from, in all.
     stale : frames since the last quiet one.
-    at_rest : what was learned can be a sensor at rest.
+    at_rest : whether the frames can be those of a sensor at rest.
     origin : (c,) channel unit, near the level: sums are relative to it and lose no digits.
     sample, part, shift : (c,) channel unit, thresholds for the distance of a sample from the mean of its
         frame, of a part from it, and of the mean of a frame from the level.
     """
+
+    _STATE = ("_ring", "_recent_means", "_scale", "_scatter", "_step", "_limits", *_PUBLIC_STATE)
 
     def __init__(self, sensors: tuple[str, ...], frame: int, rate_hz: float) -> None:
         c = len(sensors)
@@ -203,23 +224,16 @@ class NoiseBaseline:
     @property
     def next_change(self) -> int:
         """Frames until the scales change."""
-        for at in SCHEDULE:
-            if self.frames < at:
-                return at - self.frames
-        return BASELINE_FRAMES - self.frames % BASELINE_FRAMES
+        last = BASELINE_FRAMES * (self.frames // BASELINE_FRAMES + 1)
+        return next((at for at in SCHEDULE if self.frames < at), last) - self.frames
 
     @property
     def level(self) -> Floats:
         """(c,) channel unit, median of the means of the last quiet frames."""
         return _median(self._recent_means[: min(self.frames, LEVEL_FRAMES)], self.origin)
 
-    def levels(self, means: Floats) -> Floats:
-        """Return (k, c) the level before each of some frames, if they all were quiet.
-
-        Parameters
-        ----------
-        means : (k, c) channel unit.
-        """
+    def _levels(self, means: Floats) -> Floats:
+        """Return the level before each frame with the means (k, c), channel unit, if all were quiet."""
         k, before = len(means), min(self.frames, LEVEL_FRAMES)
         row = np.concatenate((self._recent_means[:before][::-1], means))
         if before == LEVEL_FRAMES:
@@ -241,15 +255,12 @@ class NoiseBaseline:
         if not k:
             return
         self._update_step(quiet)
-        tiny = np.finfo(np.float64).tiny
-        ring = self._ring
-        at = (self.frames + np.arange(k)) % BASELINE_FRAMES
-        ring[at, 0] = quiet.mean
-        ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
-        ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
-        ring[at, 3] = np.abs(quiet.mean - self.levels(quiet.mean))
+        rms, parts = np.log(np.maximum((quiet.rms, quiet.parts), np.finfo(np.float64).tiny))
+        distance = np.abs(quiet.mean - self._levels(quiet.mean))
         if not self.frames:
-            ring[0, 3] = np.nan
+            distance[0] = np.nan
+        at = (self.frames + np.arange(k)) % BASELINE_FRAMES
+        self._ring[at] = np.stack((quiet.mean, rms, parts, distance), axis=1)
         newest = quiet.mean[::-1][:LEVEL_FRAMES]
         self._recent_means = np.concatenate((newest, self._recent_means))[:LEVEL_FRAMES]
         self.stale = 0
@@ -267,12 +278,12 @@ class NoiseBaseline:
         if not self.ready:
             return np.zeros(frames.mean.shape, dtype=bool)
         peak, part_peak, mean, rms, parts = self._limits
-        found = (frames.peak > peak) | (frames.part_peak > part_peak)
         # a random walk continues during the frames that were not learned from
         shift = mean * np.sqrt(1.0 + self.stale / LEVEL_FRAMES)
-        found |= np.abs(frames.mean - self.levels(frames.mean)) > shift
-        found |= (frames.rms > rms) | (frames.parts > parts)
-        return np.asarray(found & frames.known[:, None], dtype=bool)
+        unusual = np.abs(frames.mean - self._levels(frames.mean)) > shift
+        unusual |= (frames.peak > peak) | (frames.part_peak > part_peak)
+        unusual |= (frames.rms > rms) | (frames.parts > parts)
+        return np.asarray(unusual & frames.known[:, None], dtype=bool)
 
     def _update_step(self, frames: FrameStatistics) -> None:
         """Note the least step that a channel makes."""
@@ -293,10 +304,10 @@ class NoiseBaseline:
         self.sample = SAMPLE_SIGMA * wider[0] * rms
         self.part = PART_SIGMA * wider[1] * parts
         shift = MAD_SIGMA * _median(self._ring[:n, 3], np.zeros_like(rms))
-        # The mean of a frame scatters by at least what white noise leaves of the parts; before some distances
-        # are known, by no more than the parts themselves.
-        known = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
-        self.shift = MEAN_SIGMA * (known if n > LEVEL_FRAMES else np.maximum(parts, known))
+        # The mean of a frame scatters at least as white noise of the parts would. With few distances, the
+        # scatter of the parts is the least that is assumed.
+        shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
+        self.shift = MEAN_SIGMA * (shift if n > LEVEL_FRAMES else np.maximum(parts, shift))
         # a constant channel differs from its level by rounding
         for limit in (self.sample, self.part, self.shift):
             np.maximum(limit, ROUNDING * np.abs(self.origin), out=limit)
@@ -307,7 +318,7 @@ class NoiseBaseline:
         """Return (5, c) thresholds for peak, part_peak, distance of the mean, rms and parts."""
         wider = np.maximum(SPREAD_SIGMA * self._scatter, np.log(LEAST_RATIO))
         limits = np.stack((self.sample, self.part, self.shift, *np.exp(self._scale + wider)))
-        # A channel that mostly stands still and now and then moves by one step is not knocked by that step.
+        # A single step is no knock of a channel that is mostly constant.
         coarse = np.exp(self._scale[0]) < COARSE_SIGMA * self._step
         allowed = np.array([COARSE_PEAK_STEPS, COARSE_MEAN_STEPS, COARSE_MEAN_STEPS, 1.0, 1.0])
         steps = allowed[:, None] * np.where(coarse, self._step, 0.0)
@@ -331,34 +342,17 @@ class NoiseBaseline:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        return {n.strip("_"): getattr(self, n).copy() for n in _STATE} | {
-            "frames": np.array([self.frames, self.at_rest, self.stale])
-        }
+        return super().save() | {"frames": np.array([self.frames, self.at_rest, self.stale])}
 
-    def restore(self, saved: dict[str, np.ndarray]) -> None:
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from a saved state."""
-        for name in _STATE:
-            setattr(self, name, np.array(saved[name.strip("_")]))
+        super().restore(saved)
         self.frames, at_rest, self.stale = (int(v) for v in saved["frames"])
         self.at_rest = bool(at_rest)
 
 
-_STATE = (
-    "_ring",
-    "_recent_means",
-    "origin",
-    "_scale",
-    "_scatter",
-    "sample",
-    "part",
-    "shift",
-    "_step",
-    "_limits",
-)
-
-
 def _median(rows: Floats, otherwise: Floats) -> Floats:
-    """Return the median of the finite numbers over the first axis; `otherwise` if there are none.
+    """Return the median of the finite numbers over the first axis, or `otherwise` without any.
 
     numpy's nanmedian takes fifty times as long on a few rows.
     """

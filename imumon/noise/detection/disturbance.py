@@ -3,26 +3,26 @@
 The detector assesses frame after frame against the `NoiseBaseline` and learns from the quiet ones. A frame
 that differs is searched part by part; if some parts explain it, only they are marked. Disturbed for most of
 ten frames means not at rest: everything is marked until five quiet frames follow, or until sixteen frames at
-a new level or with a new noise look like rest by themselves. They become the baseline then (the engine was
-started, the table was tilted), and the record breaks there, because a difference across is not noise either.
+a new level or with a new noise can be rest by themselves (a started engine, a tilted table). These become the
+baseline, and the record breaks behind them, because a difference across the change is not noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.detection.baseline import PARTS, FrameStatistics, NoiseBaseline
+from imumon.noise.detection.baseline import PARTS, ArrayState, FrameStatistics, NoiseBaseline
 from imumon.samples import Bools, Floats
 
 Codes: TypeAlias = npt.NDArray[np.int8]
 Reason: TypeAlias = Literal["glitch", "knock", "motion", "clipped", "stuck", "magnetic"]
-REASONS: tuple[Reason, ...] = ("glitch", "knock", "motion", "clipped", "stuck", "magnetic")
-"""Reasons in rising rank: if several hold, the last one counts. The code of a reason is its place, from 1."""
+REASONS: tuple[Reason, ...] = get_args(Reason)
+"""Reasons in rising rank: if several apply, the last one counts. The code of a reason is its place, from 1."""
 
 GLITCH, KNOCK, MOTION, CLIPPED, STUCK, MAGNETIC = range(1, 7)
 INERTIAL = ("gyro", "accel")
@@ -34,7 +34,7 @@ MOTION_FRAMES = 8
 QUIET_FRAMES = 5
 """Quiet frames in a row that end motion."""
 NEW_BASELINE_FRAMES = 16
-"""Frames of motion that are tried as a new baseline: enough to know its scales to 20 %."""
+"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %."""
 MOST_UNUSUAL = 0.15
 """Share of these frames that may be unusual by the baseline that was learned from them."""
 LARGEST_SHARE = 0.5
@@ -52,9 +52,9 @@ class Disturbance:
     kind : the reason.
     start : samples on the grid since the guard began, margin included.
     length : samples, margins included.
-    size : channel unit, greatest distance from the level; None if that says nothing (stuck).
-    channel : index of the channel where that distance is greatest relative to its noise, or which alone is
-        stuck; None: no single one.
+    size : channel unit, greatest distance from the level; None for a stuck output.
+    channel : index of the channel whose distance is greatest relative to its noise, or which alone is stuck;
+        None: no single one.
     """
 
     kind: Reason
@@ -64,7 +64,7 @@ class Disturbance:
     channel: int | None
 
 
-class DisturbanceDetector:
+class DisturbanceDetector(ArrayState):
     """Assess the channels of some sensors together.
 
     Parameters
@@ -96,7 +96,7 @@ class DisturbanceDetector:
         self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # within it: values equal to the last
 
     def assess(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> list[int]:
-        """Assess frames and learn from the quiet ones. Return the places on the grid of breaks.
+        """Assess frames and learn from the quiet ones; return the places of breaks on the grid.
 
         Parameters
         ----------
@@ -119,12 +119,7 @@ class DisturbanceDetector:
         return breaks
 
     def assess_first(self, x: Floats, usable: Bools | None, codes: Codes) -> None:
-        """Assess the first frames by one another, because a record may begin with a knock.
-
-        Parameters
-        ----------
-        x, usable, codes : see `assess`.
-        """
+        """Assess the first frames by one another, because a record may begin with a knock; see `assess`."""
         frames, _ = self._figures(x, usable)
         self.baseline.add(frames[frames.known])
         if not self.baseline.ready:
@@ -147,7 +142,7 @@ class DisturbanceDetector:
         return FrameStatistics.of(d, usable, self.baseline.origin), d
 
     def _assess_frame(self, x: Floats, usable: Bools | None, codes: Codes) -> bool:
-        """Assess one frame. Return whether the record breaks behind it."""
+        """Assess one frame and return whether the record breaks behind it."""
         frames, d = self._figures(x, usable)
         unusual = bool(self.baseline.unusual(frames).any())
         self._unusual = [*self._unusual[1:], unusual]
@@ -183,7 +178,7 @@ class DisturbanceDetector:
             codes[:] = MOTION
 
     def _try_new_baseline(self) -> bool:
-        """Use the last frames as the baseline if they are rest. Return whether the record breaks."""
+        """Use the last frames as the baseline if they are rest; return whether the record breaks."""
         frames = FrameStatistics.joined(self._candidates)
         self._candidates = []
         trial = NoiseBaseline(*self._baseline_arguments)
@@ -220,10 +215,6 @@ class DisturbanceDetector:
             if not baseline.unusual(FrameStatistics.of(d * rest, rest, baseline.origin)).any():
                 return np.where(hit, GLITCH if glitch else KNOCK, 0).astype(np.int8)
         return np.full(PARTS, KNOCK, dtype=np.int8)
-
-    def skip(self, frames: int) -> None:
-        """Note that `frames` frames are missing."""
-        self.baseline.skip(frames)
 
     def extend(self, start: int, end: int, code: int, values: Floats) -> None:
         """Begin or extend the running disturbance.
@@ -265,7 +256,7 @@ class DisturbanceDetector:
             out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
         return out | {f"baseline.{name}": value for name, value in self.baseline.save().items()}
 
-    def restore(self, saved: dict[str, np.ndarray]) -> None:
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from a saved state."""
         self.moving = int(saved["state"][0])
         self._unusual = [bool(v) for v in saved["state"][1:]]

@@ -1,29 +1,29 @@
 """Guard: find the samples that are not the sensor's own noise and exclude them.
 
-People bump tables, lines glitch, ranges clip and sensors hang. One sample of +1 rad/s in five hours triples
-N. The guard holds samples back for one to two frames (a frame is about a second, and ten samples at low
-rates; at the beginning four), has each frame assessed (`disturbance` by the sensor's own noise, `stuck` by
-repeats), and passes all samples on in order. Excluded samples are marked invalid, with a margin before and
-after. Every exclusion has a reason, is counted by samples and reported as a `Disturbance`.
+Tables are knocked, lines glitch, ranges clip and sensors hang. One sample of +1 rad/s in five hours triples
+N. The guard holds samples back for one to two frames (four at the beginning; a frame is about a second, and
+ten samples at low rates). The detectors assess each frame (`disturbance` by the noise of the sensor, `stuck`
+by repeats), and the guard passes all samples on in order. Excluded samples are marked invalid, with a margin
+before and after. Every exclusion has a reason, is counted by samples and reported as a `Disturbance`.
 
 Rules:
 
-- Gyroscope and accelerometer sit on the same table: what disturbs one excludes both. The magnetometer is
-  assessed by itself. Other sensors (temperature, pressure) pass unchanged.
+- Gyroscope and accelerometer share a table: a disturbance of one excludes both. The magnetometer is assessed
+  by itself. Other sensors (temperature, pressure) pass unchanged.
 - The result depends on the grid alone: any chunking of the input gives the same exclusions.
-- Statistics do not wait for the first assessment: until then, `pending` holds what will be passed on,
-  unfiltered. Nothing of it is withdrawn later but what is excluded.
-- This module knows margins, order and counters. The detectors know what is unusual.
+- Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass
+  on, unfiltered. Later results differ by the excluded samples only.
+- The guard applies margins, order and counters. The detectors decide which samples are unusual.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.detection.baseline import PARTS
+from imumon.noise.detection.baseline import PARTS, ArrayState
 from imumon.noise.detection.disturbance import (
     CLIPPED,
     GLITCH,
@@ -55,10 +55,12 @@ FIRST_FRAMES = 4
 LONG_SKIP = 3
 """Whole missing frames from which a gap is skipped and not passed through the detectors. Not critical."""
 
+_ARRAYS = ("values", "valid", "saturated", "codes", "tail", "counts")
+
 
 @dataclass(frozen=True, slots=True)
 class GuardedSamples:
-    """Output of the guard: a break, or a gap, or samples; apply them in this order.
+    """Output of the guard: a break, a gap, or samples, to be applied in this order.
 
     Attributes
     ----------
@@ -109,7 +111,7 @@ class Guard:
         self._saturated = np.zeros(0, dtype=bool)
         self._codes = np.zeros((0, len(self._detectors)), dtype=np.int8)  # of the parts assessed
         self._tail = np.zeros((PARTS, len(self._detectors)), dtype=np.int8)  # of the parts passed on last
-        self._index = 0  # place on the grid of the first row held
+        self._index = 0  # place on the grid of the first row that is held back
         self._started = False
         self._breaks: list[int] = []  # places on the grid before which the record breaks
         self._events: list[Disturbance] = []
@@ -126,9 +128,9 @@ class Guard:
         """Whether gyroscope or accelerometer, or an axis of them, repeats its values now."""
         if not self._detectors or not self._detectors[0].inertial:
             return False
-        detector = self._detectors[0]
-        whole = self._repeats.stuck[detector.groups].any()
-        return bool(whole or self._stuck_axes.stuck[: len(detector.channels)].any())
+        inertial = self._detectors[0]
+        sample, axis = self._repeats.stuck[inertial.groups], self._stuck_axes.stuck[: len(inertial.channels)]
+        return bool(sample.any() or axis.any())
 
     @property
     def excluded(self) -> dict[Reason, int]:
@@ -162,7 +164,7 @@ class Guard:
     def update(
         self, values: Floats, valid: Bools | None = None, saturated: Bools | None = None
     ) -> list[GuardedSamples]:
-        """Add samples. Return what has been decided.
+        """Add samples and return those that are assessed.
 
         Parameters
         ----------
@@ -170,53 +172,59 @@ class Guard:
         valid : (n, g) received; None: all.
         saturated : (n,) samples that the sensor reports as out of range; None: unknown.
         """
-        n = len(values)
+        n, groups = len(values), self._valid.shape[1]
+        received = np.ones((n, groups), dtype=bool) if valid is None else valid
         flags = np.zeros(n, dtype=bool) if saturated is None else saturated
-        given = np.ones((n, self._valid.shape[1]), dtype=bool) if valid is None else valid
         self._values = np.concatenate((self._values.T, values.T), axis=1).T
-        self._valid = np.concatenate((self._valid, given))
+        self._valid = np.concatenate((self._valid, received))
         self._saturated = np.concatenate((self._saturated, flags))
         self._assess_ready(FIRST_FRAMES)
         return self._pass_on(len(self._codes) // PARTS - 1)
 
     def skip(self, n: int) -> list[GuardedSamples]:
-        """Note that `n` samples are missing. Return what has been decided."""
+        """Note that `n` samples are missing; return the samples that are assessed."""
         fill = -len(self._values) % self._frame
         whole = max(0, n - fill) // self._frame
         if whole < LONG_SKIP:
             return self._missing(n)
-        out = self._missing(fill)
-        self._assess_ready(min(FIRST_FRAMES, max(1, len(self._values) // self._frame)))
-        out += self._pass_on(len(self._codes) // PARTS)
-        self._close()
-        out.append(GuardedSamples(self._values, self._valid, skipped=whole * self._frame))
-        self._index += whole * self._frame
+        out, rows = self._drain(fill), whole * self._frame
+        out.append(GuardedSamples(self._values, self._valid, skipped=rows))
+        self._index += rows
         for detector in self._detectors:
-            detector.skip(whole)
-        return out + self._missing(n - fill - whole * self._frame)
+            detector.baseline.skip(whole)
+        return out + self._missing(n - fill - rows)
 
     def break_(self) -> list[GuardedSamples]:
-        """Note a gap of unknown length. Return everything that is held back, and the break."""
+        """Note a gap of unknown length; return all samples that are held back, and the break."""
         return [*self.flush(), GuardedSamples(self._values, self._valid, broken=True)]
 
     def flush(self) -> list[GuardedSamples]:
-        """Return everything that is held back; the next sample starts a new grid of frames."""
+        """Return all samples that are held back; the next sample starts a new grid of frames."""
         fill = -len(self._values) % self._frame
+        out = self._drain(fill)
+        if fill:
+            out[-1] = replace(out[-1], values=out[-1].values[:-fill], valid=out[-1].valid[:-fill])
+        self._index -= fill
+        self._breaks = [min(place, self._index) for place in self._breaks]
+        return out
+
+    def _drain(self, fill: int) -> list[GuardedSamples]:
+        """Complete the last frame with `fill` missing samples; return all samples, and end disturbances."""
         out = self._missing(fill)
         self._assess_ready(min(FIRST_FRAMES, max(1, len(self._values) // self._frame)))
         out += self._pass_on(len(self._codes) // PARTS)
-        self._close()
-        self._index -= fill
-        return _without_last(out, fill)
+        self._end(self._detectors)
+        self._tail = np.zeros_like(self._tail)
+        return out
 
     def _missing(self, n: int) -> list[GuardedSamples]:
         if n <= 0:
             return []
-        values = np.zeros((n, self._values.shape[1]))
-        return self.update(values, np.zeros((n, self._valid.shape[1]), dtype=bool))
+        groups = self._valid.shape[1]
+        return self.update(np.zeros((n, len(self.groups))), np.zeros((n, groups), dtype=bool))
 
     def _assess_ready(self, least: int) -> None:
-        """Assess the complete frames; the first `least` of them only together."""
+        """Assess the complete frames; assess the first `least` of them together."""
         while (ready := len(self._values) // self._frame - len(self._codes) // PARTS) > 0:
             if self._started:
                 self._assess(min([ready] + [d.baseline.next_change for d in self._detectors]))
@@ -238,26 +246,20 @@ class Guard:
         clean = bool(valid.all()) and not (stuck.any() or saturated.any())
         shape = (k, PARTS, self._part)
         for w, detector in enumerate(self._detectors):
-            x = values.T[detector.channels].reshape(-1, *shape)
-            if clean:
-                self._detect(detector, x, None, codes[..., w], done)
-                continue
-            received = np.asarray(valid[:, detector.groups].all(axis=1), dtype=bool)
-            repeats = np.asarray(stuck[:, detector.groups].any(axis=1), dtype=bool)
-            usable = (received & ~(repeats | saturated)).reshape(shape)
-            self._detect(detector, x, usable, codes[..., w], done)
-            for code, hit in ((CLIPPED, saturated), (STUCK, repeats)):
-                codes[np.any((hit & received).reshape(shape), axis=2), w] = code
+            x, own, usable = values.T[detector.channels].reshape(-1, *shape), codes[..., w], None
+            if not clean:
+                received = np.asarray(valid[:, detector.groups].all(axis=1), dtype=bool)
+                repeats = np.asarray(stuck[:, detector.groups].any(axis=1), dtype=bool)
+                usable = (received & ~(repeats | saturated)).reshape(shape)
+            if self._started:
+                self._breaks += detector.assess(x, usable, own, self._index + done)
+            else:
+                detector.assess_first(x, usable, own)
+            if not clean:
+                for code, hit in ((CLIPPED, saturated), (STUCK, repeats)):
+                    own[np.any((hit & received).reshape(shape), axis=2)] = code
         self._repeats.learn(k)
         self._codes = np.concatenate((self._codes, codes.reshape(-1, len(self._detectors))))
-
-    def _detect(
-        self, detector: DisturbanceDetector, x: Floats, usable: Bools | None, codes: Codes, done: int
-    ) -> None:
-        if self._started:
-            self._breaks += detector.assess(x, usable, codes, self._index + done)
-        else:
-            detector.assess_first(x, usable, codes)
 
     def _pass_on(self, frames: int) -> list[GuardedSamples]:
         """Return the first `frames` frames, with their exclusions and margins."""
@@ -290,12 +292,7 @@ class Guard:
         return out
 
     def _exclude(self, values: Floats, valid: Bools, codes: Codes) -> None:
-        """Mark excluded rows invalid, count them, and track the disturbances.
-
-        Parameters
-        ----------
-        codes : (parts, detectors), margins included.
-        """
+        """Mark rows invalid by the codes (parts, detectors), count them, and track the disturbances."""
         rows = np.repeat(codes, self._part, axis=0)
         inertial = np.zeros(len(values), dtype=bool)
         for w, detector in enumerate(self._detectors):
@@ -321,72 +318,41 @@ class Guard:
     def _end(self, detectors: list[DisturbanceDetector]) -> None:
         self._events += [detector.close() for detector in detectors if detector.open]
 
-    def _close(self) -> None:
-        self._end(self._detectors)
-        self._tail = np.zeros_like(self._tail)
-
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays, without running disturbances and unread events."""
-        out = {
-            "sensors": np.array(self.sensors),
-            "rate": np.array(self._rate),
-            "excludes": np.array(self._excludes),
-            "values": self._values.copy(),
-            "valid": self._valid.copy(),
-            "saturated": self._saturated.copy(),
-            "codes": self._codes.copy(),
-            "tail": self._tail.copy(),
-            "counts": self._counts.copy(),
-            "numbers": np.array(
-                [self._index, self.disturbances, self._started, *self._breaks], dtype=np.int64
-            ),
-        }
-        for w, detector in enumerate(self._detectors):
-            out |= {f"detector{w}.{name}": value for name, value in detector.save().items()}
-        out |= {f"repeats.{name}": value for name, value in self._repeats.save().items()}
-        return out | {f"stuck_axes.{name}": value for name, value in self._stuck_axes.save().items()}
+        numbers = [self._index, self.disturbances, self._started, *self._breaks]
+        out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
+        out |= {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
+        out |= {"excludes": np.array(self._excludes), "numbers": np.array(numbers, dtype=np.int64)}
+        for prefix, part in self._parts().items():
+            out |= {prefix + name: value for name, value in part.save().items()}
+        return out
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Guard:
         """Return a guard that continues from a saved state."""
         self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
-        self._values, self._valid = saved["values"].copy(), saved["valid"].copy()
-        self._saturated, self._codes = saved["saturated"].copy(), saved["codes"].copy()
-        self._tail, self._counts = saved["tail"].copy(), saved["counts"].copy()
+        for name in _ARRAYS:
+            setattr(self, f"_{name}", saved[name].copy())
         self._index, self.disturbances, started, *self._breaks = (int(v) for v in saved["numbers"])
         self._started = bool(started)
-        for w, detector in enumerate(self._detectors):
-            detector.restore(subset(saved, f"detector{w}."))
-        self._repeats.restore(subset(saved, "repeats."))
-        self._stuck_axes.restore(subset(saved, "stuck_axes."))
+        for prefix, part in self._parts().items():
+            part.restore(subset(saved, prefix))
         return self
 
-
-def _margins(code: int) -> tuple[int, int]:
-    """Return the parts excluded before and after a disturbance."""
-    if code == GLITCH:
-        return GLITCH_MARGIN, GLITCH_MARGIN
-    return MARGIN_BEFORE, STUCK_MARGIN_AFTER if code == STUCK else MARGIN_AFTER
+    def _parts(self) -> dict[str, ArrayState]:
+        """Return the objects that are saved with the guard, by the prefix of their arrays."""
+        parts: dict[str, ArrayState] = {f"detector{w}.": d for w, d in enumerate(self._detectors)}
+        return parts | {"repeats.": self._repeats, "stuck_axes.": self._stuck_axes}
 
 
 def _with_margins(codes: Codes) -> Codes:
     """Return the codes of parts with the margins of their reasons; if several apply, the highest."""
     out = codes.copy()
     for code in np.unique(codes[codes > 0]).tolist():
-        before, after = _margins(code)
+        before, after = MARGIN_BEFORE, STUCK_MARGIN_AFTER if code == STUCK else MARGIN_AFTER
+        if code == GLITCH:
+            before = after = GLITCH_MARGIN
         reach = np.convolve(codes == code, np.ones(before + after + 1))[before : before + len(codes)] > 0.5
         np.maximum(out, np.int8(code), out=out, where=reach)
     return out
-
-
-def _without_last(items: list[GuardedSamples], n: int) -> list[GuardedSamples]:
-    """Return the items without their last `n` samples."""
-    out: list[GuardedSamples] = []
-    for item in reversed(items):
-        size = len(item.values)
-        drop = min(n, size)
-        n -= drop
-        if drop < size or item.broken or item.skipped:
-            rows = slice(0, size - drop)
-            out.append(GuardedSamples(item.values[rows], item.valid[rows], item.skipped, item.broken))
-    return out[::-1]

@@ -1,24 +1,25 @@
 """Stuck output: whole samples and single axes that repeat instead of being measured.
 
-A sensor that hangs sends the same sample again and again, and an axis that hangs sends its own value again.
-Neither adds information, and both distort every statistic without exceeding any limit. Some sensors repeat
-lawfully: a magnetometer that updates at 250 Hz and is read at 800 Hz, a quantised temperature, a constant
-channel. The detectors therefore learn the usual share p of repeats, and a run of r repeats counts as stuck
-only if p^r is less likely than `CHANCE`.
+A sensor that hangs repeats the same sample, and an axis that hangs repeats its value. Neither adds
+information, and both distort every statistic without exceeding any limit. Some repeats are normal: a
+magnetometer that updates at 250 Hz and is read at 800 Hz, a quantised temperature, a constant channel. The
+detectors therefore learn the usual share p of repeats. A run of r repeats counts as stuck only if p^r is below
+`CHANCE`.
 
 - `RepeatDetector` compares whole samples of a group of channels.
-- `StuckAxisDetector` compares the values of one axis over whole frames. An axis that never changed is not
-  stuck but constant, which is reported elsewhere and excludes nothing. An axis whose noise is hardly wider
-  than one quantisation step may stand still lawfully, depending on its level, and is never stuck.
+- `StuckAxisDetector` compares the values of one axis over whole frames. An axis that never changed is
+  constant, not stuck: it is reported elsewhere and excludes nothing. An axis whose noise is hardly wider than
+  one quantisation step may be constant at some levels, and is never stuck.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from imumon.noise.detection.baseline import ArrayState
 from imumon.samples import Bools, Floats
 
 CHANCE = 1e-12
@@ -39,13 +40,13 @@ FADE_ROWS = 4096
 """Samples after which older ones count half, so that the usual share follows the sensor. Not critical."""
 
 LEARN_FRAMES = 8
-"""Frames of one run without a change that are learned as usual at most, and moving frames in which the
-quantisation step is sought."""
+"""Most frames of one run without a change that are learned as usual; changing frames in which the
+quantisation step is determined."""
 FADE_FRAMES = 4096
 """Frames, memory of the usual share of frames without a change. Not critical."""
 WIDE_STEPS = 4.0
-"""Quantisation steps that a frame of an axis must span before standing still counts: less than that and the
-axis may rest in the middle of a step."""
+"""Quantisation steps that a frame of an axis must span before a constant value counts: a narrower axis may
+stay in the middle of a step."""
 LEAST_VALID = 0.5
 """Valid share of a frame from which it is compared. Not critical."""
 
@@ -55,13 +56,15 @@ HASH_MULTIPLIER = 0x9E3779B97F4A7C15
 _NEVER = int(np.iinfo(np.int64).max)
 
 
-class RepeatDetector:
+class RepeatDetector(ArrayState):
     """Find groups of channels that repeat whole samples.
 
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1.
     """
+
+    _STATE = ("_previous", "_started", "_run", "_repeats", "_rows", "_longest", "_frames")
 
     def __init__(self, groups: Sequence[int]) -> None:
         self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
@@ -83,7 +86,7 @@ class RepeatDetector:
         return np.asarray(self._run >= self._longest)
 
     def update(self, values: Floats, valid: Bools) -> Bools:
-        """Return the rows (n, g) that repeat the one before, in a run that chance does not make.
+        """Return the rows (n, g) that repeat the one before, in a run that is too long for chance.
 
         Parameters
         ----------
@@ -100,7 +103,7 @@ class RepeatDetector:
         return stuck
 
     def learn(self, frames: int) -> None:
-        """Count `frames` frames; now and then take the share of repeats as usual, older samples fading."""
+        """Count `frames` frames and update the usual share of repeats at times; older samples fade."""
         before = int(self._frames[0])
         self._frames += frames
         now = before + frames
@@ -135,36 +138,23 @@ class RepeatDetector:
             if stuck.any():
                 usual -= int(stuck.sum())
                 repeats -= int(stuck.sum())
-                if index is None:
-                    out[:] = stuck
-                else:
-                    out[index] = stuck
+                out[slice(None) if index is None else index] = stuck
         else:
             self._run[g] = 0
         self._rows[g] += usual
         self._repeats[g] += repeats
 
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        return {name.strip("_"): getattr(self, name).copy() for name in _REPEAT_STATE}
 
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state."""
-        for name in _REPEAT_STATE:
-            setattr(self, name, np.array(saved[name.strip("_")]))
-
-
-_REPEAT_STATE = ("_previous", "_started", "_run", "_repeats", "_rows", "_longest", "_frames")
-
-
-class StuckAxisDetector:
+class StuckAxisDetector(ArrayState):
     """Find axes that do not change at all.
 
     Parameters
     ----------
-    channels : columns that are watched.
+    channels : columns that are compared.
     groups : (c,) group of each channel of the stream.
     """
+
+    _STATE = ("_run", "_flat", "_frames", "_step", "_span")
 
     def __init__(self, channels: Sequence[int], groups: Sequence[int]) -> None:
         span = range(channels[0], channels[-1] + 1) if channels else range(0)
@@ -180,9 +170,7 @@ class StuckAxisDetector:
 
     @property
     def stuck(self) -> Bools:
-        """(c,) Watched channels that are stuck now."""
-        if not (self._run >= LEAST_FRAMES).any():
-            return np.zeros(len(self._run), dtype=bool)
+        """(c,) Compared channels that are stuck now."""
         return np.asarray(self._run >= self._needed())
 
     def update(self, values: Floats, valid: Bools, frames: int) -> list[tuple[int, int]]:
@@ -199,7 +187,7 @@ class StuckAxisDetector:
         ok = None if valid.all() else valid.T[self._groups].reshape(x.shape)
         if ok is not None:
             suspect |= ~ok.all(axis=2)
-        found = []
+        stuck = []
         for f in range(frames):
             examined = suspect[:, f] | (self._run > 0) | (self._frames < LEARN_FRAMES)
             if not examined.any():
@@ -216,13 +204,13 @@ class StuckAxisDetector:
                     self._end_run(c, row, span)
                     continue
                 self._run[c] += 1
-                if self.stuck[c]:
-                    found.append((f, self._groups[c]))
+                if self._run[c] >= LEAST_FRAMES and self.stuck[c]:
+                    stuck.append((f, self._groups[c]))
             self._learn(moved.astype(np.float64))
-        return found
+        return stuck
 
     def _end_run(self, c: int, row: Floats, span: float) -> None:
-        """Note that a channel moves; the frames before in which it did not were usual."""
+        """Note that a channel changes: the constant frames before were usual."""
         if self._frames[c] < LEARN_FRAMES:
             self._step[c] = min(self._step[c], float(np.diff(np.unique(row)).min()))
         usual = min(int(self._run[c]), LEARN_FRAMES)
@@ -231,33 +219,21 @@ class StuckAxisDetector:
         self._flat[c] += usual
 
     def _learn(self, frames: Floats) -> None:
-        """Count (c,) more frames in which each channel moved; older frames fade."""
+        """Count (c,) more frames in which each channel changed; older frames fade."""
         self._frames += frames
         self._flat *= np.where(self._frames > FADE_FRAMES, 1.0 - 1.0 / FADE_FRAMES, 1.0)
         np.minimum(self._frames, FADE_FRAMES, out=self._frames)
 
     def _needed(self) -> Floats:
-        """Return (c,) frames in a row without a change that chance does not make; inf if unknown."""
+        """Return (c,) frames in a row without a change that are too many for chance; inf if unknown."""
         share = np.where(self._frames > 0, self._flat / np.maximum(self._frames, 1.0), 1.0)
         lawful = (share >= LAWFUL_SHARE) | (self._span < WIDE_STEPS * self._step)
         needed = math.log(CHANCE) / np.log(np.clip(share, CHANCE, LAWFUL_SHARE))
         return np.where(lawful, np.inf, np.maximum(LEAST_FRAMES, np.ceil(needed)))
 
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        return {name.strip("_"): getattr(self, name).copy() for name in _AXIS_STATE}
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state."""
-        for name in _AXIS_STATE:
-            setattr(self, name, np.array(saved[name.strip("_")]))
-
-
-_AXIS_STATE = ("_run", "_flat", "_frames", "_step", "_span")
-
 
 def run_beyond_chance(share: float) -> int:
-    """Return the length of a run of repeats that chance does not make, for this probability of a repeat.
+    """Return the length of a run of repeats that is too long for chance; `share` is the usual one.
 
     >>> run_beyond_chance(0.0), run_beyond_chance(0.69), run_beyond_chance(1.0) > 10**12
     (5, 75, True)

@@ -1,5 +1,5 @@
 """Change of the statistics during a record: warm-up, drift, steps."""
 
-from imumon.noise.nonstationarity.hourly_statistics import HOUR_S, Hour, HourlyStatistics
+from imumon.noise.nonstationarity.hourly_statistics import HourlyStatistics
 
-__all__ = ["HOUR_S", "Hour", "HourlyStatistics"]
+__all__ = ["HourlyStatistics"]

@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from imumon.noise.nonstationarity.mean_covariance import FittedNoise, LimitedValue, MeanCovariance
-from imumon.report import Change
+from imumon.noise.fit import ChannelFit, FittedCoefficient
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.report import Change, Coefficient
 
 CHANGE_SIGMA = 5.0
 """Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
@@ -21,12 +22,12 @@ LEAST_CHANGE_N = 0.05
 LEAST_CHANGE_B = 0.5
 """Relative change of B below which it does not matter: B of the same sensor varies by as much."""
 MOST_SIGMA = 1e6
-"""Standard errors that are reported at most; more have no meaning. Not critical."""
+"""Most standard errors that are reported; more have no meaning. Not critical."""
 LIMIT_95 = 1.96
 """Standard errors, half-width of a 95 % interval."""
 
-_TINY = 1e-300  # keeps divisions by a zero deviation finite
-_LEAST_ERROR = 1e-12  # relative; keeps a ratio of equal limits finite
+_TINY = 1e-300  # least divisor
+_LEAST_ERROR = 1e-12  # relative, least divisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +42,14 @@ class NoiseSummary:
     length_s : s.
     """
 
-    N: LimitedValue
-    B: LimitedValue
+    N: FittedCoefficient | Coefficient
+    B: FittedCoefficient | Coefficient
     mean: float | None
     noise: MeanCovariance | None
     length_s: float
 
     @classmethod
-    def of(cls, fit: FittedNoise, mean: float | None, length_s: float) -> NoiseSummary:
+    def of(cls, fit: ChannelFit, mean: float | None, length_s: float) -> NoiseSummary:
         """Return the summary of a fit."""
         return cls(fit.N, fit.B, mean, MeanCovariance.of(fit), length_s)
 
@@ -56,7 +57,7 @@ class NoiseSummary:
 def detect_changes(
     before: NoiseSummary, now: NoiseSummary, against: str, apart_s: float | None = 0.0
 ) -> list[Change]:
-    """Return what differs between two stretches beyond chance.
+    """Return the significant changes between two stretches.
 
     Parameters
     ----------
@@ -64,25 +65,33 @@ def detect_changes(
     apart_s : s, from the end of the one to the beginning of the other. None: unknown, as for a saved
         baseline; then the bias is not compared, because it differs from one power-up to the next.
     """
-    compared = (
+    compared = [
         _compare(against, "N", before.N, now.N, LEAST_CHANGE_N),
         _compare(against, "B", before.B, now.B, LEAST_CHANGE_B),
-    )
-    found = [change for change in compared if change is not None]
-    if apart_s is not None and before.mean is not None and now.mean is not None:
-        # the longer stretch knows best what the noise does over a long time
-        noise = (before if before.length_s >= now.length_s else now).noise
-        difference = now.mean - before.mean
-        if noise is not None:
-            error = noise.difference(before.length_s, now.length_s, apart_s)
-            sigma = abs(difference) / max(error, _TINY)
-            if sigma > CHANGE_SIGMA:
-                found.append(_change(against, "bias", before.mean, now.mean, None, min(sigma, MOST_SIGMA)))
-    return found
+        None if apart_s is None else _compare_bias(against, before, now, apart_s),
+    ]
+    return [change for change in compared if change is not None]
+
+
+def _compare_bias(against: str, before: NoiseSummary, now: NoiseSummary, apart_s: float) -> Change | None:
+    """Return the change of the bias; None if there is none."""
+    # the longer stretch determines the slow noise best
+    noise = (before if before.length_s >= now.length_s else now).noise
+    if noise is None or before.mean is None or now.mean is None:
+        return None
+    error = noise.difference(before.length_s, now.length_s, apart_s)
+    sigma = min(abs(now.mean - before.mean) / max(error, _TINY), MOST_SIGMA)
+    if sigma <= CHANGE_SIGMA:
+        return None
+    return Change(against=against, quantity="bias", before=before.mean, now=now.mean, ratio=None, sigma=sigma)
 
 
 def _compare(
-    against: str, quantity: str, before: LimitedValue, now: LimitedValue, least: float
+    against: str,
+    quantity: str,
+    before: FittedCoefficient | Coefficient,
+    now: FittedCoefficient | Coefficient,
+    least: float,
 ) -> Change | None:
     """Return the change of a coefficient, compared on a logarithmic scale; None if there is none."""
     errors = []
@@ -96,10 +105,6 @@ def _compare(
     sigma = abs(math.log(ratio)) / max(math.hypot(*errors), _LEAST_ERROR)
     if sigma < CHANGE_SIGMA or abs(math.log(ratio)) < math.log1p(least):
         return None
-    return _change(against, quantity, before.value, now.value, ratio, sigma)
-
-
-def _change(
-    against: str, quantity: str, before: float, now: float, ratio: float | None, sigma: float
-) -> Change:
-    return Change(against=against, quantity=quantity, before=before, now=now, ratio=ratio, sigma=sigma)
+    return Change(
+        against=against, quantity=quantity, before=before.value, now=now.value, ratio=ratio, sigma=sigma
+    )

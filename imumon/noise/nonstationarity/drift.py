@@ -1,10 +1,10 @@
-"""Drift: slope of the mean against time and against temperature, with limits that know the noise.
+"""Drift: slope of the mean against time and against temperature, with limits that follow from the noise.
 
 The record is kept as at most 128 means over equal stretches; when they are full, neighbours are joined and
 stretches double. Slopes are fitted to the means by generalised least squares (Aitken 1935) with the
-covariance that the channel's own N, B and K give them (`MeanCovariance`), so that a random walk is not
-called a drift. What the noise does not explain either widens the limits (residual chi-square over degrees of
-freedom if above one: Birge 1932).
+covariance that follows from N, B and K of the channel (`MeanCovariance`), so that a random walk is not
+called a drift. A misfit that the noise does not explain widens the limits (residual chi-square over degrees
+of freedom if above one: Birge 1932).
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ SIGNIFICANT_SIGMA = 3.9
 second."""
 STEP_SIGMA = 6.0
 """Standard errors of the size of a step against all the noise beyond which it is reported: 128 places are
-tested again and again."""
+tested repeatedly."""
 ABRUPT_SIGMA = 4.0
-"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift looks
-like a step only from afar."""
+"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift is
+as large only over several means."""
 STEP_WALK = 0.5
 """Share of the fitted K that is noise in a search for a step: a step raises the K that is fitted over it."""
 LEAST_SPAN_DEGC = 0.3
-"""degC, range of temperature below which nothing is said about its effect."""
+"""degC, least range of temperature from which its effect is estimated."""
 BEYOND_WHITE = 0.1
 """Share of the variance of the means that must exceed white noise for `explained` to have a value."""
 HIGHEST_SHARE = 0.1
 """Share of the range of means by which the last one may be below the highest. Not critical."""
 LEAST_LEFT = 1e-12
-"""Least share of the Allan variance that is left without the temperature, for its logarithm."""
+"""Least share of the Allan variance that remains without the temperature, for its logarithm."""
 
-_TINY = 1e-300  # keeps divisions by a zero sum finite
+_TINY = 1e-300  # least divisor
 
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """A slope with its standard error.
+    """Slope with its standard error.
 
     Attributes
     ----------
@@ -88,16 +88,10 @@ class Slope:
 
 @dataclass(frozen=True, slots=True)
 class BiasStep:
-    """A sudden change of the mean.
+    """Sudden change of the mean."""
 
-    Attributes
-    ----------
-    at_s : s since the first sample.
-    change : means before and after it.
-    """
-
-    at_s: float
-    change: Change
+    at_s: float  # s since the first sample
+    change: Change  # means before and after it
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +102,7 @@ class Trend:
     ----------
     time : channel unit per s.
     temperature : channel unit per degC; None without a temperature, or if it was constant.
-    explained : share of the variance of the means beyond white noise that follows the temperature; None
-        likewise.
+    explained : share of the variance of the means beyond white noise that follows the temperature, or None.
     """
 
     time: Slope
@@ -176,9 +169,6 @@ class DriftAccumulator:
         self._join_stretches(n)
         self._n += n
 
-    def break_(self) -> None:
-        """Note a gap of unknown length: it takes no time here."""
-
     def _join_stretches(self, n: int) -> None:
         """Double the stretches until `n` more samples fit."""
         while (self._n + n - 1) // self._width >= MEANS:
@@ -196,17 +186,17 @@ class DriftAccumulator:
         if time is None or self._temperature is None or c == self._temperature:
             return None if time is None else Trend(time)
         at, mean, count = self._means(c)
-        warm = self._means(self._temperature)
-        both, mine, other = np.intersect1d(at, warm[0], assume_unique=True, return_indices=True)
-        degrees = warm[1][other]
+        degrees_at, value, _ = self._means(self._temperature)
+        both, own, other = np.intersect1d(at, degrees_at, assume_unique=True, return_indices=True)
+        mean, count, degrees = mean[own], count[own], value[other]
         if len(both) < LEAST_MEANS or np.ptp(degrees) < LEAST_SPAN_DEGC:
             return Trend(time)
-        slope = self._fit_slope(both, mean[mine], count[mine], degrees, noise)
+        slope = self._fit_slope(both, mean, count, degrees, noise)
         if slope is None:
             return Trend(time)
-        total = float(np.var(mean[mine]))
-        white = noise.N**2 * self._rate * float(np.mean(1.0 / count[mine]))
-        rest = float(np.var(mean[mine] - slope.value * degrees))
+        total = float(np.var(mean))
+        white = noise.N**2 * self._rate * float(np.mean(1.0 / count))
+        rest = float(np.var(mean - slope.value * degrees))
         beyond = total - white
         explained = min(1.0, max(0.0, (total - rest) / beyond)) if beyond > BEYOND_WHITE * total else None
         return Trend(time, slope, explained)
@@ -214,9 +204,8 @@ class DriftAccumulator:
     def without_temperature(self, curve: AllanCurve, trends: Sequence[Trend | None]) -> AllanCurve | None:
         """Return the Allan curve as it would be at a constant temperature.
 
-        At long tau, where temperature acts, each variance is scaled by what is left of the variance of the
-        means after subtracting slope times temperature. None if no channel follows the temperature
-        significantly.
+        At long tau, each variance is scaled by the share of the variance of the means that remains after
+        slope times temperature is subtracted. None if no channel follows the temperature significantly.
 
         Parameters
         ----------
@@ -227,65 +216,49 @@ class DriftAccumulator:
         changed = False
         for c, trend in enumerate(trends[: avar.shape[1]]):
             if trend is not None and trend.temperature is not None and trend.temperature.significant:
-                avar[:, c] *= self._left(c, trend.temperature.value, curve.tau)
+                avar[:, c] *= self._share_without_temperature(c, trend.temperature.value, curve.tau)
                 changed = True
         return replace(curve, avar=avar) if changed else None
 
-    def _left(self, c: int, slope: float, tau: Floats) -> Floats:
+    def _share_without_temperature(self, c: int, slope: float, tau: Floats) -> Floats:
         """Return (k,) the share of the Allan variance at tau, s, that does not follow the temperature."""
         assert self._temperature is not None
-        series = np.full((2, MEANS), np.nan)  # the channel, and the channel less what follows the temperature
+        series = np.full((2, MEANS), np.nan)  # the channel, with and without the effect of the temperature
         at, mean, _ = self._means(c)
         series[:, at] = mean
         degrees = np.full(MEANS, np.nan)
-        warm, value, _ = self._means(self._temperature)
-        degrees[warm] = value
+        degrees_at, value, _ = self._means(self._temperature)
+        degrees[degrees_at] = value
         series[1] -= slope * degrees
         series[0, np.isnan(series[1])] = np.nan
-        width, m, known, left = self._width / self._rate, 1, [], []
+        width, m, times, shares = self._width / self._rate, 1, [], []
         while 3 * m <= len(at):
             steps = series[:, m:] - series[:, :-m]
             ok = np.isfinite(steps[0])
             if ok.sum() >= 2 and (power := np.square(steps[:, ok]).sum(axis=1))[0] > 0.0:
-                known.append(m * width)
-                left.append(min(1.0, float(power[1] / power[0])))
+                times.append(m * width)
+                shares.append(min(1.0, float(power[1] / power[0])))
             series = 0.5 * (series[:, m:] + series[:, :-m])
             m *= 2
-        if not known:
+        if not times:
             return np.ones_like(tau)
-        share = np.exp(np.interp(np.log(tau), np.log(known), np.log(np.maximum(left, LEAST_LEFT))))
+        share = np.exp(np.interp(np.log(tau), np.log(times), np.log(np.maximum(shares, LEAST_LEFT))))
         # Below the shortest stretch temperature is a ramp, whose share of white noise grows with tau^3.
-        return np.where(tau < known[0], 1.0 - (1.0 - left[0]) * (tau / known[0]) ** 3, share)
+        return np.where(tau < times[0], 1.0 - (1.0 - shares[0]) * (tau / times[0]) ** 3, share)
 
     def slope(
         self, c: int, noise: MeanCovariance, begin_s: float = 0.0, end_s: float = math.inf
     ) -> Slope | None:
-        """Return the slope of a channel over part of the record, channel unit per s; None if unknown.
-
-        Parameters
-        ----------
-        begin_s, end_s : s since the first sample; stretches within it are used.
-        """
-        at, mean, count = self._means(c)
-        width = self._width / self._rate
-        inside = (at * width >= begin_s - 0.5 * width) & ((at + 1) * width <= end_s + 0.5 * width)
-        at, mean, count = at[inside], mean[inside], count[inside]
+        """Return the slope of a channel between two times, channel unit per s; None if unknown."""
+        at, mean, count = self._means(c, begin_s, end_s)
         if len(at) < LEAST_MEANS:
             return None
-        return self._fit_slope(at, mean, count, at * width, noise)
+        return self._fit_slope(at, mean, count, at * (self._width / self._rate), noise)
 
     def settling(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> SettlingFit | None:
-        """Return the exponential along which a channel settles from a time on; None if unknown.
-
-        Parameters
-        ----------
-        times_s : s, possible time constants.
-        begin_s : s since the first sample; stretches after it are used.
-        """
-        at, mean, count = self._means(c)
-        inside = at * self._width / self._rate >= begin_s - 0.5 * self._width / self._rate
-        at, mean, share = at[inside], mean[inside], count[inside] / self._width
-        return fit_settling(at, mean, share, self._width / self._rate, np.array(times_s))
+        """Return the exponential of a possible time constant along which a channel settles; None if unknown."""
+        at, mean, count = self._means(c, begin_s)
+        return fit_settling(at, mean, count / self._width, self._width / self._rate, np.array(times_s))
 
     def bias_step(self, c: int, noise: MeanCovariance, begin_s: float = 0.0) -> BiasStep | None:
         """Return the greatest sudden change of a channel's mean beside a slope; None if noise explains it.
@@ -293,15 +266,9 @@ class DriftAccumulator:
         A step between two means is one element of their differences d. With P the inverse covariance of
         these, less the part of the slope, its generalised least-squares size is (P d)_j / P_jj, for all
         places at once.
-
-        Parameters
-        ----------
-        begin_s : s since the first sample; the search begins there.
         """
-        at, mean, count = self._means(c)
+        at, mean, count = self._means(c, begin_s)
         width = self._width / self._rate
-        inside = at * width >= begin_s - 0.5 * width
-        at, mean, count = at[inside], mean[inside], count[inside]
         if len(at) < 2 * LEAST_MEANS:
             return None
         covariance = self._contrasts(at, count, replace(noise, K=STEP_WALK * noise.K))
@@ -312,32 +279,28 @@ class DriftAccumulator:
         jumps, slope = np.diff(mean), np.diff(at * width)
         along = weights @ slope
         weights -= np.outer(along, along) / max(float(slope @ along), _TINY)
-        pulls = weights @ jumps
+        products = weights @ jumps
         own = np.maximum(np.diag(weights), _TINY)
-        scores = np.abs(pulls) / np.sqrt(own)
+        scores = np.abs(products) / np.sqrt(own)
         j = int(np.argmax(scores))
-        misfit = (float(jumps @ pulls) - float(scores[j]) ** 2) / (len(jumps) - 2)
+        misfit = (float(jumps @ products) - float(scores[j]) ** 2) / (len(jumps) - 2)
         sigma = float(scores[j]) / math.sqrt(max(1.0, misfit))
         near = [mean[min(j + b, len(mean) - 1)] - mean[max(j - a, 0)] for a, b in ((0, 1), (1, 1), (0, 2))]
         close = max(abs(float(v)) for v in near) / math.sqrt(float(covariance[j, j]))
         if not (sigma > STEP_SIGMA and close > ABRUPT_SIGMA):
             return None
         offset = 0.0 if self._offset is None else float(self._offset[c])
-        sides = [
-            float(np.average(mean[part], weights=count[part])) for part in (slice(j + 1), slice(j + 1, None))
-        ]
+        before, now = (
+            offset + float(np.average(mean[part], weights=count[part]))
+            for part in (slice(j + 1), slice(j + 1, None))
+        )
         change = Change(
-            against="time before",
-            quantity="bias",
-            before=offset + sides[0],
-            now=offset + sides[1],
-            ratio=None,
-            sigma=sigma,
+            against="time before", quantity="bias", before=before, now=now, ratio=None, sigma=sigma
         )
         return BiasStep(float(at[j] + 1) * width, change)
 
     def mean_change(self, c: int, begin_s: float, end_s: float) -> float | None:
-        """Return the difference of the means at two times, channel unit; None if there are none."""
+        """Return the difference of the means at two times, channel unit; None if unknown."""
         at, mean, _ = self._means(c)
         width = self._width / self._rate
         places = np.searchsorted(
@@ -352,25 +315,22 @@ class DriftAccumulator:
         _, mean, _ = self._means(c)
         return len(mean) > 0 and float(mean[-1]) >= float(mean.max() - HIGHEST_SHARE * np.ptp(mean))
 
-    def _means(self, c: int) -> tuple[np.ndarray, Floats, Floats]:
-        """Return the numbers of the stretches that count, their means about the offset, and their samples."""
-        count = self._counts[:, c]
-        length = np.clip(self._n - np.arange(MEANS) * self._width, 0, self._width)
-        at = np.flatnonzero((count > 0) & (count >= LEAST_SHARE * self._width) & (length > 0))
+    def _means(
+        self, c: int, begin_s: float = 0.0, end_s: float = math.inf
+    ) -> tuple[np.ndarray, Floats, Floats]:
+        """Return the numbers of the stretches that count between two times (s since the first sample), their
+        means about the offset, and their samples."""
+        count, width = self._counts[:, c], self._width / self._rate
+        at = np.flatnonzero((count > 0) & (count >= LEAST_SHARE * self._width))
+        at = at[(at * width >= begin_s - 0.5 * width) & ((at + 1) * width <= end_s + 0.5 * width)]
         return at, self._sums[at, c] / count[at], count[at]
 
     def _fit_slope(
         self, at: np.ndarray, mean: Floats, count: Floats, regressor: Floats, noise: MeanCovariance
     ) -> Slope | None:
-        """Return the slope of means against a regressor; None if the covariance is singular.
+        """Return the slope of means (k,) against a regressor (k,), s or degC; None if it is indeterminate.
 
         The differences of neighbours are fitted: contrasts, whose covariance exists for every noise.
-
-        Parameters
-        ----------
-        at : (k,) number of each stretch.
-        mean, count : (k,) channel unit; valid samples of each.
-        regressor : (k,) s or degC.
         """
         c = self._contrasts(at, count, noise)
         y, x = np.diff(mean), np.diff(regressor)
@@ -395,20 +355,14 @@ class DriftAccumulator:
         by_lag -= by_lag.mean()  # contrasts do not depend on a constant, but rounding does
         c = by_lag[np.abs(at[:, None] - at[None, :])]
         c[np.diag_indices(len(at))] += noise.N**2 * (self._rate / count - 1.0 / width)
-        c = c[1:] - c[:-1]
-        return np.asarray(c[:, 1:] - c[:, :-1], dtype=np.float64)
+        return np.diff(np.diff(c, axis=0), axis=1)
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out = {
-            "groups": self._groups.copy(),
-            "rate": np.array(self._rate),
-            "sums": self._sums.copy(),
-            "counts": self._counts.copy(),
-            "numbers": np.array(
-                [self._n, self._width, -1 if self._temperature is None else self._temperature], dtype=np.int64
-            ),
-        }
+        temperature = -1 if self._temperature is None else self._temperature
+        out = {name: getattr(self, f"_{name}").copy() for name in ("groups", "sums", "counts")}
+        out["rate"] = np.array(self._rate)
+        out["numbers"] = np.array([self._n, self._width, temperature], dtype=np.int64)
         return out if self._offset is None else out | {"offset": self._offset.copy()}
 
     @classmethod

@@ -1,13 +1,13 @@
-"""Statistics of a record, split where it may matter later: after a warm-up, and every hour.
+"""Statistics of a record, split at the possible ends of a warm-up and at every hour.
 
-One cascade and one set of moments run. Marks (`windows`) give what came after a candidate end of a warm-up,
-or in each hour, without running anything twice. Moments are kept in segments between the same splits and
-merged on request. All decisions fall at fixed times of the sample clock: the same record gives the same
-result for any chunking and whenever a result is requested.
+One cascade and one set of moments run. Windows of the cascade (`windows`) give the sums since a candidate end
+of a warm-up, or of an hour. Moments are kept in segments between the same splits and merged on request. All
+decisions fall at fixed times of the sample clock: the same record gives the same result for any chunking and
+whenever a result is requested.
 
 - Warm-up: candidates are 2, 5, 10, 20 and 40 min. When the record is two and a half times as long as one, the
   slopes before and after it are compared (`warmup.has_settled`), and an exponential that was over by then is
-  sought (`settling`). What came before the end of a warm-up is excluded from then on.
+  sought (`settling`). From then on, the samples before the end of a warm-up are excluded.
 - Hours: as they age, neighbours of equal length are joined, so their number grows with the logarithm of the
   record. Each whole hour is compared with all before it (`change.detect_changes`).
 """
@@ -22,9 +22,10 @@ import numpy as np
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.allan.windows import Window, WindowedCascade, WindowSums
 from imumon.noise.detection.disturbance import subset
+from imumon.noise.fit import ChannelFit
 from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import DriftAccumulator
-from imumon.noise.nonstationarity.mean_covariance import FittedNoise, MeanCovariance
+from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.warmup import CANDIDATES_S, DECISION_LENGTH, OVER_SHARES, has_settled
 from imumon.noise.statistics.moments import Moments, MomentsResult
 from imumon.report import Change
@@ -39,7 +40,7 @@ HOURS_BEFORE = "hours before"
 QUANTITIES = ("N", "B", "bias")
 """Quantities of a change, by number in the saved state."""
 
-FitCurve = Callable[[AllanCurve], Sequence[FittedNoise]]
+FitCurve = Callable[[AllanCurve], Sequence[ChannelFit]]
 
 
 @dataclass(slots=True, eq=False)
@@ -79,8 +80,8 @@ class HourlyStatistics:
 
     Attributes
     ----------
-    warmup_s : s, valid samples that are excluded as a warm-up; missing and otherwise excluded ones within it
-        are counted elsewhere.
+    warmup_s : s, valid samples that are excluded as a warm-up, without the missing or otherwise excluded ones
+        within it.
     drift : means of the whole record.
     """
 
@@ -94,9 +95,9 @@ class HourlyStatistics:
         warmup_channels: Sequence[int] = (),
         temperature: int | None = None,
     ) -> None:
-        self._groups, self._interval = list(groups), interval_s
+        self._groups, self._interval, self._fit = list(groups), interval_s, fit
         self._allan_channels, self._warmup_channels = allan_channels, tuple(warmup_channels)
-        self._fit = fit
+        self._allan_groups = max(self._groups[:allan_channels], default=-1) + 1
         rate = 1.0 / interval_s
         self.drift = DriftAccumulator(groups, rate, temperature)
         cascade = OctaveCascade(allan_channels, interval_s, groups=self._groups[:allan_channels])
@@ -108,7 +109,6 @@ class HourlyStatistics:
         self.warmup_s = 0.0
         self._hour_mark = self._cascade.open_window()
         self._segments: list[tuple[int, Moments]] = [(0, self._new())]
-        self._finished: Moments | None = None  # of all valid segments but the last; a cache
         self._hours: list[Hour] = []
         self._changes: dict[int, tuple[Change, ...]] = {}
 
@@ -123,21 +123,14 @@ class HourlyStatistics:
         return self._cascade.position
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Add samples.
-
-        Parameters
-        ----------
-        values : (n, c) channel unit.
-        valid : (n, g); None: all.
-        """
+        """Add samples (n, c), channel unit, of which those with `valid` (n, g) count; None: all."""
         done = 0
         while done < len(values):
             stop = min(len(values), done + self._until_split())
             part, ok = values[done:stop], None if valid is None else valid[done:stop]
-            allan_groups = max(self._groups[: self._allan_channels], default=-1) + 1
             self.drift.update(part, ok)
             self._segments[-1][1].update(part, ok)
-            allan_ok = None if ok is None else ok[:, :allan_groups]
+            allan_ok = None if ok is None else ok[:, : self._allan_groups]
             self._cascade.update(part[:, : self._allan_channels], allan_ok)
             self._split()
             done = stop
@@ -148,7 +141,7 @@ class HourlyStatistics:
             part = min(n, self._until_split())
             long = n > LONG_GAP_HOURS * self._hour and self.position % self._hour == 0
             if long and len(self._splits()) == 1:
-                part = n // self._hour * self._hour  # hours without samples are not kept
+                part = n // self._hour * self._hour  # hours without samples are skipped
             self.drift.skip(part)
             self._cascade.skip(part)
             self._split()
@@ -156,7 +149,6 @@ class HourlyStatistics:
 
     def break_(self) -> None:
         """Note a gap of unknown length."""
-        self.drift.break_()
         self._cascade.break_()
 
     def curve(self) -> AllanCurve:
@@ -167,21 +159,15 @@ class HourlyStatistics:
 
     def moments(self) -> MomentsResult:
         """Return the moments of everything after the warm-up."""
-        if self._finished is None:
-            self._finished = self._merged(self._start, self._segments[-1][0])
-        whole = self._finished.copy()
-        whole.merge(self._segments[-1][1])
-        return whole.result()
+        return self._merged(self._start, self.position + 1).result()
 
     def hours(self) -> tuple[Hour, ...]:
         """Return the finished hours after the warm-up, oldest first; older ones are joined."""
         return tuple(self._hours)
 
     def changes(self) -> dict[int, tuple[Change, ...]]:
-        """Return what differs between the last whole hour and those before, by column."""
+        """Return the changes of the last whole hour against those before, by column."""
         return dict(self._changes)
-
-    # ------------------------------------------------------------------ splits
 
     def _splits(self) -> tuple[int, ...]:
         """Return the places of the next splits: candidates, their decisions, the end of the hour."""
@@ -193,11 +179,11 @@ class HourlyStatistics:
         return min(self._splits()) - self.position
 
     def _split(self) -> None:
-        """Do what is due at this place."""
+        """Open windows, decide candidates and end the hour if due at this place."""
         at = self.position
         if at in self._candidates:
             self._marks[at] = self._cascade.open_window()
-            self._begin_segment(at)
+            self._segments.append((at, self._new()))
         for candidate in self._candidates:
             if at == round(DECISION_LENGTH * candidate):
                 self._decide(candidate)
@@ -208,11 +194,11 @@ class HourlyStatistics:
         """Decide whether a warm-up ended at a candidate."""
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
-        # the noise is fitted after the candidate: before it, a warm-up may look like K
+        # the noise is fitted after the candidate: a warm-up raises the fitted K
         fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self._warmup_channels))
         times = [share * middle for share in OVER_SHARES]
         settled = any(
-            (found := self.drift.settling(c, times, begin)) is not None and found.significant
+            (settling := self.drift.settling(c, times, begin)) is not None and settling.significant
             for c in self._warmup_channels
         ) or any(
             has_settled(self.drift.slope(c, noise, begin, middle), self.drift.slope(c, noise, middle))
@@ -220,7 +206,7 @@ class HourlyStatistics:
             if (noise := MeanCovariance.of(fit)) is not None
         )
         if settled:
-            self._start, self._finished = candidate, None
+            self._start = candidate
             self.warmup_s = self._warmup_length_s()
             self._hours, self._changes = [], {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
@@ -240,28 +226,28 @@ class HourlyStatistics:
         self._cascade.close_window(self._hour_mark)
         self._hour_mark = self._cascade.open_window()
         if at - self._hour >= self._start and stretch.valid.any():
-            last = Hour(start, 1, stretch, self._merged(start, at).copy())
+            last = Hour(start, 1, stretch, self._merged(start, at))
             if self._hours:
                 self._changes = self._compare(last)
             self._hours.append(last)
             self._join_hours()
-        self._begin_segment(at)
+        self._segments.append((at, self._new()))
         self._merge_segments(at)
 
     def _compare(self, last: Hour) -> dict[int, tuple[Change, ...]]:
-        """Return what differs between an hour and all before it, by column."""
+        """Return the changes of an hour against all before it, by column."""
         before = self._hours[0]
         for hour in self._hours[1:]:
             before = before.joined(hour)
         fits = [self._fit(self._curve(hour.stretch)) for hour in (before, last)]
         means = [[m.mean for m in hour.moments.result().channels] for hour in (before, last)]
         seconds = [hour.stretch.span * self._interval for hour in (before, last)]
-        found = {}
+        by_column = {}
         for column in range(self._allan_channels):
             old, new = (NoiseSummary.of(fits[i][column], means[i][column], seconds[i]) for i in (0, 1))
             if changes := detect_changes(old, new, HOURS_BEFORE):
-                found[column] = tuple(changes)
-        return found
+                by_column[column] = tuple(changes)
+        return by_column
 
     def _join_hours(self) -> None:
         """Join the older two of three stretches of one length, shortest stretches first."""
@@ -272,31 +258,24 @@ class HourlyStatistics:
             del self._hours[newer]
             size *= 2
 
-    def _begin_segment(self, at: int) -> None:
-        """Begin new moments at this place."""
-        self._segments.append((at, self._new()))
-        self._finished = None
-
     def _merge_segments(self, at: int) -> None:
         """Merge segments that no later split separates."""
         pending = (c for c in self._candidates if DECISION_LENGTH * c > at)
         needed = {self._start, *pending, at - self._hour, at}
-        kept: list[tuple[int, Moments]] = []
+        merged: list[tuple[int, Moments]] = []
         for start, moments in self._segments:
-            if kept and start not in needed:
-                kept[-1][1].merge(moments)
+            if merged and start not in needed:
+                merged[-1][1].merge(moments)
             else:
-                kept.append((start, moments))
-        self._segments, self._finished = kept, None
+                merged.append((start, moments))
+        self._segments = merged
 
     def _merged(self, begin: int, end: int) -> Moments:
         """Return the moments of the segments that begin from `begin` on and before `end`."""
-        parts = [moments for start, moments in self._segments if begin <= start < end]
-        if len(parts) == 1:
-            return parts[0]
         whole = self._new()
-        for moments in parts:
-            whole.merge(moments)
+        for start, moments in self._segments:
+            if begin <= start < end:
+                whole.merge(moments)
         return whole
 
     def _curve(self, stretch: WindowSums) -> AllanCurve:
@@ -305,8 +284,6 @@ class HourlyStatistics:
     def _new(self) -> Moments:
         return Moments(len(self._groups), groups=self._groups)
 
-    # ------------------------------------------------------------------ state
-
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
         out = {f"cascade.{k}": v for k, v in self._cascade.save().items()}
@@ -314,15 +291,13 @@ class HourlyStatistics:
         order = list(self._cascade.windows)
         marks = [[start, order.index(mark)] for start, mark in self._marks.items()]
         out["marks"] = np.array(marks, dtype=np.int64).reshape(-1, 2)
-        hour = next(i for i, mark in enumerate(order) if mark is self._hour_mark)
-        out["changes"] = np.array(
-            [
-                [column, QUANTITIES.index(c.quantity), c.before, c.now, c.ratio or np.nan, c.sigma]
-                for column, changes in self._changes.items()
-                for c in changes
-            ]
-        ).reshape(-1, 6)
-        out["numbers"] = np.array([self._start, hour], dtype=np.int64)
+        changes = [
+            [column, QUANTITIES.index(c.quantity), c.before, c.now, c.ratio or np.nan, c.sigma]
+            for column, changes in self._changes.items()
+            for c in changes
+        ]
+        out["changes"] = np.array(changes, dtype=np.float64).reshape(-1, 6)
+        out["numbers"] = np.array([self._start, order.index(self._hour_mark)], dtype=np.int64)
         out["segments"] = np.array([start for start, _ in self._segments], dtype=np.int64)
         for number, (_, moments) in enumerate(self._segments):
             out |= {f"segment{number}.{k}": v for k, v in moments.save().items()}
@@ -336,7 +311,7 @@ class HourlyStatistics:
         return out
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state; the object is new and made with the same arguments."""
+        """Continue from a saved state; the object is new and has the same arguments."""
         self._cascade = WindowedCascade.restore(subset(saved, "cascade."))
         self.drift = DriftAccumulator.restore(subset(saved, "drift."))
         marks = self._cascade.windows
@@ -347,17 +322,12 @@ class HourlyStatistics:
             (int(start), Moments.restore(subset(saved, f"segment{number}.")))
             for number, start in enumerate(saved["segments"])
         ]
-        self._finished = None
         self.warmup_s = self._warmup_length_s()
         self._changes = {}
         for column, quantity, before, now, ratio, sigma in saved["changes"].tolist():
+            name, known = QUANTITIES[int(quantity)], None if np.isnan(ratio) else ratio
             change = Change(
-                against=HOURS_BEFORE,
-                quantity=QUANTITIES[int(quantity)],
-                before=before,
-                now=now,
-                ratio=None if np.isnan(ratio) else ratio,
-                sigma=sigma,
+                against=HOURS_BEFORE, quantity=name, before=before, now=now, ratio=known, sigma=sigma
             )
             self._changes[int(column)] = (*self._changes.get(int(column), ()), change)
         self._hours = []

@@ -1,7 +1,7 @@
 """Covariance of means over stretches of time under the fitted noise.
 
-A slope, a step between two hours or a warm-up is real only if N, B and K alone do not explain it: a random
-walk always goes somewhere. The covariance of means over two stretches follows from the generalised
+A slope, a step between two hours or a warm-up is real only if N, B and K alone do not explain it: the mean of
+a random walk always moves. The covariance of means over two stretches follows from the generalised
 autocovariance G of the phase (the integral of the rate; Greenhall 1991, as in `fit.covariance`),
 
     white -|t|/2 N^2,  flicker t^2 ln|t| / (2 pi) B^2,  random walk |t|^3/12 K^2,
@@ -14,33 +14,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from imumon.noise.fit import ChannelFit
 from imumon.samples import Floats
-
-
-class LimitedValue(Protocol):
-    """A coefficient: its value if measured, and its 95 % limits."""
-
-    @property
-    def value(self) -> float | None: ...
-    @property
-    def low(self) -> float | None: ...
-    @property
-    def high(self) -> float | None: ...
-
-
-class FittedNoise(Protocol):
-    """The coefficients of a fit."""
-
-    @property
-    def N(self) -> LimitedValue: ...
-    @property
-    def B(self) -> LimitedValue: ...
-    @property
-    def K(self) -> LimitedValue: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +35,10 @@ class MeanCovariance:
     K: float
 
     @classmethod
-    def of(cls, fit: FittedNoise) -> MeanCovariance | None:
-        """Return the noise of a fit, with the upper limit of a coefficient without a value: it may be that
-        large. None while a coefficient is pending."""
-        parts = []
-        for coefficient in (fit.N, fit.B, fit.K):
-            value = coefficient.value if coefficient.value is not None else coefficient.high
-            if value is None:
-                return None
-            parts.append(value)
-        return cls(*parts)
+    def of(cls, fit: ChannelFit) -> MeanCovariance | None:
+        """Return the noise of a fit, at the upper limit where there is no value; None while it is pending."""
+        n, b, k = (c.value if c.value is not None else c.high for c in (fit.N, fit.B, fit.K))
+        return None if n is None or b is None or k is None else cls(n, b, k)
 
     def covariance(self, lag: Floats, first: float, second: float) -> Floats:
         """Return the covariance of two means, (channel unit)^2.

@@ -1,10 +1,10 @@
 """Settling: whether means over stretches of time follow an exponential, as those of a sensor that warms up.
 
-An exponential that is over is mostly slow, and so is a random walk. The Allan variance cannot distinguish
-them, the order of the means in time can. Three models of the means are compared by their likelihood: noise,
-noise with a steady slope, and noise with A exp(-t/T). The noise is any mixture of white, flicker and random
-walk (`MeanCovariance`), each model with the mixture and the size that fit it best. So what a random walk does
-by itself supports none of them, and no fit of the curve, which a warm-up bends, is needed.
+The Allan variance cannot distinguish a finished exponential from a random walk, but the order of the means in
+time can. Three models of the means are compared by their likelihood: noise, noise with a steady slope, and
+noise with A exp(-t/T). The noise is any mixture of white, flicker and random walk (`MeanCovariance`), each
+model with the mixture and the size that fit it best. So a random walk supports none of them, and no fit of
+the curve, which a warm-up bends, is needed.
 
 Twice the logarithm of the ratio of the likelihoods (Wilks 1938), of the exponential and the better one of the
 other two, is the evidence. Without an exponential it does not follow the law of Wilks, because the time
@@ -34,7 +34,7 @@ LEAST_EVIDENCE = 16.0
 """Twice the logarithm of the ratio of the likelihoods beyond which an exponential is significant. Of
 simulated series without one, one in a hundred reaches 10 and about one in ten thousand 16."""
 
-_TINY = 1e-300  # keeps divisions by a zero sum finite
+_TINY = 1e-300  # least divisor
 _ROUNDING = 1e-12  # share of a sum of squares that rounding may leave
 
 
@@ -86,13 +86,13 @@ def fit_settling(
         y, shapes = white[..., 0], white[..., 1:]
         whole = np.maximum(np.einsum("mk,mk->m", y, y), _TINY)[:, None]
         power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), _TINY)
-        pull = np.einsum("mkt,mk->mt", shapes, y)
-        left = np.maximum(whole - pull**2 / power, _ROUNDING * whole)
-        found = n * np.log(left) + logs[:, None]
-        without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(found[:, 0].min()))
-        m, t = (int(i) for i in np.unravel_index(int(np.argmin(found[:, 1:])), found[:, 1:].shape))
-        size = float(pull[m, t + 1] / power[m, t + 1])
-        best = min(best, (float(found[m, t + 1]), float(times_s[t]), size))
+        product = np.einsum("mkt,mk->mt", shapes, y)
+        residual = np.maximum(whole - product**2 / power, _ROUNDING * whole)
+        fits = n * np.log(residual) + logs[:, None]
+        without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(fits[:, 0].min()))
+        m, t = divmod(int(np.argmin(fits[:, 1:])), len(times_s))
+        size = float(product[m, t + 1] / power[m, t + 1])
+        best = min(best, (float(fits[m, t + 1]), float(times_s[t]), size))
     return SettlingFit(best[1], best[2], without - best[0])
 
 
@@ -110,7 +110,7 @@ def _joined(
 
 
 def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """Yield the mixtures for stretches of unit length, those of one flicker at a time.
+    """Yield the mixtures of each flicker, for stretches of unit length.
 
     Yields
     ------
@@ -119,18 +119,9 @@ def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:
     """
     span = float(at[-1] + 1)
     lags = np.abs(at[:, None] - at[None, :]).astype(np.float64)
-    parts = []
-    for one in (
-        MeanCovariance(1.0, 0.0, 0.0),
-        MeanCovariance(0.0, span**-0.5, 0.0),
-        MeanCovariance(0.0, 0.0, 1.0 / span),
-    ):
-        c = one.covariance(lags, 1.0, 1.0)
-        if one.N:
-            c = np.diag(1.0 / share)
-        c = c[1:] - c[:-1]
-        parts.append(c[:, 1:] - c[:, :-1])
-    white, flicker, walk = parts
+    flicker_model, walk_model = MeanCovariance(0.0, span**-0.5, 0.0), MeanCovariance(0.0, 0.0, 1.0 / span)
+    slow = (model.covariance(lags, 1.0, 1.0) for model in (flicker_model, walk_model))
+    white, flicker, walk = (np.diff(np.diff(c, axis=0), axis=1) for c in (np.diag(1.0 / share), *slow))
     for b in FLICKER:
         roots: Floats = np.linalg.cholesky(np.stack([white + b**2 * flicker + k**2 * walk for k in WALK]))
         logs = 2.0 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)

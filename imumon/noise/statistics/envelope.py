@@ -80,13 +80,7 @@ class Envelope:
         self._wide = 1  # columns of the minute in one of everything
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Add samples.
-
-        Parameters
-        ----------
-        values : (n, c) channel unit.
-        valid : (n, g); None: all.
-        """
+        """Add samples (n, c), channel unit, of which those with `valid` (n, g) count; None: all."""
         n = len(values)
         if not n:
             return
@@ -139,9 +133,6 @@ class Envelope:
         hours = np.arange(-(-first // HOUR_COLUMN), last // HOUR_COLUMN + 1)[-RECENT_COLUMNS:]
         self._hour[hours % RECENT_COLUMNS] = np.nan
 
-    def break_(self) -> None:
-        """Note a gap of unknown length: it takes no columns."""
-
     def _join_columns(self, last: int) -> None:
         """Double the columns of everything until column `last` of the minute fits."""
         while last // self._wide >= ALL_COLUMNS:
@@ -182,15 +173,9 @@ class Envelope:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out = {
-            "minute": self._minute.copy(),
-            "sums": self._sums.copy(),
-            "hour": self._hour.copy(),
-            "all": self._all.copy(),
-            "numbers": np.array([self._n, self._wide], dtype=np.int64),
-            "groups": np.array(self._groups),
-            "column": np.array(self.column),
-        }
+        out = {name: getattr(self, f"_{name}").copy() for name in ("minute", "sums", "hour", "all")}
+        out |= {"groups": np.array(self._groups), "column": np.array(self.column)}
+        out["numbers"] = np.array([self._n, self._wide], dtype=np.int64)
         return out if self._offset is None else out | {"offset": self._offset.copy()}
 
     @classmethod
@@ -206,8 +191,7 @@ class Envelope:
 
 
 def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:
-    """Return (k, 2, c) extremes of columns that are `wide` times as long, from those from column `first`
-    on."""
+    """Return (k, 2, c) extremes of columns that are `wide` times as long; `extremes` begin at `first`."""
     edges = np.arange(first // wide, first // wide + k) * wide - first
     edges[0] = 0
     out = np.empty((k, *extremes.shape[1:]))
@@ -217,8 +201,7 @@ def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:
 
 
 def _widen(ring: Floats, first: int, last: int, new: int, extremes: Floats) -> None:
-    """Add (k, 2, c) extremes to the columns `first` to `last` of a ring; those from `new` on replace old
-    ones."""
+    """Add (k, 2, c) extremes to columns `first` to `last` of a ring; from `new` on, they replace old ones."""
     kept = max(first, last + 1 - len(ring))
     ring[_places(max(kept, new), last, len(ring))] = np.nan
     at = _places(kept, last, len(ring))

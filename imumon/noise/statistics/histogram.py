@@ -6,8 +6,8 @@ value is outside, pairs of bins are merged until it fits. So counts stay exact, 
 bounded, and the result depends on the values alone, not on their order or chunking. numpy.histogram needs all
 samples at once.
 
-The verdict is about effect size. With a million samples every real distribution fails a significance test;
-what matters is whether treating the channel as Gaussian would mislead. Limits are on the Kolmogorov distance
+The verdict is about effect size: with a million samples every real distribution fails a significance test,
+but the question is whether a Gaussian model would mislead. Limits are on the Kolmogorov distance
 to the Gaussian of the same mean and standard deviation, on skewness and on excess kurtosis, each widened by
 its own sampling error: 1.5/sqrt(n) for the distance (a Gaussian exceeds 1.03/sqrt(n) once in a hundred times,
 Lilliefors 1967), for the others four standard errors in large samples, sqrt(6/n) and sqrt(24/n) (Fisher
@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtr
@@ -65,6 +66,8 @@ MOST_MULTIPLE = 1e6
 PRECISE_BITS = 44
 """Bits of a place on the lattice that are exact: a float has 53, and sums of places need some."""
 
+_ARRAYS = ("step", "unit", "exponent", "low", "counts", "started")
+
 
 @dataclass(frozen=True, slots=True)
 class DistributionShape:
@@ -78,8 +81,8 @@ class DistributionShape:
     is_gaussian : None with fewer than `LEARN_SAMPLES` samples.
     verdict : text, such as ``not Gaussian: heavy tails``.
     modes : channel unit, places of the maxima, highest first.
-    distance : Kolmogorov distance to the Gaussian.
-    skewness, excess_kurtosis : 1.
+    distance : Kolmogorov distance to the Gaussian; None without spread.
+    skewness, excess_kurtosis : 1; None without spread.
     step : channel unit, quantisation step, or None.
     """
 
@@ -90,10 +93,10 @@ class DistributionShape:
     is_gaussian: bool | None
     verdict: str
     modes: tuple[float, ...]
-    distance: float | None
-    skewness: float | None
-    excess_kurtosis: float | None
-    step: float | None
+    distance: float | None = None
+    skewness: float | None = None
+    excess_kurtosis: float | None = None
+    step: float | None = None
 
     @property
     def constant(self) -> bool:
@@ -139,33 +142,26 @@ class HistogramAccumulator:
             values, valid = values[n:], None if valid is None else valid[n:]
         self._add(values, valid)
 
-    def skip(self, n: int) -> None:
-        """Ignore missing samples."""
-
-    def break_(self) -> None:
-        """Ignore a gap of unknown length."""
-
     def _learn(self) -> None:
-        """Read the steps from the samples that are held back, and count these."""
-        held, self._held = self._held, []
+        """Estimate the steps from the samples that are held back, and count these."""
+        blocks, self._held = self._held, []
         for c, group in enumerate(self._groups):
-            x = np.concatenate([v[:, c] if ok is None else v[ok[:, group], c] for v, ok in held])
+            x = np.concatenate([v[:, c] if ok is None else v[ok[:, group], c] for v, ok in blocks])
             self._step[c] = quantum(x)
             self._unit[c] = self._step[c] or 1.0
-        for values, ok in held:
+        for values, ok in blocks:
             self._add(values, ok)
 
     def _add(self, values: Floats, valid: Bools | None) -> None:
         if not len(values):
             return
-        if valid is not None and not valid.all():
-            for group in sorted(set(self._groups)):
-                channels = np.array([c for c, g in enumerate(self._groups) if g == group])
-                rows = valid[:, group]
-                if rows.any():
-                    self._count(channels, np.ascontiguousarray(values[rows][:, channels].T))
+        groups = np.array(self._groups)
+        if valid is None or valid.all():
+            self._count(np.arange(len(groups)), np.ascontiguousarray(values.T))
             return
-        self._count(np.arange(len(self._groups)), np.ascontiguousarray(values.T))
+        for group in np.flatnonzero(valid.any(axis=0)).tolist():
+            channels = np.flatnonzero(groups == group)
+            self._count(channels, np.ascontiguousarray(values[valid[:, group]][:, channels].T))
 
     def _count(self, channels: Ints, x: Floats) -> None:
         """Count (c, n) values of these channels."""
@@ -178,13 +174,11 @@ class HistogramAccumulator:
         bins = place.astype(np.int64)
         # The base of each channel is added as an integer: a rounded sum could cross into the next channel.
         bins += np.arange(len(channels))[:, None] * HISTOGRAM_BINS
-        self._counts[channels] += np.bincount(bins.ravel(), minlength=len(channels) * HISTOGRAM_BINS).reshape(
-            -1, HISTOGRAM_BINS
-        )
+        counts = np.bincount(bins.ravel(), minlength=len(channels) * HISTOGRAM_BINS)
+        self._counts[channels] += counts.reshape(-1, HISTOGRAM_BINS)
 
     def _places(self, channels: Ints, x: Floats) -> Floats:
-        """Return (c, n) the bin of each value with its fraction, outside 0 ... HISTOGRAM_BINS if there is
-        none."""
+        """Return (c, n) the bin of each value with its fraction; values beyond the bins are outside 0 ... 256."""
         scale = np.ldexp(1.0 / self._unit[channels], -self._exponent[channels])
         # A quantised value belongs in the middle of its level's bin.
         offset = np.ldexp(self._shift(channels), -self._exponent[channels]) - self._low[channels]
@@ -196,12 +190,7 @@ class HistogramAccumulator:
         return np.where(self._step[channels] > 0, 0.5, 0.0)
 
     def _fit_range(self, channels: Ints, low: Floats, high: Floats) -> None:
-        """Widen the bins of channels until their values fit.
-
-        Parameters
-        ----------
-        low, high : (c,) channel unit, least and greatest value.
-        """
+        """Widen the bins of channels until their least and greatest values (c,), channel unit, fit."""
         low = low / self._unit[channels] + self._shift(channels)
         high = high / self._unit[channels] + self._shift(channels)
         for i, c in enumerate(channels.tolist()):
@@ -264,16 +253,8 @@ class HistogramAccumulator:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out = {
-            "step": self._step.copy(),
-            "unit": self._unit.copy(),
-            "exponent": self._exponent.copy(),
-            "low": self._low.copy(),
-            "counts": self._counts.copy(),
-            "started": self._started.copy(),
-            "holding": np.array(self._holding),
-            "groups": np.array(self._groups),
-        }
+        out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
+        out |= {"holding": np.array(self._holding), "groups": np.array(self._groups)}
         if self._held:
             g = max(self._groups) + 1
             out["held"] = np.concatenate([v for v, _ in self._held])
@@ -286,9 +267,8 @@ class HistogramAccumulator:
     def restore(cls, saved: Mapping[str, np.ndarray]) -> HistogramAccumulator:
         """Return an accumulator that continues from a saved state."""
         self = cls(saved["groups"].tolist())
-        self._step, self._unit = saved["step"].copy(), saved["unit"].copy()
-        self._exponent, self._low = saved["exponent"].copy(), saved["low"].copy()
-        self._counts, self._started = saved["counts"].copy(), saved["started"].copy()
+        for name in _ARRAYS:
+            setattr(self, f"_{name}", saved[name].copy())
         self._holding = int(saved["holding"])
         self._held = [(saved["held"], saved["held_valid"])] if "held" in saved else []
         return self
@@ -317,7 +297,7 @@ def quantum(x: Floats) -> float:
         if np.all(np.abs(multiples - np.rint(multiples)) < LATTICE_ERROR + LATTICE_ROUNDING * multiples) and (
             multiples.max() < MOST_MULTIPLE and (len(levels) > FEW_LEVELS or divisor == 1)
         ):
-            # many steps determine one better than one does
+            # the whole range determines the step better than the least difference
             total = (levels[-1] - levels[0]) / np.rint((levels[-1] - levels[0]) / fine)
             return float(f"{total:.9g}")
     return 0.0
@@ -341,20 +321,13 @@ def _assessed(start: float, width: float, counts: Ints, step: float | None) -> D
     middle, mean = float(centres[len(counts) // 2]), float(share @ d)
     d = d - mean
     m2 = float(share @ d**2)
+    shape = partial(DistributionShape, start=start, width=width, counts=tuple(counts.tolist()), step=step)
     if n < 2 or m2 <= 0.0:
-        reason = "constant" if n >= LEARN_SAMPLES else "too few samples"
-        return DistributionShape(
-            start,
-            width,
-            tuple(counts.tolist()),
-            (float(n),) * len(counts),
-            None,
-            reason,
-            (mean * width + middle,),
-            None,
-            None,
-            None,
-            step,
+        return shape(
+            gaussian=(float(n),) * len(counts),
+            is_gaussian=None,
+            verdict="constant" if n >= LEARN_SAMPLES else "too few samples",
+            modes=(mean * width + middle,),
         )
     # Grouping into bins adds 1/12 to the variance (Sheppard), unless the bins are the levels themselves.
     grouped = float(step is None or width > 1.5 * step)
@@ -369,46 +342,39 @@ def _assessed(start: float, width: float, counts: Ints, step: float | None) -> D
     if coarse and step is not None:
         deviations = [f"quantised: {int(np.count_nonzero(counts))} levels"]
     if n < LEARN_SAMPLES:
-        verdict, gaussian = "too few samples", None
+        verdict = "too few samples"
     else:
         verdict = f"not Gaussian: {', '.join(deviations)}" if deviations else "Gaussian"
-        gaussian = not deviations
-    return DistributionShape(
-        start,
-        width,
-        tuple(counts.tolist()),
-        tuple((n * np.diff(phi)).tolist()),
-        gaussian,
-        verdict,
-        modes,
-        distance,
-        skewness,
-        kurtosis,
-        step,
+    return shape(
+        gaussian=tuple((n * np.diff(phi)).tolist()),
+        is_gaussian=None if n < LEARN_SAMPLES else not deviations,
+        verdict=verdict,
+        modes=modes,
+        distance=distance,
+        skewness=skewness,
+        excess_kurtosis=kurtosis,
     )
 
 
 def _deviations(n: int, distance: float, skewness: float, kurtosis: float, modes: int) -> list[str]:
     """Return how a distribution differs from a Gaussian, as text."""
-    found = []
-    if modes > 1:
-        found.append(f"{modes} modes")
-    if kurtosis > GAUSSIAN_KURTOSIS + MOMENT_ERRORS * math.sqrt(24.0 / n):
-        found.append("heavy tails")
-    elif kurtosis < -GAUSSIAN_KURTOSIS - MOMENT_ERRORS * math.sqrt(24.0 / n) and modes == 1:
-        found.append("light tails")
-    if abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n):
-        found.append("skewed")
-    if not found and distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n):
-        found.append("shape")
-    return found
+    tails = GAUSSIAN_KURTOSIS + MOMENT_ERRORS * math.sqrt(24.0 / n)
+    conditions = {
+        f"{modes} modes": modes > 1,
+        "heavy tails": kurtosis > tails,
+        "light tails": kurtosis < -tails and modes == 1,
+        "skewed": abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n),
+    }
+    deviations = [text for text, applies in conditions.items() if applies]
+    different = distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n)
+    return deviations or (["shape"] if different else [])
 
 
 def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
     """Return the maxima of the smoothed counts, highest first.
 
     A maximum rises above the valleys beside it by `MODE_HEIGHT` of the highest and by `MOMENT_ERRORS`
-    standard errors. scipy.signal.find_peaks does the same, but would cost the daemon 50 MB.
+    standard errors. scipy.signal.find_peaks does the same, but costs the daemon 50 MB.
 
     Parameters
     ----------
@@ -422,20 +388,20 @@ def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
     kernel /= kernel.sum()
     smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid").tolist()
     error = math.sqrt(float(kernel @ kernel))
-    need = MODE_HEIGHT * max(smooth)
-    found: list[int] = []
+    least = MODE_HEIGHT * max(smooth)
+    maxima: list[int] = []
     top, bottom, rising = 0, 0, True
-    for i in range(len(smooth)):
+    for i, value in enumerate(smooth):
         if rising:
-            top = i if smooth[i] > smooth[top] else top
-            if smooth[top] - smooth[i] > max(need, MOMENT_ERRORS * error * math.sqrt(max(smooth[top], 1.0))):
-                found.append(top)
+            top = i if value > smooth[top] else top
+            if smooth[top] - value > max(least, MOMENT_ERRORS * error * math.sqrt(max(smooth[top], 1.0))):
+                maxima.append(top)
                 rising, bottom = False, i
         else:
-            bottom = i if smooth[i] < smooth[bottom] else bottom
-            if smooth[i] - smooth[bottom] > max(need, MOMENT_ERRORS * error * math.sqrt(max(smooth[i], 1.0))):
+            bottom = i if value < smooth[bottom] else bottom
+            if value - smooth[bottom] > max(least, MOMENT_ERRORS * error * math.sqrt(max(value, 1.0))):
                 rising, top = True, i
-    if rising and (not found or top not in found):
-        found.append(top)
-    found.sort(key=lambda i: -smooth[i])
-    return tuple(float(centres[i]) for i in found)
+    if rising:
+        maxima.append(top)
+    maxima.sort(key=lambda i: -smooth[i])
+    return tuple(float(centres[i]) for i in maxima)

@@ -125,13 +125,12 @@ class Moments:
         """
         if self._groups != other._groups:
             raise ValueError("only moments of the same channels and groups merge")
-        there = other._count > 0
         c = slice(0, self._groups.channels)
         mean = other._mean + self._move_origin(c, other._origin)
         self._join(c, other._count, mean, other._comoment, other._third, other._fourth)
         np.minimum(self._min, other._min, out=self._min)
         np.maximum(self._max, other._max, out=self._max)
-        np.copyto(self._last, other._last, where=there)
+        np.copyto(self._last, other._last, where=other._count > 0)
 
     def result(self) -> MomentsResult:
         """Return the statistics so far."""

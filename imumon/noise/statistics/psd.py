@@ -1,15 +1,15 @@
 """Power spectral density from half the sampling rate down to one cycle per record, in bounded memory.
 
-A cascade: each stage averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), passes
-its signal through a half-band filter and every second sample on to the next. Stage s resolves rate / 2^s /
+A cascade: each stage averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), and
+passes every second sample behind a half-band filter to the next stage. Stage s resolves rate / 2^s /
 256, so resolution follows frequency, and memory grows with the logarithm of the record only.
 scipy.signal.welch needs the whole record at once and has one resolution for all frequencies; scipy.signal
 costs 50 MB.
 
 - A stage uses its first 1024 segments, then one in 2, from 2048 on one in 4 ...: 512 more each time the
-  record doubles. After a thousand averages a bin is known to 3 %, and more cost time for little.
+  record doubles. A thousand averages give a bin to 3 %; more cost time for little.
 - Missing samples are replaced by the mean of their neighbourhood (128 samples); a segment of which more than
-  a tenth was replaced does not count. So a gap costs a segment at short periods and nothing at long ones.
+  a tenth was replaced does not count. So a gap costs a segment at short periods and none at long ones.
 - Density is one-sided: white noise of coefficient N (Allan variance N^2/tau) has density 2 N^2.
 """
 
@@ -89,7 +89,7 @@ class _Stage:
         self.clear()
 
     def clear(self) -> None:
-        """Discard what spans a gap."""
+        """Discard the samples that wait for a segment."""
         self.last: Floats | None = None  # (c, HOP) the hop before
         self.last_share: Floats | None = None  # (g,) valid share of it
         self.history: Floats | None = None  # (c, _HISTORY) inputs before the next hop
@@ -133,9 +133,7 @@ class SpectrumAccumulator:
             return
         x = np.concatenate([v.T for v, _ in self._rows], axis=1)
         if any(o is not None for _, o in self._rows):
-            ok = np.concatenate(
-                [np.ones((len(v), self._g), dtype=bool) if o is None else o for v, o in self._rows]
-            )
+            ok = self._waiting_valid()
         hops = self._n // HOP
         used = hops * HOP
         self._rows = [(x[:, used:].copy().T, None if ok is None else ok[used:].copy())]
@@ -163,14 +161,8 @@ class SpectrumAccumulator:
             stage.clear()
 
     def _filled(self, y: Floats, ok: Bools) -> tuple[Floats, Floats]:
-        """Return hops with missing samples replaced by the mean of the hop, or the last known one; and the
-        share.
-
-        Parameters
-        ----------
-        y : (c, hops, HOP) channel unit.
-        ok : (hops, HOP, g).
-        """
+        """Return hops (c, hops, HOP) and their valid shares (hops, g); the mean of the hop, or the last one
+        known, replaces samples without `ok` (hops, HOP, g)."""
         share = ok.mean(axis=1)
         mask = ok[:, :, self._groups].transpose(2, 0, 1)
         count = mask.sum(axis=2)
@@ -181,13 +173,7 @@ class SpectrumAccumulator:
         return np.where(mask, y, mean[:, :, None]), share
 
     def _feed(self, s: int, y: Floats, share: Floats) -> None:
-        """Add hops to stage s, which passes them on to the next.
-
-        Parameters
-        ----------
-        y : (c, hops, HOP) channel unit.
-        share : (hops, g) valid share.
-        """
+        """Add hops (c, hops, HOP), channel unit, with their valid shares (hops, g) to stage s."""
         if s == len(self._stages):
             self._stages.append(_Stage(len(y), self._g))
         waiting = self._stages[s].waiting
@@ -223,10 +209,9 @@ class SpectrumAccumulator:
 
     def _process_waiting(self) -> None:
         """Process everything that waits; the averages do not depend on when."""
-        s = 0
-        while s < len(self._stages):
-            self._process(s)
-            s += 1
+        for s in range(STAGES):
+            if s < len(self._stages):  # which processing may add
+                self._process(s)
 
     def _average(self, stage: _Stage, y: Floats, share: Floats) -> None:
         """Add the segments that these hops complete."""
@@ -263,13 +248,11 @@ class SpectrumAccumulator:
         """Return density, lines and white level."""
         self._process_waiting()
         stages = self._densities()
+        c = len(self._groups)
         if not stages:
-            density_0 = np.full((0, len(self._groups)), np.nan)
-            empty: tuple[tuple[Line, ...], ...] = ((),) * len(self._groups)
-            white = np.full(len(self._groups), np.nan)
-            return PowerSpectrum(
-                np.zeros(0), density_0, np.zeros(density_0.shape, dtype=np.int64), empty, white
-            )
+            empty = np.zeros((0, c))
+            white = np.full(c, np.nan)
+            return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), ((),) * c, white)
         frequency, density, averages = [], [], []
         lines: list[list[Line]] = [[] for _ in self._groups]
         rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)
@@ -280,22 +263,18 @@ class SpectrumAccumulator:
             density.append(power[:, low:high].T)
             averages.append(np.broadcast_to(count, (high - low, len(count))))
             sides = side_levels(power)
-            for c in range(len(self._groups)):
-                if count[c] >= LEAST_AVERAGES:
-                    lines[c] += find_lines(
-                        power[c],
-                        sides[:, c],
-                        int(count[c]),
-                        rate,
-                        range(low, high),
-                        self._rate,
-                        float(size[c]),
-                    )
-        white = np.array([_white(stages[0][1][c], int(stages[0][2][c])) for c in range(len(self._groups))])
-        found = tuple(distinct(each) for each in lines)
-        return PowerSpectrum(
-            np.concatenate(frequency), np.concatenate(density), np.concatenate(averages), found, white
-        )
+            for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
+                own, k, band = sides[:, i], int(count[i]), range(low, high)
+                lines[i] += find_lines(power[i], own, k, rate, band, self._rate, float(size[i]))
+        white = np.array([_white(p, int(k)) for p, k in zip(*stages[0][1:], strict=True)])
+        distinct_lines = tuple(distinct(each) for each in lines)
+        f, power, count = np.concatenate(frequency), np.concatenate(density), np.concatenate(averages)
+        return PowerSpectrum(f, power, count, distinct_lines, white)
+
+    def _waiting_valid(self) -> Bools:
+        """Return (n, g) which of the samples that wait for a hop are valid."""
+        parts = [np.ones((len(v), self._g), dtype=bool) if ok is None else ok for v, ok in self._rows]
+        return np.concatenate([np.zeros((0, self._g), dtype=bool), *parts])
 
     def _densities(self) -> list[tuple[float, Floats, Ints]]:
         """Return rate, Hz, (c, BINS) density and (c,) averages of the stages with enough averages."""
@@ -322,19 +301,10 @@ class SpectrumAccumulator:
             costs one or two segments.
         """
         self._process_waiting()
-        rows = np.zeros((0, len(self._groups)))
-        valid = np.zeros((0, self._g), dtype=bool)
-        for v, ok in self._rows:
-            rows = np.concatenate((rows, v))
-            valid = np.concatenate((valid, np.ones((len(v), self._g), dtype=bool) if ok is None else ok))
-        out = {
-            "rows": rows,
-            "valid": valid,
-            "level": self._level.copy(),
-            "stages": np.array(len(self._stages)),
-            "groups": self._groups.copy(),
-            "rate": np.array(self._rate),
-        }
+        rows = np.concatenate([np.zeros((0, len(self._groups))), *(v for v, _ in self._rows)])
+        out = {"rows": rows, "valid": self._waiting_valid(), "level": self._level.copy()}
+        out |= {"stages": np.array(len(self._stages)), "groups": self._groups.copy()}
+        out["rate"] = np.array(self._rate)
         for s, stage in enumerate(self._stages):
             for name, value in vars(stage).items():
                 if value is not None and name != "waiting":

@@ -1,8 +1,8 @@
 """Spectral lines: frequencies that exceed the power density beside them, and their possible causes.
 
-A line is a bin that exceeds the median of the bins on both sides, the higher of the two, by more than chance
-makes in a thousand reports. Sampled signals fold: a line at f may be any |k rate +- f|, so mains and its
-harmonics are tried as candidates. This module does not know how a density is measured.
+A line is a bin that exceeds the higher of the medians of the bins on both sides, by more than chance does in a
+thousand reports. Sampled signals fold: a line at f may be any |k rate +- f|, so mains and its harmonics are
+candidates. This module does not depend on how a density is measured.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ BINS = HOP + 1
 LINE_CHANCE = 1e-8
 """Probability that noise alone makes a line of a bin: one line in a thousand reports of nine channels."""
 PROMINENCE = 2.0
-"""Ratio of a line's bin to the density beside it, at least: less is no line to a user."""
+"""Least ratio of the bin of a line to the density beside it: less does not matter to a user."""
 SIDE = 11
 """Bins on each side of a bin whose median is the level there."""
 GUARD = 3
-"""Bins between these and the bin, which its own line may fill: the main lobe of the window is four wide."""
+"""Bins between these and the bin, which the line may fill: the main lobe of the window is four wide."""
 _WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))  # bins of each stretch
 LOWEST_BIN = 12
-"""First bin in which a line is sought: below, a drift looks like one."""
+"""First bin in which a line is sought: below, a drift exceeds the bins beside it."""
 MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
 """Highest harmonic of the mains that is a candidate. Not critical."""
@@ -38,7 +38,7 @@ MAINS_SPREAD = 0.002
 LINE_SPACING = 4.5
 """Bins, least distance of two lines: the side lobes of a line are nearer."""
 SAME_LINE = 0.03
-"""Relative difference of frequency within which two stages have found the same line. Not critical."""
+"""Relative difference of frequency within which lines of two stages are the same. Not critical."""
 LINE_ERROR_BINS = 0.75
 """Bins by which the frequency of a line may be wrong, for its name. Not critical."""
 OVERLAP_DOF = 1.89
@@ -58,15 +58,9 @@ def median_to_mean(averages: int) -> float:
 
 
 def side_levels(power: Floats) -> Floats:
-    """Return the median density of the `SIDE` bins on the left and on the right of each.
+    """Return (2, c, BINS) the median density of the `SIDE` bins on the left and on the right of each bin.
 
-    Parameters
-    ----------
-    power : (c, BINS) (channel unit)^2/Hz.
-
-    Returns
-    -------
-    (2, c, BINS) (channel unit)^2/Hz; NaN if more than half of them are missing.
+    `power` is (c, BINS), (channel unit)^2/Hz, as the result, which is NaN if more than half are missing.
     """
     reach = GUARD + SIDE
     padded = np.full((len(power), BINS + 2 * reach), np.nan)
@@ -115,13 +109,12 @@ def find_lines(
         if amplitude < LEAST_AMPLITUDE * size:
             continue
         aliases, name = mains(frequency, sampling, LINE_ERROR_BINS * df)
-        line = Line(frequency_hz=frequency, amplitude=amplitude, aliases_hz=aliases, name=name)
-        out.append(line)
+        out.append(Line(frequency_hz=frequency, amplitude=amplitude, aliases_hz=aliases, name=name))
     return out
 
 
 def distinct(lines: list[Line]) -> tuple[Line, ...]:
-    """Return the lines, strongest first, without those that two stages found at their border."""
+    """Return the lines, strongest first, without duplicates from the border of two stages."""
     out: list[Line] = []
     for line in sorted(lines, key=lambda line: -line.amplitude):
         if all(abs(line.frequency_hz - other.frequency_hz) > SAME_LINE * line.frequency_hz for other in out):
@@ -132,8 +125,8 @@ def distinct(lines: list[Line]) -> tuple[Line, ...]:
 def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[float, ...], str | None]:
     """Return the frequencies of mains and harmonics that appear at `frequency` when sampled, and a name.
 
-    The name is that of the most likely one. A line slower than the spread of the mains has no name, because
-    any drift appears there.
+    The name is that of the most likely one. A line slower than the spread of the mains has no name, because a
+    drift looks the same.
 
     Parameters
     ----------
