@@ -136,7 +136,7 @@ def filter_not_known(report: Report) -> str | None:
     if device.alias_factor is not None or device.stream not in ("compensated", "uncompensated"):
         return None
     folds = rate is not None and rate < FILTERED_BELOW_HZ
-    here = f", here {(FILTERED_BELOW_HZ / rate) ** 0.5:.2f}" if folds and rate is not None else ""
+    here = f", here {(FILTERED_BELOW_HZ / rate) ** 0.5:.2f}" if rate and folds else ""
     return (
         "The filter of the sensor is unknown. With the factory settings of a VN-100, N of point samples below "
         f"200 Hz is too high by √(200 Hz / rate){here}."
