@@ -16,6 +16,7 @@ disk does not delay the samples.
 from __future__ import annotations
 
 import fcntl
+import itertools
 import json
 import math
 import os
@@ -53,8 +54,7 @@ class StateVersionError(StateError):
 
 @dataclass(frozen=True, slots=True)
 class SavedState:
-    """Content of a state file: `meta` is JSON (identity, counters, small values), `arrays` the
-    accumulators."""
+    """Content of a state file: identity, counters and small values as JSON, and the arrays of accumulators."""
 
     meta: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
@@ -77,11 +77,7 @@ def _transposed_bytes(array: npt.NDArray[Any]) -> bytes:
 
 
 def decode(data: bytes, name: str = "the state") -> SavedState:
-    """Return the state in the content of a file.
-
-    Parameters
-    ----------
-    name : what messages call the file.
+    """Return the state in the content of a file, which messages call `name`.
 
     Raises
     ------
@@ -89,16 +85,13 @@ def decode(data: bytes, name: str = "the state") -> SavedState:
     StateError : ``state_invalid``, not a state file; ``state_damaged``.
     """
     line, _, body = data.partition(b"\n")
-    header = re.fullmatch(
-        rf"{_MAGIC} (\d{{1,9}}) ([0-9a-f]{{8}}) (\d{{1,18}})", line.decode("latin-1"), re.ASCII
-    )
+    pattern = rf"{_MAGIC} (\d{{1,9}}) ([0-9a-f]{{8}}) (\d{{1,18}})"
+    header = re.fullmatch(pattern, line.decode("latin-1"), re.ASCII)
     if header is None:
         raise StateError("state_invalid", f"{name} is not a state file")
     if int(header[1]) != FORMAT:
-        raise StateVersionError(
-            "state_version",
-            f"{name} is of another version of imumon (format {header[1]}; this one reads {FORMAT})",
-        )
+        text = f"{name} is of another version of imumon (format {header[1]}; this one reads {FORMAT})"
+        raise StateVersionError("state_version", text)
     if len(body) != int(header[3]) or f"{zlib.crc32(body):08x}" != header[2]:
         raise StateError("state_damaged", f"{name} is damaged (its checksum does not match)")
     try:
@@ -154,43 +147,28 @@ class Checkpoint:
         self._writing = False
 
     def _acquire_lock(self) -> None:
-        """Create the directory and lock the state of the device.
-
-        Raises
-        ------
-        OSError : the directory cannot be created or written.
-        StateError : another daemon has the lock, or files cannot be locked there.
-        """
+        """Create the directory and lock the state of the device; raise OSError or StateError if impossible."""
         directory = self.path.parent
         directory.mkdir(parents=True, exist_ok=True)
         lock = os.open(directory / f"{self._device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        except OSError as error:
             os.close(lock)
-            raise StateError(
-                "state_locked",
-                f"another imumon uses the state of {self._device} in {directory}",
-                "stop it or choose another --state",
-            ) from None
-        except OSError as error:  # some network file systems have no locks
-            os.close(lock)
-            raise StateError(
-                "state_not_lockable",
-                f"files cannot be locked in {directory} ({_system_message(error)})",
-                "choose another --state",
-            ) from None
+            if isinstance(error, BlockingIOError):
+                text = f"another imumon uses the state of {self._device} in {directory}"
+                raise StateError("state_locked", text, "stop it or choose another --state") from None
+            # some network file systems have no locks
+            text = f"files cannot be locked in {directory} ({_system_message(error)})"
+            raise StateError("state_not_lockable", text, "choose another --state") from None
         self._lock = lock
 
     def _has_lock(self) -> bool:
         """Return whether this process has the lock and the locked file still exists under its name."""
-        if self._lock < 0:
-            return False
-        try:
+        with suppress(FileNotFoundError):
             existing = os.stat(self.path.with_name(f"{self._device}.lock"))
-        except FileNotFoundError:
-            return False
-        return os.path.samestat(existing, os.fstat(self._lock))
+            return self._lock >= 0 and os.path.samestat(existing, os.fstat(self._lock))
+        return False
 
     @property
     def exists(self) -> bool:
@@ -206,10 +184,8 @@ class Checkpoint:
             except FileNotFoundError:
                 continue
             except OSError as error:
-                reason, message = (
-                    "unreadable",
-                    f"state {path.name} cannot be read ({_system_message(error)})",
-                )
+                message = f"state {path.name} cannot be read ({_system_message(error)})"
+                reason = "unreadable"
             except StateVersionError as error:
                 reason, message = "other-version", error.message
             except StateError as error:
@@ -218,9 +194,7 @@ class Checkpoint:
         return None, messages
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:
-        """Rename the state to ``DEVICE.REASON-N.state`` and return its path.
-
-        If that is impossible now, the next save does it first and the path stays.
+        """Rename a file to ``DEVICE.REASON-N.state`` and return its path, unchanged if the next save must do it.
 
         Parameters
         ----------
@@ -238,10 +212,8 @@ class Checkpoint:
 
     def _move(self, reason: str, path: Path | None) -> Path:
         source, stem = path or self._newest, self.path.name.removesuffix(".state")
-        for number in range(1, 10_000):
-            aside = self.path.with_name(f"{stem}.{reason}-{number}.state")
-            if not aside.exists():
-                break
+        names = (self.path.with_name(f"{stem}.{reason}-{number}.state") for number in itertools.count(1))
+        aside = next(name for name in names if not name.exists())
         if source.exists():
             source.rename(aside)
         if path is None:

@@ -1,14 +1,13 @@
-"""Texts for caveats, clocks, exclusions and grades of a report.
+"""Texts for caveats, clocks, exclusions and grades of a report, and what is derived from its fields.
 
-The terminal UI, the datasheet and the text table show the same things with the same texts, which are here. A
-caveat has one line, and a paragraph that adds what to do about it. An unknown caveat, from a newer version, is
-its own text.
+The terminal UI, the datasheet and the text table show the same things with the same texts, which are here.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from imumon.report import Coefficient, Drift, Report
 from imumon.samples import sensor_of
@@ -17,98 +16,79 @@ FILTERED_BELOW_HZ = 200.0
 """Hz, output rate below which the factory filter of a VN-100 passes noise that folds."""
 
 
-@dataclass(frozen=True, slots=True)
-class CaveatText:
-    """Meaning of a caveat: in one line, and with its consequence and cure."""
+class CaveatText(NamedTuple):
+    """Meaning of a caveat in one line, and its consequence and cure in sentences."""
 
     line: str
-    advice: str
+    details: str = ""
+
+    @property
+    def advice(self) -> str:
+        """The line and the details as a paragraph."""
+        return f"{self.line[0].upper()}{self.line[1:]}. {self.details}".strip()
 
 
 CAVEATS: Mapping[str, CaveatText] = {
     "aliased": CaveatText(
         "the sensor's own filter folds noise: N is too high",
-        "The sensor's own filter lets noise from above half the output rate fold down: N of this stream is "
-        "too high. It is right for a user of this stream, and wrong as a figure of the sensor. Use delta "
-        "angles and velocities, or widen the filter (register 85) to 800 Hz divided by the rate.",
+        "Noise from above half the output rate folds down. N is right for a user of this stream, but it is no "
+        "figure of the sensor. Use delta angles and velocities, or widen the filter (register 85) to 800 Hz "
+        "divided by the rate.",
     ),
     "unknown_compensation": CaveatText(
         "unknown whether the sensor subtracts its bias from the deltas",
-        "It is unknown whether the sensor subtracts its gyroscope bias from its deltas (listen-only). If it "
-        "does, mean, B and K describe its filter.",
+        "The settings cannot be read in listen-only mode. If the sensor subtracts its gyroscope bias, mean, B "
+        "and K describe its filter.",
     ),
     "compensated": CaveatText(
         "the sensor subtracts its bias: B and K describe its filter, not the device",
-        "The sensor's Kalman filter subtracts its gyroscope bias from this stream: mean, B and K of the "
-        "gyroscope describe that filter, not the device. N is not affected. Use deltas or the uncompensated "
-        "fields.",
+        "The sensor's Kalman filter subtracts the gyroscope bias from this stream, which also changes the mean. "
+        "N is not affected. Use deltas or the uncompensated fields.",
     ),
     "warming_up": CaveatText(
         "still warming up: drift may look like K",
-        "The temperature still rises, or the mean still settles: the drift of a warm-up looks like K. When it "
-        "is over, the part that shows in the record is excluded; if none shows, nothing is.",
+        "The temperature still rises, or the mean still settles. At the end of the warm-up, the part that shows "
+        "in the record is excluded.",
     ),
     "vibration": CaveatText(
         "something vibrates: short times are distorted",
-        "A vibration or a spectral line shows in the curve: the fit does not use the octaves that it bends.",
+        "The fit does not use the octaves that a vibration or a spectral line bends.",
     ),
     "misfit": CaveatText(
         "the curve is not N + B + K: the limits are widened",
-        "The curve is not the sum of N, B and K: the limits are widened by the residuals, and the meaning of "
-        "the figures is uncertain.",
+        "The limits include the residuals, and the meaning of the figures is uncertain.",
     ),
-    "not_at_rest": CaveatText(
-        "the sensor moves: motion is not noise",
-        "The sensor moved. Motion is not noise, and no grade is given.",
-    ),
+    "not_at_rest": CaveatText("the sensor moves: motion is not noise", "No grade is given."),
     "gaps": CaveatText(
-        "more than a tenth of the samples is missing",
-        "More than a tenth of the samples is missing: the limits at long times are somewhat too narrow.",
+        "more than a tenth of the samples is missing", "The limits at long times are somewhat too narrow."
     ),
     "correlated": CaveatText(
         "neighbouring samples are not independent: the shortest times are not used",
-        "Neighbouring samples are not independent (a filter, or values that repeat): the fit does not use the "
-        "shortest octaves.",
+        "The cause is a filter, or values that repeat.",
     ),
-    "ramp": CaveatText(
-        "the mean drifts steadily: a ramp is part of the model",
-        "The mean drifts steadily: a ramp is part of the fitted model, beside K.",
-    ),
-    "changed": CaveatText(
-        "differs from the hours before or from the baseline: see the events",
-        "N, B or the bias differs from the hours before or from the baseline.",
-    ),
+    "ramp": CaveatText("the mean drifts steadily: a ramp is part of the model", "K is fitted beside it."),
+    "changed": CaveatText("differs from the hours before or from the baseline: see the events"),
     "truncated": CaveatText(
-        "the recording is damaged or truncated",
-        "The recording is damaged or truncated: only what precedes the damage is used.",
+        "the recording is damaged or truncated", "Only what precedes the damage is used."
     ),
     "constant": CaveatText(
-        "the values never changed: dead, stuck or not measured",
-        "The values never changed: the axis is dead, stuck, or was not measured. Its sensor gets no grade.",
+        "the values never changed: dead, stuck or not measured", "The sensor of this axis gets no grade."
     ),
     "stuck": CaveatText(
         "the values do not change: an axis or the whole sensor hangs",
-        "The values do not change: an axis or the whole sensor hangs. Repeated samples are excluded, and no "
-        "grade is given.",
+        "Repeated samples are excluded, and no grade is given.",
     ),
     # not produced any more, for reports of earlier versions
     "loop": CaveatText(
-        "the same samples over and over: replayed, not measured",
-        "The same samples come over and over: replayed, not measured. They count once; no grade is given.",
+        "the same samples over and over: replayed, not measured", "They count once, and no grade is given."
     ),
     "disturbed": CaveatText(
         "more than a tenth of the record is excluded: knocks or motion",
-        "More than a tenth of the record is excluded as disturbed (knocks, motion): the numbers describe the "
-        "rest. Put the sensor where nothing touches or moves it.",
+        "The numbers describe the rest. Put the sensor where nothing touches or moves it.",
     ),
-    "saturated": CaveatText("a range was exceeded", "A range was exceeded."),
-    "quantised": CaveatText(
-        "the resolution of the values shows in the curve",
-        "The resolution of the values shows in the curve.",
-    ),
-    "temperature": CaveatText(
-        "the temperature explains part of the drift", "Temperature explains part of the drift."
-    ),
+    "saturated": CaveatText("a range was exceeded"),
+    "quantised": CaveatText("the resolution of the values shows in the curve"),
+    "temperature": CaveatText("the temperature explains part of the drift"),
 }
 """Texts by caveat."""
 
@@ -138,8 +118,7 @@ def line(caveat: str) -> str:
     >>> line("saturated"), line("of_tomorrow")
     ('a range was exceeded', 'of tomorrow')
     """
-    known = CAVEATS.get(caveat)
-    return known.line if known is not None else caveat.replace("_", " ")
+    return CAVEATS[caveat].line if caveat in CAVEATS else caveat.replace("_", " ")
 
 
 def uncertainty(about: str = "±", times: str = "×÷") -> str:
@@ -157,7 +136,7 @@ def filter_not_known(report: Report) -> str | None:
     if device.alias_factor is not None or device.stream not in ("compensated", "uncompensated"):
         return None
     folds = rate is not None and rate < FILTERED_BELOW_HZ
-    here = f", here {(FILTERED_BELOW_HZ / rate) ** 0.5:.2f}" if folds and rate is not None else ""
+    here = f", here {(FILTERED_BELOW_HZ / rate) ** 0.5:.2f}" if rate and folds else ""
     return (
         "The filter of the sensor is unknown. With the factory settings of a VN-100, N of point samples below "
         f"200 Hz is too high by √(200 Hz / rate){here}."
@@ -165,10 +144,7 @@ def filter_not_known(report: Report) -> str | None:
 
 
 def excluded_by(report: Report) -> tuple[dict[str, float], float]:
-    """Return the excluded seconds by reason, which add up to `excluded_s`, and those of the magnetometer alone.
-
-    In a stream with inertial sensors, disturbances of the magnetometer alone are not part of that sum.
-    """
+    """Return the excluded seconds by reason, and those of the magnetometer alone if `excluded_s` omits them."""
     by = dict(report.session.excluded_by)
     inertial = any(sensor_of(name) in ("gyro", "accel") for name in report.channels)
     alone = by.pop("magnetic", 0.0) if inertial else 0.0
@@ -176,30 +152,22 @@ def excluded_by(report: Report) -> tuple[dict[str, float], float]:
 
 
 def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
-    """Return what is excluded as disturbed; empty if nothing is.
-
-    Parameters
-    ----------
-    text : function that formats seconds.
-    """
+    """Return what is excluded as disturbed; empty if nothing is. `text` formats seconds."""
     by, alone = excluded_by(report)
     total = report.session.excluded_s
-    reasons = ", ".join(f"{why} {text(seconds)}" for why, seconds in by.items())
-    parts = (
-        f"{text(total)}{f' ({reasons})' if reasons else ''}" if total else "",
-        f"{text(alone)} of the magnetometer alone" if alone else "",
-    )
-    return tuple(part for part in parts if part)
+    reasons = ", ".join(f"{reason} {text(seconds)}" for reason, seconds in by.items())
+    parts = [f"{text(total)} ({reasons})" if reasons else text(total)] if total else []
+    return (*parts, *([f"{text(alone)} of the magnetometer alone"] if alone else []))
 
 
 def caveats(report: Report) -> dict[str, list[str]]:
     """Return the channels by caveat; empty for a caveat of the whole record."""
-    found: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
+    by_caveat: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
     for name, channel in report.channels.items():
         for caveat in channel.caveats:
             if caveat not in report.caveats:
-                found.setdefault(caveat, []).append(name)
-    return found
+                by_caveat.setdefault(caveat, []).append(name)
+    return by_caveat
 
 
 def joined(channels: Iterable[str]) -> str:
@@ -232,3 +200,37 @@ def within(meets: str | None) -> str:
     ('every figure within consumer limits', 'some figure beyond consumer limits')
     """
     return f"every figure within {meets} limits" if meets else "some figure beyond consumer limits"
+
+
+class CoefficientRatio(NamedTuple):
+    """Ratio of a coefficient in two reports: a value if `relation` is "=", else a bound; None: unknown."""
+
+    value: float | None = None
+    relation: Literal["=", "<", ">"] = "="
+    differs: bool = False  # whether the 95 % limits rule out that both are equal
+
+
+def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRatio:
+    """Return the ratio of the second coefficient to the first, in SI, and whether they differ.
+
+    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. They
+    follow from the half-widths that face one another, added in quadrature (method of variance estimates
+    recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if
+    the limits of the value are beyond it. Otherwise the ratio is unknown.
+    """
+    if first.value and second.value:
+        return CoefficientRatio(second.value / first.value, differs=_differ(first, second))
+    if first.value and second.high is not None and first.low is not None and second.high < first.low:
+        return CoefficientRatio(second.high / first.value, "<", differs=True)
+    if second.value and first.high and second.low is not None and first.high < second.low:
+        return CoefficientRatio(second.value / first.high, ">", differs=True)
+    return CoefficientRatio()
+
+
+def _differ(first: Coefficient, second: Coefficient) -> bool:
+    """Return whether two values differ at 95 %."""
+    small, large = sorted((first, second), key=lambda each: each.value or 0.0)
+    if not (small.value and small.high and large.value and large.low):
+        return False
+    half_width = math.hypot(math.log(small.high / small.value), math.log(large.value / large.low))
+    return math.log(large.value / small.value) > half_width

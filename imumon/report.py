@@ -1,8 +1,8 @@
 """Report: the published data model as frozen dataclasses, and its JSON.
 
-Standard library only, so that any tool can read a report with this file alone. The fields are the contract of
-the project (docs/ZENOH.md): they are extended, but never changed. Unknown is None with a reason, never 0 and
-never NaN; units are SI unless a name says otherwise.
+Standard library only, so that any tool can read a report with this file alone. The fields are the contract
+of the project (docs/ZENOH.md): they are extended, but never changed. An unknown value is None with a reason,
+never 0 and never NaN. Units are SI unless a name says otherwise.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -143,10 +142,9 @@ class Readings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeTo:
-    """Seconds of the sample clock until the configured precision; 0 once reached; None while not measured,
-    or not within a year."""
+    """Seconds of the sample clock until the configured precision; None: not measured, or over a year."""
 
-    N: float | None = None  # s, until N has the configured precision
+    N: float | None = None  # s, until N has the configured precision; 0 once it has
     B: float | None = None  # s, until B has it
     K: float | None = None  # s, until K has it
 
@@ -223,8 +221,7 @@ class Spectrum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Slope of the mean, with 95 % limits from the fitted noise; N, B and K as they would be at a constant
-    temperature, if that matters: those of the channel include the effect of the temperature."""
+    """Slope of the mean; also N, B and K without the effect of the temperature, if it is significant."""
 
     per_hour: float | None = None  # channel unit per hour
     per_hour_low: float | None = None  # channel unit per hour, lower 95 % limit
@@ -274,8 +271,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One axis, or temperature or pressure, which have no curve. On its own key without `allan`, `histogram`
-    and `spectrum`."""
+    """One channel; temperature and pressure have no curve. Its own key omits allan, histogram, spectrum."""
 
     unit: str  # channel unit: rad/s, m/s^2, gauss, degC or kPa
     count: int = 0  # samples that count: not excluded, after the warm-up
@@ -340,54 +336,7 @@ class Report:
     speed: float = 1.0  # device seconds per second of the host clock; not 1 in time-lapse
     # SI, by gyro and accel, N and B, and grade: largest value that each grade allows
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
-    # of gyro and accel, by grade: the curve at the limits of the grade
-    limit_curves: Mapping[str, Mapping[str, LimitCurve]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class CoefficientRatio:
-    """Ratio of a coefficient in two reports, and whether the two differ at 95 %.
-
-    Attributes
-    ----------
-    value : the second over the first if `relation` is "=", else a bound of it; None: unknown.
-    relation : "=", or "<" or ">" where one of the two is only bounded.
-    differs : whether the 95 % limits rule out that both are equal.
-    """
-
-    value: float | None = None
-    relation: Literal["=", "<", ">"] = "="
-    differs: bool = False
-
-
-def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRatio:
-    """Return the ratio of the second coefficient to the first, and whether they differ.
-
-    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. They
-    follow from the half-widths that face one another, added in quadrature (method of variance estimates
-    recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if the
-    limits of the value are beyond it; otherwise it says nothing about the ratio.
-
-    Parameters
-    ----------
-    first, second : the same coefficient of the same sensor type in two reports, SI.
-    """
-    if first.value and second.value:
-        differs = _exceeds(second, first) or _exceeds(first, second)
-        return CoefficientRatio(second.value / first.value, differs=differs)
-    if first.value and second.high is not None and first.low is not None and second.high < first.low:
-        return CoefficientRatio(second.high / first.value, "<", differs=True)
-    if second.value and first.high and second.low is not None and first.high < second.low:
-        return CoefficientRatio(second.value / first.high, ">", differs=True)
-    return CoefficientRatio()
-
-
-def _exceeds(larger: Coefficient, smaller: Coefficient) -> bool:
-    """Return whether the first of two values is larger at 95 %."""
-    if not (smaller.value and smaller.high and larger.value and larger.low) or larger.value <= smaller.value:
-        return False
-    half_widths = math.log(smaller.high / smaller.value), math.log(larger.value / larger.low)
-    return math.log(larger.value / smaller.value) > math.hypot(*half_widths)
+    limit_curves: Mapping[str, Mapping[str, LimitCurve]] = field(default_factory=dict)  # by sensor and grade
 
 
 def stamp(moment: datetime) -> str:
@@ -399,63 +348,21 @@ def stamp(moment: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-_PLAIN = {str, int, bool, type(None)}
-
-
-def to_dict(part: Any) -> Any:
-    """Return a report or a part of one as plain dicts, lists and numbers.
-
-    Raises
-    ------
-    ValueError : a number is not finite.
-    """
-    kind: Any = type(part)
-    if kind in _PLAIN:
-        return part
-    if isinstance(part, float):
-        if not math.isfinite(part):
-            raise ValueError("a report holds finite numbers or None")
-        return part
-    if names := _names(kind):
-        return {name: to_dict(getattr(part, name)) for name in names}
-    if isinstance(part, Mapping):
-        return {str(key): to_dict(value) for key, value in part.items()}
-    return [to_dict(value) for value in part]
-
-
-@cache
-def _names(cls: type) -> tuple[str, ...]:
-    """Return the fields of a dataclass; empty for anything else."""
-    return tuple(f.name for f in fields(cls)) if is_dataclass(cls) else ()
-
-
 def to_json(part: Any, *, indent: int | None = None) -> str:
-    """Return a report or a part of one as JSON text: UTF-8, finite numbers or null.
-
-    Raises
-    ------
-    ValueError : a number is not finite.
-    """
-    if indent is None:
-        return _COMPACT.encode(to_dict(part))
-    return json.dumps(to_dict(part), allow_nan=False, ensure_ascii=False, indent=indent)
+    """Return a report or a part of one as JSON text; raise ValueError if a number is not finite."""
+    separators = (",", ":") if indent is None else None
+    return json.dumps(
+        part, default=_members, allow_nan=False, ensure_ascii=False, indent=indent, separators=separators
+    )
 
 
-_COMPACT = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+def _members(part: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass, or the items of a mapping."""
+    return {f.name: getattr(part, f.name) for f in fields(part)} if is_dataclass(part) else dict(part)
 
 
 T = typing.TypeVar("T")
-
-
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-_PARALLEL: Mapping[type, tuple[str, ...]] = {
-    Allan: ("tau_s", "sigma", "low", "high", "edf", "model", "used"),
-    Histogram: ("counts", "gaussian"),
-    Spectrum: ("frequency_hz", "density", "averages"),
-    Strip: ("low", "high"),
-    LimitCurve: ("tau_s", "sigma"),
-}
-"""Arrays of equal length, or empty."""
 
 
 def plain(text: str) -> str:
@@ -468,13 +375,9 @@ def plain(text: str) -> str:
 
 
 def from_json(cls: type[T], text: str | bytes) -> T:
-    """Read JSON as `cls` (`Report`, `Event`, `Signal` ...); unknown fields are ignored.
+    """Read JSON as `cls`, such as `Report`; raise ValueError if it is something else.
 
-    A report may come from any program: text is made `plain`.
-
-    Raises
-    ------
-    ValueError : not JSON, or not of that shape.
+    Unknown fields are ignored. Text is made `plain`, because a report may come from any program.
     """
     try:
         return typing.cast(T, _reader(typing.cast(Any, cls))(json.loads(text)))
@@ -484,39 +387,45 @@ def from_json(cls: type[T], text: str | bytes) -> T:
 
 @cache
 def _reader(hint: Any) -> Callable[[Any], Any]:
-    """Return the function that makes a value of type `hint` from plain JSON data."""
+    """Return the function that makes a value of type `hint` from JSON data."""
+    if is_dataclass(hint):
+        return _dataclass_reader(hint)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        inner = _reader(next(each for each in arguments if each is not type(None)))
-        return lambda data: None if data is None else inner(data)
-    if isinstance(hint, type) and is_dataclass(hint):
-        readers = {name: _reader(each) for name, each in typing.get_type_hints(hint).items()}
-        parallel = _PARALLEL.get(hint, ())
-
-        def make(data: Any) -> Any:
-            made = hint(**{n: readers[n](value) for n, value in data.items() if n in readers})
-            if len({len(getattr(made, name)) for name in parallel} - {0}) > 1:
-                raise TypeError(f"arrays of different lengths in {hint.__name__}")
-            return made
-
-        return make
-    if origin is tuple:
-        inner = _reader(arguments[0])
-        return lambda data: tuple(map(inner, _checked(data, list)))
     if origin is Mapping:
         inner = _reader(arguments[1])
         return lambda data: {plain(key): inner(value) for key, value in data.items()}
-    kind = str if origin is Literal else hint
-    if kind is str:
+    if hint is str or origin is Literal:
         return lambda data: plain(_checked(data, str))
-    return lambda data: data if type(data) is kind and kind is not float else _checked(data, kind)
+    if origin is None:
+        return lambda data: _checked(data, hint)
+    inner = _reader(arguments[0])
+    if origin is tuple:
+        return lambda data: tuple(map(inner, _checked(data, list)))
+    return lambda data: None if data is None else inner(data)
+
+
+def _dataclass_reader(cls: Any) -> Callable[[Any], Any]:
+    """Return the function that makes a `cls`: its arrays of numbers have equal lengths, or are empty."""
+    hints = typing.get_type_hints(cls)
+    readers = {name: _reader(hint) for name, hint in hints.items()}
+    numbers = {float, int, bool, float | None}
+    tuples = {name: typing.get_args(hint) for name, hint in hints.items() if typing.get_origin(hint) is tuple}
+    arrays = [name for name, arguments in tuples.items() if arguments[0] in numbers]
+
+    def read(data: Any) -> Any:
+        part = cls(**{name: readers[name](value) for name, value in data.items() if name in readers})
+        if len({len(getattr(part, name)) for name in arrays} - {0}) > 1:
+            raise TypeError(f"arrays of different lengths in {cls.__name__}")
+        return part
+
+    return read
 
 
 def _checked(data: Any, kind: Any) -> Any:
     """Return data of type `kind`: an integer is a valid float, an integral float a valid integer."""
-    if type(data) is kind and (kind is not float or math.isfinite(data)):
-        return data
-    if kind is float and type(data) is int:
+    if (type(data) is kind and (kind is not float or math.isfinite(data))) or (
+        kind is float and type(data) is int
+    ):
         return data
     if kind is int and type(data) is float and data.is_integer():
         return int(data)

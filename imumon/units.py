@@ -7,15 +7,15 @@ JSON uses ASCII spellings, `pretty` returns those for a screen.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 DEG = math.degrees(1.0)
 HOUR = 3600.0
 STANDARD_GRAVITY = 9.80665
 
 
-@dataclass(frozen=True, slots=True)
-class ReadableUnit:
+class ReadableUnit(NamedTuple):
     """Readable unit of a quantity in SI: multiply by `factor` and write `unit`."""
 
     factor: float
@@ -48,8 +48,6 @@ READABLE = {
 }
 """Readable unit of a coefficient by (sensor, coefficient)."""
 
-_PRETTY = str.maketrans({"*": "·"})
-
 
 def pretty(unit: str) -> str:
     """Return a unit for a screen.
@@ -58,7 +56,7 @@ def pretty(unit: str) -> str:
     ('°/√h', 'm/s²/√Hz', 'rad/s·√Hz')
     """
     text = unit.replace("sqrt(h)", "√h").replace("sqrt(Hz)", "√Hz").replace("^2", "²")
-    return text.replace("degC", "°C").replace("deg", "°").translate(_PRETTY)
+    return text.replace("degC", "°C").replace("deg", "°").replace("*", "·")
 
 
 def figures(value: float, digits: int = 3) -> str:
@@ -72,11 +70,8 @@ def figures(value: float, digits: int = 3) -> str:
     size = abs(value)
     if not 1e-3 <= size < 1e6:
         return f"{value:.{digits - 1}e}"
-    exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
-    decimals = digits - 1 - exponent
-    if decimals >= 0:
-        return f"{value:,.{decimals}f}"
-    return f"{round(value, decimals):,.0f}"
+    decimals = digits - 1 - math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
+    return f"{round(value, decimals):,.{max(decimals, 0)}f}"
 
 
 def number(value: float, digits: int) -> str:
@@ -146,13 +141,7 @@ def duration(seconds: float) -> str:
     if seconds < 60:
         return f"{seconds:.0f} s"
     total = round(seconds)
-    for big, big_name, small, small_name in (
-        (86400, "d", 3600, "h"),
-        (3600, "h", 60, "min"),
-        (60, "min", 1, "s"),
-    ):
-        if total >= big:
-            rest = total % big // small
-            head = f"{total // big} {big_name}"
-            return f"{head} {rest} {small_name}" if rest and total < 100 * big else head
-    return f"{total} s"
+    units = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
+    (big, big_name), (small, small_name) = next(two for two in pairwise(units) if total >= two[0][0])
+    rest, head = total % big // small, f"{total // big} {big_name}"
+    return f"{head} {rest} {small_name}" if rest and total < 100 * big else head

@@ -1,4 +1,4 @@
-"""Laws of the accumulators: statistics from the first sample on, counters that count nothing twice."""
+"""Laws of the accumulators: statistics from the first sample on, every sample counted once."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
 
 @pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
-    """Nothing waits for the first assessment of the guard, and it withdraws nothing that was shown."""
+    """The first assessment of the guard delays nothing and removes nothing that a report has shown."""
     record = Accumulators(GYRO + ACCEL, 1.0 / rate, averaged=True, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(4000, 6))
     counts = []
     for row in range(4000):
         record.feed(PlacedSamples(values[row : row + 1], np.ones(1, dtype=np.int64), None))
         if row in range(1, 60) or row % 100 == 0:
-            counts.append(record.history.moments().channels[0].count)
+            counts.append(record.statistics.history.moments().channels[0].count)
         if row == 1:
-            now = record.history.moments().channels[0]
+            now = record.statistics.history.moments().channels[0]
             assert (now.count, now.last) == (2, values[1, 0])
             assert now.mean == pytest.approx(values[:2, 0].mean())
         if row == 29:
-            assert fit_curve(record.history.curve(), averaged=True)[0].N.status != "pending"
-            assert record.histogram.result()[0] is not None
+            assert fit_curve(record.statistics.history.curve(), averaged=True)[0].N.status != "pending"
+            assert record.statistics.histogram.result()[0] is not None
     assert counts == sorted(counts)
-    assert record.history.moments().channels[0].count == record.samples - record.guard.held
+    assert record.statistics.history.moments().channels[0].count == record.samples - record.guard.held
     assert record.guard.held <= 2 * max(10, rate)
 
 
-def test_a_lossy_record_knows_its_share() -> None:
+def test_missing_share_is_that_of_the_grid() -> None:
     record = Accumulators(GYRO + ACCEL, 0.01, averaged=True, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(1000, 6))
     record.feed(PlacedSamples(values, np.array([1, 2] * 500), None))

@@ -75,10 +75,10 @@ def test_a_wrong_byte_anywhere_is_detected() -> None:
     for at in range(len(data)):
         for value in (data[at] ^ 1, 0, 32, 255):
             if value != data[at]:
-                with pytest.raises(StateError) as refused:
+                with pytest.raises(StateError) as caught:
                     decode(data[:at] + bytes([value]) + data[at + 1 :])
-                assert refused.value.code in ("state_invalid", "state_version", "state_damaged")
-                assert str(refused.value).isprintable()
+                assert caught.value.code in ("state_invalid", "state_version", "state_damaged")
+                assert str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize("inside", [b"", b"[]\n", b'{"meta":{},"arrays":[["x","zz",[1]]]}\n12345678'])
@@ -109,10 +109,10 @@ def test_two_daemons_cannot_use_the_same_state(tmp_path: Path) -> None:
 def test_a_file_system_without_locks_has_its_own_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refused(*_: object) -> None:
+    def refuse(*_: object) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr(fcntl, "flock", refused)
+    monkeypatch.setattr(fcntl, "flock", refuse)
     with pytest.raises(StateError, match=r"no locks available.*--state") as caught:
         Checkpoint(tmp_path, "d")
     assert caught.value.code == "state_not_lockable"
@@ -121,59 +121,59 @@ def test_a_file_system_without_locks_has_its_own_error(
 def test_an_unusable_directory_is_reported_until_it_becomes_usable(tmp_path: Path) -> None:
     directory = tmp_path / "file"
     directory.write_text("")
-    keeper = Checkpoint(directory / "state", "d")
-    assert keeper.failed is not None
-    assert "--state" in keeper.failed
-    keeper.save(STATE)
-    keeper.flush()
-    assert keeper.failed
+    checkpoint = Checkpoint(directory / "state", "d")
+    assert checkpoint.failed is not None
+    assert "--state" in checkpoint.failed
+    checkpoint.save(STATE)
+    checkpoint.flush()
+    assert checkpoint.failed
     directory.unlink()
-    keeper.close(STATE)
-    assert keeper.failed is None
+    checkpoint.close(STATE)
+    assert checkpoint.failed is None
     assert same(Checkpoint(directory / "state", "d").load()[0], STATE)
 
 
 def test_a_removed_directory_is_created_and_locked_again(tmp_path: Path) -> None:
     directory = tmp_path / "state"
-    keeper = Checkpoint(directory, "d")
-    keeper.save(STATE)
-    assert keeper.flush()
+    checkpoint = Checkpoint(directory, "d")
+    checkpoint.save(STATE)
+    assert checkpoint.flush()
     shutil.rmtree(directory)
-    keeper.save(STATE)
-    assert keeper.flush()
-    assert keeper.failed is None
+    checkpoint.save(STATE)
+    assert checkpoint.flush()
+    assert checkpoint.failed is None
     with pytest.raises(StateError) as caught:
         Checkpoint(directory, "d")
     assert caught.value.code == "state_locked"
     shutil.rmtree(directory)
     other = Checkpoint(directory, "d")  # acquires the lock first
-    keeper.save(SavedState({}, {}))
-    assert keeper.flush()
-    assert "another imumon" in str(keeper.failed)
+    checkpoint.save(SavedState({}, {}))
+    assert checkpoint.flush()
+    assert "another imumon" in str(checkpoint.failed)
     other.close(STATE)
-    keeper.close()
+    checkpoint.close()
     assert same(Checkpoint(directory, "d").load()[0], STATE)
 
 
 def test_a_state_that_cannot_be_set_aside_is_not_overwritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    keeper = Checkpoint(tmp_path, "d")
-    keeper.save(STATE)
-    assert keeper.flush()
+    checkpoint = Checkpoint(tmp_path, "d")
+    checkpoint.save(STATE)
+    assert checkpoint.flush()
     with monkeypatch.context() as disk:
 
-        def refused(*_: object) -> None:
+        def refuse(*_: object) -> None:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-        disk.setattr(Path, "rename", refused)
-        assert keeper.set_aside("other-settings").name == "d.state"
-        keeper.save(SavedState({}, {}))
-        assert keeper.flush()
-        assert "read-only" in str(keeper.failed).lower()
+        disk.setattr(Path, "rename", refuse)
+        assert checkpoint.set_aside("other-settings").name == "d.state"
+        checkpoint.save(SavedState({}, {}))
+        assert checkpoint.flush()
+        assert "read-only" in str(checkpoint.failed).lower()
         assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
-    keeper.close(SavedState({}, {}))
-    assert keeper.failed is None
+    checkpoint.close(SavedState({}, {}))
+    assert checkpoint.failed is None
     assert same(decode((tmp_path / "d.other-settings-1.state").read_bytes()), STATE)
 
 
@@ -181,12 +181,12 @@ def test_a_state_that_cannot_be_set_aside_is_not_overwritten(
 def test_an_unusable_state_is_set_aside_as_soon_as_possible(tmp_path: Path) -> None:
     (tmp_path / "d.state").write_bytes(b"GIF89a")
     tmp_path.chmod(0o500)
-    keeper = Checkpoint(tmp_path, "d")
-    state, messages = keeper.load()
+    checkpoint = Checkpoint(tmp_path, "d")
+    state, messages = checkpoint.load()
     assert state is None
     assert "d.state" in messages[0]
     tmp_path.chmod(0o700)
-    keeper.close(STATE)
+    checkpoint.close(STATE)
     assert (tmp_path / "d.damaged-1.state").read_bytes() == b"GIF89a"
     assert same(Checkpoint(tmp_path, "d").load()[0], STATE)
 
@@ -194,14 +194,14 @@ def test_an_unusable_state_is_set_aside_as_soon_as_possible(tmp_path: Path) -> N
 def test_a_failed_save_is_reported_and_keeps_the_old_state(tmp_path: Path) -> None:
     Checkpoint(tmp_path, "d").close(STATE)
     if os.geteuid() == 0:
-        keeper = Checkpoint(tmp_path, "d")
+        checkpoint = Checkpoint(tmp_path, "d")
         (tmp_path / "d.state.new").mkdir()  # in place of the new file
     else:
-        keeper = Checkpoint(tmp_path, "d")
+        checkpoint = Checkpoint(tmp_path, "d")
         tmp_path.chmod(0o500)
-    keeper.close(SavedState({}, {}))
+    checkpoint.close(SavedState({}, {}))
     tmp_path.chmod(0o700)
-    assert keeper.failed
+    assert checkpoint.failed
     assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
 
 
@@ -251,9 +251,9 @@ def test_an_error_whose_text_cannot_be_formatted_prevents_no_later_save(tmp_path
 
 def test_a_state_that_is_set_aside_can_still_be_read(tmp_path: Path) -> None:
     Checkpoint(tmp_path, "d").close(STATE)
-    keeper = Checkpoint(tmp_path, "d")
-    aside = keeper.set_aside("before-fresh")
-    assert keeper.load() == (None, [])
+    checkpoint = Checkpoint(tmp_path, "d")
+    aside = checkpoint.set_aside("before-fresh")
+    assert checkpoint.load() == (None, [])
     assert same(decode(aside.read_bytes()), STATE)
 
 

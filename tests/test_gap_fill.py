@@ -1,4 +1,4 @@
-"""Laws of gap filling: every sample keeps its place, every tick is there once."""
+"""Laws of gap filling: every sample keeps its place, and every tick occurs once."""
 
 from __future__ import annotations
 

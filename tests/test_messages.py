@@ -13,7 +13,7 @@ from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
 
 
-def test_a_caveat_has_a_line_and_a_paragraph() -> None:
+def test_a_caveat_has_a_line_and_advice() -> None:
     for meaning in CAVEATS.values():
         assert 0 < len(meaning.line) <= 80
         assert not meaning.line.endswith(".")
@@ -30,16 +30,16 @@ def test_caveats_of_the_whole_record_name_no_channel() -> None:
 
 def test_every_caveat_has_a_text() -> None:
     everything = SimpleNamespace(
-        at_rest=False,
+        guard=SimpleNamespace(at_rest=False),
         excluded_share=1.0,
         excluded_by={"clipped": 1.0},
         missing_share=1.0,
         is_warming_up=lambda: True,
         stuck=True,
     )
-    found = assessment.record_caveats(cast(Accumulators, everything), guarded=True)
-    assert len(found) == 6
-    assert set(found) <= set(CAVEATS)
+    of_the_record = assessment.record_caveats(cast(Accumulators, everything), guarded=True)
+    assert len(of_the_record) == 6
+    assert set(of_the_record) <= set(CAVEATS)
     of_a_fit = {
         "misfit",
         "quantised",

@@ -15,15 +15,15 @@ from typing import Any, Literal
 import pytest
 
 from imumon import report
-from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_dict, to_json
+from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_json
 
 FILE = Path(__file__).parents[1] / "docs" / "report.schema.json"
-LEFT_OUT = ("allan", "histogram", "spectrum")  # of a channel on its own key
+OMITTED = ("allan", "histogram", "spectrum")  # of a channel on its own key
 PLAIN: dict[Any, str] = {str: "string", int: "integer", float: "number", bool: "boolean"}
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema of a report and of the other messages, from the dataclasses and their comments."""
+    """Return the JSON Schema of a report and the other messages, from the dataclasses and their comments."""
     defs: dict[str, Any] = {}
     for cls in (Report, Event, Signal):
         define(cls, defs)
@@ -33,7 +33,7 @@ def schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": report.SCHEMA,
         "description": "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Grade imumon/{id}/grade, "
-        "Event imumon/{id}/event, Signal imumon/{id}/signal/{sensor}/{axis}. More fields may come.",
+        "Event imumon/{id}/event, Signal imumon/{id}/signal/{sensor}/{axis}. Fields may be added.",
         "$ref": "#/$defs/Report",
         "$defs": dict(sorted(defs.items())),
     }
@@ -41,13 +41,13 @@ def schema() -> dict[str, Any]:
 
 def define(cls: type, defs: dict[str, Any]) -> dict[str, Any]:
     if cls.__name__ not in defs:
-        defs[cls.__name__] = {}  # holds the place while the fields are looked at
+        defs[cls.__name__] = {}  # keeps the order
         hints, notes = typing.get_type_hints(cls), comments(cls)
         properties = {
             name: shape(hint, defs) | ({"description": notes[name]} if name in notes else {})
             for name, hint in hints.items()
         }
-        required = [name for name in hints if not (cls is Channel and name in LEFT_OUT)]
+        required = [name for name in hints if not (cls is Channel and name in OMITTED)]
         about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
         described = {"description": about} if not about.startswith(cls.__name__ + "(") else {}
         defs[cls.__name__] = {"type": "object", **described, "properties": properties, "required": required}
@@ -55,7 +55,7 @@ def define(cls: type, defs: dict[str, Any]) -> dict[str, Any]:
 
 
 def comments(cls: type) -> dict[str, str]:
-    """Comments of the fields in the source, beside them or on the line above."""
+    """Return the comments of the fields in the source, beside them or on the line above."""
     source = inspect.getsource(cls)
     above = re.findall(r"^    #\s*(.+)\n    (\w+):", source, re.MULTILINE)
     beside = re.findall(r"^    (\w+): [^#\n]*#\s*(.+)$", source, re.MULTILINE)
@@ -63,20 +63,20 @@ def comments(cls: type) -> dict[str, str]:
 
 
 def shape(hint: Any, defs: dict[str, Any]) -> dict[str, Any]:
-    origin, words = typing.get_origin(hint), typing.get_args(hint)
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        inner = shape(next(word for word in words if word is not type(None)), defs)
+        inner = shape(arguments[0], defs)
         if "enum" in inner:
             return {"enum": [*inner["enum"], None]}
         if isinstance(inner.get("type"), str):
             return inner | {"type": [inner["type"], "null"]}
         return {"anyOf": [inner, {"type": "null"}]}
     if origin is Literal:
-        return {"enum": list(words)}
+        return {"enum": list(arguments)}
     if origin is tuple:
-        return {"type": "array", "items": shape(words[0], defs)}
+        return {"type": "array", "items": shape(arguments[0], defs)}
     if origin is Mapping:
-        return {"type": "object", "additionalProperties": shape(words[1], defs)}
+        return {"type": "object", "additionalProperties": shape(arguments[1], defs)}
     return define(hint, defs) if is_dataclass(hint) else {"type": PLAIN[hint]}
 
 
@@ -91,12 +91,12 @@ KINDS: dict[str, Any] = {
 }
 
 
-def faults(value: Any, rule: dict[str, Any], root: dict[str, Any], at: str = "$") -> list[str]:
-    """Where a value breaks the rules of a schema, as far as ours goes."""
+def violations(value: Any, rule: dict[str, Any], root: dict[str, Any], at: str = "$") -> list[str]:
+    """Return where a value violates a schema of the kind that `schema` makes."""
     if "$ref" in rule:
-        return faults(value, root["$defs"][rule["$ref"].rpartition("/")[2]], root, at)
+        return violations(value, root["$defs"][rule["$ref"].rpartition("/")[2]], root, at)
     if "anyOf" in rule:
-        tries = [faults(value, one, root, at) for one in rule["anyOf"]]
+        tries = [violations(value, one, root, at) for one in rule["anyOf"]]
         return [] if [] in tries else tries[0]
     if "enum" in rule:
         return [] if value in rule["enum"] else [f"{at}: {value!r}"]
@@ -106,38 +106,38 @@ def faults(value: Any, rule: dict[str, Any], root: dict[str, Any], at: str = "$"
     out = []
     if isinstance(value, list):
         for index, item in enumerate(value):
-            out += faults(item, rule["items"], root, f"{at}[{index}]")
+            out += violations(item, rule["items"], root, f"{at}[{index}]")
     if isinstance(value, dict):
         out += [f"{at}.{name} is missing" for name in rule.get("required", ()) if name not in value]
         for name, item in value.items():
             inner = rule.get("properties", {}).get(name) or rule.get("additionalProperties")
-            out += faults(item, inner, root, f"{at}.{name}") if inner else []
+            out += violations(item, inner, root, f"{at}.{name}") if inner else []
     return out
 
 
 def filled(hint: Any, *, empty: bool) -> Any:
-    """A value of this type: with everything in it, or with as little as there may be."""
-    origin, words = typing.get_origin(hint), typing.get_args(hint)
+    """Return a value of this type, with every optional part, or with none."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        inner = next(word for word in words if word is not type(None))
+        inner = arguments[0]
         return None if empty else filled(inner, empty=False)
     if origin is Literal:
-        return words[-1]
+        return arguments[-1]
     if origin is tuple:
-        return () if empty else (filled(words[0], empty=False),) * 2
+        return () if empty else (filled(arguments[0], empty=False),) * 2
     if origin is Mapping:
-        return {} if empty else {"gyro/x": filled(words[1], empty=False)}
+        return {} if empty else {"gyro/x": filled(arguments[1], empty=False)}
     if is_dataclass(hint):
         hints = typing.get_type_hints(hint)
         return hint(**{f.name: filled(hints[f.name], empty=empty) for f in fields(hint)})  # type: ignore[operator]
     return {str: "°/√h", int: 3, float: 0.1, bool: True}[hint]
 
 
-def test_the_file_is_the_code() -> None:
+def test_the_schema_file_matches_the_code() -> None:
     assert json.loads(FILE.read_text("utf-8")) == schema(), "run python tests/test_report_schema.py"
 
 
-def test_every_message_and_every_field_has_a_line() -> None:
+def test_every_message_and_every_field_has_a_description() -> None:
     defs = json.loads(FILE.read_text("utf-8"))["$defs"]
     assert [name for name, rule in defs.items() if not rule.get("description")] == []
     fields = [
@@ -151,29 +151,29 @@ def test_every_message_and_every_field_has_a_line() -> None:
 
 @pytest.mark.parametrize("cls", [Report, Event, Signal])
 @pytest.mark.parametrize("empty", [True, False])
-def test_every_message_keeps_the_schema_and_comes_back_the_same(cls: type, empty: bool) -> None:
+def test_every_message_matches_the_schema_and_survives_json(cls: type, empty: bool) -> None:
     message = filled(cls, empty=empty)
     root = json.loads(FILE.read_text("utf-8"))
-    assert faults(json.loads(to_json(message)), {"$ref": f"#/$defs/{cls.__name__}"}, root) == []
+    assert violations(json.loads(to_json(message)), {"$ref": f"#/$defs/{cls.__name__}"}, root) == []
     assert from_json(cls, to_json(message)) == message
 
 
-def test_a_channel_on_its_own_key_keeps_it_too() -> None:
+def test_a_channel_on_its_own_key_matches_the_schema() -> None:
     root = json.loads(FILE.read_text("utf-8"))
-    entry = {k: v for k, v in to_dict(filled(Channel, empty=False)).items() if k not in LEFT_OUT}
-    assert faults(entry, {"$ref": "#/$defs/Channel"}, root) == []
+    entry = {k: v for k, v in json.loads(to_json(filled(Channel, empty=False))).items() if k not in OMITTED}
+    assert violations(entry, {"$ref": "#/$defs/Channel"}, root) == []
     assert from_json(Channel, json.dumps(entry)).allan is None
 
 
-def test_the_grades_on_their_own_key_keep_it_too() -> None:
+def test_the_grades_on_their_own_key_match_the_schema() -> None:
     root = json.loads(FILE.read_text("utf-8"))
     grades = json.loads(to_json({"gyro": filled(SensorGrade, empty=False), "accel": SensorGrade()}))
-    assert faults(grades, {"$ref": "#/$defs/Grade"}, root) == []
-    assert faults({"gyro": {"nearest": "poor"}}, {"$ref": "#/$defs/Grade"}, root)
+    assert violations(grades, {"$ref": "#/$defs/Grade"}, root) == []
+    assert violations({"gyro": {"nearest": "poor"}}, {"$ref": "#/$defs/Grade"}, root)
 
 
 @pytest.mark.parametrize(
-    ("change", "read"),
+    ("change", "readable"),
     [
         ({"state": "asleep"}, True),  # later versions may know it
         ({"session": {}}, True),
@@ -184,11 +184,11 @@ def test_the_grades_on_their_own_key_keep_it_too() -> None:
         ({"channels": []}, False),
     ],
 )
-def test_faults_are_found(change: dict[str, Any], read: bool) -> None:
+def test_violations_are_detected(change: dict[str, Any], readable: bool) -> None:
     root = json.loads(FILE.read_text("utf-8"))
     changed = json.loads(to_json(filled(Report, empty=False))) | change
-    assert faults(changed, root["$defs"]["Report"], root)
-    if read:
+    assert violations(changed, root["$defs"]["Report"], root)
+    if readable:
         assert from_json(Report, json.dumps(changed))
     else:
         with pytest.raises(ValueError, match="not a report"):
@@ -199,19 +199,19 @@ def test_faults_are_found(change: dict[str, Any], read: bool) -> None:
     ("part", "name"),
     [("Allan", "edf"), ("Histogram", "gaussian"), ("Spectrum", "averages"), ("Strip", "high")],
 )
-def test_arrays_that_lie_beside_one_another_are_as_long(part: str, name: str) -> None:
+def test_parallel_arrays_of_different_lengths_are_refused(part: str, name: str) -> None:
     cls = getattr(report, part)
-    made = json.loads(to_json(filled(cls, empty=False)))
-    assert from_json(cls, json.dumps(made))
+    data = json.loads(to_json(filled(cls, empty=False)))
+    assert from_json(cls, json.dumps(data))
     with pytest.raises(ValueError, match="different lengths"):
-        from_json(cls, json.dumps(made | {name: made[name][:1]}))
+        from_json(cls, json.dumps(data | {name: data[name][:1]}))
 
 
-def test_foreign_text_has_no_control_characters() -> None:
-    made = json.loads(to_json(filled(Report, empty=False)))
-    made["device"]["model"] = "VN\x1b[2J-100\u202e °\ud800"
-    made["device"]["settings"] = {"a\x07": "b\r\n"}
-    read = from_json(Report, json.dumps(made)).device
+def test_text_that_is_read_has_no_control_characters() -> None:
+    data = json.loads(to_json(filled(Report, empty=False)))
+    data["device"]["model"] = "VN\x1b[2J-100\u202e °\ud800"
+    data["device"]["settings"] = {"a\x07": "b\r\n"}
+    read = from_json(Report, json.dumps(data)).device
     assert (read.model, read.settings) == ("VN[2J-100 °", {"a": "b"})
 
 

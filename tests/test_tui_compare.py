@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from imumon.messages import coefficient_ratio
 from imumon.pipeline.report_builder import coefficient
-from imumon.report import Coefficient, Status, coefficient_ratio
+from imumon.report import Coefficient, Status
 from imumon.tui.compare import ratio_text
 
 
@@ -22,6 +23,7 @@ class Estimate:
     high: float | None
     status: Status
     reason: str | None = None
+    reason_code: str | None = None
 
 
 def known(value: float, spread: float) -> Coefficient:

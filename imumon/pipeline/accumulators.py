@@ -26,7 +26,7 @@ from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.statistics.psd import SpectrumAccumulator
 from imumon.pipeline.gap_fill import Break, LongGap, fill_gaps
-from imumon.samples import Bools, Floats, sensor_of
+from imumon.samples import sensor_of
 from imumon.timebase.sample_clock import PlacedSamples
 
 ALLAN_SENSORS = ("gyro", "accel", "mag")
@@ -53,8 +53,10 @@ class GuardedStatistics:
 
     Attributes
     ----------
-    allan_channels, allan_groups : number of leading columns, and of their groups, with a curve and a
-    spectrum.
+    allan_channels, allan_groups : number of leading columns, and of their groups, with a curve and a spectrum.
+    history : curve of these columns and moments of all, without the warm-up.
+    spectrum : of these columns.
+    histogram : of all columns.
     """
 
     allan_channels: int
@@ -72,13 +74,11 @@ class GuardedStatistics:
                 if item.skipped:
                     accumulator.skip(item.skipped)
             if len(item.values):
-                self._add(item.values, None if item.valid.all() else item.valid)
-
-    def _add(self, values: Floats, valid: Bools | None) -> None:
-        self.history.update(values, valid)
-        spectrum_valid = None if valid is None else valid[:, : self.allan_groups]
-        self.spectrum.update(values[:, : self.allan_channels], spectrum_valid)
-        self.histogram.update(values, valid)
+                valid = None if item.valid.all() else item.valid
+                allan_valid = None if valid is None else valid[:, : self.allan_groups]
+                self.history.update(item.values, valid)
+                self.spectrum.update(item.values[:, : self.allan_channels], allan_valid)
+                self.histogram.update(item.values, valid)
 
 
 class Accumulators:
@@ -105,9 +105,8 @@ class Accumulators:
         self.channels = channels
         self.interval_s = interval_s
         sensors = [sensor_of(name) for name in channels]
-        names = list(dict.fromkeys(sensors))
-        self.groups = [names.index(s) for s in sensors]
-        self.allan_channels = sum(s in ALLAN_SENSORS for s in sensors)
+        self.groups = [list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors]
+        self.allan_channels = sum(sensor in ALLAN_SENSORS for sensor in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
         rate = 1.0 / interval_s
         self.guarded, self._averaged = guarded, averaged
@@ -129,7 +128,8 @@ class Accumulators:
                 self._statistics.update(self.guard.skip(segment.ticks))
             else:
                 self.span += len(segment.values)
-                valid = self._valid(segment.present)
+                present = segment.present
+                valid = None if present is None else np.repeat(present[:, None], max(self.groups) + 1, axis=1)
                 self.envelope.update(segment.values, valid)
                 self._statistics.update(self.guard.update(segment.values, valid, segment.saturated))
         self.missing = self.span - self.samples
@@ -139,19 +139,13 @@ class Accumulators:
         self._statistics.update(self.guard.flush())
 
     @property
-    def history(self) -> HourlyStatistics:
-        """Curve and moments without the warm-up; curves are those of the first `allan_channels` columns."""
-        return self._current().history
-
-    @property
-    def spectrum(self) -> SpectrumAccumulator:
-        """Spectrum of the first `allan_channels` columns."""
-        return self._current().spectrum
-
-    @property
-    def histogram(self) -> HistogramAccumulator:
-        """Histogram of all columns."""
-        return self._current().histogram
+    def statistics(self) -> GuardedStatistics:
+        """Statistics of what the guard passed; before that, of what it will assess first."""
+        if (pending := self.guard.pending) is None:
+            return self._statistics
+        preview = self._new_statistics()
+        preview.update([pending])
+        return preview
 
     @property
     def warmup_s(self) -> float:
@@ -167,11 +161,6 @@ class Accumulators:
     def missing_share(self) -> float:
         """Share of the grid that was not received, 0 to 1."""
         return self.missing / max(self.span, 1)
-
-    @property
-    def at_rest(self) -> bool:
-        """False while the sensor moves or is handled."""
-        return self.guard.at_rest
 
     @property
     def disturbances(self) -> int:
@@ -205,7 +194,7 @@ class Accumulators:
 
     def is_warming_up(self) -> bool:
         """Return whether the temperature of the sensor still rises."""
-        return is_warming_up(self.history.drift, self.temperature)
+        return is_warming_up(self.statistics.history.drift, self.temperature)
 
     def new_disturbances(self) -> list[Disturbance]:
         """Return the disturbances that ended since the last call."""
@@ -250,24 +239,7 @@ class Accumulators:
             warmup_channels=inertial if self.guarded else (),
             temperature=self.temperature,
         )
-        return GuardedStatistics(
-            self.allan_channels,
-            max(groups, default=-1) + 1,
-            history,
-            SpectrumAccumulator(groups, 1.0 / self.interval_s),
-            HistogramAccumulator(self.groups),
-        )
-
-    def _current(self) -> GuardedStatistics:
-        """Return the statistics of what the guard passed; before that, of what it will assess first."""
-        pending = self.guard.pending
-        if pending is None:
-            return self._statistics
-        preview = self._new_statistics()
-        preview.update([pending])
-        return preview
-
-    def _valid(self, present: Bools | None) -> Bools | None:
-        if present is None:
-            return None
-        return np.repeat(present[:, None], max(self.groups) + 1, axis=1)
+        spectrum = SpectrumAccumulator(groups, 1.0 / self.interval_s)
+        histogram = HistogramAccumulator(self.groups)
+        allan_groups = max(groups, default=-1) + 1
+        return GuardedStatistics(self.allan_channels, allan_groups, history, spectrum, histogram)

@@ -17,7 +17,7 @@ from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.trends import Trends
-from imumon.report import Change, Channel, SensorGrade
+from imumon.report import Channel, SensorGrade
 from imumon.samples import UNITS, sensor_of
 
 YOUNG_GROWTH = 0.1
@@ -50,6 +50,7 @@ class Analysis:
 
     Attributes
     ----------
+    trends : drift of each channel, steps and settling of its mean.
     fits : by channel, of those with a curve.
     shapes : (c,) shape of the distribution of each channel; None without samples.
     channels : by channel, the fields of a report that come from the analysis.
@@ -61,7 +62,7 @@ class Analysis:
     ) -> None:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
-        self._trends = Trends(record, averaged=averaged)
+        self.trends = Trends(record, averaged=averaged)
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
@@ -69,48 +70,33 @@ class Analysis:
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
 
-    def bias_step(self, column: int) -> Change | None:
-        """Return the sudden change of a channel's mean; None if there is none."""
-        return self._trends.bias_step(column)
-
-    def is_settling(self, column: int) -> bool:
-        """Return whether the mean of a channel still settles in the samples that count."""
-        return self._trends.is_settling(column)
-
     def update(self, *, force: bool) -> None:
         """Recompute everything if it is due, or, with `force`, if anything has changed."""
-        record = self._record
-        current = (record.span, record.history.position, record.warmup_s, force)
+        record, statistics = self._record, self._record.statistics
+        current = (record.span, statistics.history.position, record.warmup_s, force)
         elapsed = record.elapsed_s
         early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
         if early or current == self._analysed:
             return
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
-        curve, density = record.history.curve(), record.spectrum.result()
-        self.shapes = record.histogram.result()
+        curve, density = statistics.history.curve(), statistics.spectrum.result()
+        self.shapes = statistics.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
         fits = self._estimator.fit(curve, renew=force or None, resolution=steps)
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self._trends.update(fits, curve, force=force)
-        self.grades = {
-            sensor: grade_sensor(sensor, axes) for sensor in LIMITS if (axes := self._graded_axes(sensor))
-        }
+        self.trends.update(fits, curve, force=force)
+        graded: dict[str, dict[str, dict[str, GradedCoefficient]]] = {}  # N and B by sensor and axis
+        for name, each in self.fits.items():
+            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = {"N": each.N, "B": each.B}
+        self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
         for column, name in enumerate(record.channels):
             sensor, fit = sensor_of(name), self.fits.get(name)
             channel = Channel(unit=UNITS[sensor], histogram=report_builder.histogram(self.shapes[column]))
             if fit is not None:
-                trends = self._trends
+                trend, steady = self.trends.trend(column), self.trends.steady_fit(column)
                 channel = replace(
                     report_builder.with_fit(channel, sensor, curve, column, fit),
                     spectrum=report_builder.spectrum(sensor, density, column),
-                    drift=report_builder.drift(sensor, trends.trend(column), trends.steady_fit(column)),
+                    drift=report_builder.drift(sensor, trend, steady),
                 )
             self.channels[name] = channel
-
-    def _graded_axes(self, sensor: str) -> dict[str, dict[str, GradedCoefficient]]:
-        """Return N and B of a sensor by axis."""
-        return {
-            name.partition("/")[2]: {"N": fit.N, "B": fit.B}
-            for name, fit in self.fits.items()
-            if sensor_of(name) == sensor
-        }

@@ -34,7 +34,7 @@ UNGRADED_SHARE = 0.5
 def record_caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
     """Return the caveats that hold for the whole record."""
     holds = {
-        "not_at_rest": not record.at_rest,
+        "not_at_rest": not record.guard.at_rest,
         "disturbed": record.excluded_share > DISTURBED_SHARE,
         "saturated": "clipped" in record.excluded_by,
         "stuck": record.stuck,
@@ -68,7 +68,7 @@ def fit_caveats(
 
 def no_grade_reason(record: Accumulators) -> str | None:
     """Return why nothing of this record can be graded; None if it can."""
-    if not record.at_rest:
+    if not record.guard.at_rest:
         return "the sensor is not at rest"
     if record.stuck or record.stuck_share > UNGRADED_SHARE:
         return f"{record.stuck_share:.0%} of the samples repeat: stuck"
@@ -79,26 +79,23 @@ def no_grade_reason(record: Accumulators) -> str | None:
 
 def constant_channels(analysis: Analysis) -> tuple[str, ...]:
     """Return the channels that should show noise and never changed: dead, stuck, or not measured."""
-    return tuple(
-        name
-        for name, shape in zip(analysis.fits, analysis.shapes, strict=False)
-        if shape is not None and shape.constant
-    )
+    shapes = zip(analysis.fits, analysis.shapes, strict=False)
+    return tuple(name for name, shape in shapes if shape is not None and shape.constant)
 
 
 def detect_changes(
     record: Accumulators, analysis: Analysis, baseline: Report | None
 ) -> dict[int, tuple[Change, ...]]:
     """Return what differs from the time before and from a saved baseline, by column."""
-    changes = {column: list(each) for column, each in record.history.changes().items()}
+    changes = {column: list(each) for column, each in record.statistics.history.changes().items()}
     for column, (name, fit) in enumerate(analysis.fits.items()):
-        found = changes.setdefault(column, [])
-        step = analysis.bias_step(column)
-        if step is not None and not any(change.quantity == "bias" for change in found):
-            found.append(step)
+        own = changes.setdefault(column, [])
+        step = analysis.trends.bias_step(column)
+        if step is not None and not any(change.quantity == "bias" for change in own):
+            own.append(step)
         if baseline is not None:
-            found += compare_with_baseline(baseline, name, fit, record.elapsed_s)
-    return {column: tuple(found) for column, found in changes.items() if found}
+            own += compare_with_baseline(baseline, name, fit, record.elapsed_s)
+    return {column: tuple(own) for column, own in changes.items() if own}
 
 
 def assess_channels(
@@ -116,7 +113,7 @@ def assess_channels(
     changes : by column.
     no_grade : why nothing of the record can be graded; None if it can.
     """
-    fits, moments, recent = analysis.fits, record.history.moments(), record.envelope.recent()
+    fits, moments, recent = analysis.fits, record.statistics.history.moments(), record.envelope.recent()
     means = {name: each.mean for name, each in zip(record.channels, moments.channels, strict=True)}
     correlations: dict[str, dict[str, float]] = {}
     for group, covariance in enumerate(moments.covariance):
@@ -132,7 +129,7 @@ def assess_channels(
                 "constant": name in constant,
                 "changed": column in changes,
                 "temperature": channel.drift is not None and channel.drift.steady_N is not None,
-                "warming_up": analysis.is_settling(column),
+                "warming_up": analysis.trends.is_settling(column),
             }
             caveats = (
                 *record_caveats,

@@ -29,6 +29,7 @@ class DetectedEvent:
 
     kind: str
     text: str
+    code: str = ""  # cause of a restart, for programs: clock_reset, other_rate or other_stream
     elapsed_s: float | None = None
     channel: str | None = None
     length_s: float | None = None
@@ -36,7 +37,9 @@ class DetectedEvent:
 
     def stamped(self, now: datetime, device: str) -> Event:
         """Return the event of `device` at the time `now`."""
-        return Event(time=stamp(now), device=device, **asdict(self))
+        published = asdict(self)
+        del published["code"]
+        return Event(time=stamp(now), device=device, **published)
 
 
 class EventLog:
@@ -67,10 +70,11 @@ class EventLog:
         record: Accumulators | None = None,
         length_s: float | None = None,
         channel: str | None = None,
+        code: str = "",
     ) -> None:
         """Add one event, `length_s` long, at the present end of the record."""
         elapsed = record.elapsed_s if record else None
-        self._events.append(DetectedEvent(kind, text, elapsed_s=elapsed, channel=channel, length_s=length_s))
+        self._events.append(DetectedEvent(kind, text, code, elapsed, channel, length_s))
 
     def record_restored(self, record: Accumulators) -> None:
         """Note that the gaps and grades of a restored record have been reported before."""
@@ -79,29 +83,21 @@ class EventLog:
 
     def update_guard(self, record: Accumulators) -> None:
         """Add what the guard excluded, the end of a warm-up, and rest and motion."""
-        for found in record.new_disturbances():
-            name = None if found.channel is None else record.channels[found.channel]
-            where = "" if name is None else f" on {name}"
-            length = found.length * record.interval_s
-            shown = duration(length) if length >= 1 else f"{length:.2g} s"
-            self._events.append(
-                DetectedEvent(
-                    "disturbance",
-                    f"{found.kind}{where}: {shown} excluded",
-                    elapsed_s=found.start * record.interval_s,
-                    channel=name,
-                    length_s=length,
-                    size=found.size,
-                )
-            )
+        for disturbance in record.new_disturbances():
+            name = None if disturbance.channel is None else record.channels[disturbance.channel]
+            start, length = disturbance.start * record.interval_s, disturbance.length * record.interval_s
+            excluded = duration(length) if length >= 1 else f"{length:.2g} s"
+            text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
+            event = DetectedEvent("disturbance", text, "", start, name, length, disturbance.size)
+            self._events.append(event)
         warmup = record.warmup_s
         if warmup > self._warmup_s:
             self._warmup_s = warmup
             self.add("warmup", f"a warm-up of {duration(warmup)} is over and excluded", record, warmup)
-        if record.at_rest != self._at_rest:
-            self._at_rest = record.at_rest
-            text = "at rest again" if record.at_rest else "not at rest: statistics are suspended"
-            self.add("rest" if record.at_rest else "motion", text, record)
+        if (at_rest := record.guard.at_rest) != self._at_rest:
+            self._at_rest = at_rest
+            text = "at rest again" if at_rest else "not at rest: statistics are suspended"
+            self.add("rest" if at_rest else "motion", text, record)
 
     def update_warmup(self, record: Accumulators, warming_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it."""

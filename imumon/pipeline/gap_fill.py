@@ -55,11 +55,6 @@ Segment: TypeAlias = DenseBlock | LongGap | Break
 def fill_gaps(placed: PlacedSamples) -> Iterator[Segment]:
     """Yield the grid of placed samples in order."""
     steps = placed.steps
-    if not len(steps):
-        return
-    if (steps == 1).all():
-        yield DenseBlock(placed.values, None, placed.saturated)
-        return
     cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())
     edges = sorted({0, len(steps), *cuts})
     for start, end in itertools.pairwise(edges):
@@ -72,17 +67,16 @@ def _dense(placed: PlacedSamples, start: int, end: int, missing: int) -> DenseBl
     """Return rows `start` to `end` with their short gaps filled, after `missing` missing ticks."""
     steps = placed.steps[start:end].copy()
     steps[0] = missing + 1
-    saturated = placed.saturated
+    saturated = None if placed.saturated is None else placed.saturated[start:end]
     if (steps == 1).all():
-        flags = None if saturated is None else saturated[start:end]
-        return DenseBlock(placed.values[start:end], None, flags)
+        return DenseBlock(placed.values[start:end], None, saturated)
     rows = np.cumsum(steps) - 1
     values = np.zeros((placed.values.shape[1], int(rows[-1]) + 1)).T  # column-major: channels are contiguous
     values[rows] = placed.values[start:end]
     present = np.zeros(len(values), dtype=bool)
     present[rows] = True
-    flags = None
     if saturated is not None:
         flags = np.zeros(len(values), dtype=bool)
-        flags[rows] = saturated[start:end]
-    return DenseBlock(values, present, flags)
+        flags[rows] = saturated
+        saturated = flags
+    return DenseBlock(values, present, saturated)

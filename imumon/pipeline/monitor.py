@@ -140,11 +140,8 @@ class Monitor:
         self._other_streams_s = 0.0
         for placed in self._clock.place(block, host_s=passed):
             self._accumulate(placed)
-        rest = self._clock.rest
-        if self._clock.changed and rest is not None:
-            rate = self.sample_rate_hz or 0.0
-            mismatch = RecordMismatch("other_rate", f"of another rate, {rate:g} Hz")
-            self._start_new_record(mismatch, "the sample rate of the sensor has changed")
+        if (rest := self._clock.rest) is not None:
+            self._start_new_record("other_rate", "the sample rate of the sensor has changed")
             self._clock = SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s)
             self.feed(rest)
 
@@ -193,23 +190,18 @@ class Monitor:
         device_caveats: tuple[str, ...] = (),
         speed: float = 1.0,
     ) -> Report:
-        """Return everything known at this moment.
+        """Return everything known at the time `now`.
 
         Parameters
         ----------
-        now : time of the report.
         device, session : what the caller knows (identity, link counters); the monitor adds the rest.
         device_caveats : from the stream and the settings of the sensor, such as ``aliased``.
         speed : device seconds per second of the host clock.
         """
-        counters = self._counters(session)
+        counters, described = self._counters(session), self._described(device)
+        period_s = self.options.period_s
         bare = Report(
-            time=stamp(now),
-            device=self._described(device),
-            state=state,
-            session=counters,
-            period_s=self.options.period_s,
-            speed=speed,
+            time=stamp(now), device=described, state=state, session=counters, period_s=period_s, speed=speed
         )
         record, analysis = self._record, self._analysis
         if record is None or analysis is None:
@@ -236,12 +228,10 @@ class Monitor:
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
         """Return minimum and maximum per time column of some channels."""
         record = self._record
-        if record is None:
-            return {}
         return {
             name: signal(name, record.envelope, record.channels.index(name), record.interval_s)
             for name in channels
-            if name in record.channels
+            if record is not None and name in record.channels
         }
 
     # ------------------------------------------------------------------ saved state
@@ -300,14 +290,13 @@ class Monitor:
         restored, self._restored = self._restored, None
         if restored is None:
             return False
-        saved, known = restored.stream, restored.record.interval_s
-        if saved != stream:
-            text = f"of another stream, {saved.kind} from {saved.source}"
-            self.mismatch = RecordMismatch("other_stream", text)
+        known = restored.record.interval_s
+        if restored.stream != stream:
+            self.mismatch = _mismatch("other_stream", restored.stream, known)
             return False
-        given = stream.clock == "none" and interval_s is not None
-        if given and interval_s is not None and abs(interval_s / known - 1.0) > SAME_GIVEN_RATE:
-            self.mismatch = RecordMismatch("other_rate", f"of another rate, {1.0 / known:g} Hz")
+        configured = interval_s if stream.clock == "none" else None
+        if configured is not None and abs(configured / known - 1.0) > SAME_GIVEN_RATE:
+            self.mismatch = _mismatch("other_rate", stream, known)
             return False
         self.stream, self._clock, self.restarts = stream, restored.clock, restored.restarts
         self._set_record(restored.record)
@@ -324,9 +313,8 @@ class Monitor:
                 return True
             if _rank(stream) <= _rank(current):
                 return False
-            text = f"of another stream, {current.kind} from {current.source}"
-            why = f"there is a better stream, {stream.kind} from {stream.source}"
-            self._start_new_record(RecordMismatch("other_stream", text), why)
+            cause = f"there is a better stream, {stream.kind} from {stream.source}"
+            self._start_new_record("other_stream", cause)
         interval = stream.interval_s
         if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
@@ -348,8 +336,8 @@ class Monitor:
                 raise self._rate_required()
 
     def _rate_required(self) -> RateRequired:
-        message = f"{self._no_clock_source} has no clock"
-        return RateRequired("rate_required", message, "give its sample rate with --rate")
+        text = f"{self._no_clock_source} has no clock"
+        return RateRequired("rate_required", text, "give its sample rate with --rate")
 
     def _accumulate(self, placed: PlacedSamples) -> None:
         """Add placed samples to the record; samples of another interval start a new one."""
@@ -358,9 +346,8 @@ class Monitor:
         interval = self._clock.interval_s
         record = self._record
         if record is not None and abs(record.interval_s / (interval or 1.0) - 1.0) > SAME_INTERVAL:
-            text = f"of another rate, {1.0 / record.interval_s:g} Hz"
-            why = "the sample rate of the sensor is not that of the saved record"
-            self._start_new_record(RecordMismatch("other_rate", text), why)
+            cause = "the sample rate of the sensor is not that of the saved record"
+            self._start_new_record("other_rate", cause)
             placed.steps[0] = 1
         if self._record is None:
             assert interval is not None
@@ -370,7 +357,7 @@ class Monitor:
         if breaks:
             self.restarts += breaks
             text = "the clock of the sensor was reset: a gap of unknown length"
-            self._events.add("restart", text, self._record)
+            self._events.add("restart", text, self._record, code="clock_reset")
         self._record.feed(placed)
         self._events.update_guard(self._record)
 
@@ -384,12 +371,12 @@ class Monitor:
         averaged, precision = self.stream.averaged, self.options.precision
         self._analysis = Analysis(record, averaged=averaged, precision=precision)
 
-    def _start_new_record(self, mismatch: RecordMismatch, why: str) -> None:
-        """End the record; the next samples start a new one."""
-        if self._record is not None:
-            self.mismatch = mismatch
+    def _start_new_record(self, code: str, cause: str) -> None:
+        """End the record; the next samples start a new one. `code` is that of a `RecordMismatch`."""
+        if self._record is not None and self.stream is not None:
+            self.mismatch = _mismatch(code, self.stream, self._record.interval_s)
             self.restarts += 1
-        self._events.add("restart", f"{why}: a new record begins", self._record)
+        self._events.add("restart", f"{cause}: a new record begins", self._record, code=code)
         self._record = self._analysis = None
 
     # ------------------------------------------------------------------ parts of the report
@@ -426,6 +413,13 @@ class Monitor:
             sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
             alias_factor=1.0 if self.stream.kind == "deltas" else device.alias_factor,
         )
+
+
+def _mismatch(code: str, stream: Stream, interval_s: float) -> RecordMismatch:
+    """Return why a record of a stream and an interval, s, cannot be continued."""
+    rate = f"rate, {1.0 / interval_s:g} Hz"
+    other = rate if code == "other_rate" else f"stream, {stream.kind} from {stream.source}"
+    return RecordMismatch(code, f"of another {other}")
 
 
 def _rank(stream: Stream) -> tuple[int, int, int]:

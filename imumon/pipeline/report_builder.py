@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from imumon import report
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
-from imumon.noise.grading import LIMITS, GradedCoefficient, grade_channel
+from imumon.noise.fit.results import FittedCoefficient
+from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.nonstationarity.drift import Trend
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
@@ -53,36 +53,18 @@ CURVE_DIGITS = 5
 """Significant digits of a spectrum, for the size of the message. Not critical."""
 
 
-class CoefficientEstimate(GradedCoefficient, Protocol):
-    """A coefficient as fitted, SI, with the reason if it has no value."""
-
-    @property
-    def reason(self) -> str | None: ...
-    @property
-    def reason_code(self) -> str | None: ...
-
-
-def coefficient(sensor: str, name: str, estimate: CoefficientEstimate) -> report.Coefficient:
+def coefficient(sensor: str, name: str, estimate: FittedCoefficient) -> report.Coefficient:
     """Return N, B or K of a channel in SI and in readable units."""
     readable = READABLE[sensor, name]
-
-    def scaled(value: float | None) -> float | None:
-        return None if value is None else value * readable.factor
-
+    limits = {key: getattr(estimate, key) for key in ("value", "low", "high")}
+    scaled = {key: None if value is None else value * readable.factor for key, value in limits.items()}
     return report.Coefficient(
-        value=estimate.value,
-        low=estimate.low,
-        high=estimate.high,
+        **limits,
         status=estimate.status,
         unit=SI[sensor, name],
         reason=estimate.reason,
         reason_code=estimate.reason_code,
-        readable=report.Readable(
-            value=scaled(estimate.value),
-            low=scaled(estimate.low),
-            high=scaled(estimate.high),
-            unit=readable.unit,
-        ),
+        readable=report.Readable(**scaled, unit=readable.unit),
     )
 
 
@@ -265,11 +247,11 @@ def correlations(axes: Sequence[str], covariance: Floats | None) -> dict[str, di
     std = np.sqrt(np.diagonal(covariance)).tolist()
     return {
         axis: {
-            other: product / (own_std * other_std)
-            for other, other_std, product in zip(axes, std, row, strict=True)
-            if other != axis and own_std > 0.0 and other_std > 0.0
+            axes[column]: product / (std[row] * std[column])
+            for column, product in enumerate(covariance[row].tolist())
+            if column != row and std[row] > 0.0 and std[column] > 0.0
         }
-        for axis, own_std, row in zip(axes, std, covariance.tolist(), strict=True)
+        for row, axis in enumerate(axes)
     }
 
 
@@ -277,7 +259,7 @@ def histogram(shape: DistributionShape | None) -> report.Histogram | None:
     """Return the bins of a channel, at most `REPORTED_BINS`: equal numbers of neighbours are merged."""
     if shape is None:
         return None
-    step = -(-len(shape.counts) // REPORTED_BINS)
+    step = math.ceil(len(shape.counts) / REPORTED_BINS)
     starts = range(0, len(shape.counts), step)
     return report.Histogram(
         start=shape.start,
@@ -334,7 +316,7 @@ def _strip(columns: EnvelopeColumns, column: int, interval_s: float) -> report.S
 
 
 def _finite(value: float, digits: int | None = None) -> float | None:
-    """Return a finite number, with so many significant digits if given, or None."""
+    """Return a finite number, rounded to `digits` significant digits if given; None for any other."""
     if not math.isfinite(value):
         return None
     return value if digits is None else float(f"{value:.{digits}g}")

@@ -37,20 +37,17 @@ class Trends:
         self._settling: list[bool] = []
 
     def update(self, fits: Sequence[ChannelFit], curve: AllanCurve, *, force: bool) -> None:
-        """Recompute everything if the record has grown enough or its warm-up was excluded, or with
-        `force`."""
-        elapsed, begin = self._record.elapsed_s, self._record.history.begin_s
+        """Recompute everything if the record has grown enough, its warm-up was excluded, or with `force`."""
+        history = self._record.statistics.history
+        elapsed, begin, drift = self._record.elapsed_s, history.begin_s, history.drift
         if not force and elapsed < self._due_s and begin == self._begin_s:
             return
         self._due_s, self._begin_s = max(elapsed + TREND_PAUSE_S, elapsed * TREND_GROWTH), begin
         noises: list[MeanCovariance | None] = [MeanCovariance.of(fit) for fit in fits]
         noises += [None] * (len(self._record.channels) - len(noises))
-        drift = self._record.history.drift
         self._trends = drift.result(noises)
-        steps = [
-            None if noise is None else drift.bias_step(c, noise, begin) for c, noise in enumerate(noises)
-        ]
-        self._bias_steps = [step.change if step is not None else None for step in steps]
+        steps = [noise and drift.bias_step(c, noise, begin) for c, noise in enumerate(noises)]
+        self._bias_steps = [step.change if step else None for step in steps]
         steady = drift.without_temperature(curve, self._trends)
         self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged, time_to=False)
         self._settling = [

@@ -145,7 +145,8 @@ class _Run:
         )
         self.started = header.get("time")
         self._events: list[report.Event] = []
-        self._restarts: Counter[str] = Counter()  # breaks of the record, by their cause
+        self._restarts: Counter[str] = Counter()  # breaks of the record by code
+        self._restart_texts: dict[str, str] = {}  # the last one by code
 
     def feed(self, item: SampleBlock | Gap) -> None:
         """Give an item to the monitor, as the daemon does."""
@@ -174,7 +175,8 @@ class _Run:
         for event in self.monitor.events():
             self._events.append(event.stamped(now, self.device.id))
             if event.kind == "restart":
-                self._restarts[event.text] += 1
+                self._restarts[event.code] += 1
+                self._restart_texts[event.code] = event.text
 
     def report(self, state: report.State) -> report.Report:
         """Return a report of what has been read so far."""
@@ -193,7 +195,10 @@ class _Run:
         now = datetime.now(UTC)
         made = self.monitor.report(now, self.device, state, session, device_caveats=caveats)
         self._collect_events(now)
-        breaks = [f"{text} ({n:,} times)" if n > 1 else text for text, n in self._restarts.items()]
+        breaks = [
+            f"{self._restart_texts[code]}{f' (the last of {n:,} such restarts)' if n > 1 else ''}"
+            for code, n in self._restarts.items()
+        ]
         remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks)))
         return replace(made, device=replace(made.device, remarks=remarks))
 

@@ -94,8 +94,7 @@ def estimate_interval(
 
 
 def is_nominal(steps: Floats, nominal_s: float, tick_s: float | None) -> bool:
-    """Return whether all of (n,) steps, s, are the nominal interval, as far as a clock with a tick, or
-    without one, shows it."""
+    """Return whether all of (n,) steps, s, are the nominal interval, as far as the tick of the clock shows."""
     share = RATE_PRECISION if tick_s is None else NOMINAL_SHARE
     return bool((np.abs(steps / nominal_s - 1.0) < share).all())
 

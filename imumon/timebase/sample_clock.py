@@ -11,7 +11,7 @@ The interval of the grid is learned from the first samples:
 - A device whose clock has a tick has an interval that is a multiple of it (`Stream.tick_s`); some ten samples
   show which.
 - Without a tick, the interval is the slope of a line through the time stamps, which jitter does not bias.
-  Learning goes on until the standard error of the slope is small.
+  Learning continues until the standard error of the slope is small.
 - A nominal interval is used if the samples agree with it, and decides where samples are missing from the
   start.
 
@@ -24,7 +24,9 @@ This module knows no statistics and reads no clock.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -111,11 +113,9 @@ class SampleClock:
     Attributes
     ----------
     interval_s : s, or None while it is being learned; until then samples are held back.
-    duplicates : samples that came twice; excluded.
+    duplicates : samples that arrived twice; excluded.
     implausible : samples whose time stamp the next sample contradicted; excluded.
-    unplaced : samples held back because the interval is not known yet.
-    changed : the rate of the device has changed, and `rest` holds the samples from there on, which belong to
-        another grid.
+    rest : samples from a change of the rate on, which belong to another grid; None: it has not changed.
     """
 
     def __init__(self, clock: Clock, interval_s: float | None = None, tick_s: float | None = None) -> None:
@@ -125,8 +125,6 @@ class SampleClock:
         self.interval_s = interval_s if clock == "none" else None
         self.duplicates = 0
         self.implausible = 0
-        self.unplaced = 0
-        self.changed = False
         self.rest: SampleBlock | None = None
         self._nominal_s = interval_s
         self._tick_s = tick_s
@@ -136,7 +134,7 @@ class SampleClock:
         self._pending: list[SampleBlock] = []  # while the interval is being learned
         self._unconfirmed: SampleBlock | None = None  # one sample behind a jump
         self._last: int | None = None  # time of the last placed sample
-        self._recent: deque[tuple[Ints, Ints]] = deque(maxlen=REFERENCE_SAMPLES)  # time and steps, by block
+        self._recent: deque[Ints] = deque(maxlen=REFERENCE_SAMPLES)  # (2, n) time and steps, by block
         self._unknown_gap = False
         self._expected_s: float | None = None  # length of a gap by the host clock
         self._open_s: float | None = 0.0  # s of the host clock that samples and gaps do not account for yet
@@ -169,7 +167,7 @@ class SampleClock:
         Parameters
         ----------
         block : samples in order.
-        final : no more will come: decide on what is held back.
+        final : the stream ends here: decide on what is held back.
         host_s : s of sample time since the last call by the host clock; None: unknown. A jump of the sample
             clock far beyond the time that has passed and is not filled with samples (those from before a
             pause may come first) is no gap of known length.
@@ -179,19 +177,16 @@ class SampleClock:
         if not self._learned:
             self._pending.append(block)
             self._learn(final)
-            self.unplaced = sum(map(len, self._pending))
             if not self._learned:
                 return []
-            block = concatenated(self._pending)
-            self._pending, self.unplaced = [], 0
+            block, self._pending = concatenated(self._pending), []
         if self._unconfirmed is not None:
-            block = concatenated([self._unconfirmed, block])
-            self._unconfirmed = None
-        if not len(block) or self.changed:
+            block, self._unconfirmed = concatenated([self._unconfirmed, block]), None
+        if not len(block) or self.rest is not None:
             return []
         at = self._rate_change(block)
         if at is not None:
-            self.changed, self.rest = True, _rows(block, at)
+            self.rest = _rows(block, at)
             block, final = _rows(block, 0, at), True
         if not len(block):
             return []
@@ -214,7 +209,7 @@ class SampleClock:
             self._counter = int(block.time_ns[0]) & 0xFFFFFFFF if block.time_ns is not None else None
         return self.place(block, final=True, host_s=None if self._open_s is None else 0.0)
 
-    def save(self) -> dict[str, object]:
+    def save(self) -> dict[str, Any]:
         """Return the state of a clock that has learned its interval, as JSON values."""
         return {
             "interval_s": self.interval_s,
@@ -225,25 +220,21 @@ class SampleClock:
         }
 
     @classmethod
-    def restore(cls, clock: Clock, saved: dict[str, object], tick_s: float | None = None) -> SampleClock:
+    def restore(cls, clock: Clock, saved: Mapping[str, Any], tick_s: float | None = None) -> SampleClock:
         """Continue where `save` left off; a stream without absolute time continues behind an unknown gap.
 
         The interval is learned again: the first samples show whether it is still the saved one.
         """
-        interval, last, counter = (saved[name] for name in ("interval_s", "last", "raw"))
-        restored = cls(clock, float(str(interval)) if interval is not None else None, tick_s)
-        restored._unit_s = float(str(saved["scale"]))
-        restored._last = int(str(last)) if last is not None else None
-        restored._counter = int(str(counter)) if counter is not None else None
-        restored._wraps = int(str(saved["wraps"]))
+        restored = cls(clock, saved["interval_s"], tick_s)
+        restored._unit_s, restored._last = float(saved["scale"]), saved["last"]
+        restored._counter, restored._wraps = saved["raw"], int(saved["wraps"])
         restored.gap()
         return restored
 
     # ------------------------------------------------------------------ the interval
 
     def _learn(self, final: bool) -> None:
-        """Try to learn the interval from the pending samples, at sample counts that do not depend on
-        blocks."""
+        """Try to learn the interval from the pending samples; the result does not depend on the blocks."""
         block = concatenated(self._pending)
         while not self._learned:
             time = block.time_ns
@@ -294,11 +285,9 @@ class SampleClock:
         if self.clock == "dt":
             ticks = time * (1e-9 / self.interval_s)
         else:
-            before = time[0] if self._previous is None else self._previous
-            ticks = _steps(time, before) * (self._unit_s / self.interval_s)
-        other = np.abs(ticks - 1.0) > OTHER_STEP
-        if other.any():
-            other &= (ticks > BURST_STEP) & (ticks < SPARSE_STEP)
+            before = int(time[0]) if self._previous is None else self._previous
+            ticks = np.diff(time, prepend=before) * (self._unit_s / self.interval_s)
+        other = (np.abs(ticks - 1.0) > OTHER_STEP) & (ticks > BURST_STEP) & (ticks < SPARSE_STEP)
         if not other.any():
             self._deviation = (0, 1.0)
             return None
@@ -322,12 +311,10 @@ class SampleClock:
         if self.clock != "counter" or block.time_ns is None or not len(block):
             return block
         counter = block.time_ns
-        back = _steps(counter, counter[0] if self._counter is None else self._counter) < -(1 << 31)
+        back = np.diff(counter, prepend=counter[0] if self._counter is None else self._counter) < -(1 << 31)
         wraps = self._wraps + np.cumsum(back)
         self._counter, self._wraps = int(counter[-1]), int(wraps[-1])
-        if not self._wraps:
-            return block
-        return replace(block, time_ns=counter + (wraps << 32))
+        return replace(block, time_ns=counter + (wraps << 32)) if self._wraps else block
 
     def _absolute(self, block: SampleBlock, final: bool) -> PlacedSamples:
         """Place samples by an absolute clock."""
@@ -337,10 +324,9 @@ class SampleClock:
         restarted = self._clock_restarted(int(time[0]))
         if self._last is None:
             self._recent.clear()
-            if self._open_s is not None:
-                self._open_s = 0.0  # time before the first sample of all is no gap
+            self._open_s = None if self._open_s is None else 0.0  # time before the first sample is no gap
         before = time[0] if self._last is None else self._last
-        exact = _steps(time, before) * (self._unit_s / self.interval_s)
+        exact = np.diff(time, prepend=before) * (self._unit_s / self.interval_s)
         steps = np.rint(exact).astype(np.int64)
         far = int(FAR_S / self.interval_s)
         doubtful = (steps < 1) | (steps > far) | (np.abs(exact - steps) > AMBIGUOUS)
@@ -365,16 +351,12 @@ class SampleClock:
             self._last = int(time[-1])
             if len(time) >= REFERENCE_SAMPLES:
                 self._recent.clear()
-            self._recent.append((time[-REFERENCE_SAMPLES:], steps[-REFERENCE_SAMPLES:]))
-        self._account(steps)
-        return PlacedSamples(values, steps, saturated)
-
-    def _account(self, steps: Ints) -> None:
-        """Subtract the time of samples and gaps from the host time that is still open."""
-        if self._open_s is not None:
+            self._recent.append(np.stack([time[-REFERENCE_SAMPLES:], steps[-REFERENCE_SAMPLES:]]))
+        if self._open_s is not None:  # samples and gaps account for some of the host time
             known = int(steps.min(initial=0)) != BREAK
-            filled = int(steps.sum()) * (self.interval_s or 0.0)
-            self._open_s = max(0.0, self._open_s - (1.0 + GAP_SLACK_SHARE) * filled) if known else 0.0
+            filled = (1.0 + GAP_SLACK_SHARE) * int(steps.sum()) * self.interval_s
+            self._open_s = max(0.0, self._open_s - filled) if known else 0.0
+        return PlacedSamples(values, steps, saturated)
 
     def _clock_restarted(self, time: int) -> bool:
         """Return whether the first sample behind a gap is not where the host clock expects it."""
@@ -387,19 +369,14 @@ class SampleClock:
         return True
 
     def _decide(self, time: Ints, steps: Ints, keep: Bools, doubtful: Ints, far: int, final: bool) -> None:
-        """Decide on steps that are not plainly a few intervals: jitter, duplicate, bad stamp, gap,
-        restart."""
+        """Decide on doubtful steps: jitter, duplicate, wrong stamp, gap or restart."""
         scale = self._unit_s / float(self.interval_s or 1.0)
         n = len(time)
-        none = np.empty(0, np.int64)
-        recent_time = np.concatenate([none, *(part[0] for part in self._recent)])
-        recent_steps = np.concatenate([none, *(part[1] for part in self._recent)])
+        recent = np.concatenate([np.empty((2, 0), np.int64), *self._recent], axis=1)
         todo = doubtful.tolist()[::-1]
         while todo:
             i = todo.pop()
-            j = i - 1
-            while j >= 0 and not keep[j]:
-                j -= 1
+            j = next((j for j in range(i - 1, -1, -1) if keep[j]), -1)
             before = int(time[j]) if j >= 0 else self._last
             if before is None:
                 continue
@@ -407,12 +384,8 @@ class SampleClock:
             placed = start + np.flatnonzero(keep[start : j + 1])
             if start and len(placed) < REFERENCE_SAMPLES:
                 placed = np.flatnonzero(keep[: j + 1])
-            deviation = phase(
-                np.append(recent_time, time[placed])[-REFERENCE_SAMPLES:],
-                np.append(recent_steps, steps[placed])[-REFERENCE_SAMPLES:],
-                scale,
-            )
-            step = round((int(time[i]) - before) * scale - deviation)
+            latest = np.append(recent, [time[placed], steps[placed]], axis=1)[:, -REFERENCE_SAMPLES:]
+            step = round((int(time[i]) - before) * scale - phase(latest[0], latest[1], scale))
             steps[i] = step
             if 1 <= step <= far:
                 continue
@@ -434,11 +407,11 @@ class SampleClock:
         steps = 1 + block.lost
         if self.clock == "dt" and block.time_ns is not None:
             own = np.rint(block.time_ns * (1e-9 / self.interval_s)).astype(np.int64)
-            steps = np.maximum(1, own) + block.lost
-        if self._last is None and not self._unknown_gap:
+            steps += np.maximum(0, own - 1)
+        if self._last is None:
             steps[0] = 1
         elif self._unknown_gap:
-            steps[0] = 1 if self._last is None else BREAK
+            steps[0] = BREAK
         self._unknown_gap, self._last = False, 0
         return PlacedSamples(block.values, steps, block.saturated)
 
@@ -448,21 +421,9 @@ def _with_slack(length_s: float) -> float:
     return (1.0 + GAP_SLACK_SHARE) * length_s + GAP_SLACK_S
 
 
-def _steps(time: Ints, before: int) -> Ints:
-    """Return (n,) how much later each sample is than the one before it, the first than `before`."""
-    steps = np.empty_like(time)
-    steps[0] = time[0] - before
-    np.subtract(time[1:], time[:-1], out=steps[1:])
-    return steps
-
-
 def _rows(block: SampleBlock, start: int, stop: int | None = None) -> SampleBlock:
     """Return some of the samples of a block."""
     rows = slice(start, stop)
-    return SampleBlock(
-        block.stream,
-        block.values[rows],
-        None if block.time_ns is None else block.time_ns[rows],
-        block.lost[rows],
-        None if block.saturated is None else block.saturated[rows],
-    )
+    time = None if block.time_ns is None else block.time_ns[rows]
+    saturated = None if block.saturated is None else block.saturated[rows]
+    return SampleBlock(block.stream, block.values[rows], time, block.lost[rows], saturated)

@@ -16,6 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from imumon.samples import Floats, Ints
+from imumon.timebase.interval import round_to_hertz
 
 RateObstacle: TypeAlias = Literal["single_row", "time_descending", "time_constant", "time_too_coarse"]
 """Why time stamps show no rate."""
@@ -37,7 +38,7 @@ LONG_WINDOW = 256
 """Rows of the other first estimate, for long delays."""
 
 EDGE = 256
-"""Rows among which the smallest delay is looked for during the estimate: more than arrive at once."""
+"""Rows among which the estimate searches the smallest delay: more than arrive at once."""
 
 BURST_RATIO = 30.0
 """Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are
@@ -129,12 +130,12 @@ def stamp_interval(times: Floats) -> tuple[float, bool]:
     steady = float(np.mean((np.abs(counts - np.rint(counts)) < STEADY) & (counts > 0.5))) >= STEADY_SHARE
     if steady and not _in_bursts(counts):
         return _near_hertz(_refined(times, interval, 1)), True
-    tried = []
+    candidates = []
     for window in {min(window, len(times) - 1) for window in (SHORT_WINDOW, LONG_WINDOW)}:
         interval = _half_sample_mode(times[window:] - times[:-window]) / window
         if interval > 0.0:
-            tried.append(_near_hertz(_refined(times, interval, window)))
-    best = min(((_misfit(times, interval), interval) for interval in tried), default=None)
+            candidates.append(_near_hertz(_refined(times, interval, window)))
+    best = min(((_misfit(times, interval), interval) for interval in candidates), default=None)
     if best is None or (best[0] > (False, LOSS_DOUBTED) and times[-1] > times[0]):
         level = _near_hertz(_lossless_interval(times))
         best = min(((_misfit(times, level), level), *([] if best is None else [best])))
@@ -157,19 +158,23 @@ def _lossless_interval(times: Floats) -> float:
     return interval
 
 
+def _rise(times: Floats, interval: float) -> tuple[Floats, int]:
+    """Return (k,) intervals by which the smallest delay rises within a second, and the rows of a second."""
+    window = min(_ahead(interval), len(times) // 2)
+    edge = sliding_minimum(times / interval - np.arange(len(times)), window)
+    return edge[window:] - edge[:-window], window
+
+
 def _misfit(times: Floats, interval: float) -> tuple[bool, float]:
     """Return, to compare intervals, whether the smallest delay leaves the grid or falls, and by how much; if
     it does neither, the share of lost samples."""
-    window = min(_ahead(interval), len(times) // 2)
-    edge = sliding_minimum(times / interval - np.arange(len(times)), window)
-    risen = edge[window:] - edge[:-window]
-    off = float(np.minimum(np.abs(risen - np.maximum(np.rint(risen), 0.0)), 0.5).mean())
-    return off > ROUGH, off if off > ROUGH else float(np.maximum(risen, 0.0).mean()) / window
+    rise, window = _rise(times, interval)
+    off = float(np.minimum(np.abs(rise - np.maximum(np.rint(rise), 0.0)), 0.5).mean())
+    return off > ROUGH, off if off > ROUGH else float(np.maximum(rise, 0.0).mean()) / window
 
 
 def _half_sample_mode(values: Floats) -> float:
-    """Return the half-sample mode of some values: windows in which a sample was lost lie an interval
-    above."""
+    """Return the half-sample mode of some values; windows with a lost sample lie an interval above it."""
     values = np.sort(values)
     while (half := len(values) // 2) > 1:
         at = int(np.argmin(values[half:] - values[:-half]))
@@ -195,9 +200,7 @@ def _refined(times: Floats, interval: float, window: int) -> float:
 
 def _near_hertz(interval: float) -> float:
     """Return the interval of a whole number of Hz if the rate is near to it, ns."""
-    rate = 1e9 / interval
-    near = round(rate)
-    return 1e9 / near if near and abs(rate / near - 1.0) < CRYSTAL else interval
+    return round_to_hertz(interval * 1e-9, CRYSTAL) * 1e9
 
 
 def _ahead(interval: float) -> int:
@@ -206,12 +209,9 @@ def _ahead(interval: float) -> int:
 
 
 def _roughness(times: Floats, interval: float) -> float:
-    """Return how far from whole intervals the smallest delay rises within a second; 0.25 is no grid at
-    all."""
-    window = min(_ahead(interval), len(times) // 2)
-    edge = sliding_minimum(times / interval - np.arange(len(times)), window)
-    risen = edge[window:] - edge[:-window]
-    return float(np.median(np.abs(risen - np.rint(risen))))
+    """Return how far from whole intervals the smallest delay rises within a second; 0.25: no grid at all."""
+    rise, _ = _rise(times, interval)
+    return float(np.median(np.abs(rise - np.rint(rise))))
 
 
 class HostStamps:
@@ -245,7 +245,7 @@ class HostStamps:
         Parameters
         ----------
         times : (n,) ns, the next rows.
-        final : no more will come.
+        final : these are the last rows.
 
         Returns
         -------

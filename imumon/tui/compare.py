@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, coefficient_ratio
+from imumon.messages import coefficient_ratio
+from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 from imumon.tui.formatting import CELL, Line, Notation, Span
 from imumon.tui.view_state import ViewState
