@@ -288,7 +288,7 @@ def test_incomplete_rows_are_counted_and_the_first_is_named(tmp_path: Path, empt
     assert made.session.bad_checksums == 400
     assert "400 rows lack a number and count as lost; first line 5: gy" in remarks
     shown = imumon("replay", tmp_path / "a.csv")
-    assert "400 incomplete rows" in shown
+    assert "400 invalid rows" in shown
     assert "checksum" not in shown
 
 

@@ -70,12 +70,9 @@ def _print_checks(checks: Sequence[Any]) -> None:
 
 
 def add_config(parser: Parser) -> None:
-    parser.add_argument(
-        "action",
-        choices=("show", "check"),
-        metavar="{show,check}",  # so that the error names it if it is missing
-        help="show: every setting with its origin; check: all faults of the file",
-    )
+    text = "show: every setting with its origin; check: all faults of the file"
+    # the metavar makes the error name the choices if the action is missing
+    parser.add_argument("action", choices=("show", "check"), metavar="{show,check}", help=text)
     options.add_config(parser, help="file to read instead of the first that is found")
 
 

@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def integer(text: str) -> int:
-    """Return the value of an option that is a whole number."""
+    """Return a whole number."""
     try:
         return int(text)
     except ValueError:
@@ -47,7 +47,7 @@ def integer(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """Return the value of an option that is a number."""
+    """Return a number."""
     try:
         return float(text)
     except ValueError:
@@ -55,7 +55,7 @@ def number(text: str) -> float:
 
 
 def positive(text: str) -> float:
-    """Return the value of an option that is a number above 0."""
+    """Return a finite number above 0."""
     try:
         value = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Command that writes documents from a report: report."""
+"""Command `imumon report`: documents from a report, a state, a recording or a running daemon."""
 
 from __future__ import annotations
 
@@ -21,17 +21,12 @@ STATE_MAGIC = b"imumon-state "
 
 
 def add_report(parser: Parser) -> None:
-    """Add the arguments of the command."""
     from imumon.datasheet import FORMS
 
     forms = "; ".join(f"{name}: {what}" for name, (_, what) in FORMS.items())
     add = parser.add_argument
-    add(
-        "file",
-        nargs="?",
-        metavar="FILE",
-        help=f"saved report or state, or a recording ({FILES}); default: ask a daemon",
-    )
+    text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
+    add("file", nargs="?", metavar="FILE", help=text)
     add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
@@ -53,7 +48,7 @@ def report(arguments: argparse.Namespace) -> int:
         _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
     source = _from_file(arguments) if arguments.file else _from_daemon(arguments)
     data = document(source, form)
-    if arguments.output is None or arguments.output == "-":
+    if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
     try:
@@ -86,9 +81,8 @@ def _check_output_is_no_input(output: str, *inputs: str | None) -> None:
         for file in files if os.path.isfile(output) else ():
             with suppress(OSError):  # an unreadable file is reported where it is read
                 if os.path.samefile(output, file):
-                    raise CommandError(
-                        "output_is_input", f"-o {output} is also read", "name another file", USAGE
-                    )
+                    message = f"-o {output} is also read"
+                    raise CommandError("output_is_input", message, "name another file", USAGE)
 
 
 def _reason(error: OSError) -> str:

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, cast, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -240,8 +240,12 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
         raise ConfigError(*sorted(faults, key=places.order))
     present = {f"{section}.{name}" for section, table in values.items() for name in table}
     origins = {name: places.of(name) if name in present else "default" for name in NAMES}
-    tables: dict[str, Any] = dict(sections)
-    return Settings(**tables, path=found, ignored=ignored, origins=origins)
+    return Settings(**cast(Any, sections), path=found, ignored=ignored, origins=origins)
+
+
+_FILE_COMMENT = """\
+# Settings of imumon: all of them, with their defaults. Options override this file.
+# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml."""
 
 
 def render(settings: Settings, *, origins: bool = False) -> str:
@@ -249,13 +253,7 @@ def render(settings: Settings, *, origins: bool = False) -> str:
 
     With `origins` it is for people to read: a password is not shown.
     """
-    lines: list[str] = []
-    if not origins:
-        lines += [
-            "# Settings of imumon: all of them, with their defaults. Options override this file.",
-            "# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml.",
-            "",
-        ]
+    lines = [] if origins else [_FILE_COMMENT, ""]
     for section, cls in SECTIONS.items():
         lines.append(f"[{section}]" if origins else f"[{section}]  # {(cls.__doc__ or '').strip()}")
         for name, info in cls.model_fields.items():
@@ -278,9 +276,8 @@ def _check_section(section: str, table: Any, places: Places) -> Section:
     try:
         bad = [name for name, value in table.items() if not _encodable(value)]
     except RecursionError:
-        raise ConfigError(
-            ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
-        ) from None
+        fault = ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
+        raise ConfigError(fault) from None
     faults = [
         ConfigFault("invalid_character", places.of(name), name, _INVALID_CHARACTER)
         for name in (f"{section}.{name}" for name in bad)
@@ -357,15 +354,13 @@ def _allowed(found: Any, info: Any) -> str:
     return _TYPES.get(found["type"]) or str(found["msg"]).lower()
 
 
-_INVALID_CHARACTER = (
-    "has a character that no file name and no key can have: a zero byte, or one that is not UTF-8"
-)
+_INVALID_CHARACTER = "has a character that no file name or key can have: a zero byte or invalid UTF-8"
 
 
 def _encodable(value: Any) -> bool:
     """Return whether every text in a value can be a file name and a key."""
     if isinstance(value, str):
-        return "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
+        return re.search("[\0\ud800-\udfff]", value) is None
     if isinstance(value, dict):
         return all(map(_encodable, (*value, *value.values())))
     return not isinstance(value, list | tuple) or all(map(_encodable, value))

@@ -82,7 +82,9 @@ def layout(
     """
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
     named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
-    columns = _overridden(named, assigned)
+    used = {column.index for column in assigned.values()}
+    columns = [*assigned.values()]
+    columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
     pointwise = any(sensor_of(channel) in INERTIAL for channel in assigned)
     for candidate in (kind,) if kind else KINDS[pointwise:]:
         found = _stream(columns, candidate)
@@ -102,13 +104,6 @@ def _assigned(names: Sequence[str], channel: str, text: str, kind: Kind | None) 
     return assigned_column(index, names[index].strip(), quantity, axis or None, unit)
 
 
-def _overridden(columns: Sequence[Column], assigned: Mapping[str, Column]) -> list[Column]:
-    """Return the columns with the assigned ones in place of those that their names suggest."""
-    used = {column.index for column in assigned.values()}
-    free = [c for c in columns if c.index not in used and channel_of(c) not in assigned]
-    return [*assigned.values(), *free]
-
-
 def channel_of(column: Column) -> str:
     """Return the channel of a column, also ``t`` and ``dt``."""
     sensor = SENSORS.get(column.quantity or "", column.quantity)
@@ -121,12 +116,8 @@ def _check_complete(found: ColumnLayout, assigned: Mapping[str, Column]) -> None
         sensor = sensor_of(channel)
         if sensor in SENSORS and channel not in found.channels:
             missing = [f"{sensor}/{axis}" for axis in AXES if f"{sensor}/{axis}" not in assigned]
-            raise RecordingError(
-                "map_incomplete",
-                f"--map names only a part of a sensor: {_list(missing)} is missing, "
-                "and no column is that by its name",
-                f"name it too, {missing[0]}=COLUMN:UNIT",
-            )
+            text = f"--map names only a part of a sensor: {_list(missing)} is missing and no name shows it"
+            raise RecordingError("map_incomplete", text, f"name it too, {missing[0]}=COLUMN:UNIT")
 
 
 def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:
@@ -161,11 +152,8 @@ def _check_units(found: ColumnLayout) -> None:
     """Check that all units are known."""
     for column in (*found.columns, *found.times[:1], found.interval):
         if column is not None and column.unknown_unit and column.quantity:
-            raise RecordingError(
-                "unknown_unit",
-                f"the unit {column.unknown_unit!r} of column {column.name!r} is unknown",
-                f"use one of {_list(UNITS[column.quantity])}",
-            )
+            text = f"the unit {column.unknown_unit!r} of column {column.name!r} is unknown"
+            raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[column.quantity])}")
 
 
 def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
@@ -196,22 +184,14 @@ def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Colum
 
     An assigned column is of every kind.
     """
-    others: tuple[Kind | None, ...] = (kind, None, "uncompensated", "compensated")
-    if kind == "deltas":
-        others = ("deltas",)
-    elif quantity == "gyro":
-        others = (kind, None)
+    others: tuple[Kind | None, ...] = ("deltas",) if kind == "deltas" else (kind, None)
+    if kind != "deltas" and quantity != "gyro":
+        others += ("uncompensated", "compensated")
     for each in others:
-        axes = [
-            [
-                c
-                for c in columns
-                if c.quantity == quantity and c.axis == axis and (c.kind == each or c.rank < 0)
-            ]
-            for axis in AXES
-        ]
-        if all(axes):
-            return tuple(min(found, key=lambda c: c.rank) for found in axes)
+        fitting = [c for c in columns if c.quantity == quantity and (c.kind == each or c.rank < 0)]
+        axes = [_best([c for c in fitting if c.axis == axis], quantity) for axis in AXES]
+        if None not in axes:
+            return tuple(filter(None, axes))
     return ()
 
 
@@ -247,12 +227,8 @@ def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | No
                 return index, given_unit
         if name.isdigit() and 1 <= int(name) <= len(names):
             return int(name) - 1, given_unit
-    similar = difflib.get_close_matches(tries[0][0], whole, 3, SIMILAR)
-    raise RecordingError(
-        "unknown_column",
-        f"no column {tries[0][0]!r} for --map",
-        f"similar: {_list(similar)}" if similar else _all_columns(whole),
-    )
+    name = tries[0][0]
+    raise RecordingError("unknown_column", f"no column {name!r} for --map", _similar(name, whole))
 
 
 def parse_map(text: str) -> dict[str, str]:
@@ -277,20 +253,14 @@ def parse_map(text: str) -> dict[str, str]:
 def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> RecordingError:
     """Return the error that says what is missing, and what is similar."""
     if kind and any(_stream(columns, other) for other in KINDS):
-        return RecordingError(
-            "no_stream", f"there is no {kind} stream in it", "leave --stream out for the best"
-        )
+        text = f"there is no {kind} stream in it"
+        return RecordingError("no_stream", text, "leave --stream out for the best")
     incomplete = [c.name for c in columns if c.quantity in SENSORS and c.quantity != "mag"]
     if incomplete:
-        return RecordingError(
-            "sensor_incomplete",
-            f"only {_list(incomplete)} of gyroscope and accelerometer",
-            f"add the three axes, or name them with {MAP_EXAMPLE}",
-        )
-    stripped = [name.strip() for name in names]
-    similar = difflib.get_close_matches("gyro_x", stripped, 3, SIMILAR)
-    hint = f"similar: {_list(similar)}" if similar else _all_columns(stripped)
-    text = f"no column is that of a gyroscope or accelerometer ({hint})"
+        text = f"only {_list(incomplete)} of gyroscope and accelerometer"
+        cure = f"add the three axes, or name them with {MAP_EXAMPLE}"
+        return RecordingError("sensor_incomplete", text, cure)
+    text = f"no column is that of a gyroscope or accelerometer ({_similar('gyro_x', names)})"
     return RecordingError("no_sensor", text, f"name them with {MAP_EXAMPLE}")
 
 
@@ -299,8 +269,12 @@ def without_unit(name: str) -> str:
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name)
 
 
-def _all_columns(names: Sequence[str]) -> str:
-    return f"columns: {_list(names[:LISTED])}{' ...' if len(names) > LISTED else ''}"
+def _similar(name: str, names: Sequence[str]) -> str:
+    """Return which names of columns are similar, else the first of all."""
+    stripped = [each.strip() for each in names]
+    if similar := difflib.get_close_matches(name, stripped, 3, SIMILAR):
+        return f"similar: {_list(similar)}"
+    return f"columns: {_list(stripped[:LISTED])}{' ...' if len(names) > LISTED else ''}"
 
 
 def _list(texts: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from imumon.errors import RateRequired
-from imumon.recordings.base import RecordingError
+from imumon.recordings.base import Recording, RecordingError
 from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
@@ -53,6 +53,23 @@ OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
 
 ZERO_CELSIUS = 273.15
 """K."""
+
+
+class Table(Recording):
+    """Recording that is a table: its rows go through `TableRows`."""
+
+    _rows: TableRows
+
+    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+        """Return the blocks of some rows and update the counters; see `TableRows.blocks`."""
+        blocks = list(self._rows.blocks(rows, places))
+        self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
+        return blocks
+
+    def _finish(self) -> list[SampleBlock]:
+        blocks = list(self._rows.finish())
+        self.remarks = self._rows.remarks
+        return blocks
 
 
 class TableRows:
@@ -134,31 +151,24 @@ class TableRows:
             if not len(rows):
                 return
             rows = self._begin(rows)
+        else:
+            rows = rows[:, self._used]
         columns, width = self._layout, len(self._layout.columns)
         good = _present(rows).all(axis=1)
-        lost = np.zeros(len(rows), dtype=np.int64)
-        if not good.all():
-            kept = np.flatnonzero(good)
-            before = np.diff(np.concatenate([[-1], kept])) - 1
-            lost, bad = before, int(len(rows) - len(kept))
-            self.lost += bad
+        kept = np.flatnonzero(good)
+        if len(kept) < len(rows):
             self._note_incomplete(rows, np.flatnonzero(~good), places)
-            rows, places = rows[kept], [places[k] for k in kept.tolist()]
-            tail = bad - int(before.sum())
-            if len(kept):
-                lost[0] += self._lost_before
-                self._lost_before = 0
-            self._lost_before += tail
-        elif self._lost_before and len(rows):
-            lost[0], self._lost_before = self._lost_before, 0
-        if not len(rows):
+            places = [places[k] for k in kept.tolist()]
+        lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
+        bad = len(rows) - len(kept)
+        self.lost += bad
+        self._lost_before += bad - int(lost.sum())
+        if not len(kept):
             return
+        rows = rows[kept]
         assert self._stream is not None
-        values = np.empty((len(rows), width))
-        for k, column in enumerate(columns.columns):
-            values[:, k] = rows[:, k] * column.factor
-            if column.unit == "k":
-                values[:, k] -= ZERO_CELSIUS
+        values = rows[:, :width] * [column.factor for column in columns.columns]
+        values[:, [column.unit == "k" for column in columns.columns]] -= ZERO_CELSIUS
         if columns.kind == "deltas":
             values = self._over_interval(values, rows)
         if self._host is None:
@@ -172,7 +182,7 @@ class TableRows:
         yield from self._placed(self._host.place(self._nanoseconds(stamps).astype(np.float64)))
 
     def _note_incomplete(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
-        """Count rows that lack a number, and note where the first is."""
+        """Count rows that lack a number and note where the first is."""
         new = [k for k in bad.tolist() if places[k]]
         if new and not self._incomplete:
             present = _present(rows[new[0]]).tolist()
@@ -209,8 +219,6 @@ class TableRows:
         values = np.concatenate(self._waiting)
         self._waiting = [values[len(lost) :]]
         yield SampleBlock(self._stream, values[: len(lost)], None, lost)
-
-    # ------------------------------------------------------------ the first rows
 
     def _begin(self, rows: Floats) -> Floats:
         """Decide on columns, clock and interval; return the rows without the columns that are left out."""
@@ -265,7 +273,7 @@ class TableRows:
         """Leave out columns with few numbers: an empty time, a slower magnetometer."""
         found = self._layout
         count = len(found.columns)
-        full = np.isfinite(rows).mean(axis=0) if len(rows) else np.zeros(rows.shape[1])
+        full = np.isfinite(rows).mean(axis=0)
         empty = self._empty_sensors(full)
         keep = [
             k
@@ -278,7 +286,9 @@ class TableRows:
         if interval and full[interval[0]] <= FILLED:
             interval = []
         self._used = [*keep, *(count + k for k in times), *interval]
-        self._note_sparse(full)
+        columns = enumerate(self._all_columns())
+        if sparse := [c.name for k, c in columns if k not in self._used and 0 < full[k] <= FILLED]:
+            self._remarks.append(f"{', '.join(sparse)} not used: too many rows lack it")
         self._layout = replace(
             found,
             channels=tuple(found.channels[k] for k in keep),
@@ -287,13 +297,6 @@ class TableRows:
             interval=found.interval if interval else None,
         )
         return rows[:, self._used]
-
-    def _note_sparse(self, full: Floats) -> None:
-        """Note columns that are left out because hardly a row has them."""
-        columns = self._all_columns()
-        left = [c.name for k, c in enumerate(columns) if k not in self._used and 0 < full[k] <= FILLED]
-        if left:
-            self._remarks.append(f"{', '.join(left)} not used: too many rows lack it")
 
     def _empty_sensors(self, full: Floats) -> set[str]:
         """Return inertial sensors with an axis without numbers; none if no other would be left."""
@@ -306,10 +309,6 @@ class TableRows:
             column = self._layout.columns[axis[sensor]].name
             self._remarks.append(f"{column} holds no numbers: {sensor} is left out")
         return empty
-
-    def pick(self, rows: Floats) -> Floats:
-        """Return later rows, (n, k) with the columns of `columns`, without those that are left out."""
-        return rows if self._stream is None else rows[:, self._used]
 
     def _clock(self, times: Floats) -> tuple[Clock, float]:
         """Return clock and interval, s, from the times of the first rows."""
@@ -342,15 +341,12 @@ class TableRows:
         self._remarks.append(text)
         return "none", interval * 1e-9 if self._rate is None else 1.0 / self._rate
 
-    # ------------------------------------------------------------ every block
-
     def _over_interval(self, values: Floats, rows: Floats) -> Floats:
         """Divide angles and velocities by the interval of each sample, else by the common one."""
         found = self._layout
         assert self._stream is not None
-        interval: Any = self._stream.interval_s
-        if found.interval is not None:
-            interval = (rows[:, -1] * found.interval.factor)[:, None]
+        own = found.interval
+        interval: Any = self._stream.interval_s if own is None else rows[:, -1:] * own.factor
         inertial = [k for k, name in enumerate(found.channels) if sensor_of(name) in INERTIAL]
         values[:, inertial] /= interval
         return values
@@ -367,10 +363,9 @@ class TableRows:
     def _nanoseconds(self, times: Floats) -> Ints:
         """Return (n,) ns since the first row of (n, 1 or 2) times as in the table."""
         assert self._origin is not None
-        total = np.zeros(len(times))
-        for k, scale in enumerate(self._scales):
-            total += (times[:, k] - self._origin[k]) * scale
-        return np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
+        total: Floats = (times - self._origin) @ np.array(self._scales)
+        nanoseconds: Ints = np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
+        return nanoseconds
 
 
 def _present(rows: Floats) -> Bools:
