@@ -31,10 +31,10 @@ class Parser(argparse.ArgumentParser):
         text = message.replace("\n", " ")
         self.exit(USAGE, f"{self.prog}: {text} (try {self.prog} --help)\n")
 
-    def suggestion(self, word: str) -> str:
+    def suggestion(self, argument: str) -> str:
         """Return ``; did you mean --port?`` if an option of this parser is similar, else empty text."""
         known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
-        close = difflib.get_close_matches(word.partition("=")[0].lstrip("-"), known, 1, 0.6)
+        close = difflib.get_close_matches(argument.partition("=")[0].lstrip("-"), known, 1, 0.6)
         return f"; did you mean {known[close[0]]}?" if close else ""
 
 
@@ -71,9 +71,8 @@ def rate(text: str) -> float:
 
     value = positive(text)
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
-        raise argparse.ArgumentTypeError(
-            f"{text} Hz is not a sample rate; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
-        )
+        message = f"{text} Hz is not a sample rate; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+        raise argparse.ArgumentTypeError(message)
     return value
 
 
@@ -165,9 +164,7 @@ def settings(arguments: argparse.Namespace, overrides: dict[str, Any] | None = N
 
 def state_directory(settings: Any) -> Path:
     """Return the directory of the accumulated statistics: configured, of the service manager, or the user's."""
-    if settings.state.directory:
-        return Path(settings.state.directory)
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    given = settings.state.directory or os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if given:
         return Path(given)
     home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
@@ -228,8 +225,7 @@ def baseline(path: str | None) -> Any:
     from imumon.report import Report, from_json
 
     try:
-        with open(path, "rb") as file:
-            return from_json(Report, file.read())
+        return from_json(Report, Path(path).read_bytes())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         message = f"baseline {path}: {reason}"

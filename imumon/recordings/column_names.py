@@ -214,8 +214,7 @@ def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None
     """Return quantity, kind and rank of the words of a name."""
     if words & _EXCLUDED:
         return None, None, 0
-    delta = "delta" in words or bool(words & {"dtheta", "dvel", "dv"})
-    if axis is not None and delta:
+    if axis is not None and words & {"delta", "dtheta", "dvel", "dv"}:
         if words & {"theta", "angle", "dtheta"}:
             return "angle", "deltas", 0
         if words & {"vel", "velocity", "v", "dvel", "dv"}:
@@ -240,7 +239,7 @@ def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None
         kind = "uncompensated"
     elif words & {"comp", "compensated"} or {"angular", "rate"} <= words:
         kind = "compensated"
-    if {"angular", "velocity"} <= words or {"angular", "vel"} <= words or {"ang", "vel"} <= words:
+    if words & {"angular", "ang"} and words & {"velocity", "vel"}:
         return "gyro", kind, len(words - _NEUTRAL - {"ang"})
     for sensor in ("gyro", "accel", "mag"):
         if words & _SENSORS[sensor]:

@@ -73,12 +73,11 @@ def layout(
     ----------
     names : of all columns.
     kind : of a table with several streams; None: the best.
-    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; what it does not name is found by
-        the names.
+    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; others are found by the names.
 
     Raises
     ------
-    RecordingError : there is no complete gyroscope or accelerometer, or not what was asked for.
+    RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream.
     """
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
     named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
@@ -87,11 +86,10 @@ def layout(
     columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
     pointwise = any(sensor_of(channel) in INERTIAL for channel in assigned)
     for candidate in (kind,) if kind else KINDS[pointwise:]:
-        found = _stream(columns, candidate)
-        if found is not None:
-            _check_units(found)
-            _check_complete(found, assigned)
-            return replace(found, remarks=tuple(_unused(columns, found)))
+        if (stream := _stream(columns, candidate)) is not None:
+            _check_units(stream)
+            _check_complete(stream, assigned)
+            return replace(stream, remarks=tuple(_unused(columns, stream)))
     raise _no_stream(names, columns, kind)
 
 
@@ -212,8 +210,8 @@ def _times(columns: Sequence[Column]) -> tuple[tuple[Column, ...], bool]:
 
 def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | None]:
     """Return the column of a ``--map``, by its name with or without unit or its number, and its unit."""
-    bare = [without_unit(name.strip()) for name in names]
     whole = [name.strip() for name in names]
+    bare = [without_unit(name) for name in whole]
     tries: list[tuple[str, str | None]] = [(text, None)]
     if ":" in text:
         name, _, unit = text.rpartition(":")
@@ -222,9 +220,8 @@ def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | No
             text = f"the unit {unit!r} in --map is unknown"
             raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[quantity])}")
     for name, given_unit in tries:
-        for index, candidates in enumerate(zip(whole, bare, strict=True)):
-            if name in candidates:
-                return index, given_unit
+        if name in (*whole, *bare):
+            return min(each.index(name) for each in (whole, bare) if name in each), given_unit
         if name.isdigit() and 1 <= int(name) <= len(names):
             return int(name) - 1, given_unit
     name = tries[0][0]

@@ -1,6 +1,6 @@
 """Raw capture: a file with the bytes of a device, read back.
 
-A capture holds what came from the device, byte for byte. `CaptureWriter` puts one line in front that says
+A capture holds the output of the device, byte for byte. `CaptureWriter` puts one line in front that says
 what it is: ``#imumon-recording {JSON}``. Where the stream was interrupted, another such line says for how
 long, ``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. `RawCapture` removes
 these lines. A capture may consist of several files: parts of one run, and runs that continue the same record.
@@ -20,7 +20,7 @@ from imumon.recordings.recording_header import read_header
 from imumon.samples import Gap
 
 MARK = b"#imumon-recording "
-"""Begin of a line that is no data."""
+"""Start of a line that is no data."""
 
 LONGEST_LINE = 1 << 16
 """Bytes of such a line; a longer one is data. Not critical."""
@@ -105,7 +105,7 @@ class RawCapture:
         for path in self._later:
             self._behind += self._part.consumed
             before, self._part = self._part, _Part(path)
-            if self._key(self._part.header) in self._read:  # joined with others by hand
+            if self._key(self._part.header) in self._read:  # its bytes are in an earlier file as well
                 self._part.close()
                 continue
             if self._part.field("run") != before.field("run"):

@@ -122,9 +122,8 @@ class TableRows:
             times = "once" if self._back == 1 else f"{self._back:,} times"
             remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
         if self._host is not None and self._host.back_s:
-            remarks.append(
-                f"its clock steps back by {self._host.back_s:.6g} s: a gap of unknown length, counted as none"
-            )
+            text = f"its clock steps back by {self._host.back_s:.6g} s"
+            remarks.append(f"{text}: a gap of unknown length, counted as none")
         return remarks
 
     @property
@@ -147,12 +146,12 @@ class TableRows:
         ------
         RecordingError : the numbers cannot have their unit. RateRequired : there is no time and no rate.
         """
-        if self._stream is None:
-            if not len(rows):
-                return
+        if self._stream is not None:
+            rows = rows[:, self._used]
+        elif len(rows):
             rows = self._begin(rows)
         else:
-            rows = rows[:, self._used]
+            return
         columns, width = self._layout, len(self._layout.columns)
         good = _present(rows).all(axis=1)
         kept = np.flatnonzero(good)
@@ -228,11 +227,9 @@ class TableRows:
         self._remarks += unit_remarks(self._what, found.columns)
         whole = rows[_present(rows).all(axis=1)]
         if not len(whole):
-            raise RecordingError(
-                "no_complete_row",
-                f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}",
-                "if the sensors have rows of their own, put those of each into a file of its own",
-            )
+            text = f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}"
+            cure = "if each sensor has separate rows, write one file per sensor"
+            raise RecordingError("no_complete_row", text, cure)
         width = len(found.columns)
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
@@ -252,22 +249,16 @@ class TableRows:
         used = {column.index for column in self._layout.columns}
         others = [name.strip() for k, name in enumerate(self._names) if k not in used]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
-        return RateRequired(
-            "rate_required",
-            f"{self._path} has no clock: no column with numbers has the name of a time{hint}",
-            f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}",
-        )
+        text = f"{self._path} has no clock: no column with numbers has the name of a time{hint}"
+        return RateRequired("rate_required", text, f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}")
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
         if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_SHARE:
             return
-        shown = f"its time stamps show {1.0 / interval_s:.6g} Hz"
-        self._remarks.append(
-            f"{shown} and are those of a sample clock: --rate {self._rate:g} is not used"
-            if own
-            else f"{shown}, but are those of a host: --rate {self._rate:g} is used"
-        )
+        clock = " and are those of a sample clock" if own else ", but are those of a host"
+        used = f"--rate {self._rate:g} is {'not used' if own else 'used'}"
+        self._remarks.append(f"its time stamps show {1.0 / interval_s:.6g} Hz{clock}: {used}")
 
     def _without_empty(self, rows: Floats) -> Floats:
         """Leave out columns with few numbers: an empty time, a slower magnetometer."""
@@ -275,16 +266,11 @@ class TableRows:
         count = len(found.columns)
         full = np.isfinite(rows).mean(axis=0)
         empty = self._empty_sensors(full)
-        keep = [
-            k
-            for k, name in enumerate(found.channels)
-            if (sensor_of(name) not in empty if sensor_of(name) in INERTIAL else full[k] > FILLED)
-        ]
+        sensors = [sensor_of(name) for name in found.channels]
+        keep = [k for k, s in enumerate(sensors) if (s not in empty if s in INERTIAL else full[k] > FILLED)]
         times = [k for k in range(len(found.times)) if full[count + k] > FILLED]
         times = times if found.split_time else times[:1]
-        interval = [count + len(found.times)] if found.interval is not None else []
-        if interval and full[interval[0]] <= FILLED:
-            interval = []
+        interval = [k for k in range(count + len(found.times), len(full)) if full[k] > FILLED]
         self._used = [*keep, *(count + k for k in times), *interval]
         columns = enumerate(self._all_columns())
         if sparse := [c.name for k, c in columns if k not in self._used and 0 < full[k] <= FILLED]:
