@@ -40,14 +40,9 @@ def doctor(arguments: argparse.Namespace) -> int:
         faults = tuple(map(str, error.faults))
     port = arguments.port or settings.device.port or None
     emulator: Any = driver().emulator() if port == "sim" else nullcontext(port)
+    state, connect = options.state_directory(settings), tuple(arguments.connect or ())
     with emulator as port:
-        case = Case(
-            settings=settings,
-            faults=faults,
-            port=port,
-            state_directory=options.state_directory(settings),
-            connect=tuple(arguments.connect or ()),
-        )
+        case = Case(settings=settings, faults=faults, port=port, state_directory=state, connect=connect)
         checks = []
         for check in examine(case, print_status):
             print_status("")

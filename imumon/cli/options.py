@@ -148,12 +148,7 @@ def add_appearance(parser: Parser) -> None:
 
 
 def settings(arguments: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
-    """Return the settings of ``--config``, or of the first file found, with options on top.
-
-    Raises
-    ------
-    ConfigError : the file or the options have faults.
-    """
+    """Return the settings of ``--config``, or of the first file found, with options on top."""
     from imumon.config import load
 
     loaded = load(getattr(arguments, "config", None), overrides or {})

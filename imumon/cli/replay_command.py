@@ -26,12 +26,7 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
 
 
 def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
-    """Return the options of a replay.
-
-    Raises
-    ------
-    ImumonError : one of them is malformed.
-    """
+    """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
     from imumon.recordings.columns import parse_map
     from imumon.replay import ReplayOptions
 

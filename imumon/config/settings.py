@@ -12,6 +12,7 @@ import difflib
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, cast, get_args, get_origin, get_type_hints
@@ -58,7 +59,7 @@ class DeviceSettings(Section):
     baud: Baud = "auto"
     '"auto" detects it'
     set_baud: NewBaud = 0
-    """change the baud of the sensor until its next power-up; 0: never"""
+    """change the baud rate of the sensor until its next power-up; 0: never"""
     rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
     """sample rate of a stream without a clock; 0: not given"""
     listen_only: bool = False
@@ -106,27 +107,27 @@ class StateSettings(Section):
     """The accumulated statistics on disk"""
 
     directory: str = ""
-    """empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
+    """directory; empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
     save_period_s: float = Field(30.0, ge=1.0, le=3600.0)
-    """between two saves, which a power cut may lose, in seconds"""
+    """time between two saves, which a power failure may lose, in seconds"""
 
 
 class RecordSettings(Section):
     """The raw bytes, saved for replay"""
 
     file: str = ""
-    """empty: nothing is saved"""
+    """file to save to; empty: nothing is saved"""
     rotate_mb: float = Field(0.0, ge=0.0, le=1e6)
     """start a new file at this size; 0: never"""
     gzip: bool = False
-    """compress"""
+    """compress the file"""
 
 
 class ReportSettings(Section):
     """What is published, and the required precision"""
 
     period_s: float = Field(1.0, ge=0.1, le=60.0)
-    """between two reports, in seconds"""
+    """time between two reports, in seconds"""
     precision_n: float = Field(0.01, gt=0.0, lt=1.0)
     """required half-width of the 95 % interval of N, as a share of N"""
     precision_b: float = Field(0.2, gt=0.0, lt=1.0)
@@ -207,16 +208,12 @@ def search() -> tuple[Path | None, Path | None]:
 
 
 def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
-    """Return the settings of a file with values of the command line on top.
+    """Return the settings of a file with values of the command line on top, or raise all faults.
 
     Parameters
     ----------
     path : file to read; None: the one that `search` finds, if any.
     overrides : dotted name to value, such as ``{"device.baud": 115200}``; None values are ignored.
-
-    Raises
-    ------
-    ConfigError : with all faults.
     """
     given = {name: value for name, value in (overrides or {}).items() if value is not None}
     found, ignored = search() if path is None else (Path(path), None)
@@ -323,11 +320,9 @@ def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
 
 def _value_at(table: Any, path: Iterable[Any]) -> Any:
     """Return the value at a path of a section, or the nearest one around it."""
-    for step in path:
-        try:
+    with suppress(KeyError, IndexError, TypeError):
+        for step in path:
             table = table[step]
-        except (KeyError, IndexError, TypeError):
-            break
     return table
 
 
@@ -373,8 +368,8 @@ _TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"),
 def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[ConfigFault]:
     """Yield the faults of settings that are valid alone but not together."""
 
-    def fault(name: str, message: str) -> ConfigFault:
-        return ConfigFault("contradiction", places.of(name), name, message)
+    def fault(name: str, message: str, code: str = "contradiction") -> ConfigFault:
+        return ConfigFault(code, places.of(name), name, message)
 
     zenoh = sections.get("zenoh", ZenohSettings())
     for name, other in _TOGETHER:
@@ -385,7 +380,6 @@ def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[Con
         yield fault("device.set_baud", "is not possible with device.listen_only")
     if 0.0 < device.rate_hz < SLOWEST_HZ:
         message = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}, not {device.rate_hz:g}"
-        yield ConfigFault("invalid_value", places.of("device.rate_hz"), "device.rate_hz", message)
+        yield fault("device.rate_hz", message, "invalid_value")
     if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
-        message = "needs a letter or a digit, such as imu-1"
-        yield ConfigFault("invalid_value", places.of("device.id"), "device.id", message)
+        yield fault("device.id", "needs a letter or a digit, such as imu-1", "invalid_value")

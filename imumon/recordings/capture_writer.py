@@ -27,16 +27,11 @@ FLUSH_S = 1.0
 """s of data that a kill may cost."""
 
 COMPRESSED_FLUSHES = 10
-"""Factor of `FLUSH_S` for a compressed recording: each flush costs some of the compression."""
+"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression."""
 
 
 def check_place(path: str) -> None:
-    """Check whether a recording can be made at a path; a full disk does not show here.
-
-    Raises
-    ------
-    RecordingError : no file can be made there.
-    """
+    """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here."""
     folder = os.path.dirname(path) or "."
     place = path if os.path.exists(path) else folder
     if not os.path.isdir(folder):
@@ -71,7 +66,7 @@ class CaptureWriter:
 
     Raises
     ------
-    RecordingError : the file cannot be made.
+    RecordingError : the file cannot be created.
     """
 
     def __init__(
@@ -151,11 +146,9 @@ class CaptureWriter:
         self._flush()
 
     def _end_part(self) -> None:
-        try:
+        with self._file:
             if self._out is not self._file:
                 self._out.close()
-        finally:
-            self._file.close()
 
     def _flush(self) -> None:
         self._out.flush()

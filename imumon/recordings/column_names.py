@@ -127,7 +127,7 @@ class Column:
 
 
 def unit_of(text: str, quantity: str) -> str | None:
-    """Return a unit as `UNITS` has it; None if it is unknown.
+    """Return a unit as in `UNITS`; None if it is unknown.
 
     >>> unit_of("rad s^-1", "gyro"), unit_of("m/s²", "accel"), unit_of("furlong", "accel")
     ('rad/s', 'm/s2', None)
@@ -171,12 +171,12 @@ def assigned_column(index: int, name: str, quantity: str, axis: str | None, unit
 def _parts(name: str) -> tuple[list[str], str | None, str | None]:
     """Return the words of a name, its axis, and its unit as written there."""
     text, unit, axis = name.strip().strip("\"'").lstrip("#% "), None, None
-    if found := re.search(r"[\[(]([^\])]*)[\])]\s*$", text):
-        text, inside = text[: found.start()], found.group(1)
-        if inside in ("0", "1", "2"):
-            axis = AXES[int(inside)]
+    if match := re.search(r"[\[(]([^\])]*)[\])]\s*$", text):
+        text = text[: match.start()]
+        if match[1] in ("0", "1", "2"):
+            axis = AXES[int(match[1])]
         else:
-            unit = inside
+            unit = match[1]
     words, suffix = _suffix(words_of(text))
     if axis is None and words and words[-1] in AXES:
         axis = words.pop()
@@ -189,8 +189,8 @@ def words_of(text: str) -> list[str]:
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
     words = []
     for word in re.findall(r"[a-zµ]+[0-9]*|[0-9]+", text.lower()):
-        if found := _AXIS_SUFFIX.match(word):
-            words += ["gyro" if found.group(1) == "g" else found.group(1), found.group(2)]
+        if match := _AXIS_SUFFIX.match(word):
+            words += ["gyro" if match[1] == "g" else match[1], match[2]]
         else:
             words.append(word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word)
     return words

@@ -178,10 +178,7 @@ def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
 
 
 def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:
-    """Return the axes of a sensor: of a kind, else of unknown kind, else of any kind but deltas.
-
-    An assigned column is of every kind.
-    """
+    """Return the axes of a sensor of a kind, else of unknown, else of any other kind but deltas."""
     others: tuple[Kind | None, ...] = ("deltas",) if kind == "deltas" else (kind, None)
     if kind != "deltas" and quantity != "gyro":
         others += ("uncompensated", "compensated")
@@ -229,13 +226,8 @@ def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | No
 
 
 def parse_map(text: str) -> dict[str, str]:
-    """Return ``gyro/x=wx:deg/s,t=stamp:ns`` as a dict.
-
-    Raises
-    ------
-    OptionError : not of that form.
-    """
-    found = {}
+    """Return ``gyro/x=wx:deg/s,t=stamp:ns`` as a dict; raise `OptionError` if it has another form."""
+    columns = {}
     channels = (*GYRO, *ACCEL, *MAG, "temperature", "pressure", "t", "dt")
     for part in text.split(","):
         channel, equals, column = part.strip().partition("=")
@@ -243,8 +235,8 @@ def parse_map(text: str) -> dict[str, str]:
             similar = difflib.get_close_matches(channel, channels, 1, SIMILAR)
             cure = f"write {similar[0] if similar else 'gyro/x'}=COLUMN:UNIT"
             raise OptionError("map_syntax", f"--map {part.strip()!r} names no channel", cure)
-        found[channel] = column.strip()
-    return found
+        columns[channel] = column.strip()
+    return columns
 
 
 def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> RecordingError:

@@ -36,7 +36,6 @@ QUOTED = 30
 """Characters of a cell that are quoted in a message."""
 
 DAY_S = 86_400.0
-"""s of a day."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
@@ -103,11 +102,8 @@ class CsvFile(Table):
             separator = separator_of(seen[begin])
             names = [str(k + 1) for k in range(len(split(seen[begin], separator)))]
             if not self._options.columns:
-                raise RecordingError(
-                    "no_header",
-                    f"{self.path} has no line that names its {len(names)} columns",
-                    "add one, or --map gyro/x=2:rad/s,... by number",
-                )
+                text = f"{self.path} has no line that names its {len(names)} columns"
+                raise RecordingError("no_header", text, "add one, or --map gyro/x=2:rad/s,... by number")
         else:
             header, begin, separator = seen[at], at + 1, separator_of(seen[at])
             names = split(header, separator)
@@ -125,12 +121,7 @@ class CsvFile(Table):
     def _with_readable_times(
         self, found: ColumnLayout, lines: Sequence[str], separator: str | None
     ) -> ColumnLayout:
-        """Return the columns without the times that cannot be read; dates are read as seconds.
-
-        Raises
-        ------
-        RecordingError : none of the times can be read.
-        """
+        """Return the columns without the times that cannot be read; dates are read as seconds."""
         cells = [split(line, separator) for line in lines if _has_cells(line)]
         times, unreadable = [], ""
         for column in found.times:
@@ -144,11 +135,8 @@ class CsvFile(Table):
             else:
                 unreadable = unreadable or f"the time in {column.name} is not readable, {texts[0][:QUOTED]!r}"
         if unreadable and not times:
-            raise RecordingError(
-                "time_not_readable",
-                f"{self.path}: {unreadable}",
-                f"write numbers or 2026-01-31T12:00:00.000, or leave it out with {MAP_EXAMPLE} and --rate",
-            )
+            cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {MAP_EXAMPLE} and --rate"
+            raise RecordingError("time_not_readable", f"{self.path}: {unreadable}", cure)
         return replace(found, times=tuple(times))
 
     def no_samples(self) -> RecordingError:
@@ -240,11 +228,7 @@ class DateReader:
         self._last = 0.0
 
     def seconds(self, text: str) -> float:
-        """Return the seconds since the first date that was read.
-
-        Raises
-        ------
-        ValueError : it is no date.
+        """Return the seconds since the first date that was read; raise ValueError if it is no date.
 
         >>> dates = DateReader()
         >>> [dates.seconds(text) for text in ("23:59:59.5", "00:00:00.25", "23:59:59.75")]
@@ -303,11 +287,7 @@ class _RowParser:
     def numbers(self, lines: list[str], before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the columns, and (n,) the line number of each row.
 
-        An invalid row is NaN, and its line 0.
-
-        Raises
-        ------
-        RecordingError : there are too many invalid rows; it names the first.
+        An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
         """
         try:
             convert: dict[int | str, Callable[[str], float]] = {k: d.seconds for k, d in self._dates.items()}

@@ -105,7 +105,7 @@ class RawCapture:
         for path in self._later:
             self._behind += self._part.consumed
             before, self._part = self._part, _Part(path)
-            if self._key(self._part.header) in self._read:  # its bytes are in an earlier file as well
+            if _key(self._part.header) in self._read:  # its bytes are in an earlier file as well
                 self._part.close()
                 continue
             if self._part.field("run") != before.field("run"):
@@ -114,23 +114,22 @@ class RawCapture:
 
     def _read_part(self) -> Iterator[bytes | Gap]:
         run = self._part.field("run")
-        self._read.add(self._key(self._part.header))
+        self._read.add(_key(self._part.header))
         for item in self._part:
             if isinstance(item, bytes):
                 yield item
                 continue
-            self._read.add(self._key(item))
+            self._read.add(_key(item))
             if "run" not in item or item["run"] != run:  # else: parts of one run, joined in one file
                 run = item.get("run", run)
                 yield Gap(item.get("away_s"))
         if self._part.problem is not None and self.problem is None:
             self.problem = f"{self._part.path} {self._part.problem}"
 
-    @staticmethod
-    def _key(header: Mapping[str, Any] | None) -> tuple[Any, Any]:
-        """Return what identifies a part."""
-        fields = header or {}
-        return fields.get("run"), fields.get("part")
+
+def _key(header: Mapping[str, Any] | None) -> tuple[Any, Any]:
+    """Return what identifies a part."""
+    return (header or {}).get("run"), (header or {}).get("part")
 
 
 class _Part:
@@ -163,7 +162,6 @@ class _Part:
         return self._next if isinstance(self._next, bytes) else b""
 
     def field(self, name: str) -> Any:
-        """Return a field of the header, or None."""
         return (self.header or {}).get(name)
 
     def __iter__(self) -> Iterator[bytes | dict[str, Any]]:

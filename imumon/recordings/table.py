@@ -190,10 +190,7 @@ class TableRows:
         self._incomplete += len(new)
 
     def _note_back(self, times: Ints, places: Sequence[int]) -> None:
-        """Count the steps back of a sample clock, and note the first and its length.
-
-        One wrong stamp is no step: two on either side must agree.
-        """
+        """Count the steps back of a sample clock on which two stamps on either side agree; note the first."""
         recent = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
         now = recent[2:]
         back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(recent[1:-1], recent[:-2])

@@ -39,12 +39,7 @@ ARRAY_SUFFIXES = {"deg/s": "dps", "rad/s": "rads"}
 
 
 def unit_cure(what: str, columns: Sequence[Column], unit: str) -> str:
-    """Return what to do to give the unit of some columns.
-
-    Parameters
-    ----------
-    what : kind of the table, ``csv``, ``npz`` or ``bag``.
-    """
+    """Return how to give the unit of some columns of a ``csv``, ``npz`` or ``bag``."""
     if what == "bag":
         return "its driver must send SI units"
     assigned = (f"{channel_of(column)}={without_unit(column.name)}:{unit}" for column in columns)
@@ -141,10 +136,8 @@ def time_unit(
     unit = likely[0]
     if unit == "s" or unit in dated:
         return unit, None
-    return unit, (
-        f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz; "
-        f"if it is another, {unit_cure(what, [column], 's')}"
-    )
+    text = f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz"
+    return unit, f"{text}; if it is another, {unit_cure(what, [column], 's')}"
 
 
 def _choices(what: str, column: Column, units: Sequence[str], rates: dict[str, float]) -> str:
