@@ -46,7 +46,12 @@ def report(arguments: argparse.Namespace) -> int:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
         _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
-    source = _from_file(arguments) if arguments.file else _from_daemon(arguments)
+    if arguments.file:
+        source = _from_file(arguments)
+    else:
+        with options.subscriber(arguments) as subscriber:
+            cure = "give a FILE (imumon report --help)"
+            source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
     data = document(source, form)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
@@ -89,13 +94,8 @@ def _reason(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
-def _from_daemon(arguments: argparse.Namespace) -> Any:
-    with options.subscriber(arguments) as subscriber:
-        return options.first_report(subscriber, arguments.id, ANSWER_S, "give a FILE (imumon report --help)")
-
-
 def _from_file(arguments: argparse.Namespace) -> Any:
-    """Return the report of a file, by what it holds and not by its name."""
+    """Return the report of a file; its contents decide, not its name."""
     head = b""
     if arguments.file != "-":
         try:
@@ -110,7 +110,9 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         return _from_state(Path(arguments.file))
     if head.lstrip().startswith(b"{"):
         return _from_report(Path(arguments.file))
-    return _from_recording(arguments)
+    from imumon.replay import progress_bar, replay
+
+    return replay(replay_options(arguments), progress=progress_bar(), remark=print_message)
 
 
 def _from_report(path: Path) -> Any:
@@ -151,9 +153,3 @@ def _from_state(path: Path) -> Any:
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
         message = f"the state {path} is of another version of imumon"
         raise CommandError("state_of_another_version", message) from None
-
-
-def _from_recording(arguments: argparse.Namespace) -> Any:
-    from imumon.replay import progress_bar, replay
-
-    return replay(replay_options(arguments), progress=progress_bar(), remark=print_message)

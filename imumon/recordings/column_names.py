@@ -1,8 +1,8 @@
-"""Column names: what the name of a column says of its contents.
+"""Column names: quantity, axis, kind and unit in the name of a column.
 
 The same quantity is named `gyro_x [rad/s]`, `IMU::UncompGyro::X [rad/s]`, `angular_velocity.x` or `wx`. A
-name is split into words; the last word is the axis, the others are the sensor, what the sensor has done to
-the values already, and the unit. Without a unit, the values are in SI units.
+name is split into words; the last word is the axis, the others are the sensor, its processing (compensated or
+not) and the unit. Without a unit, the values are in SI units.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ _INTERVALS = ({"dt"}, {"delta", "time"}, {"delta", "t"})
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column and what its name says of it.
+    """Column with the quantity, axis, kind and unit that its name shows.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def unit_of(text: str, quantity: str) -> str | None:
 
 
 def parse_name(index: int, name: str) -> Column:
-    """Return what the name of a column says.
+    """Return quantity, axis, kind and unit by the name of a column.
 
     >>> column = parse_name(3, "IMU::UncompGyro::X [rad/s]")
     >>> column.quantity, column.axis, column.kind, column.unit
@@ -158,7 +158,7 @@ def parse_name(index: int, name: str) -> Column:
 
 
 def assigned_column(index: int, name: str, quantity: str, axis: str | None, unit: str | None) -> Column:
-    """Return a column that the user has assigned; its unit is that of the name if none was given.
+    """Return a column that the user has assigned; without a given unit, that of the name applies.
 
     >>> assigned_column(2, "p [deg/s]", "gyro", "x", None).unit
     'deg/s'

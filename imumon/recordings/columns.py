@@ -1,6 +1,6 @@
-"""Columns: which columns of a table make a stream.
+"""Columns of a table that form a stream.
 
-By their names (`column_names`) there may be several streams; the best is used. ``--map
+A table may have several streams by the names of its columns (`column_names`); the best is used. ``--map
 gyro/x=COLUMN:UNIT,...`` overrides what it names, and nothing else. `ColumnLayout.remarks` name every column
 of a sensor that is not used. This module knows no files: names in, `ColumnLayout` out.
 """
@@ -44,7 +44,7 @@ MAP_EXAMPLE = "--map gyro/x=COLUMN:UNIT,..."
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of a table that make a stream.
+    """Columns of a table that form a stream.
 
     Attributes
     ----------
@@ -240,7 +240,7 @@ def parse_map(text: str) -> dict[str, str]:
 
 
 def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> RecordingError:
-    """Return the error that says what is missing, and what is similar."""
+    """Return the error that names what is missing and the similar columns."""
     if kind and any(_stream(columns, other) for other in KINDS):
         text = f"there is no {kind} stream in it"
         return RecordingError("no_stream", text, "leave --stream out for the best")

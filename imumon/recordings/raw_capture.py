@@ -1,8 +1,8 @@
 """Raw capture: a file with the bytes of a device, read back.
 
-A capture holds the output of the device, byte for byte. `CaptureWriter` puts one line in front that says
-what it is: ``#imumon-recording {JSON}``. Where the stream was interrupted, another such line says for how
-long, ``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. `RawCapture` removes
+A capture holds the output of the device, byte for byte. `CaptureWriter` puts one line in front that
+describes it: ``#imumon-recording {JSON}``. Where the stream was interrupted, another such line has the length,
+``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. `RawCapture` removes
 these lines. A capture may consist of several files: parts of one run, and runs that continue the same record.
 """
 
@@ -58,7 +58,7 @@ def part_path(path: str, part: int) -> str:
 class RawCapture:
     """A raw capture as chunks of bytes; memory does not grow with its length.
 
-    Iterate to get the chunks of a raw capture, of gzip of one, or of what `CaptureWriter` made. Of the
+    Iterate to get the chunks of a raw capture, gzip or not, or of the output of `CaptureWriter`. Of the
     latter, further parts of the same run and of runs that continue its record follow, if they lie beside it
     under their own names and are not in it already. `items` yields a `Gap` where the stream was interrupted.
 

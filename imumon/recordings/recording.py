@@ -16,7 +16,7 @@ from imumon.recordings.rosbag import RosbagFile, is_bag
 from imumon.samples import Gap, SampleBlock
 
 SNIFF_BYTES = 1 << 14
-"""Bytes of a text among which its header line is looked for. Not critical."""
+"""Bytes of a text that are searched for its header line. Not critical."""
 
 UTF_16_ZEROS = 50
 """Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16."""

@@ -39,7 +39,7 @@ LONGEST_NS = 4e18
 """ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
 
 ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
-"""What a row of a table is called in messages."""
+"""Word for a row of a table in messages."""
 
 RATE_CURE = "give the sample rate with --rate"
 
@@ -49,7 +49,7 @@ OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
     "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
     "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),
 }
-"""What is wrong with a time that shows no rate, and what to do."""
+"""Message and cure for a time that shows no rate."""
 
 ZERO_CELSIUS = 273.15
 """K."""
@@ -78,7 +78,7 @@ class TableRows:
     Parameters
     ----------
     path : for messages.
-    columns : which columns make the stream.
+    columns : columns of the stream.
     what : kind of the table: ``csv``, ``npz``, ``bag``.
     rate_hz : Hz, configured sample rate; None: not configured.
     names : of all columns of the table.
@@ -108,7 +108,7 @@ class TableRows:
 
     @property
     def remarks(self) -> list[str]:
-        """Columns and rows that are not used, and what is assumed of units and stamps."""
+        """Columns and rows that are not used, and assumptions about units and stamps."""
         remarks = list(self._remarks)
         if self._incomplete:
             one = self._incomplete == 1
@@ -242,7 +242,7 @@ class TableRows:
         return rows
 
     def _rate_required(self) -> RateRequired:
-        """Return the error that says which columns may be a time."""
+        """Return the error that lists the columns that may be a time."""
         used = {column.index for column in self._layout.columns}
         others = [name.strip() for k, name in enumerate(self._names) if k not in used]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""

@@ -1,4 +1,4 @@
-"""Unit inference: which units the numbers of a table can have.
+"""Unit inference: possible units of the numbers of a table.
 
 The name of a column may have no unit or a wrong one, and a wrong unit makes every result wrong. A sensor at
 rest measures one g and turns slowly, and inertial sensors sample at 1 Hz to some kHz: where that decides, the
