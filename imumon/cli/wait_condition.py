@@ -125,7 +125,7 @@ def _half_width(coefficient: Coefficient | None) -> float | None:
 
 
 def _uncertain_grade(name: str, channel: Channel, grade: GradeName) -> str | None:
-    """Return which coefficient might still be worse than the grade, by its upper limit; None: none."""
+    """Return which coefficient may be worse than the grade, by its upper limit; None: none."""
     from imumon.noise.grading import GRADES, grade_coefficient
 
     for letter in ("N", "B"):

@@ -253,9 +253,10 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
     number, base = header.get("part"), header.get("base")
     if not isinstance(number, int) or not isinstance(base, str) or path == "-":
         return found
-    folders = [os.path.dirname(place) for place in (path, os.path.realpath(path))]
     following = part_path(base, number + 1)
-    folder = next((f for f in folders if os.path.exists(os.path.join(f, following))), folders[1])
+    folder = os.path.dirname(path)
+    if not os.path.exists(os.path.join(folder, following)):
+        folder = os.path.dirname(os.path.realpath(path))
     run, record = header.get("run"), header.get("record")
     while True:
         number += 1

@@ -111,13 +111,12 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
     if isinstance(opened, NpzFile):
         return opened
-    capture = opened
-    start = capture.head[:200]
+    start = opened.head[:200]
     if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:
         raise RecordingError("utf_16", f"{path} is text in UTF-16", "save it as UTF-8")
-    if _is_csv(capture, options):
-        return CsvFile(capture, options)
-    return DecodedCapture(capture, options.block_bytes)
+    if _is_csv(opened, options):
+        return CsvFile(opened, options)
+    return DecodedCapture(opened, options.block_bytes)
 
 
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:

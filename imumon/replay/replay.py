@@ -88,8 +88,7 @@ def replay(
     """
     recording = options.open()
     run = _Run(options, recording)
-    pace = _Pace(options.speed)
-    due = 0.0
+    begun, due = time.monotonic(), 0.0
     for items in recording:
         for item in items:
             run.feed(item)
@@ -98,7 +97,8 @@ def replay(
         if bus is not None and time.monotonic() >= due:
             due = time.monotonic() + PUBLISH_S
             run.publish(bus, "running")
-        pace.keep(run.elapsed_s)
+        if options.speed is not None:
+            time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
     run.monitor.flush()
     final = run.report("stopped")
     if not final.session.samples:
@@ -186,20 +186,6 @@ class _Run:
         breaks = [f"{text} ({n:,} times)" if n > 1 else text for text, n in self._restarts.items()]
         remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks)))
         return replace(current, device=replace(current.device, remarks=remarks))
-
-
-class _Pace:
-    """Keeps to a multiple of real time."""
-
-    def __init__(self, speed: float | None) -> None:
-        self._speed, self._start = speed, time.monotonic()
-
-    def keep(self, elapsed_s: float) -> None:
-        """Sleep while the replay is ahead."""
-        if self._speed is not None:
-            ahead = elapsed_s / self._speed - (time.monotonic() - self._start)
-            if ahead > 0.0:
-                time.sleep(ahead)
 
 
 def progress_bar(stream: TextIO = sys.stderr) -> Callable[[float | None, float], None] | None:
