@@ -10,10 +10,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 
-def imumon(*words: str | Path, code: int = 0) -> str:
+def imumon(*arguments: str | Path, code: int = 0) -> str:
     """Return the output of a command that ends with this code, or its one line on stderr if it fails."""
     done = subprocess.run(
-        [sys.executable, "-m", "imumon", *map(str, words)],
+        [sys.executable, "-m", "imumon", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=120,
@@ -30,6 +30,6 @@ def imumon(*words: str | Path, code: int = 0) -> str:
 def manual_page() -> str:
     """Return the manual page imumon(1) as the build of a wheel makes it."""
     (page,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["build_manpages"]["manpages"]
-    words = [f"--{option.replace('_', '-')}" for option in page.split(":")[1:]]
-    command = [sys.executable, "-c", "from argparse_manpage.cli import main; main()", *words]
+    arguments = [f"--{option.replace('_', '-')}" for option in page.split(":")[1:]]
+    command = [sys.executable, "-c", "from argparse_manpage.cli import main; main()", *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout

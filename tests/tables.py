@@ -47,6 +47,6 @@ def read(path: Path, **more: object) -> SampleBlock:
 def replayed(path: Path, **more: object) -> tuple[Report, str]:
     """Return the report of a file, and the remarks on it."""
     remarks: list[str] = []
-    made = replay(ReplayOptions(path=str(path), guarded=False, **more), remark=remarks.append)  # type: ignore[arg-type]
-    assert [text.removeprefix(f"{path}: ") for text in remarks] == list(made.device.remarks)
-    return made, "\n".join(remarks)
+    report = replay(ReplayOptions(path=str(path), guarded=False, **more), remark=remarks.append)  # type: ignore[arg-type]
+    assert [text.removeprefix(f"{path}: ") for text in remarks] == list(report.device.remarks)
+    return report, "\n".join(remarks)

@@ -34,8 +34,8 @@ def test_its_examples_parse(page: str) -> None:
     examples = re.findall(r"^\.EX\n(.*?)\n\.EE$", page.replace("\\-", "-"), re.MULTILINE | re.DOTALL)
     assert examples
     for command in (line for example in examples for line in example.splitlines()):
-        program, *words = shlex.split(command.partition(" > ")[0])
-        _, unknown = parsers()[0].parse_known_args(words)
+        program, *arguments = shlex.split(command.partition(" > ")[0])
+        _, unknown = parsers()[0].parse_known_args(arguments)
         assert (program, unknown) == ("imumon", [])
 
 

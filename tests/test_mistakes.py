@@ -20,7 +20,7 @@ from imumon.tui.view_state import ViewState
 
 
 @pytest.mark.parametrize(
-    ("words", "text"),
+    ("arguments", "text"),
     [
         (("run", "--port", "sim", "--speed", "1e300"), "--speed 1e+300"),
         (("run", "--port", "sim", "--seed", "-1"), "--seed -1"),
@@ -44,8 +44,8 @@ from imumon.tui.view_state import ViewState
         (("run", "--nonsense"), "--nonsense (try"),
     ],
 )
-def test_invalid_options(words: tuple[str, ...], text: str) -> None:
-    assert text in imumon(*words, code=2)
+def test_invalid_options(arguments: tuple[str, ...], text: str) -> None:
+    assert text in imumon(*arguments, code=2)
 
 
 def test_a_setting_that_the_bus_refuses_is_reported_with_its_place(tmp_path: Path) -> None:
@@ -58,14 +58,14 @@ def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
     file = tmp_path / "config.toml"
     file.write_text('[device]\nport = "sim"\nid = "My.IMU"\n')
     where = free_endpoint()
-    words = [sys.executable, "-m", "imumon", "run", "--config", str(file), "--listen", where]
-    with subprocess.Popen([*words, "--speed", "100"], stderr=subprocess.DEVNULL) as daemon:
+    arguments = [sys.executable, "-m", "imumon", "run", "--config", str(file), "--listen", where]
+    with subprocess.Popen([*arguments, "--speed", "100"], stderr=subprocess.DEVNULL) as daemon:
         # --id takes the name as configured; the daemon changes it for its keys
         wait = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
         assert imumon(*wait).startswith("my-imu: ")
         screen, terminal = os.openpty()
-        words = [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"]
-        waiting = subprocess.Popen(words, stderr=terminal)
+        arguments = [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"]
+        waiting = subprocess.Popen(arguments, stderr=terminal)
         assert b"gyro" in os.read(screen, 4096)  # what the first report lacks is shown on a terminal
         daemon.send_signal(signal.SIGTERM)
         assert waiting.wait(30) == 3
@@ -75,18 +75,21 @@ def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
 
 
 def test_a_run_without_a_sample_is_4(tmp_path: Path) -> None:
-    words = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
+    arguments = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
     done = subprocess.run(
-        [sys.executable, "-m", "imumon", *words], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "imumon", *arguments], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout) == (4, "")
     assert "--duration" in done.stderr
 
 
 def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
-    words = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
+    arguments = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
     with subprocess.Popen(
-        [sys.executable, "-m", "imumon", *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        [sys.executable, "-m", "imumon", *arguments],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
     ) as run:
         assert run.stderr is not None
         assert "reading" in run.stderr.readline()
@@ -151,23 +154,27 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
     file = tmp_path / "µ-rest.csv"
     rows = (f"{n / 40},{n * 7919 % 13},{n * 104729 % 17},{n * 31 % 11}" for n in range(800))
     file.write_text("\n".join(["t [s],wx [deg/s],wy [deg/s],wz [deg/s]", *rows, ""]))
-    words = [sys.executable, "-m", "imumon", "replay", str(file)]
+    arguments = [sys.executable, "-m", "imumon", "replay", str(file)]
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     for more in ([], ["--json"]):
-        done = subprocess.run([*words, *more], env=environment, capture_output=True, timeout=60, check=False)
+        done = subprocess.run(
+            [*arguments, *more], env=environment, capture_output=True, timeout=60, check=False
+        )
         assert (done.returncode, done.stderr) == (0, b"")
         text = done.stdout.decode(encoding)
         if more:
             assert json.loads(text)["device"]["port"] == str(file)
         else:
             assert {"ascii": "N in deg/sqrt h", "latin-1": "N in °/sqrt h"}[encoding] in text
-    done = subprocess.run([*words[:3], "√"], env=environment, capture_output=True, timeout=60, check=False)
+    done = subprocess.run(
+        [*arguments[:3], "√"], env=environment, capture_output=True, timeout=60, check=False
+    )
     assert done.returncode == 2
     assert done.stderr.decode(encoding).startswith("imumon: no command ")
 
 
 @pytest.mark.parametrize(
-    ("words", "exit_code", "code"),
+    ("arguments", "exit_code", "code"),
     [
         (("status", "--connect", "tcp/127.0.0.1:9"), 3, "no_daemon"),
         (("status", "--id", "////"), 2, None),
@@ -177,10 +184,10 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
     ],
 )
 def test_commands_with_json_print_errors_as_json(
-    words: tuple[str, ...], exit_code: int, code: str | None, tmp_path: Path
+    arguments: tuple[str, ...], exit_code: int, code: str | None, tmp_path: Path
 ) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "imumon", *words, "--json"],
+        [sys.executable, "-m", "imumon", *arguments, "--json"],
         capture_output=True,
         text=True,
         cwd=tmp_path,

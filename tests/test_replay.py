@@ -32,13 +32,13 @@ needs_recordings = pytest.mark.skipif(
 
 @needs_recordings
 def test_real_recording_agrees_with_an_independent_tool() -> None:
-    made = json.loads(imumon("replay", KIRAN, "--rate", "40", "--json", "--no-guards"))
+    report = json.loads(imumon("replay", KIRAN, "--rate", "40", "--json", "--no-guards"))
     expected = json.loads(KIRAN.with_name("kiran_stat5min.oadev.json").read_text())["axes"]
-    assert made["session"]["samples"] == 13223
-    assert made["session"]["missing"] == 0
+    assert report["session"]["samples"] == 13223
+    assert report["session"]["missing"] == 0
     for key, axis in (("gyro", "g"), ("accel", "a")):
         for letter in "xyz":
-            channel, truth = made["channels"][f"{key}/{letter}"], expected[axis + letter]
+            channel, truth = report["channels"][f"{key}/{letter}"], expected[axis + letter]
             found = np.array(channel["allan"]["sigma"])
             theirs = np.array(truth["oadev"][: len(found)])
             np.testing.assert_allclose(found[:4], theirs[:4], rtol=1e-9)
@@ -47,8 +47,8 @@ def test_real_recording_agrees_with_an_independent_tool() -> None:
             assert np.all(np.abs(found[4:] / theirs[4:] - 1.0) < 0.5 * spread + 0.01)
             assert channel["mean"] == pytest.approx(truth["mean"], rel=1e-9)
             assert channel["std"] == pytest.approx(truth["std_ddof1"], rel=1e-9)
-    assert made["grade"]["gyro"]["nearest"] == "industrial"
-    assert made["grade"]["accel"]["nearest"] == "industrial"
+    assert report["grade"]["gyro"]["nearest"] == "industrial"
+    assert report["grade"]["accel"]["nearest"] == "industrial"
 
 
 def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
@@ -67,10 +67,10 @@ def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
 
 @pytest.mark.parametrize("name", ["a.txt", "a.txt.gz"])
 def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) -> None:
-    made: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
-    assert made["schema"] == "imumon.report/1"
-    assert made["state"] == "stopped"
-    assert made["time"].endswith("Z")
+    report: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
+    assert report["schema"] == "imumon.report/1"
+    assert report["state"] == "stopped"
+    assert report["time"].endswith("Z")
     assert {
         "id",
         "model",
@@ -81,14 +81,14 @@ def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) ->
         "stream",
         "sample_rate_hz",
         "alias_factor",
-    } <= set(made["device"])
-    assert made["device"]["stream"] == "compensated"
-    assert made["device"]["alias_factor"] is None
-    session = made["session"]
+    } <= set(report["device"])
+    assert report["device"]["stream"] == "compensated"
+    assert report["device"]["alias_factor"] is None
+    session = report["session"]
     assert session["samples"] == 400
     assert session["elapsed_s"] == pytest.approx(10.0)
-    assert set(made["grade"]) == {"gyro", "accel"}
-    channel = made["channels"]["gyro/x"]
+    assert set(report["grade"]) == {"gyro", "accel"}
+    channel = report["channels"]["gyro/x"]
     assert channel["unit"] == "rad/s"
     assert channel["N"]["unit"] == "rad/s/sqrt(Hz)"
     assert channel["N"]["readable"]["unit"] == "deg/sqrt(h)"
@@ -96,7 +96,7 @@ def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) ->
     lengths = {name: len(channel["allan"][name]) for name in channel["allan"]}
     assert set(lengths) == {"tau_s", "sigma", "low", "high", "edf", "model", "used"}
     assert len(set(lengths.values())) == 1
-    assert made["channels"]["mag/x"]["grade"] is None
+    assert report["channels"]["mag/x"]["grade"] is None
 
 
 def test_table_names_every_channel(tmp_path: Path) -> None:
@@ -190,10 +190,10 @@ def test_a_file_that_is_no_recording_is_one_line_with_a_code(
 def test_an_invalid_header_is_ignored(tmp_path: Path, header: bytes) -> None:
     path = capture(tmp_path / "a.txt")
     path.write_bytes(b"#imumon-recording " + header + b"\n" + path.read_bytes())
-    made = json.loads(imumon("replay", path, "--rate", "40", "--json"))
-    assert made["session"]["samples"] == 400
-    assert made["session"]["started"] is None
-    assert made["device"]["alias_factor"] is None
+    report = json.loads(imumon("replay", path, "--rate", "40", "--json"))
+    assert report["session"]["samples"] == 400
+    assert report["session"]["started"] is None
+    assert report["device"]["alias_factor"] is None
 
 
 def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
@@ -202,9 +202,9 @@ def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
     names = [f"delta_{name}_{axis}" for name in ("theta", "vel") for axis in "xyz"]
     rows = np.random.default_rng(3).normal((0, 0, 0, 0, 0, -0.098), 1e-4, (600, 6))
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
-    made = json.loads(imumon("replay", path, "--rate", "100", "--json"))
-    assert made["device"]["stream"] == "deltas"
-    assert made["caveats"] == ["unknown_compensation"]
+    report = json.loads(imumon("replay", path, "--rate", "100", "--json"))
+    assert report["device"]["stream"] == "deltas"
+    assert report["caveats"] == ["unknown_compensation"]
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
@@ -217,9 +217,9 @@ def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path, damage
     done = subprocess.run(
         [sys.executable, "-m", "imumon", *arguments], capture_output=True, text=True, check=True
     )
-    made = json.loads(done.stdout)
-    assert 900 < made["session"]["samples"] < 1200
-    assert "truncated" in made["channels"]["gyro/x"]["caveats"]
+    report = json.loads(done.stdout)
+    assert 900 < report["session"]["samples"] < 1200
+    assert "truncated" in report["channels"]["gyro/x"]["caveats"]
     assert done.stderr.count("\n") == 1
     assert str(path) in done.stderr
 
@@ -227,8 +227,8 @@ def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path, damage
 def test_the_settings_apply_as_in_the_daemon(tmp_path: Path) -> None:
     path, file = capture(tmp_path / "a.txt"), tmp_path / "config.toml"
     file.write_text("[device]\nrate_hz = 40.0\n[guards]\nenabled = false\n")
-    made = json.loads(imumon("replay", path, "--config", file, "--json"))
-    assert made["session"]["elapsed_s"] == pytest.approx(10.0)
+    report = json.loads(imumon("replay", path, "--config", file, "--json"))
+    assert report["session"]["elapsed_s"] == pytest.approx(10.0)
 
 
 def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:
@@ -270,9 +270,9 @@ def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: 
     path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
     with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
         final = replay(ReplayOptions(path=str(path)), bus=bus)
-        made = viewer.wait_report("replay", timeout=20.0)
-    assert made is not None
-    assert (made.device.id, final.device.id) == ("replay", "vn100-7")
+        report = viewer.wait_report("replay", timeout=20.0)
+    assert report is not None
+    assert (report.device.id, final.device.id) == ("replay", "vn100-7")
 
 
 def until(get: Callable[[], list[str]], expected: set[str], timeout: float = 20.0) -> list[str]:
@@ -287,8 +287,8 @@ def test_a_capture_is_decoded_by_the_driver_that_its_header_names(tmp_path: Path
     path = capture(tmp_path / "a.txt")
     data = path.read_bytes()
     path.write_bytes(b'#imumon-recording {"driver": "vn100", "serial": "7"}\n' + data)
-    made = replay(ReplayOptions(path=str(path), rate_hz=40.0))
-    assert (made.session.samples, made.device.id) == (400, "vn100-7")
+    report = replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert (report.session.samples, report.device.id) == (400, "vn100-7")
     path.write_bytes(b'#imumon-recording {"driver": "nonexistent"}\n' + data)
     with pytest.raises(RecordingError) as error:
         replay(ReplayOptions(path=str(path), rate_hz=40.0))

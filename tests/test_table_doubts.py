@@ -57,9 +57,9 @@ K = np.arange(2000)
 def test_a_time_without_a_unit_has_the_only_plausible_one(
     tmp_path: Path, stamps: np.ndarray, rate: float, unit: str
 ) -> None:
-    made, remarks = replayed(timed(tmp_path / "a.csv", stamps))
-    assert made.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
-    assert (made.session.samples, made.session.missing) == (len(stamps), 0)
+    report, remarks = replayed(timed(tmp_path / "a.csv", stamps))
+    assert report.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
+    assert (report.session.samples, report.session.missing) == (len(stamps), 0)
     assert (f"{unit} is assumed" in remarks) == (unit != "s" and abs(stamps[0]) < 1.6e12)
 
 
@@ -104,8 +104,8 @@ def test_impossible_stamps_are_an_error_with_a_cure(
 
 
 def test_a_configured_rate_replaces_stamps_without_one(tmp_path: Path) -> None:
-    made, remarks = replayed(timed(tmp_path / "a.csv", K // 1000, "time [s]"), rate_hz=200.0)
-    assert (made.device.sample_rate_hz, made.session.samples) == (200.0, len(K))
+    report, remarks = replayed(timed(tmp_path / "a.csv", K // 1000, "time [s]"), rate_hz=200.0)
+    assert (report.device.sample_rate_hz, report.session.samples) == (200.0, len(K))
     assert "--rate 200 is used" in remarks
 
 
@@ -121,15 +121,15 @@ def test_a_configured_rate_overrides_the_stamps_of_a_host_only(tmp_path: Path) -
     own = timed(tmp_path / "own.csv", K / 100, "time [s]")
     host = timed(tmp_path / "host.csv", K / 100 + rng.exponential(4e-3, len(K)), "time [s]")
     for rate in (50.0, 1000.0):  # also one that is a whole multiple of the right one
-        made, remarks = replayed(own, rate_hz=rate)
-        assert made.device.sample_rate_hz == pytest.approx(100.0)
-        assert (made.session.samples, made.session.missing) == (len(K), 0)
+        report, remarks = replayed(own, rate_hz=rate)
+        assert report.device.sample_rate_hz == pytest.approx(100.0)
+        assert (report.session.samples, report.session.missing) == (len(K), 0)
         assert (
             f"its time stamps show 100 Hz and are those of a sample clock: --rate {rate:g} is not used"
             in remarks
         )
-        made, remarks = replayed(host, rate_hz=rate)
-        assert (made.device.sample_rate_hz, made.session.samples) == (rate, len(K))
+        report, remarks = replayed(host, rate_hz=rate)
+        assert (report.device.sample_rate_hz, report.session.samples) == (rate, len(K))
         assert f"but are those of a host: --rate {rate:g} is used" in remarks
     assert "--rate" not in replayed(own, rate_hz=100.0)[1]
 
@@ -137,8 +137,8 @@ def test_a_configured_rate_overrides_the_stamps_of_a_host_only(tmp_path: Path) -
 def test_a_step_back_of_a_clock_is_remarked_with_its_line(tmp_path: Path) -> None:
     stamps = K / 100.0
     stamps[1200:] -= 7.0
-    made, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
-    assert (made.session.samples, made.session.gaps, made.session.restarts) == (len(K), 1, 1)
+    report, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
+    assert (report.session.samples, report.session.gaps, report.session.restarts) == (len(K), 1, 1)
     assert "steps back once; first by 6.99 s at line 1202: a gap of unknown length" in remarks
     late = stamps + np.random.default_rng(4).exponential(4e-3, len(K))
     assert "its clock steps back by 6.9" in replayed(timed(tmp_path / "b.csv", late, "time [s]"))[1]
@@ -150,12 +150,12 @@ def test_a_step_back_of_a_clock_is_remarked_with_its_line(tmp_path: Path) -> Non
 def test_a_rate_without_a_unit_is_remarked_on(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     path = csv(tmp_path / "a.csv", BARE, t, gyro / DEG, accel)
-    made, remarks = replayed(path)
+    report, remarks = replayed(path)
     cure = "gyro/x=gx:deg/s,gyro/y=gy:deg/s,gyro/z=gz:deg/s"
     assert "gx, gy, gz without a unit: rad/s is assumed" in remarks
     assert cure in remarks
     cured, remarks = replayed(path, columns=parse_map(cure))
-    assert cured.channels["gyro/x"].std == pytest.approx(made.channels["gyro/x"].std * DEG)
+    assert cured.channels["gyro/x"].std == pytest.approx(report.channels["gyro/x"].std * DEG)
     assert "gyro" not in remarks
     for name in ("gyro", "gyro_dps"):
         np.savez(tmp_path / "a.npz", t=t, **{name: gyro, "accel": accel})
@@ -176,17 +176,19 @@ def test_the_cure_of_a_wrong_unit_works(tmp_path: Path, suffix: str) -> None:
     assert ("in the header" in error.value.cure) == (suffix == "csv")
     assert ("end with _g" in error.value.cure) == (suffix == "npz")
     cure = error.value.cure.partition("--map ")[2]
-    made, _ = replayed(path, columns=parse_map(cure))
-    assert set(made.channels) == {f"{s}/{a}" for s in ("gyro", "accel") for a in "xyz"}
-    assert made.channels["accel/z"].mean == pytest.approx(accel[:, 2].mean(), rel=1e-6)
-    assert made.device.sample_rate_hz == pytest.approx(RATE)
+    report, _ = replayed(path, columns=parse_map(cure))
+    assert set(report.channels) == {f"{s}/{a}" for s in ("gyro", "accel") for a in "xyz"}
+    assert report.channels["accel/z"].mean == pytest.approx(accel[:, 2].mean(), rel=1e-6)
+    assert report.device.sample_rate_hz == pytest.approx(RATE)
 
 
 def test_axes_may_have_different_units(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     accel[:, :2] /= G
-    made, _ = replayed(csv(tmp_path / "a.csv", [*BARE[:4], "ax [g]", "ay [g]", "az [m/s2]"], t, gyro, accel))
-    assert made.channels["accel/y"].mean == pytest.approx(accel[:, 1].mean() * G, rel=1e-6)
+    report, _ = replayed(
+        csv(tmp_path / "a.csv", [*BARE[:4], "ax [g]", "ay [g]", "az [m/s2]"], t, gyro, accel)
+    )
+    assert report.channels["accel/y"].mean == pytest.approx(accel[:, 1].mean() * G, rel=1e-6)
 
 
 def test_raw_counts_are_recognised(tmp_path: Path) -> None:
@@ -284,11 +286,11 @@ def test_incomplete_rows_are_counted_and_the_first_is_named(tmp_path: Path, empt
         lines[k] = ",".join([*cells[:2], empty, *cells[3:]])
     lines.insert(2, "")  # blank lines count
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-    made, remarks = replayed(tmp_path / "a.csv")
-    assert made.session.bad_checksums == 400
+    report, remarks = replayed(tmp_path / "a.csv")
+    assert report.session.bad_checksums == 400
     assert "400 rows lack a number and count as lost; first line 5: gy" in remarks
     shown = imumon("replay", tmp_path / "a.csv")
-    assert "400 incomplete rows" in shown
+    assert "400 invalid rows" in shown
     assert "checksum" not in shown
 
 
@@ -307,9 +309,9 @@ def test_the_source_names_the_sensors_and_an_error_the_other_columns(tmp_path: P
         replayed(path)
     assert error.value.code == "rate_required"
     assert "--map t=COLUMN:UNIT" in error.value.cure
-    made, _ = replayed(path, columns={"t": "Zeit (s)"})
-    assert made.device.source == "csv (gyro, accel)"
-    assert made.device.sample_rate_hz == pytest.approx(RATE)
+    report, _ = replayed(path, columns={"t": "Zeit (s)"})
+    assert report.device.source == "csv (gyro, accel)"
+    assert report.device.sample_rate_hz == pytest.approx(RATE)
 
 
 def test_a_table_has_no_topic(tmp_path: Path) -> None:
@@ -325,6 +327,6 @@ def test_a_table_has_no_topic(tmp_path: Path) -> None:
 def test_an_invalid_stamp_is_one_lost_sample_and_no_step_back(tmp_path: Path, stamp: float) -> None:
     stamps = K / 100.0
     stamps[1200] = stamp
-    made, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
-    assert (made.session.samples, made.session.missing, made.device.clock) == (len(K) - 1, 1, "startup")
+    report, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
+    assert (report.session.samples, report.session.missing, report.device.clock) == (len(K) - 1, 1, "startup")
     assert not remarks

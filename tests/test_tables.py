@@ -420,8 +420,8 @@ def test_bags_give_the_stamps_and_values_of_their_messages(tmp_path: Path, kind:
     path = BAGS[kind](tmp_path / "bag", messages)
     found = read(path)
     np.testing.assert_allclose(found.values, np.hstack([gyro, accel])[keep], rtol=1e-12)
-    made = replay(ReplayOptions(path=str(path), guarded=False))
-    assert (made.session.samples, made.session.missing, made.session.gaps) == (198, 2, 1)
+    report = replay(ReplayOptions(path=str(path), guarded=False))
+    assert (report.session.samples, report.session.missing, report.session.gaps) == (198, 2, 1)
     with pytest.raises(RecordingError, match="/imu/data") as error:
         read(path, topic="/gps")
     assert error.value.code == "unknown_topic"
@@ -477,14 +477,14 @@ def test_real_table_shows_the_aliasing_of_the_sensors_filter() -> None:
     ],
 )
 def test_real_tables(name: str, samples: int, missing: int, rate: float) -> None:
-    made = replay(ReplayOptions(path=str(SHARED / name), guarded=False))
-    assert (made.session.samples, made.session.missing) == (samples, missing)
-    assert made.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
+    report = replay(ReplayOptions(path=str(SHARED / name), guarded=False))
+    assert (report.session.samples, report.session.missing) == (samples, missing)
+    assert report.device.sample_rate_hz == pytest.approx(rate, rel=1e-3)
 
 
 @needs_recordings
 def test_real_irregular_times_are_put_on_a_grid() -> None:
-    made = replay(ReplayOptions(path=str(SHARED / "rob_static2.npz"), guarded=False))
-    assert made.session.samples == 1264
-    assert made.session.elapsed_s == pytest.approx(82.6, rel=0.02)
-    assert 15.0 < (made.device.sample_rate_hz or 0.0) < 16.0
+    report = replay(ReplayOptions(path=str(SHARED / "rob_static2.npz"), guarded=False))
+    assert report.session.samples == 1264
+    assert report.session.elapsed_s == pytest.approx(82.6, rel=0.02)
+    assert 15.0 < (report.device.sample_rate_hz or 0.0) < 16.0

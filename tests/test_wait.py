@@ -123,8 +123,8 @@ def test_an_invalid_precision_is_refused(text: str) -> None:
         share(text)
 
 
-def wait(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "imumon", "wait", *words]
+def wait(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "imumon", "wait", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
@@ -168,14 +168,14 @@ def test_of_several_daemons_one_answers_and_the_others_are_listed(tmp_path: Path
         other.samples(1)
         places = ("--connect", one.endpoint, "--connect", other.endpoint)
         for command in ("status", "wait", "report"):
-            words = [sys.executable, "-m", "imumon", command, *places]
-            done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+            arguments = [sys.executable, "-m", "imumon", command, *places]
+            done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
             assert done.returncode == 0
             shown, rest = done.stderr.removeprefix("imumon: this is ").split("; --id shows the others: ")
             assert {shown, rest.strip()} == {"anna", "bert"}
             assert command == "report" or done.stdout.startswith(f"{shown}: ")
-        words = [sys.executable, "-m", "imumon", "status", *places, "--id", "bert"]
-        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+        arguments = [sys.executable, "-m", "imumon", "status", *places, "--id", "bert"]
+        done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith("bert: ")
 
@@ -192,9 +192,9 @@ def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [("--precision", "0.1"), ("--grade", "splendid"), ("--timeout", "soon"), ("--timeout", "0")]
+    "arguments", [("--precision", "0.1"), ("--grade", "splendid"), ("--timeout", "soon"), ("--timeout", "0")]
 )
-def test_invalid_options_are_one_line_and_2(words: tuple[str, ...]) -> None:
-    done = wait(*words)
+def test_invalid_options_are_one_line_and_2(arguments: tuple[str, ...]) -> None:
+    done = wait(*arguments)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

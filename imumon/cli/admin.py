@@ -40,14 +40,9 @@ def doctor(arguments: argparse.Namespace) -> int:
         faults = tuple(map(str, error.faults))
     port = arguments.port or settings.device.port or None
     emulator: Any = driver().emulator() if port == "sim" else nullcontext(port)
+    state, connect = options.state_directory(settings), tuple(arguments.connect or ())
     with emulator as port:
-        case = Case(
-            settings=settings,
-            faults=faults,
-            port=port,
-            state_directory=options.state_directory(settings),
-            connect=tuple(arguments.connect or ()),
-        )
+        case = Case(settings=settings, faults=faults, port=port, state_directory=state, connect=connect)
         checks = []
         for check in examine(case, print_status):
             print_status("")
@@ -70,12 +65,9 @@ def _print_checks(checks: Sequence[Any]) -> None:
 
 
 def add_config(parser: Parser) -> None:
-    parser.add_argument(
-        "action",
-        choices=("show", "check"),
-        metavar="{show,check}",  # so that the error names it if it is missing
-        help="show: every setting with its origin; check: all faults of the file",
-    )
+    text = "show: every setting with its origin; check: all faults of the file"
+    # the metavar makes the error name the choices if the action is missing
+    parser.add_argument("action", choices=("show", "check"), metavar="{show,check}", help=text)
     options.add_config(parser, help="file to read instead of the first that is found")
 
 

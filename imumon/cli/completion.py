@@ -24,12 +24,8 @@ QUERY_S = 0.5
 
 
 def add_completion(parser: Parser) -> None:
-    parser.add_argument(
-        "shell",
-        choices=("bash", "zsh", "fish"),
-        metavar="{bash,zsh,fish}",
-        help="the shell to print the script for",
-    )
+    text = "the shell to print the script for"
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="{bash,zsh,fish}", help=text)
 
 
 def completion(arguments: argparse.Namespace) -> int:
@@ -45,20 +41,14 @@ def complete(parsers: Callable[[str], tuple[Parser, dict[str, Parser]]]) -> None
 
     Parameters
     ----------
-    parsers : makes the parser of the program and those of its commands, with the options of one command.
+    parsers : returns the parser of the program and those of its commands, with the options of one command.
     """
     import argcomplete
     from argcomplete.completers import DirectoriesCompleter, FilesCompleter, SuppressCompleter
 
-    by_metavar: dict[str, Any] = {
-        "FILE": FilesCompleter(),
-        "OUT": FilesCompleter(),
-        "PATH": FilesCompleter(),
-        "DIR": DirectoriesCompleter(),
-        "PORT": ports,
-    }
-    words = os.environ.get("COMP_LINE", "").split()
-    name = words[1] if len(words) > 1 else ""
+    by_metavar: dict[str, Any] = dict.fromkeys(("FILE", "OUT", "PATH"), FilesCompleter())
+    by_metavar |= {"DIR": DirectoriesCompleter(), "PORT": ports}
+    name = [*os.environ.get("COMP_LINE", "").split(), "", ""][1]
     parser, commands = parsers(name)
     for action in commands[name]._actions if name in commands else ():
         completer = by_metavar.get(str(action.metavar))
@@ -77,7 +67,7 @@ def ports(prefix: str, **_: Any) -> Iterable[str]:
 
 
 def running_devices(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> Iterable[str]:
-    """Return the names of the devices whose daemon answers in time; nothing if something is wrong."""
+    """Return the names of the devices whose daemon answers in time; nothing after any error."""
     with suppress(Exception):
         from imumon.bus import Subscriber
         from imumon.config import load

@@ -12,20 +12,16 @@ SUCCESS = 0
 FAILURE = 1
 """Any failure; ``doctor``: at least one check failed."""
 USAGE = 2
-"""Wrong usage, or faults in the settings."""
+"""Wrong usage or faults in the settings."""
 NOT_FOUND = 3
 """No port, no device or no daemon."""
 NOT_REACHED = 4
-"""A condition or a device did not come in time."""
+"""A condition was not reached or a device not found in time."""
 INTERRUPTED = 130
 """Interrupted from the keyboard."""
 
-_BY_CODE = {
-    "invalid_settings": USAGE,
-    "invalid_device_name": USAGE,
-    "unknown_device_scheme": USAGE,
-}
-"""Exit codes by the code of an error, where its type does not decide."""
+_USAGE_CODES = ("invalid_settings", "invalid_device_name")
+"""Codes of wrong usage, where the type of the error does not decide."""
 
 
 class CommandError(ImumonError):
@@ -40,13 +36,12 @@ def exit_code(error: ImumonError) -> int:
     """Return the exit code of an error that a user sees."""
     if isinstance(error, CommandError):
         return error.exit_code
-    if error.code in _BY_CODE:
-        return _BY_CODE[error.code]
-    if isinstance(error, RateRequired) or getattr(error, "setting", None):
+    if error.code in _USAGE_CODES or isinstance(error, RateRequired) or getattr(error, "setting", None):
         return USAGE
-    from imumon.devices.base import DeviceNotFound, InvalidOption
+    from imumon.devices.base import DeviceError, DeviceNotFound, InvalidOption
     from imumon.recordings.base import OptionError
 
-    if isinstance(error, InvalidOption | OptionError):
+    unknown_device = isinstance(error, DeviceError) and error.code == "unknown_device_scheme"
+    if unknown_device or isinstance(error, InvalidOption | OptionError):
         return USAGE
     return NOT_FOUND if isinstance(error, DeviceNotFound) else FAILURE

@@ -17,10 +17,12 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from imumon import __version__
-from imumon.cli import admin, completion, query, replay_command, report_command, run_command
+from imumon.cli import admin, completion, query, run_command
 from imumon.cli.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
 from imumon.cli.options import Parser
 from imumon.cli.output import discard_stdout, prepare_streams, print_error
+from imumon.cli.replay_command import add_replay, run_replay
+from imumon.cli.report_command import add_report, report
 from imumon.errors import ImumonError
 
 Handler: TypeAlias = Callable[[argparse.Namespace], int]
@@ -32,23 +34,14 @@ COMMANDS: dict[str, tuple[Handler, Callable[[Parser], None], str]] = {
     "status": (query.status, query.add_status, "print one report from a running daemon"),
     "wait": (query.wait, query.add_wait, "wait until a grade or a precision is reached"),
     "sim": (run_command.sim, run_command.add_sim, "run an emulated VN-100 on a pseudo-terminal"),
-    "replay": (
-        replay_command.run_replay,
-        replay_command.add_replay,
-        "process a recording with the same pipeline",
-    ),
-    "report": (
-        report_command.report,
-        report_command.add_report,
-        "write the datasheet of a sensor, or configuration for other software",
-    ),
+    "replay": (run_replay, add_replay, "process a recording with the same pipeline"),
+    "report": (report, add_report, "write the datasheet of a sensor, or configuration for other software"),
     "doctor": (admin.doctor, admin.add_doctor, "check port, device, Zenoh, state and service"),
     "config": (admin.config, admin.add_config, "show the settings with their origin, or check them"),
     "completion": (completion.completion, completion.add_completion, "print a shell completion script"),
 }
 """Function, options and help text of each command."""
 
-_OUT_OF_MEMORY = "grant more; the last saved state is kept"
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
@@ -69,15 +62,14 @@ def _run(argv: Sequence[str] | None) -> int:
     prepare_streams()
     if completion.VARIABLE in os.environ:
         completion.complete(parsers)
-    words = list(sys.argv[1:] if argv is None else argv)
     arguments = argparse.Namespace()
     try:
-        handler = _parse(words, arguments)
+        handler = _parse(list(sys.argv[1:] if argv is None else argv), arguments)
         code = handler(arguments)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        discard_stdout()  # the reader of the output has left (`imumon status | head -1`)
+        discard_stdout()  # the reader of the output has ended (`imumon status | head -1`)
         return SUCCESS
     except MemoryError:
         return _out_of_memory(arguments)
@@ -93,25 +85,22 @@ def _run(argv: Sequence[str] | None) -> int:
         return _fail(error, arguments)
 
 
-def _parse(words: Sequence[str], arguments: argparse.Namespace) -> Handler:
+def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
     """Parse the command line into `arguments` and return the function of the command."""
-    parser, commands = parsers(only=words[0] if words else "")
-    if words and not words[0].startswith("-") and words[0] not in commands:
-        close = difflib.get_close_matches(words[0], commands, 1, 0.5)
+    name = argv[0] if argv else ""
+    parser, commands = parsers(only=name)
+    if name and not name.startswith("-") and name not in commands:
+        close = difflib.get_close_matches(name, commands, 1, 0.5)
         cure = f"did you mean {close[0]}?" if close else "imumon --help lists the commands"
-        raise CommandError("unknown_command", f"no command {words[0]!r}", cure, USAGE)
-    _, unknown = parser.parse_known_args(words, arguments)
+        raise CommandError("unknown_command", f"no command {name!r}", cure, USAGE)
+    _, unknown = parser.parse_known_args(argv, arguments)
     if arguments.command is None:
-        return lambda _: _no_command(parser)
+        parser.print_help()
+        return lambda _: USAGE
     if unknown:
         command = commands[arguments.command]
         command.error(f"unknown argument {unknown[0]}{command.suggestion(unknown[0])}")
     return COMMANDS[arguments.command][0]
-
-
-def _no_command(parser: Parser) -> int:
-    parser.print_help()
-    return USAGE
 
 
 def _fail(error: ImumonError, arguments: argparse.Namespace) -> int:
@@ -121,7 +110,8 @@ def _fail(error: ImumonError, arguments: argparse.Namespace) -> int:
 
 
 def _out_of_memory(arguments: argparse.Namespace) -> int:
-    _fail(CommandError("out_of_memory", "out of memory", _OUT_OF_MEMORY), arguments)
+    cure = "give it more memory; the last saved state is kept"
+    _fail(CommandError("out_of_memory", "out of memory", cure), arguments)
     sys.stderr.flush()
     os._exit(FAILURE)  # an orderly end would need more memory
 

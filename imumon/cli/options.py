@@ -31,15 +31,15 @@ class Parser(argparse.ArgumentParser):
         text = message.replace("\n", " ")
         self.exit(USAGE, f"{self.prog}: {text} (try {self.prog} --help)\n")
 
-    def suggestion(self, word: str) -> str:
+    def suggestion(self, argument: str) -> str:
         """Return ``; did you mean --port?`` if an option of this parser is similar, else empty text."""
         known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
-        close = difflib.get_close_matches(word.partition("=")[0].lstrip("-"), known, 1, 0.6)
+        close = difflib.get_close_matches(argument.partition("=")[0].lstrip("-"), known, 1, 0.6)
         return f"; did you mean {known[close[0]]}?" if close else ""
 
 
 def integer(text: str) -> int:
-    """Return the value of an option that is a whole number."""
+    """Return a whole number."""
     try:
         return int(text)
     except ValueError:
@@ -47,7 +47,7 @@ def integer(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """Return the value of an option that is a number."""
+    """Return a number."""
     try:
         return float(text)
     except ValueError:
@@ -55,7 +55,7 @@ def number(text: str) -> float:
 
 
 def positive(text: str) -> float:
-    """Return the value of an option that is a number above 0."""
+    """Return a finite number above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -71,9 +71,8 @@ def rate(text: str) -> float:
 
     value = positive(text)
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
-        raise argparse.ArgumentTypeError(
-            f"{text} Hz is not a sample rate; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
-        )
+        message = f"{text} Hz is not a sample rate; give one from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+        raise argparse.ArgumentTypeError(message)
     return value
 
 
@@ -149,12 +148,7 @@ def add_appearance(parser: Parser) -> None:
 
 
 def settings(arguments: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:
-    """Return the settings of ``--config``, or of the first file found, with options on top.
-
-    Raises
-    ------
-    ConfigError : the file or the options have faults.
-    """
+    """Return the settings of ``--config``, or of the first file found, with options on top."""
     from imumon.config import load
 
     loaded = load(getattr(arguments, "config", None), overrides or {})
@@ -165,9 +159,7 @@ def settings(arguments: argparse.Namespace, overrides: dict[str, Any] | None = N
 
 def state_directory(settings: Any) -> Path:
     """Return the directory of the accumulated statistics: configured, of the service manager, or the user's."""
-    if settings.state.directory:
-        return Path(settings.state.directory)
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    given = settings.state.directory or os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if given:
         return Path(given)
     home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
@@ -228,8 +220,7 @@ def baseline(path: str | None) -> Any:
     from imumon.report import Report, from_json
 
     try:
-        with open(path, "rb") as file:
-            return from_json(Report, file.read())
+        return from_json(Report, Path(path).read_bytes())
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         message = f"baseline {path}: {reason}"

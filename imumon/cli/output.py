@@ -17,6 +17,8 @@ from dataclasses import asdict
 from functools import cache
 from typing import Any
 
+from imumon.errors import ImumonError
+
 STATUS_COLUMNS = 120
 """Longest status line, characters."""
 
@@ -69,16 +71,12 @@ def print_message(text: str) -> None:
 print_message_once = cache(print_message)
 
 
-def print_error(error: Exception, as_json: bool = False) -> None:
+def print_error(error: ImumonError, as_json: bool = False) -> None:
     """Print an error on standard error: one line, or as JSON."""
     if not as_json:
         print_message(str(error))
         return
-    described: dict[str, Any] = {
-        "code": getattr(error, "code", "failed"),  # not every error is an ImumonError yet
-        "message": getattr(error, "message", str(error)),
-        "cure": getattr(error, "cure", ""),
-    }
+    described: dict[str, Any] = {"code": error.code, "message": error.message, "cure": error.cure}
     if faults := getattr(error, "faults", ()):
         described["faults"] = [asdict(fault) for fault in faults]
     print(json.dumps({"error": described}), file=sys.stderr)
@@ -111,10 +109,6 @@ def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
 
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     comparison = baseline_summary(report, baseline) if baseline is not None else None
-    lines = [
-        report_table(report, width),
-        "",
-        *signal_lines(report, width),
-        *([comparison] if comparison else []),
-    ]
+    lines = [report_table(report, width), "", *signal_lines(report, width)]
+    lines += [comparison] if comparison else []
     print("\n".join(lines).rstrip())

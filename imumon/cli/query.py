@@ -17,60 +17,43 @@ ANSWER_S = 2.0
 """How long to wait for a daemon, s."""
 
 GONE_S = 5.0
-"""A daemon whose liveliness token is gone is given up after this time without a report, s."""
+"""Time without a report after which a daemon without liveliness token counts as ended, s."""
 
 POLL_S = 0.1
-"""Between two looks for the next report, s."""
+"""Time between two checks for the next report, s."""
 
-_CONFIG_HELP = "settings of the bus; options override the file"
+
+def _add_connection(parser: Parser) -> None:
+    options.add_endpoints(parser)
+    options.add_config(parser, "settings of the bus; options override the file")
 
 
 def add_tui(parser: Parser) -> None:
-    options.add_endpoints(parser)
-    options.add_config(parser, _CONFIG_HELP)
+    _add_connection(parser)
     parser.add_argument("--id", metavar="NAME", help="device to show first")
     parser.add_argument("--baseline", metavar="FILE", help="a saved report (JSON) behind the live curve")
     options.add_appearance(parser)
 
 
 def add_status(parser: Parser) -> None:
-    options.add_endpoints(parser)
-    options.add_config(parser, _CONFIG_HELP)
+    _add_connection(parser)
     parser.add_argument("--id", metavar="NAME", help="device; default: the first that answers")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
 def add_wait(parser: Parser) -> None:
     add = parser.add_argument
-    options.add_endpoints(parser)
-    options.add_config(parser, _CONFIG_HELP)
+    _add_connection(parser)
     add("--id", metavar="NAME", help="device; default: the first that answers")
-    add(
-        "--grade",
-        choices=options.GRADES,
-        help="until gyroscope and accelerometer have this grade or better with certainty; "
-        "default: from the settings",
-    )
+    text = "until gyroscope and accelerometer have this grade or better with certainty; default: from the settings"
+    add("--grade", choices=options.GRADES, help=text)
     add("--coefficient", choices=("N", "B", "K"), help="until this has the precision on every axis")
-    add(
-        "--precision",
-        type=options.share,
-        metavar="P",
-        help="half-width of the 95 %% interval as a share of the value, 0.05 or 5%%; "
-        "default: from the settings",
-    )
-    add(
-        "--channel",
-        action="append",
-        metavar="NAME",
-        help="consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel",
-    )
-    add(
-        "--timeout",
-        type=options.seconds,
-        metavar="T",
-        help="give up after T (90, 90s, 10m, 2h); also how long to wait for a daemon, else 2 s",
-    )
+    text = "half-width of the 95 %% interval as a share of the value, 0.05 or 5%%; default: from the settings"
+    add("--precision", type=options.share, metavar="P", help=text)
+    text = "consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel"
+    add("--channel", action="append", metavar="NAME", help=text)
+    text = "give up after T (90, 90s, 10m, 2h); also how long to wait for a daemon, else 2 s"
+    add("--timeout", type=options.seconds, metavar="T", help=text)
 
 
 def tui(
@@ -91,16 +74,8 @@ def tui(
     baseline = options.baseline(arguments.baseline)
     with options.subscriber(arguments) as subscriber:
         endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
-        return run(
-            subscriber,
-            id=arguments.id,
-            ascii=arguments.ascii,
-            theme=arguments.theme,
-            baseline=baseline,
-            endpoint=endpoint,
-            starting=starting,
-            ended=ended,
-        )
+        shown = {name: getattr(arguments, name) for name in ("id", "ascii", "theme")}
+        return run(subscriber, **shown, baseline=baseline, endpoint=endpoint, starting=starting, ended=ended)
 
 
 def _cure(arguments: argparse.Namespace) -> str:
@@ -124,9 +99,8 @@ def wait(arguments: argparse.Namespace) -> int:
     from imumon.units import duration
 
     if arguments.precision is not None and arguments.coefficient is None:
-        raise CommandError(
-            "coefficient_required", "--precision has no coefficient", "add --coefficient N, B or K", USAGE
-        )
+        message, cure = "--precision has no coefficient", "add --coefficient N, B or K"
+        raise CommandError("coefficient_required", message, cure, USAGE)
     configured = options.settings(arguments).report
     precisions = {"N": configured.precision_n, "B": configured.precision_b, "K": configured.precision_k}
     condition = WaitCondition(

@@ -26,16 +26,10 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
 
 
 def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
-    """Return the options of a replay.
-
-    Raises
-    ------
-    ImumonError : one of them is malformed.
-    """
+    """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
     from imumon.recordings.columns import parse_map
     from imumon.replay import ReplayOptions
 
-    columns = parse_map(arguments.map) if arguments.map else {}
     loaded = options.settings(arguments)
     required = loaded.report
     return ReplayOptions(
@@ -44,7 +38,7 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
         guarded=loaded.guards.enabled and not arguments.no_guards,
         precision={"N": required.precision_n, "B": required.precision_b, "K": required.precision_k},
         kind=arguments.stream,
-        columns=columns,
+        columns=parse_map(arguments.map) if arguments.map else {},
         topic=arguments.topic,
         **more,
     )

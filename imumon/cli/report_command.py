@@ -1,4 +1,4 @@
-"""Command that writes documents from a report: report."""
+"""Command `imumon report`: documents from a report, a state, a recording or a running daemon."""
 
 from __future__ import annotations
 
@@ -21,17 +21,12 @@ STATE_MAGIC = b"imumon-state "
 
 
 def add_report(parser: Parser) -> None:
-    """Add the arguments of the command."""
     from imumon.datasheet import FORMS
 
     forms = "; ".join(f"{name}: {what}" for name, (_, what) in FORMS.items())
     add = parser.add_argument
-    add(
-        "file",
-        nargs="?",
-        metavar="FILE",
-        help=f"saved report or state, or a recording ({FILES}); default: ask a daemon",
-    )
+    text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
+    add("file", nargs="?", metavar="FILE", help=text)
     add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
@@ -51,9 +46,14 @@ def report(arguments: argparse.Namespace) -> int:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
         _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
-    source = _from_file(arguments) if arguments.file else _from_daemon(arguments)
+    if arguments.file:
+        source = _from_file(arguments)
+    else:
+        with options.subscriber(arguments) as subscriber:
+            cure = "give a FILE (imumon report --help)"
+            source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
     data = document(source, form)
-    if arguments.output is None or arguments.output == "-":
+    if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
     try:
@@ -86,22 +86,16 @@ def _check_output_is_no_input(output: str, *inputs: str | None) -> None:
         for file in files if os.path.isfile(output) else ():
             with suppress(OSError):  # an unreadable file is reported where it is read
                 if os.path.samefile(output, file):
-                    raise CommandError(
-                        "output_is_input", f"-o {output} is also read", "name another file", USAGE
-                    )
+                    message = f"-o {output} is also read"
+                    raise CommandError("output_is_input", message, "name another file", USAGE)
 
 
 def _reason(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
-def _from_daemon(arguments: argparse.Namespace) -> Any:
-    with options.subscriber(arguments) as subscriber:
-        return options.first_report(subscriber, arguments.id, ANSWER_S, "give a FILE (imumon report --help)")
-
-
 def _from_file(arguments: argparse.Namespace) -> Any:
-    """Return the report of a file, by what it holds and not by its name."""
+    """Return the report of a file; its contents decide, not its name."""
     head = b""
     if arguments.file != "-":
         try:
@@ -116,7 +110,9 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         return _from_state(Path(arguments.file))
     if head.lstrip().startswith(b"{"):
         return _from_report(Path(arguments.file))
-    return _from_recording(arguments)
+    from imumon.replay import progress_bar, replay
+
+    return replay(replay_options(arguments), progress=progress_bar(), remark=print_message)
 
 
 def _from_report(path: Path) -> Any:
@@ -157,9 +153,3 @@ def _from_state(path: Path) -> Any:
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
         message = f"the state {path} is of another version of imumon"
         raise CommandError("state_of_another_version", message) from None
-
-
-def _from_recording(arguments: argparse.Namespace) -> Any:
-    from imumon.replay import progress_bar, replay
-
-    return replay(replay_options(arguments), progress=progress_bar(), remark=print_message)

@@ -22,18 +22,12 @@ def add_run(parser: Parser) -> None:
     from imumon.devices.registry import driver
 
     add = parser.add_argument
-    add(
-        "--port",
-        metavar="PORT",
-        help="device path, pyserial URL, sim, or NAME:... of another device; default: the only VN-100 found",
-    )
+    text = "device path, pyserial URL, sim, or NAME:... of another device; default: the only VN-100 found"
+    add("--port", metavar="PORT", help=text)
     driver().add_run_options(parser)
     add("--id", metavar="NAME", help="name in the keys; default vn100-<serial number>")
-    add(
-        "--state",
-        metavar="DIR",
-        help="directory of the accumulated statistics; --port sim keeps nothing without it",
-    )
+    text = "directory of the accumulated statistics; --port sim keeps nothing without it"
+    add("--state", metavar="DIR", help=text)
     add("--fresh", action="store_true", help="start a new record; the old state is kept under another name")
     add("--record", metavar="FILE", help="also save the raw bytes, for replay")
     options.add_config(parser)
@@ -64,9 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     if settings.device.port == "sim":
         return _run_emulated(arguments, settings)
     if arguments.speed != 1.0 or arguments.seed is not None:
-        raise CommandError(
-            "option_needs_sim", "--speed and --seed are for --port sim", "leave them out", USAGE
-        )
+        message = "--speed and --seed are for --port sim"
+        raise CommandError("option_needs_sim", message, "leave them out", USAGE)
     return _run_daemon(arguments, settings, settings.device.port, options.state_directory(settings))
 
 
@@ -87,19 +80,16 @@ def _settings(arguments: argparse.Namespace) -> Any:
     """Return the settings with the options of `run` on top."""
     from imumon.devices.registry import driver
 
-    return options.settings(
-        arguments,
-        {
-            "device.port": arguments.port,
-            **driver().run_overrides(arguments),
-            "device.id": arguments.id,
-            "zenoh.listen": arguments.listen,
-            "zenoh.connect": arguments.connect,
-            "state.directory": arguments.state,
-            "record.file": arguments.record,
-            "guards.enabled": False if arguments.no_guards else None,
-        },
-    )
+    overrides = driver().run_overrides(arguments) | {
+        "device.port": arguments.port,
+        "device.id": arguments.id,
+        "zenoh.listen": arguments.listen,
+        "zenoh.connect": arguments.connect,
+        "state.directory": arguments.state,
+        "record.file": arguments.record,
+        "guards.enabled": False if arguments.no_guards else None,
+    }
+    return options.settings(arguments, overrides)
 
 
 def _run_daemon(arguments: argparse.Namespace, settings: Any, url: str, directory: Path) -> int:
@@ -123,19 +113,15 @@ def _run_daemon(arguments: argparse.Namespace, settings: Any, url: str, director
     finally:
         close_log()
     if result.report is None and result.signal is None:
-        raise CommandError(
-            "no_device_in_time",
-            f"no sensor within {arguments.duration:g} s",
-            "give a longer --duration",
-            NOT_REACHED,
-        )
+        message = f"no sensor within {arguments.duration:g} s"
+        raise CommandError("no_device_in_time", message, "give a longer --duration", NOT_REACHED)
     if result.report is not None and (arguments.duration or arguments.json):
         print_report(result.report, arguments.json, run_options.baseline)
     return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
 
 
 def demo(arguments: argparse.Namespace) -> int:
-    """Run emulator and daemon in a process of their own, and the terminal UI here; quitting ends all three."""
+    """Run emulator and daemon in another process and the terminal UI here; quitting ends all three."""
     from imumon.cli.query import tui
 
     with _temporary() as directory, _demo_daemon(arguments, directory) as (endpoint, last_line):

@@ -61,14 +61,10 @@ class WaitCondition:
         chosen = self._chosen(report)
         parts = []
         if self.coefficient is not None and self.precision is not None:
-            halves = {
-                name: _half_width(getattr(channel, self.coefficient)) for name, channel in chosen.items()
-            }
-            worst = max(halves, key=lambda name: halves[name] or 0.0)
-            parts.append(
-                f"{self.coefficient} known to {100 * (halves[worst] or 0.0):.2g} % ({worst}) or better, "
-                f"required {100 * self.precision:g} %"
-            )
+            halves = {n: _half_width(getattr(c, self.coefficient)) or 0.0 for n, c in chosen.items()}
+            worst = max(halves, key=lambda name: halves[name])
+            known = f"{self.coefficient} known to {100 * halves[worst]:.2g} % ({worst}) or better"
+            parts.append(f"{known}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
             sensors = {sensor_of(name) for name in chosen}
             parts += [f"{s} {g.nearest}" for s, g in report.grade.items() if s in sensors and g.nearest]
@@ -129,7 +125,7 @@ def _half_width(coefficient: Coefficient | None) -> float | None:
 
 
 def _uncertain_grade(name: str, channel: Channel, grade: GradeName) -> str | None:
-    """Return which coefficient might still be worse than the grade, by its upper limit; None: none."""
+    """Return which coefficient may be worse than the grade, by its upper limit; None: none."""
     from imumon.noise.grading import GRADES, grade_coefficient
 
     for letter in ("N", "B"):
@@ -139,9 +135,7 @@ def _uncertain_grade(name: str, channel: Channel, grade: GradeName) -> str | Non
         worst = coefficient.high if coefficient.high is not None else coefficient.value
         nearest = grade_coefficient(sensor_of(name), letter, worst).nearest
         if nearest is None or GRADES.index(nearest) > GRADES.index(grade):
-            shown = coefficient.readable.high
-            limit = (
-                f"{figures(shown)} {pretty(coefficient.readable.unit)}" if shown is not None else "anything"
-            )
+            shown, unit = coefficient.readable.high, pretty(coefficient.readable.unit)
+            limit = "anything" if shown is None else f"{figures(shown)} {unit}"
             return f"{letter} of {name} may be up to {limit}, that is {nearest or 'no grade'}"
     return None

@@ -12,9 +12,10 @@ import difflib
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, cast, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -58,7 +59,7 @@ class DeviceSettings(Section):
     baud: Baud = "auto"
     '"auto" detects it'
     set_baud: NewBaud = 0
-    """change the baud of the sensor until its next power-up; 0: never"""
+    """change the baud rate of the sensor until its next power-up; 0: never"""
     rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
     """sample rate of a stream without a clock; 0: not given"""
     listen_only: bool = False
@@ -106,27 +107,27 @@ class StateSettings(Section):
     """The accumulated statistics on disk"""
 
     directory: str = ""
-    """empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
+    """directory; empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
     save_period_s: float = Field(30.0, ge=1.0, le=3600.0)
-    """between two saves, which a power cut may lose, in seconds"""
+    """time between two saves, which a power failure may lose, in seconds"""
 
 
 class RecordSettings(Section):
     """The raw bytes, saved for replay"""
 
     file: str = ""
-    """empty: nothing is saved"""
+    """file to save to; empty: nothing is saved"""
     rotate_mb: float = Field(0.0, ge=0.0, le=1e6)
     """start a new file at this size; 0: never"""
     gzip: bool = False
-    """compress"""
+    """compress the file"""
 
 
 class ReportSettings(Section):
     """What is published, and the required precision"""
 
     period_s: float = Field(1.0, ge=0.1, le=60.0)
-    """between two reports, in seconds"""
+    """time between two reports, in seconds"""
     precision_n: float = Field(0.01, gt=0.0, lt=1.0)
     """required half-width of the 95 % interval of N, as a share of N"""
     precision_b: float = Field(0.2, gt=0.0, lt=1.0)
@@ -207,16 +208,12 @@ def search() -> tuple[Path | None, Path | None]:
 
 
 def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
-    """Return the settings of a file with values of the command line on top.
+    """Return the settings of a file with values of the command line on top, or raise all faults.
 
     Parameters
     ----------
     path : file to read; None: the one that `search` finds, if any.
     overrides : dotted name to value, such as ``{"device.baud": 115200}``; None values are ignored.
-
-    Raises
-    ------
-    ConfigError : with all faults.
     """
     given = {name: value for name, value in (overrides or {}).items() if value is not None}
     found, ignored = search() if path is None else (Path(path), None)
@@ -240,8 +237,12 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
         raise ConfigError(*sorted(faults, key=places.order))
     present = {f"{section}.{name}" for section, table in values.items() for name in table}
     origins = {name: places.of(name) if name in present else "default" for name in NAMES}
-    tables: dict[str, Any] = dict(sections)
-    return Settings(**tables, path=found, ignored=ignored, origins=origins)
+    return Settings(**cast(Any, sections), path=found, ignored=ignored, origins=origins)
+
+
+_FILE_COMMENT = """\
+# Settings of imumon: all of them, with their defaults. Options override this file.
+# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml."""
 
 
 def render(settings: Settings, *, origins: bool = False) -> str:
@@ -249,13 +250,7 @@ def render(settings: Settings, *, origins: bool = False) -> str:
 
     With `origins` it is for people to read: a password is not shown.
     """
-    lines: list[str] = []
-    if not origins:
-        lines += [
-            "# Settings of imumon: all of them, with their defaults. Options override this file.",
-            "# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml.",
-            "",
-        ]
+    lines = [] if origins else [_FILE_COMMENT, ""]
     for section, cls in SECTIONS.items():
         lines.append(f"[{section}]" if origins else f"[{section}]  # {(cls.__doc__ or '').strip()}")
         for name, info in cls.model_fields.items():
@@ -278,9 +273,8 @@ def _check_section(section: str, table: Any, places: Places) -> Section:
     try:
         bad = [name for name, value in table.items() if not _encodable(value)]
     except RecursionError:
-        raise ConfigError(
-            ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
-        ) from None
+        fault = ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
+        raise ConfigError(fault) from None
     faults = [
         ConfigFault("invalid_character", places.of(name), name, _INVALID_CHARACTER)
         for name in (f"{section}.{name}" for name in bad)
@@ -326,11 +320,9 @@ def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
 
 def _value_at(table: Any, path: Iterable[Any]) -> Any:
     """Return the value at a path of a section, or the nearest one around it."""
-    for step in path:
-        try:
+    with suppress(KeyError, IndexError, TypeError):
+        for step in path:
             table = table[step]
-        except (KeyError, IndexError, TypeError):
-            break
     return table
 
 
@@ -357,15 +349,13 @@ def _allowed(found: Any, info: Any) -> str:
     return _TYPES.get(found["type"]) or str(found["msg"]).lower()
 
 
-_INVALID_CHARACTER = (
-    "has a character that no file name and no key can have: a zero byte, or one that is not UTF-8"
-)
+_INVALID_CHARACTER = "has a character that no file name or key can have: a zero byte or invalid UTF-8"
 
 
 def _encodable(value: Any) -> bool:
     """Return whether every text in a value can be a file name and a key."""
     if isinstance(value, str):
-        return "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
+        return re.search("[\0\ud800-\udfff]", value) is None
     if isinstance(value, dict):
         return all(map(_encodable, (*value, *value.values())))
     return not isinstance(value, list | tuple) or all(map(_encodable, value))
@@ -378,8 +368,8 @@ _TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"),
 def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[ConfigFault]:
     """Yield the faults of settings that are valid alone but not together."""
 
-    def fault(name: str, message: str) -> ConfigFault:
-        return ConfigFault("contradiction", places.of(name), name, message)
+    def fault(name: str, message: str, code: str = "contradiction") -> ConfigFault:
+        return ConfigFault(code, places.of(name), name, message)
 
     zenoh = sections.get("zenoh", ZenohSettings())
     for name, other in _TOGETHER:
@@ -390,7 +380,6 @@ def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[Con
         yield fault("device.set_baud", "is not possible with device.listen_only")
     if 0.0 < device.rate_hz < SLOWEST_HZ:
         message = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}, not {device.rate_hz:g}"
-        yield ConfigFault("invalid_value", places.of("device.rate_hz"), "device.rate_hz", message)
+        yield fault("device.rate_hz", message, "invalid_value")
     if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
-        message = "needs a letter or a digit, such as imu-1"
-        yield ConfigFault("invalid_value", places.of("device.id"), "device.id", message)
+        yield fault("device.id", "needs a letter or a digit, such as imu-1", "invalid_value")

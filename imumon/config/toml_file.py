@@ -66,21 +66,15 @@ def parse(text: str, file: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        fault = ConfigFault("not_toml", file, "", "not TOML: nested too deeply")
-    except ValueError as error:  # also a number of thousands of digits
-        # the standard library gives the place of an error only in its text
-        found = re.search(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
-        what = found[1] if found else str(error)
-        line, column = (found[2], found[3]) if found and found[2] else (str(text.count("\n") + 1), "1")
-        place = f"{file}:{line}" if isinstance(error, tomllib.TOMLDecodeError) else file
-        column = f" (column {column})" if isinstance(error, tomllib.TOMLDecodeError) else ""
-        fault = ConfigFault("not_toml", place, "", f"not TOML: {what[:1].lower()}{what[1:]}{column}")
-    raise ConfigError(fault)
+        message = "is nested too deeply"
+    except ValueError as error:  # also a number of thousands of digits; the text has the line
+        message = str(error)
+    raise ConfigError(ConfigFault("not_toml", file, "", f"not TOML: {message}"))
 
 
 def line_numbers(text: str) -> dict[str, int]:
     """Return the line of each section and setting by its dotted name, as far as single lines show it."""
-    found: dict[str, int] = {}
+    lines: dict[str, int] = {}
     table = ""
     name = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
     for number, line in enumerate(text.splitlines(), 1):
@@ -92,9 +86,9 @@ def line_numbers(text: str) -> dict[str, int]:
         else:
             continue
         while full:
-            found.setdefault(full, number)
+            lines.setdefault(full, number)
             full = full.rpartition(".")[0]
-    return found
+    return lines
 
 
 def _unquoted(key: str) -> str:

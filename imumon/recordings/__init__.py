@@ -1,15 +1,15 @@
 """Recordings: files as sources of samples.
 
-recording         opening a file of any format, decoding raw captures
-base              what every recording offers, how it is read, errors
+recording         files of any format, decoded raw captures
+base              contract of recordings, options for reading, errors
 raw_capture       raw bytes of a device, read back
-capture_writer    raw bytes of a device, kept on disk
-recording_header  what a capture says of itself
+capture_writer    raw bytes of a device, written to disk
+recording_header  description of the device in a capture
 csv, npz, rosbag  tables and bags
 table             rows of numbers as samples
-columns           which columns of a table make a stream
-column_names      what the name of a column says
-unit_inference    which units the numbers of a column can have
+columns           columns of a table that form a stream
+column_names      quantity, axis and unit in the name of a column
+unit_inference    possible units of the numbers of a column
 """
 
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from imumon.errors import ImumonError
 from imumon.samples import Gap, Kind, SampleBlock
@@ -37,8 +37,7 @@ class ReadOptions:
     Attributes
     ----------
     kind : stream of a table that has several; None: the best.
-    columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; what it does not name is found by the
-        names.
+    columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; other channels are found by the names.
     rate_hz : Hz, configured sample rate; None: not configured.
     topic : of a bag; None: the only one.
     block_bytes : bytes of a raw capture that are decoded at once.
@@ -51,32 +50,27 @@ class ReadOptions:
     block_bytes: int = BLOCK_BYTES
 
 
-class Recording(Protocol):
-    """A recording of any format: iterate to get sample blocks, and the gaps between them.
+class Recording:
+    """Base class of recordings: iterate to get sample blocks, and the gaps between them.
 
     Attributes
     ----------
     header : what is known of the device, or None.
-    problem : after reading: why it ended early, or None.
-    remarks : after reading: what was left out or is doubtful, one line each.
+    problem : why reading ended early, or None.
+    remarks : what was left out or is doubtful, one line each.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
     progress : share that has been read, 0 to 1; None: unknown.
     """
 
-    @property
-    def header(self) -> Mapping[str, Any] | None: ...
-    @property
-    def problem(self) -> str | None: ...
-    @property
-    def remarks(self) -> Sequence[str]: ...
-    @property
-    def fed(self) -> int: ...
-    @property
-    def discarded(self) -> int: ...
-    @property
-    def bad_checksums(self) -> int: ...
-    @property
-    def progress(self) -> float | None: ...
-    def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]: ...
+    header: Mapping[str, Any] | None = None
+    problem: str | None = None
+    remarks: Sequence[str] = ()
+    fed = discarded = bad_checksums = 0
+    progress: float | None = None
+
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
+        raise NotImplementedError
+
     def no_samples(self) -> RecordingError:
         """Return the error that says why the recording has no samples."""
+        raise NotImplementedError

@@ -1,6 +1,6 @@
-"""Capture writer: keeps the bytes of a device on disk while they arrive.
+"""Capture writer: bytes of a device, written to disk while they arrive.
 
-Writing runs in a thread of its own, and a full disk ends the recording, not the reading. An existing file is
+Writing runs in its own thread, and a full disk ends the recording, not the reading. An existing file is
 never overwritten: a new run uses the next free number. `RawCapture` reads the parts in order.
 """
 
@@ -27,18 +27,11 @@ FLUSH_S = 1.0
 """s of data that a kill may cost."""
 
 COMPRESSED_FLUSHES = 10
-"""Factor of `FLUSH_S` for a compressed recording: each flush costs some of the compression."""
-
-GZIP_LEVEL = 6
+"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression."""
 
 
 def check_place(path: str) -> None:
-    """Check whether a recording can be made at a path; a full disk does not show here.
-
-    Raises
-    ------
-    RecordingError : no file can be made there.
-    """
+    """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here."""
     folder = os.path.dirname(path) or "."
     place = path if os.path.exists(path) else folder
     if not os.path.isdir(folder):
@@ -69,11 +62,11 @@ class CaptureWriter:
     ----------
     path : file that is written now.
     written_bytes : raw bytes written so far.
-    stopped : why the recording ended by itself, in one line for people; None while it runs.
+    stopped : why the recording ended by itself, in one line; None while it runs.
 
     Raises
     ------
-    RecordingError : the file cannot be made.
+    RecordingError : the file cannot be created.
     """
 
     def __init__(
@@ -145,7 +138,7 @@ class CaptureWriter:
                 break
             except FileExistsError:
                 continue
-        self._out: Any = gzip.GzipFile("", "wb", GZIP_LEVEL, self._file) if self._compress else self._file
+        self._out: Any = gzip.GzipFile("", "wb", 6, self._file) if self._compress else self._file
         self._in_part = 0
         first = self._header.setdefault("run", f"{self._header.get('time', '')} {os.getpid()} {self._number}")
         place = {"run": first, "part": self._number, "base": os.path.basename(self._base)}
@@ -153,16 +146,9 @@ class CaptureWriter:
         self._flush()
 
     def _end_part(self) -> None:
-        try:
+        with self._file:
             if self._out is not self._file:
                 self._out.close()
-        finally:
-            self._file.close()
-
-    def _removed(self) -> bool:
-        """Return whether the file was removed, so that what is written to it is lost."""
-        now = os.fstat(self._file.fileno())
-        return stat.S_ISREG(now.st_mode) and now.st_nlink == 0
 
     def _flush(self) -> None:
         self._out.flush()
@@ -179,14 +165,16 @@ class CaptureWriter:
                     self._backlog.clear()
                     self._waiting = 0
                 full = self._rotate and self._in_part and self._in_part + len(data) > self._rotate
-                if data and (full or self._removed()):
+                file = os.fstat(self._file.fileno())
+                removed = stat.S_ISREG(file.st_mode) and file.st_nlink == 0
+                if data and (full or removed):
                     self._end_part()
                     self._begin_part()
                 self._out.write(data)
                 self._flush()
                 self._in_part += len(data)
                 self.written_bytes += len(data)
-        except Exception as error:  # whatever it is, it is reported
+        except Exception as error:  # any error is reported in `stopped`
             why = error.strerror if isinstance(error, OSError) else str(error)
             self._stop((why or type(error).__name__).lower())
         with contextlib.suppress(OSError):
@@ -198,21 +186,13 @@ class CaptureWriter:
 
 
 def _open_pipe(path: str) -> BinaryIO:
-    """Open a pipe or a device for writing, without waiting for a reader of the pipe.
-
-    Raises
-    ------
-    OSError : it cannot be opened. RecordingError : no program reads the pipe.
-    """
+    """Open a pipe or a device for writing, without waiting for a reader of the pipe."""
     try:
         file = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         if error.errno == errno.ENXIO and stat.S_ISFIFO(os.stat(path).st_mode):
-            raise RecordingError(
-                "pipe_without_reader",
-                f"cannot record to {path}: no program reads that pipe",
-                "start its reader first",
-            ) from None
+            text = f"cannot record to {path}: no program reads that pipe"
+            raise RecordingError("pipe_without_reader", text, "start its reader first") from None
         raise
     os.set_blocking(file, True)
     return os.fdopen(file, "wb")

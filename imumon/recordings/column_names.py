@@ -1,8 +1,8 @@
-"""Column names: what the name of a column says of its contents.
+"""Column names: quantity, axis, kind and unit in the name of a column.
 
 The same quantity is named `gyro_x [rad/s]`, `IMU::UncompGyro::X [rad/s]`, `angular_velocity.x` or `wx`. A
-name is split into words; the last word is the axis, the others are the sensor, what the sensor has done to
-the values already, and the unit. Without a unit, the values are in SI units.
+name is split into words; the last word is the axis, the others are the sensor, its processing (compensated or
+not) and the unit. Without a unit, the values are in SI units.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ _INTERVALS = ({"dt"}, {"delta", "time"}, {"delta", "t"})
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column and what its name says of it.
+    """Column with the quantity, axis, kind and unit that its name shows.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Column:
 
 
 def unit_of(text: str, quantity: str) -> str | None:
-    """Return a unit as `UNITS` has it; None if it is unknown.
+    """Return a unit as in `UNITS`; None if it is unknown.
 
     >>> unit_of("rad s^-1", "gyro"), unit_of("m/s²", "accel"), unit_of("furlong", "accel")
     ('rad/s', 'm/s2', None)
@@ -140,7 +140,7 @@ def unit_of(text: str, quantity: str) -> str | None:
 
 
 def parse_name(index: int, name: str) -> Column:
-    """Return what the name of a column says.
+    """Return quantity, axis, kind and unit by the name of a column.
 
     >>> column = parse_name(3, "IMU::UncompGyro::X [rad/s]")
     >>> column.quantity, column.axis, column.kind, column.unit
@@ -158,7 +158,7 @@ def parse_name(index: int, name: str) -> Column:
 
 
 def assigned_column(index: int, name: str, quantity: str, axis: str | None, unit: str | None) -> Column:
-    """Return a column that the user has assigned; its unit is that of the name if none was given.
+    """Return a column that the user has assigned; without a given unit, that of the name applies.
 
     >>> assigned_column(2, "p [deg/s]", "gyro", "x", None).unit
     'deg/s'
@@ -171,12 +171,12 @@ def assigned_column(index: int, name: str, quantity: str, axis: str | None, unit
 def _parts(name: str) -> tuple[list[str], str | None, str | None]:
     """Return the words of a name, its axis, and its unit as written there."""
     text, unit, axis = name.strip().strip("\"'").lstrip("#% "), None, None
-    if found := re.search(r"[\[(]([^\])]*)[\])]\s*$", text):
-        text, inside = text[: found.start()], found.group(1)
-        if inside in ("0", "1", "2"):
-            axis = AXES[int(inside)]
+    if match := re.search(r"[\[(]([^\])]*)[\])]\s*$", text):
+        text = text[: match.start()]
+        if match[1] in ("0", "1", "2"):
+            axis = AXES[int(match[1])]
         else:
-            unit = inside
+            unit = match[1]
     words, suffix = _suffix(words_of(text))
     if axis is None and words and words[-1] in AXES:
         axis = words.pop()
@@ -189,8 +189,8 @@ def words_of(text: str) -> list[str]:
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
     words = []
     for word in re.findall(r"[a-zµ]+[0-9]*|[0-9]+", text.lower()):
-        if found := _AXIS_SUFFIX.match(word):
-            words += ["gyro" if found.group(1) == "g" else found.group(1), found.group(2)]
+        if match := _AXIS_SUFFIX.match(word):
+            words += ["gyro" if match[1] == "g" else match[1], match[2]]
         else:
             words.append(word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word)
     return words
@@ -214,8 +214,7 @@ def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None
     """Return quantity, kind and rank of the words of a name."""
     if words & _EXCLUDED:
         return None, None, 0
-    delta = "delta" in words or bool(words & {"dtheta", "dvel", "dv"})
-    if axis is not None and delta:
+    if axis is not None and words & {"delta", "dtheta", "dvel", "dv"}:
         if words & {"theta", "angle", "dtheta"}:
             return "angle", "deltas", 0
         if words & {"vel", "velocity", "v", "dvel", "dv"}:
@@ -240,7 +239,7 @@ def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None
         kind = "uncompensated"
     elif words & {"comp", "compensated"} or {"angular", "rate"} <= words:
         kind = "compensated"
-    if {"angular", "velocity"} <= words or {"angular", "vel"} <= words or {"ang", "vel"} <= words:
+    if words & {"angular", "ang"} and words & {"velocity", "vel"}:
         return "gyro", kind, len(words - _NEUTRAL - {"ang"})
     for sensor in ("gyro", "accel", "mag"):
         if words & _SENSORS[sensor]:

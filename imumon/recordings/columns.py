@@ -1,6 +1,6 @@
-"""Columns: which columns of a table make a stream.
+"""Columns of a table that form a stream.
 
-By their names (`column_names`) there may be several streams; the best is used. ``--map
+A table may have several streams by the names of its columns (`column_names`); the best is used. ``--map
 gyro/x=COLUMN:UNIT,...`` overrides what it names, and nothing else. `ColumnLayout.remarks` name every column
 of a sensor that is not used. This module knows no files: names in, `ColumnLayout` out.
 """
@@ -44,7 +44,7 @@ MAP_EXAMPLE = "--map gyro/x=COLUMN:UNIT,..."
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of a table that make a stream.
+    """Columns of a table that form a stream.
 
     Attributes
     ----------
@@ -73,23 +73,23 @@ def layout(
     ----------
     names : of all columns.
     kind : of a table with several streams; None: the best.
-    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; what it does not name is found by
-        the names.
+    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; others are found by the names.
 
     Raises
     ------
-    RecordingError : there is no complete gyroscope or accelerometer, or not what was asked for.
+    RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream.
     """
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
     named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
-    columns = _overridden(named, assigned)
+    used = {column.index for column in assigned.values()}
+    columns = [*assigned.values()]
+    columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
     pointwise = any(sensor_of(channel) in INERTIAL for channel in assigned)
     for candidate in (kind,) if kind else KINDS[pointwise:]:
-        found = _stream(columns, candidate)
-        if found is not None:
-            _check_units(found)
-            _check_complete(found, assigned)
-            return replace(found, remarks=tuple(_unused(columns, found)))
+        if (stream := _stream(columns, candidate)) is not None:
+            _check_units(stream)
+            _check_complete(stream, assigned)
+            return replace(stream, remarks=tuple(_unused(columns, stream)))
     raise _no_stream(names, columns, kind)
 
 
@@ -100,13 +100,6 @@ def _assigned(names: Sequence[str], channel: str, text: str, kind: Kind | None) 
         quantity = {"gyro": "angle", "accel": "velocity"}.get(quantity, quantity)
     index, unit = _find(names, text, quantity)
     return assigned_column(index, names[index].strip(), quantity, axis or None, unit)
-
-
-def _overridden(columns: Sequence[Column], assigned: Mapping[str, Column]) -> list[Column]:
-    """Return the columns with the assigned ones in place of those that their names suggest."""
-    used = {column.index for column in assigned.values()}
-    free = [c for c in columns if c.index not in used and channel_of(c) not in assigned]
-    return [*assigned.values(), *free]
 
 
 def channel_of(column: Column) -> str:
@@ -121,12 +114,8 @@ def _check_complete(found: ColumnLayout, assigned: Mapping[str, Column]) -> None
         sensor = sensor_of(channel)
         if sensor in SENSORS and channel not in found.channels:
             missing = [f"{sensor}/{axis}" for axis in AXES if f"{sensor}/{axis}" not in assigned]
-            raise RecordingError(
-                "map_incomplete",
-                f"--map names only a part of a sensor: {_list(missing)} is missing, "
-                "and no column is that by its name",
-                f"name it too, {missing[0]}=COLUMN:UNIT",
-            )
+            text = f"--map names only a part of a sensor: {_list(missing)} is missing and no name shows it"
+            raise RecordingError("map_incomplete", text, f"name it too, {missing[0]}=COLUMN:UNIT")
 
 
 def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:
@@ -161,11 +150,8 @@ def _check_units(found: ColumnLayout) -> None:
     """Check that all units are known."""
     for column in (*found.columns, *found.times[:1], found.interval):
         if column is not None and column.unknown_unit and column.quantity:
-            raise RecordingError(
-                "unknown_unit",
-                f"the unit {column.unknown_unit!r} of column {column.name!r} is unknown",
-                f"use one of {_list(UNITS[column.quantity])}",
-            )
+            text = f"the unit {column.unknown_unit!r} of column {column.name!r} is unknown"
+            raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[column.quantity])}")
 
 
 def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
@@ -192,26 +178,15 @@ def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
 
 
 def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:
-    """Return the axes of a sensor: of a kind, else of unknown kind, else of any kind but deltas.
-
-    An assigned column is of every kind.
-    """
-    others: tuple[Kind | None, ...] = (kind, None, "uncompensated", "compensated")
-    if kind == "deltas":
-        others = ("deltas",)
-    elif quantity == "gyro":
-        others = (kind, None)
+    """Return the axes of a sensor of a kind, else of unknown, else of any other kind but deltas."""
+    others: tuple[Kind | None, ...] = ("deltas",) if kind == "deltas" else (kind, None)
+    if kind != "deltas" and quantity != "gyro":
+        others += ("uncompensated", "compensated")
     for each in others:
-        axes = [
-            [
-                c
-                for c in columns
-                if c.quantity == quantity and c.axis == axis and (c.kind == each or c.rank < 0)
-            ]
-            for axis in AXES
-        ]
-        if all(axes):
-            return tuple(min(found, key=lambda c: c.rank) for found in axes)
+        fitting = [c for c in columns if c.quantity == quantity and (c.kind == each or c.rank < 0)]
+        axes = [_best([c for c in fitting if c.axis == axis], quantity) for axis in AXES]
+        if None not in axes:
+            return tuple(filter(None, axes))
     return ()
 
 
@@ -232,8 +207,8 @@ def _times(columns: Sequence[Column]) -> tuple[tuple[Column, ...], bool]:
 
 def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | None]:
     """Return the column of a ``--map``, by its name with or without unit or its number, and its unit."""
-    bare = [without_unit(name.strip()) for name in names]
     whole = [name.strip() for name in names]
+    bare = [without_unit(name) for name in whole]
     tries: list[tuple[str, str | None]] = [(text, None)]
     if ":" in text:
         name, _, unit = text.rpartition(":")
@@ -242,27 +217,17 @@ def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | No
             text = f"the unit {unit!r} in --map is unknown"
             raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[quantity])}")
     for name, given_unit in tries:
-        for index, candidates in enumerate(zip(whole, bare, strict=True)):
-            if name in candidates:
-                return index, given_unit
+        if name in (*whole, *bare):
+            return min(each.index(name) for each in (whole, bare) if name in each), given_unit
         if name.isdigit() and 1 <= int(name) <= len(names):
             return int(name) - 1, given_unit
-    similar = difflib.get_close_matches(tries[0][0], whole, 3, SIMILAR)
-    raise RecordingError(
-        "unknown_column",
-        f"no column {tries[0][0]!r} for --map",
-        f"similar: {_list(similar)}" if similar else _all_columns(whole),
-    )
+    name = tries[0][0]
+    raise RecordingError("unknown_column", f"no column {name!r} for --map", _similar(name, whole))
 
 
 def parse_map(text: str) -> dict[str, str]:
-    """Return ``gyro/x=wx:deg/s,t=stamp:ns`` as a dict.
-
-    Raises
-    ------
-    OptionError : not of that form.
-    """
-    found = {}
+    """Return ``gyro/x=wx:deg/s,t=stamp:ns`` as a dict; raise `OptionError` if it has another form."""
+    columns = {}
     channels = (*GYRO, *ACCEL, *MAG, "temperature", "pressure", "t", "dt")
     for part in text.split(","):
         channel, equals, column = part.strip().partition("=")
@@ -270,27 +235,21 @@ def parse_map(text: str) -> dict[str, str]:
             similar = difflib.get_close_matches(channel, channels, 1, SIMILAR)
             cure = f"write {similar[0] if similar else 'gyro/x'}=COLUMN:UNIT"
             raise OptionError("map_syntax", f"--map {part.strip()!r} names no channel", cure)
-        found[channel] = column.strip()
-    return found
+        columns[channel] = column.strip()
+    return columns
 
 
 def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> RecordingError:
-    """Return the error that says what is missing, and what is similar."""
+    """Return the error that names what is missing and the similar columns."""
     if kind and any(_stream(columns, other) for other in KINDS):
-        return RecordingError(
-            "no_stream", f"there is no {kind} stream in it", "leave --stream out for the best"
-        )
+        text = f"there is no {kind} stream in it"
+        return RecordingError("no_stream", text, "leave --stream out for the best")
     incomplete = [c.name for c in columns if c.quantity in SENSORS and c.quantity != "mag"]
     if incomplete:
-        return RecordingError(
-            "sensor_incomplete",
-            f"only {_list(incomplete)} of gyroscope and accelerometer",
-            f"add the three axes, or name them with {MAP_EXAMPLE}",
-        )
-    stripped = [name.strip() for name in names]
-    similar = difflib.get_close_matches("gyro_x", stripped, 3, SIMILAR)
-    hint = f"similar: {_list(similar)}" if similar else _all_columns(stripped)
-    text = f"no column is that of a gyroscope or accelerometer ({hint})"
+        text = f"only {_list(incomplete)} of gyroscope and accelerometer"
+        cure = f"add the three axes, or name them with {MAP_EXAMPLE}"
+        return RecordingError("sensor_incomplete", text, cure)
+    text = f"no column is that of a gyroscope or accelerometer ({_similar('gyro_x', names)})"
     return RecordingError("no_sensor", text, f"name them with {MAP_EXAMPLE}")
 
 
@@ -299,8 +258,12 @@ def without_unit(name: str) -> str:
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name)
 
 
-def _all_columns(names: Sequence[str]) -> str:
-    return f"columns: {_list(names[:LISTED])}{' ...' if len(names) > LISTED else ''}"
+def _similar(name: str, names: Sequence[str]) -> str:
+    """Return which names of columns are similar, else the first of all."""
+    stripped = [each.strip() for each in names]
+    if similar := difflib.get_close_matches(name, stripped, 3, SIMILAR):
+        return f"similar: {_list(similar)}"
+    return f"columns: {_list(stripped[:LISTED])}{' ...' if len(names) > LISTED else ''}"
 
 
 def _list(texts: Iterable[str]) -> str:

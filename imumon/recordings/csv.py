@@ -9,11 +9,10 @@ a number, a date or a time of day. Memory does not grow with the length.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime, time, timedelta
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.column_names import UNITS, unit_of
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.table import ROWS, TableRows
+from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.samples import Floats, SampleBlock
 
 PREAMBLE = 30
@@ -37,109 +36,59 @@ QUOTED = 30
 """Characters of a cell that are quoted in a message."""
 
 DAY_S = 86_400.0
-"""s of a day."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Head:
-    """What the first lines of a file show.
+class CsvFile(Table):
+    """A CSV file, gzip or not, as blocks of samples.
 
-    Attributes
-    ----------
-    header : header line; empty without one.
-    separator : see `separator_of`.
-    columns : which columns make the stream.
-    names : of all columns.
-    rows : lines read behind the header.
-    read : lines read so far.
+    Iterating raises `RecordingError` if its columns are not those of an inertial sensor.
     """
-
-    header: str
-    separator: str | None
-    columns: ColumnLayout
-    names: list[str]
-    rows: list[str]
-    read: int
-
-
-class CsvFile:
-    """A CSV file, gzip or not, as blocks of samples; see `Recording`.
-
-    Attributes
-    ----------
-    bad_checksums, discarded, fed : rows that lacked a number, 0, and bytes read.
-
-    Raises
-    ------
-    RecordingError : it cannot be read, or its columns are not those of an inertial sensor.
-    """
-
-    header: Mapping[str, Any] | None = None
-    discarded = 0
 
     def __init__(self, capture: RawCapture, options: ReadOptions) -> None:
         self._capture, self._options = capture, options
         self.path = capture.path
-        self.fed = 0
-        self.bad_checksums = 0
-        self._parser: _RowParser | None = None
         self._dates: dict[int, DateReader] = {}  # by column, of those with dates instead of numbers
-        self._rows: TableRows | None = None
-
-    @property
-    def remarks(self) -> Sequence[str]:
-        return [text for part in (self._parser, self._rows) if part is not None for text in part.remarks]
-
-    @property
-    def problem(self) -> str | None:
-        return self._capture.problem
-
-    @property
-    def progress(self) -> float | None:
-        return self._capture.progress
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         lines = self._lines()
-        head = self._head(lines)
-        self._rows = rows = TableRows(self.path, head.columns, "csv", self._options.rate_hz, head.names)
-        self._parser = _RowParser(self.path, head.header, head.separator, rows.columns, self._dates)
-        waiting: list[str] = []
-        before = head.read - len(head.rows)
-        for line in chain(head.rows, chain.from_iterable(lines)):
-            waiting.append(line)
+        waiting, before = self._read_head(lines)
+        for line in chain.from_iterable(lines):
             if len(waiting) >= ROWS:
-                yield self._blocks(rows, self._parser, waiting, before)
+                yield self._parsed(waiting, before)
                 before += len(waiting)
                 waiting = []
+            waiting.append(line)
         if waiting:
-            yield self._blocks(rows, self._parser, waiting, before, last=True)
-        yield list(rows.finish())
+            yield self._parsed(waiting, before, last=True)
+        yield self._with_invalid_rows(self._finish())
 
-    def _blocks(
-        self, rows: TableRows, parser: _RowParser, lines: list[str], before: int, *, last: bool = False
-    ) -> list[SampleBlock]:
-        numbers, places = parser.numbers(lines, before, last=last)
-        found = list(rows.blocks(rows.pick(numbers), places))
-        self.bad_checksums = rows.lost
-        return found
+    def _parsed(self, lines: list[str], before: int, *, last: bool = False) -> list[SampleBlock]:
+        return self._with_invalid_rows(self._blocks(*self._parser.numbers(lines, before, last=last)))
+
+    def _with_invalid_rows(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
+        """Return the same blocks and put the remark on invalid rows in front of the others."""
+        self.remarks = [*self._parser.remarks, *self.remarks]
+        return blocks
 
     def _lines(self) -> Iterator[list[str]]:
         """Yield the lines that end in each chunk of the file."""
         rest = b""
         for chunk in self._capture:
             self.fed += len(chunk)
+            self.problem, self.progress = self._capture.problem, self._capture.progress
             if b"\r" in chunk:
                 chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             *whole, rest = (rest + chunk).split(b"\n")
             yield [_decoded(line) for line in whole]
+        self.problem = self._capture.problem
         if rest.strip():
             yield [_decoded(rest)]
 
-    def _head(self, lines: Iterator[list[str]]) -> _Head:
-        """Find the header and the columns."""
+    def _read_head(self, lines: Iterator[list[str]]) -> tuple[list[str], int]:
+        """Find the header and the columns; return the lines read behind them, and how many are before."""
         seen: list[str] = []
         for some in lines:
             seen += some
@@ -153,11 +102,8 @@ class CsvFile:
             separator = separator_of(seen[begin])
             names = [str(k + 1) for k in range(len(split(seen[begin], separator)))]
             if not self._options.columns:
-                raise RecordingError(
-                    "no_header",
-                    f"{self.path} has no line that names its {len(names)} columns",
-                    "add one, or --map gyro/x=2:rad/s,... by number",
-                )
+                text = f"{self.path} has no line that names its {len(names)} columns"
+                raise RecordingError("no_header", text, "add one, or --map gyro/x=2:rad/s,... by number")
         else:
             header, begin, separator = seen[at], at + 1, separator_of(seen[at])
             names = split(header, separator)
@@ -168,17 +114,14 @@ class CsvFile:
         except RecordingError as error:
             raise error.of(self.path) from None
         found = self._with_readable_times(found, seen[begin:], separator)
-        return _Head(header, separator, found, names, seen[begin:], len(seen))
+        self._rows = TableRows(self.path, found, "csv", self._options.rate_hz, names)
+        self._parser = _RowParser(self.path, header, separator, self._rows.columns, self._dates)
+        return seen[begin:], begin
 
     def _with_readable_times(
         self, found: ColumnLayout, lines: Sequence[str], separator: str | None
     ) -> ColumnLayout:
-        """Return the columns without the times that cannot be read; dates are read as seconds.
-
-        Raises
-        ------
-        RecordingError : none of the times can be read.
-        """
+        """Return the columns without the times that cannot be read; dates are read as seconds."""
         cells = [split(line, separator) for line in lines if _has_cells(line)]
         times, unreadable = [], ""
         for column in found.times:
@@ -186,21 +129,17 @@ class CsvFile:
             texts = [text for text in texts if text.lower() not in MISSING]
             if not texts or any(_is_number(text.replace(",", ".")) for text in texts):
                 times.append(column)
-            elif any(_is_date(text) for text in texts):
+            elif any(_is_number(text, DateReader().seconds) for text in texts):
                 self._dates[column.index] = DateReader()
                 times.append(replace(column, unit="s"))
             else:
                 unreadable = unreadable or f"the time in {column.name} is not readable, {texts[0][:QUOTED]!r}"
         if unreadable and not times:
-            raise RecordingError(
-                "time_not_readable",
-                f"{self.path}: {unreadable}",
-                f"write numbers or 2026-01-31T12:00:00.000, or leave it out with {MAP_EXAMPLE} and --rate",
-            )
+            cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {MAP_EXAMPLE} and --rate"
+            raise RecordingError("time_not_readable", f"{self.path}: {unreadable}", cure)
         return replace(found, times=tuple(times))
 
     def no_samples(self) -> RecordingError:
-        """Return the error that says why there are no samples."""
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers behind it")
 
 
@@ -268,17 +207,9 @@ def split(line: str, separator: str | None) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in line.split(separator)]
 
 
-def _is_number(text: str) -> bool:
+def _is_number(text: str, read: Callable[[str], float] = float) -> bool:
     try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_date(text: str) -> bool:
-    try:
-        DateReader().seconds(text)
+        read(text)
     except ValueError:
         return False
     return True
@@ -297,11 +228,7 @@ class DateReader:
         self._last = 0.0
 
     def seconds(self, text: str) -> float:
-        """Return the seconds since the first date that was read.
-
-        Raises
-        ------
-        ValueError : it is no date.
+        """Return the seconds since the first date that was read; raise ValueError if it is no date.
 
         >>> dates = DateReader()
         >>> [dates.seconds(text) for text in ("23:59:59.5", "00:00:00.25", "23:59:59.75")]
@@ -340,14 +267,9 @@ class _RowParser:
     """
 
     def __init__(
-        self,
-        path: str,
-        header: str,
-        separator: str | None,
-        columns: Sequence[int],
-        dates: Mapping[int, DateReader],
+        self, path: str, header: str, separator: str | None, columns: list[int], dates: dict[int, DateReader]
     ) -> None:
-        self._path, self._header, self._separator, self._columns = path, header, separator, list(columns)
+        self._path, self._header, self._separator, self._columns = path, header, separator, columns
         self._dates = dates
         self.read = self.invalid = 0
         self._first_invalid = ""  # line and reason
@@ -355,38 +277,24 @@ class _RowParser:
     @property
     def remarks(self) -> list[str]:
         """What was left out, for people."""
-        if not self.invalid:
-            return []
         rows = (
-            "1 row is invalid and counts"
-            if self.invalid == 1
-            else f"{self.invalid:,} rows are invalid and count"
+            f"{self.invalid:,} rows are invalid and count"
+            if self.invalid > 1
+            else "1 row is invalid and counts"
         )
-        return [f"{rows} as lost; first {self._first_invalid}"]
+        return [f"{rows} as lost; first {self._first_invalid}"] if self.invalid else []
 
     def numbers(self, lines: list[str], before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the columns, and (n,) the line number of each row.
 
-        An invalid row is NaN, and its line 0.
-
-        Raises
-        ------
-        RecordingError : there are too many invalid rows; it names the first.
+        An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
         """
         try:
-            found = np.asarray(
-                np.loadtxt(
-                    lines,
-                    delimiter=self._separator,
-                    usecols=self._columns,
-                    ndmin=2,
-                    comments=None,
-                    quotechar='"',
-                    converters={column: dates.seconds for column, dates in self._dates.items()} or None,
-                    encoding="utf-8",
-                ),
-                dtype=np.float64,
-            )
+            convert: dict[int | str, Callable[[str], float]] = {k: d.seconds for k, d in self._dates.items()}
+            found: Floats = np.loadtxt(
+                lines, usecols=self._columns, delimiter=self._separator, converters=convert or None,
+                comments=None, quotechar='"', encoding="utf-8", ndmin=2
+            )  # fmt: skip
             places = [before + k + 1 for k, line in enumerate(lines) if line.strip()]
         except (ValueError, IndexError):
             end = len(lines) - 1 if last else -1
@@ -395,10 +303,8 @@ class _RowParser:
             places = [place for row, place in parsed if row]
         self.read += len(found)
         if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
-            raise RecordingError(
-                "too_many_invalid_rows",
-                f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid",
-            )
+            text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
+            raise RecordingError("too_many_invalid_rows", text)
         return found, places
 
     def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:

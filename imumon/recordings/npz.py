@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,27 +11,20 @@ import numpy as np
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.column_names import parse_name
 from imumon.recordings.columns import SENSORS, layout
-from imumon.recordings.table import ROWS, TableRows
+from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.samples import AXES, Floats, SampleBlock
 
 
-class NpzFile:
-    """A NumPy archive as blocks of samples; see `Recording`.
+class NpzFile(Table):
+    """A NumPy archive as blocks of samples.
 
     Raises
     ------
     RecordingError : it cannot be read, or has no inertial sensor.
     """
 
-    header: Mapping[str, Any] | None = None
-    discarded = 0
-    problem: str | None = None
-    progress: float | None = None
-
     def __init__(self, path: str, options: ReadOptions) -> None:
         self.path = path
-        self.fed = 0
-        self.bad_checksums = 0
         try:
             with np.load(path, allow_pickle=False) as archive:
                 whole = {name: archive[name] for name in archive.files}
@@ -54,17 +47,11 @@ class NpzFile:
         for start in range(0, count, ROWS):
             rows = np.column_stack([column[start : start + ROWS] for column in self._columns])
             self.fed += rows.nbytes
-            places = range(start + 1, start + 1 + len(rows))
-            yield list(self._rows.blocks(self._rows.pick(rows), places))
-            self.bad_checksums, self.progress = self._rows.lost, min(1.0, (start + ROWS) / count)
-        yield list(self._rows.finish())
-
-    @property
-    def remarks(self) -> Sequence[str]:
-        return self._rows.remarks
+            self.progress = min(1.0, (start + ROWS) / count)
+            yield self._blocks(rows, range(start + 1, start + 1 + len(rows)))
+        yield self._finish()
 
     def no_samples(self) -> RecordingError:
-        """Return the error that says why there are no samples."""
         return RecordingError("no_rows", f"{self.path} has arrays without a sample")
 
 

@@ -1,8 +1,8 @@
 """Raw capture: a file with the bytes of a device, read back.
 
-A capture holds what came from the device, byte for byte. `CaptureWriter` puts one line in front that says
-what it is: ``#imumon-recording {JSON}``. Where the stream was interrupted, another such line says for how
-long, ``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. `RawCapture` removes
+A capture holds the output of the device, byte for byte. `CaptureWriter` puts one line in front that
+describes it: ``#imumon-recording {JSON}``. Where the stream was interrupted, another such line has the length,
+``{"away_s": 3.2}``: a stream whose clock is not absolute shows no gap by itself. `RawCapture` removes
 these lines. A capture may consist of several files: parts of one run, and runs that continue the same record.
 """
 
@@ -20,7 +20,7 @@ from imumon.recordings.recording_header import read_header
 from imumon.samples import Gap
 
 MARK = b"#imumon-recording "
-"""Begin of a line that is no data."""
+"""Start of a line that is no data."""
 
 LONGEST_LINE = 1 << 16
 """Bytes of such a line; a longer one is data. Not critical."""
@@ -58,7 +58,7 @@ def part_path(path: str, part: int) -> str:
 class RawCapture:
     """A raw capture as chunks of bytes; memory does not grow with its length.
 
-    Iterate to get the chunks of a raw capture, of gzip of one, or of what `CaptureWriter` made. Of the
+    Iterate to get the chunks of a raw capture, gzip or not, or of the output of `CaptureWriter`. Of the
     latter, further parts of the same run and of runs that continue its record follow, if they lie beside it
     under their own names and are not in it already. `items` yields a `Gap` where the stream was interrupted.
 
@@ -105,7 +105,7 @@ class RawCapture:
         for path in self._later:
             self._behind += self._part.consumed
             before, self._part = self._part, _Part(path)
-            if self._key(self._part.header) in self._read:  # joined with others by hand
+            if _key(self._part.header) in self._read:  # its bytes are in an earlier file as well
                 self._part.close()
                 continue
             if self._part.field("run") != before.field("run"):
@@ -114,23 +114,22 @@ class RawCapture:
 
     def _read_part(self) -> Iterator[bytes | Gap]:
         run = self._part.field("run")
-        self._read.add(self._key(self._part.header))
+        self._read.add(_key(self._part.header))
         for item in self._part:
             if isinstance(item, bytes):
                 yield item
                 continue
-            self._read.add(self._key(item))
+            self._read.add(_key(item))
             if "run" not in item or item["run"] != run:  # else: parts of one run, joined in one file
                 run = item.get("run", run)
                 yield Gap(item.get("away_s"))
         if self._part.problem is not None and self.problem is None:
             self.problem = f"{self._part.path} {self._part.problem}"
 
-    @staticmethod
-    def _key(header: Mapping[str, Any] | None) -> tuple[Any, Any]:
-        """Return what identifies a part."""
-        fields = header or {}
-        return fields.get("run"), fields.get("part")
+
+def _key(header: Mapping[str, Any] | None) -> tuple[Any, Any]:
+    """Return what identifies a part."""
+    return (header or {}).get("run"), (header or {}).get("part")
 
 
 class _Part:
@@ -163,7 +162,6 @@ class _Part:
         return self._next if isinstance(self._next, bytes) else b""
 
     def field(self, name: str) -> Any:
-        """Return a field of the header, or None."""
         return (self.header or {}).get(name)
 
     def __iter__(self) -> Iterator[bytes | dict[str, Any]]:
@@ -255,9 +253,10 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
     number, base = header.get("part"), header.get("base")
     if not isinstance(number, int) or not isinstance(base, str) or path == "-":
         return found
-    folders = [os.path.dirname(place) for place in (path, os.path.realpath(path))]
     following = part_path(base, number + 1)
-    folder = next((f for f in folders if os.path.exists(os.path.join(f, following))), folders[1])
+    folder = os.path.dirname(path)
+    if not os.path.exists(os.path.join(folder, following)):
+        folder = os.path.dirname(os.path.realpath(path))
     run, record = header.get("run"), header.get("record")
     while True:
         number += 1

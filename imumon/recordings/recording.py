@@ -16,14 +16,14 @@ from imumon.recordings.rosbag import RosbagFile, is_bag
 from imumon.samples import Gap, SampleBlock
 
 SNIFF_BYTES = 1 << 14
-"""Bytes of a text among which its header line is looked for. Not critical."""
+"""Bytes of a text that are searched for its header line. Not critical."""
 
 UTF_16_ZEROS = 50
 """Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16."""
 
 
-class DecodedCapture:
-    """Samples of a raw capture, by the decoder of its device.
+class DecodedCapture(Recording):
+    """Samples of a raw capture, decoded by the decoder of its device.
 
     Parameters
     ----------
@@ -35,8 +35,6 @@ class DecodedCapture:
     RecordingError : there is no such driver, or it decodes no bytes.
     """
 
-    remarks: Sequence[str] = ()
-
     def __init__(self, capture: RawCapture, block_bytes: int) -> None:
         self.header = capture.header
         self._capture = capture
@@ -45,46 +43,33 @@ class DecodedCapture:
         try:
             self._driver = driver(scheme)
         except DeviceError as error:
-            raise RecordingError(error.code, f"{capture.path}: {error.message}", error.cure) from None
+            cure = "install the package that adds this device"
+            raise RecordingError(error.code, f"{capture.path}: {error.message}", cure) from None
         decoder = self._driver.decoder()
         if decoder is None:
             raise RecordingError("no_decoder", f"{capture.path}: the driver {scheme!r} decodes no captures")
         self._decoder: RawDecoder = decoder
 
-    @property
-    def problem(self) -> str | None:
-        return self._capture.problem
-
-    @property
-    def progress(self) -> float | None:
-        return self._capture.progress
-
-    @property
-    def fed(self) -> int:
-        return self._decoder.fed
-
-    @property
-    def discarded(self) -> int:
-        return self._decoder.discarded
-
-    @property
-    def bad_checksums(self) -> int:
-        return self._decoder.bad_checksums
-
     def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
         for item in _in_blocks(self._capture.items(), self._block_bytes):
-            yield [item] if isinstance(item, Gap) else sample_blocks(self._decoder.feed(item))
-        yield sample_blocks(self._decoder.finish())
+            items = [item] if isinstance(item, Gap) else sample_blocks(self._decoder.feed(item))
+            self._update_counters()
+            yield items
+        items = sample_blocks(self._decoder.finish())
+        self._update_counters()
+        yield items
+
+    def _update_counters(self) -> None:
+        decoder, capture = self._decoder, self._capture
+        self.fed, self.discarded, self.bad_checksums = decoder.fed, decoder.discarded, decoder.bad_checksums
+        self.problem, self.progress = capture.problem, capture.progress
 
     def no_samples(self) -> RecordingError:
-        """Return the error that says why the capture has no samples."""
         path, decoder = self._capture.path, self._decoder
         if decoder.messages:
             text = f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
             return RecordingError("no_inertial_messages", text)
-        text = (
-            f"{path} is no recording of a {self._driver.title}: not one valid message in {decoder.fed} bytes"
-        )
+        text = f"{path} has not one valid message of a {self._driver.title} in {decoder.fed} bytes"
         return RecordingError("no_messages", text)
 
 
@@ -119,31 +104,30 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
             head = file.read(16)
     if is_bag(path, head):
         return RosbagFile(path, options)
-    found = NpzFile(path, options) if head.startswith(b"PK\x03\x04") and path.endswith(".npz") else None
-    capture = RawCapture(path) if found is None else None
+    archive = head.startswith(b"PK\x03\x04") and path.endswith(".npz")
+    opened = NpzFile(path, options) if archive else RawCapture(path)
     if options.topic is not None:
-        raise OptionNotApplicable(
-            "topic_not_applicable", f"--topic is for bags, and {path} is none", "leave it out"
-        )
-    if capture is None:
-        assert found is not None
-        return found
-    if _is_utf_16(capture.head):
+        text = f"--topic is for bags, and {path} is none"
+        raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
+    if isinstance(opened, NpzFile):
+        return opened
+    start = opened.head[:200]
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:
         raise RecordingError("utf_16", f"{path} is text in UTF-16", "save it as UTF-8")
-    if _is_csv(capture, options):
-        return CsvFile(capture, options)
-    return DecodedCapture(capture, options.block_bytes)
-
-
-def _is_utf_16(head: bytes) -> bool:
-    return head[:2] in (b"\xff\xfe", b"\xfe\xff") and head[:200].count(0) > UTF_16_ZEROS
+    if _is_csv(opened, options):
+        return CsvFile(opened, options)
+    return DecodedCapture(opened, options.block_bytes)
 
 
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     """Return whether text is a table: its name says so, or its header names an inertial sensor."""
     head = capture.head[:SNIFF_BYTES]
-    if capture.header is not None or _has_messages(head):
+    if capture.header is not None:
         return False
+    if (decoder := driver().decoder()) is not None:
+        decoder.feed(head)
+        if decoder.messages:
+            return False
     name = capture.path.lower().removesuffix(".gz")
     if name.endswith((".csv", ".tsv")) or options.columns:
         return True
@@ -158,12 +142,3 @@ def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     except RecordingError:
         return False
     return True
-
-
-def _has_messages(head: bytes) -> bool:
-    """Return whether the default driver finds a valid message in the first bytes."""
-    decoder = driver().decoder()
-    if decoder is None:
-        return False
-    decoder.feed(head)
-    return decoder.messages > 0

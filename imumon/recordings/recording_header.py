@@ -1,6 +1,6 @@
 """Header of a raw capture: one line of JSON in front of the bytes, read defensively.
 
-Any program may have written it: a field that has not the form that `CaptureWriter` gives it is ignored.
+Any program may have written it: a field that does not have the form that `CaptureWriter` gives it is ignored.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ def read_header(line: bytes) -> dict[str, Any] | None:
     {'serial': '7', 'part': 0}
     """
     try:
-        found = json.loads(line)
+        fields = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    if not isinstance(found, dict):
+    if not isinstance(fields, dict):
         return None
-    read = {name: checked(found[name]) for name, checked in _FIELDS.items() if name in found}
-    return {name: value for name, value in read.items() if value is not None}
+    checked = {name: check(fields[name]) for name, check in _FIELDS.items() if name in fields}
+    return {name: value for name, value in checked.items() if value is not None}
 
 
 def _text(value: Any) -> str | None:
@@ -57,33 +57,25 @@ def _time(value: Any) -> str | None:
 
 
 def _texts(value: Any) -> list[str] | None:
-    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        return None
-    return [plain(item)[:MAX_CHARACTERS] for item in value]
+    texts = [_text(item) for item in value] if isinstance(value, list) else [None]
+    return None if None in texts else [text for text in texts if text is not None]
 
 
 def _text_by_name(value: Any) -> dict[str, str] | None:
-    if not isinstance(value, Mapping) or not all(isinstance(item, str) for item in value.values()):
-        return None
-    return {plain(key)[:MAX_CHARACTERS]: plain(item)[:MAX_CHARACTERS] for key, item in value.items()}
+    texts = _texts([*value.keys(), *value.values()]) if isinstance(value, dict) else None
+    return None if texts is None else dict(zip(texts[: len(value)], texts[len(value) :], strict=True))
 
 
 _FIELDS: Mapping[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("driver", "id", "model", "serial", "firmware", "stream", "record"), _text),
     "time": _time,
-    "driver": _text,
-    "id": _text,
-    "model": _text,
-    "serial": _text,
-    "firmware": _text,
-    "stream": _text,
     "rate_hz": _number(1e-4, 1e5),
     "alias_factor": _number(1e-3, 1e3),
     "caveats": _texts,
     "settings": _text_by_name,
     "away_s": _number(0.0, 1e10),
     "run": _path,
-    "record": _text,
     "part": _count,
     "base": _path,
 }
-"""Check of each field that is read: the value, or None if it has not the right form."""
+"""Check of each field that is read: the value, or None if it does not have the right form."""

@@ -7,7 +7,7 @@ unless ``--stream`` says otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from imumon.errors import ImumonError
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.column_names import Column
 from imumon.recordings.columns import ColumnLayout
-from imumon.recordings.table import ROWS, TableRows
+from imumon.recordings.table import ROWS, Table, TableRows
+from imumon.report import plain
 from imumon.samples import ACCEL, AXES, GYRO, SampleBlock
 
 IMU = "sensor_msgs/msg/Imu"
@@ -33,33 +34,25 @@ def is_bag(path: str, head: bytes) -> bool:
     return Path(path, "metadata.yaml").exists() or any(head.startswith(magic) for magic in MAGIC)
 
 
-class RosbagFile:
-    """Messages of one topic as blocks of samples; see `Recording`.
+class RosbagFile(Table):
+    """Messages of one topic as blocks of samples.
 
     Raises
     ------
     RecordingError : the bag cannot be read or has no IMU.
     """
 
-    header: Mapping[str, Any] | None = None
-    discarded = 0
-    problem: str | None = None
-    progress: float | None = None
-
     def __init__(self, path: str, options: ReadOptions) -> None:
-        # here, for the daemon imports this package and needs no bags
+        # imported here, because the daemon imports this package and needs no bags
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
         self.path = path
-        self.fed = 0
-        self.bad_checksums = 0
         try:
             self._reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
         except Exception as error:  # the package has many of its own
-            text = f"{path} cannot be read as a bag: {_first_line(error)}"
-            raise RecordingError("bag_corrupt", text) from None
+            raise RecordingError("bag_corrupt", f"{path} cannot be read as a bag: {_text(error)}") from None
         self._connections = self._choose(options.topic)
         kind = options.kind or "uncompensated"
         if kind == "deltas":
@@ -76,20 +69,20 @@ class RosbagFile:
 
     def _choose(self, topic: str | None) -> list[Any]:
         """Return the connections of the given topic, or of the only one."""
-        found = [c for c in self._reader.connections if c.msgtype == IMU]
-        topics = sorted({c.topic for c in found})
+        connections = [c for c in self._reader.connections if c.msgtype == IMU]
+        topics = sorted({c.topic for c in connections})
+        cure = f"choose --topic {' or '.join(topics)}"
         if not topics:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in self._reader.connections}))
             text = f"{self.path} has no {IMU}; there are {others or 'no messages'}"
             raise RecordingError("no_imu_topic", text)
         if topic is None and len(topics) > 1:
             text = f"{self.path} has several topics with {IMU}"
-            raise RecordingError("several_topics", text, f"choose --topic {' or '.join(topics)}")
+            raise RecordingError("several_topics", text, cure)
         if topic is not None and topic not in topics:
-            text = f"{self.path} has no topic {topic}"
-            raise RecordingError("unknown_topic", text, f"choose --topic {' or '.join(topics)}")
+            raise RecordingError("unknown_topic", f"{self.path} has no topic {topic}", cure)
         self._topic = topic or topics[0]
-        return [c for c in found if c.topic == self._topic]
+        return [c for c in connections if c.topic == self._topic]
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         total = sum(c.msgcount for c in self._connections) or None
@@ -101,43 +94,31 @@ class RosbagFile:
                 message: Any = self._reader.deserialize(raw, connection.msgtype)
                 stamp = message.header.stamp
                 now = stamp.sec * 1_000_000_000 + stamp.nanosec
-                first = (
-                    now if first is None else first
-                )  # as a float, a span is exact to the ns, an epoch is not
+                # as a float, a span is exact to the ns, an epoch is not
+                first = now if first is None else first
                 gyro, accel = message.angular_velocity, message.linear_acceleration
                 rows.append((gyro.x, gyro.y, gyro.z, accel.x, accel.y, accel.z, float(now - first)))
                 self.fed += len(raw)
                 done += 1
                 if len(rows) >= ROWS:
                     self.progress = None if total is None else done / total
-                    yield self._blocks(rows, done)
+                    yield self._blocks(np.array(rows), range(done - len(rows) + 1, done + 1))
                     rows = []
         except ImumonError:
             raise
         except Exception as error:
-            raise RecordingError("bag_corrupt", f"{self.path} is corrupt: {_first_line(error)}") from None
+            raise RecordingError("bag_corrupt", f"{self.path} is corrupt: {_text(error)}") from None
         finally:
             self._reader.close()
         if rows:
             self.progress = None if total is None else 1.0
-            yield self._blocks(rows, done)
-        yield list(self._rows.finish())
-
-    def _blocks(self, rows: list[tuple[float, ...]], done: int) -> list[SampleBlock]:
-        places = range(done - len(rows) + 1, done + 1)
-        found = list(self._rows.blocks(self._rows.pick(np.array(rows)), places))
-        self.bad_checksums = self._rows.lost
-        return found
-
-    @property
-    def remarks(self) -> Sequence[str]:
-        return self._rows.remarks
+            yield self._blocks(np.array(rows), range(done - len(rows) + 1, done + 1))
+        yield self._finish()
 
     def no_samples(self) -> RecordingError:
-        """Return the error that says why there are no samples."""
         return RecordingError("no_rows", f"{self.path} has no message on {self._topic}")
 
 
-def _first_line(error: Exception) -> str:
-    """Return the first line of an error of the library."""
-    return str(error).partition("\n")[0] or type(error).__name__
+def _text(error: Exception) -> str:
+    """Return an error of the library as one line."""
+    return plain(str(error).replace("\n", " ")) or type(error).__name__

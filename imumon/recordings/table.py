@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from imumon.errors import RateRequired
-from imumon.recordings.base import RecordingError
+from imumon.recordings.base import Recording, RecordingError
 from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
@@ -39,7 +39,7 @@ LONGEST_NS = 4e18
 """ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
 
 ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
-"""What a row of a table is called in messages."""
+"""Word for a row of a table in messages."""
 
 RATE_CURE = "give the sample rate with --rate"
 
@@ -49,10 +49,27 @@ OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
     "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
     "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),
 }
-"""What is wrong with a time that shows no rate, and what to do."""
+"""Message and cure for a time that shows no rate."""
 
 ZERO_CELSIUS = 273.15
 """K."""
+
+
+class Table(Recording):
+    """Recording that is a table: its rows go through `TableRows`."""
+
+    _rows: TableRows
+
+    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+        """Return the blocks of some rows and update the counters; see `TableRows.blocks`."""
+        blocks = list(self._rows.blocks(rows, places))
+        self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
+        return blocks
+
+    def _finish(self) -> list[SampleBlock]:
+        blocks = list(self._rows.finish())
+        self.remarks = self._rows.remarks
+        return blocks
 
 
 class TableRows:
@@ -61,7 +78,7 @@ class TableRows:
     Parameters
     ----------
     path : for messages.
-    columns : which columns make the stream.
+    columns : columns of the stream.
     what : kind of the table: ``csv``, ``npz``, ``bag``.
     rate_hz : Hz, configured sample rate; None: not configured.
     names : of all columns of the table.
@@ -91,7 +108,7 @@ class TableRows:
 
     @property
     def remarks(self) -> list[str]:
-        """Columns and rows that are not used, and what is assumed of units and stamps."""
+        """Columns and rows that are not used, and assumptions about units and stamps."""
         remarks = list(self._remarks)
         if self._incomplete:
             one = self._incomplete == 1
@@ -105,9 +122,8 @@ class TableRows:
             times = "once" if self._back == 1 else f"{self._back:,} times"
             remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
         if self._host is not None and self._host.back_s:
-            remarks.append(
-                f"its clock steps back by {self._host.back_s:.6g} s: a gap of unknown length, counted as none"
-            )
+            text = f"its clock steps back by {self._host.back_s:.6g} s"
+            remarks.append(f"{text}: a gap of unknown length, counted as none")
         return remarks
 
     @property
@@ -130,35 +146,28 @@ class TableRows:
         ------
         RecordingError : the numbers cannot have their unit. RateRequired : there is no time and no rate.
         """
-        if self._stream is None:
-            if not len(rows):
-                return
+        if self._stream is not None:
+            rows = rows[:, self._used]
+        elif len(rows):
             rows = self._begin(rows)
+        else:
+            return
         columns, width = self._layout, len(self._layout.columns)
         good = _present(rows).all(axis=1)
-        lost = np.zeros(len(rows), dtype=np.int64)
-        if not good.all():
-            kept = np.flatnonzero(good)
-            before = np.diff(np.concatenate([[-1], kept])) - 1
-            lost, bad = before, int(len(rows) - len(kept))
-            self.lost += bad
+        kept = np.flatnonzero(good)
+        if len(kept) < len(rows):
             self._note_incomplete(rows, np.flatnonzero(~good), places)
-            rows, places = rows[kept], [places[k] for k in kept.tolist()]
-            tail = bad - int(before.sum())
-            if len(kept):
-                lost[0] += self._lost_before
-                self._lost_before = 0
-            self._lost_before += tail
-        elif self._lost_before and len(rows):
-            lost[0], self._lost_before = self._lost_before, 0
-        if not len(rows):
+            places = [places[k] for k in kept.tolist()]
+        lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
+        bad = len(rows) - len(kept)
+        self.lost += bad
+        self._lost_before += bad - int(lost.sum())
+        if not len(kept):
             return
+        rows = rows[kept]
         assert self._stream is not None
-        values = np.empty((len(rows), width))
-        for k, column in enumerate(columns.columns):
-            values[:, k] = rows[:, k] * column.factor
-            if column.unit == "k":
-                values[:, k] -= ZERO_CELSIUS
+        values = rows[:, :width] * [column.factor for column in columns.columns]
+        values[:, [column.unit == "k" for column in columns.columns]] -= ZERO_CELSIUS
         if columns.kind == "deltas":
             values = self._over_interval(values, rows)
         if self._host is None:
@@ -172,7 +181,7 @@ class TableRows:
         yield from self._placed(self._host.place(self._nanoseconds(stamps).astype(np.float64)))
 
     def _note_incomplete(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
-        """Count rows that lack a number, and note where the first is."""
+        """Count rows that lack a number and note where the first is."""
         new = [k for k in bad.tolist() if places[k]]
         if new and not self._incomplete:
             present = _present(rows[new[0]]).tolist()
@@ -181,10 +190,7 @@ class TableRows:
         self._incomplete += len(new)
 
     def _note_back(self, times: Ints, places: Sequence[int]) -> None:
-        """Count the steps back of a sample clock, and note the first and its length.
-
-        One wrong stamp is no step: two on either side must agree.
-        """
+        """Count the steps back of a sample clock on which two stamps on either side agree; note the first."""
         recent = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
         now = recent[2:]
         back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(recent[1:-1], recent[:-2])
@@ -210,8 +216,6 @@ class TableRows:
         self._waiting = [values[len(lost) :]]
         yield SampleBlock(self._stream, values[: len(lost)], None, lost)
 
-    # ------------------------------------------------------------ the first rows
-
     def _begin(self, rows: Floats) -> Floats:
         """Decide on columns, clock and interval; return the rows without the columns that are left out."""
         rows = self._without_empty(rows)
@@ -220,11 +224,9 @@ class TableRows:
         self._remarks += unit_remarks(self._what, found.columns)
         whole = rows[_present(rows).all(axis=1)]
         if not len(whole):
-            raise RecordingError(
-                "no_complete_row",
-                f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}",
-                "if the sensors have rows of their own, put those of each into a file of its own",
-            )
+            text = f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}"
+            cure = "if each sensor has separate rows, write one file per sensor"
+            raise RecordingError("no_complete_row", text, cure)
         width = len(found.columns)
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
@@ -240,45 +242,36 @@ class TableRows:
         return rows
 
     def _rate_required(self) -> RateRequired:
-        """Return the error that says which columns may be a time."""
+        """Return the error that lists the columns that may be a time."""
         used = {column.index for column in self._layout.columns}
         others = [name.strip() for k, name in enumerate(self._names) if k not in used]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
-        return RateRequired(
-            "rate_required",
-            f"{self._path} has no clock: no column with numbers has the name of a time{hint}",
-            f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}",
-        )
+        text = f"{self._path} has no clock: no column with numbers has the name of a time{hint}"
+        return RateRequired("rate_required", text, f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}")
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
         if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_SHARE:
             return
-        shown = f"its time stamps show {1.0 / interval_s:.6g} Hz"
-        self._remarks.append(
-            f"{shown} and are those of a sample clock: --rate {self._rate:g} is not used"
-            if own
-            else f"{shown}, but are those of a host: --rate {self._rate:g} is used"
-        )
+        clock = " and are those of a sample clock" if own else ", but are those of a host"
+        used = f"--rate {self._rate:g} is {'not used' if own else 'used'}"
+        self._remarks.append(f"its time stamps show {1.0 / interval_s:.6g} Hz{clock}: {used}")
 
     def _without_empty(self, rows: Floats) -> Floats:
         """Leave out columns with few numbers: an empty time, a slower magnetometer."""
         found = self._layout
         count = len(found.columns)
-        full = np.isfinite(rows).mean(axis=0) if len(rows) else np.zeros(rows.shape[1])
+        full = np.isfinite(rows).mean(axis=0)
         empty = self._empty_sensors(full)
-        keep = [
-            k
-            for k, name in enumerate(found.channels)
-            if (sensor_of(name) not in empty if sensor_of(name) in INERTIAL else full[k] > FILLED)
-        ]
+        sensors = [sensor_of(name) for name in found.channels]
+        keep = [k for k, s in enumerate(sensors) if (s not in empty if s in INERTIAL else full[k] > FILLED)]
         times = [k for k in range(len(found.times)) if full[count + k] > FILLED]
         times = times if found.split_time else times[:1]
-        interval = [count + len(found.times)] if found.interval is not None else []
-        if interval and full[interval[0]] <= FILLED:
-            interval = []
+        interval = [k for k in range(count + len(found.times), len(full)) if full[k] > FILLED]
         self._used = [*keep, *(count + k for k in times), *interval]
-        self._note_sparse(full)
+        columns = enumerate(self._all_columns())
+        if sparse := [c.name for k, c in columns if k not in self._used and 0 < full[k] <= FILLED]:
+            self._remarks.append(f"{', '.join(sparse)} not used: too many rows lack it")
         self._layout = replace(
             found,
             channels=tuple(found.channels[k] for k in keep),
@@ -287,13 +280,6 @@ class TableRows:
             interval=found.interval if interval else None,
         )
         return rows[:, self._used]
-
-    def _note_sparse(self, full: Floats) -> None:
-        """Note columns that are left out because hardly a row has them."""
-        columns = self._all_columns()
-        left = [c.name for k, c in enumerate(columns) if k not in self._used and 0 < full[k] <= FILLED]
-        if left:
-            self._remarks.append(f"{', '.join(left)} not used: too many rows lack it")
 
     def _empty_sensors(self, full: Floats) -> set[str]:
         """Return inertial sensors with an axis without numbers; none if no other would be left."""
@@ -306,10 +292,6 @@ class TableRows:
             column = self._layout.columns[axis[sensor]].name
             self._remarks.append(f"{column} holds no numbers: {sensor} is left out")
         return empty
-
-    def pick(self, rows: Floats) -> Floats:
-        """Return later rows, (n, k) with the columns of `columns`, without those that are left out."""
-        return rows if self._stream is None else rows[:, self._used]
 
     def _clock(self, times: Floats) -> tuple[Clock, float]:
         """Return clock and interval, s, from the times of the first rows."""
@@ -342,15 +324,12 @@ class TableRows:
         self._remarks.append(text)
         return "none", interval * 1e-9 if self._rate is None else 1.0 / self._rate
 
-    # ------------------------------------------------------------ every block
-
     def _over_interval(self, values: Floats, rows: Floats) -> Floats:
         """Divide angles and velocities by the interval of each sample, else by the common one."""
         found = self._layout
         assert self._stream is not None
-        interval: Any = self._stream.interval_s
-        if found.interval is not None:
-            interval = (rows[:, -1] * found.interval.factor)[:, None]
+        own = found.interval
+        interval: Any = self._stream.interval_s if own is None else rows[:, -1:] * own.factor
         inertial = [k for k, name in enumerate(found.channels) if sensor_of(name) in INERTIAL]
         values[:, inertial] /= interval
         return values
@@ -367,10 +346,9 @@ class TableRows:
     def _nanoseconds(self, times: Floats) -> Ints:
         """Return (n,) ns since the first row of (n, 1 or 2) times as in the table."""
         assert self._origin is not None
-        total = np.zeros(len(times))
-        for k, scale in enumerate(self._scales):
-            total += (times[:, k] - self._origin[k]) * scale
-        return np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
+        total: Floats = (times - self._origin) @ np.array(self._scales)
+        nanoseconds: Ints = np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
+        return nanoseconds
 
 
 def _present(rows: Floats) -> Bools:

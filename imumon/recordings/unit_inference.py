@@ -1,4 +1,4 @@
-"""Unit inference: which units the numbers of a table can have.
+"""Unit inference: possible units of the numbers of a table.
 
 The name of a column may have no unit or a wrong one, and a wrong unit makes every result wrong. A sensor at
 rest measures one g and turns slowly, and inertial sensors sample at 1 Hz to some kHz: where that decides, the
@@ -39,12 +39,7 @@ ARRAY_SUFFIXES = {"deg/s": "dps", "rad/s": "rads"}
 
 
 def unit_cure(what: str, columns: Sequence[Column], unit: str) -> str:
-    """Return what to do to give the unit of some columns.
-
-    Parameters
-    ----------
-    what : kind of the table, ``csv``, ``npz`` or ``bag``.
-    """
+    """Return how to give the unit of some columns of a ``csv``, ``npz`` or ``bag``."""
     if what == "bag":
         return "its driver must send SI units"
     assigned = (f"{channel_of(column)}={without_unit(column.name)}:{unit}" for column in columns)
@@ -63,9 +58,8 @@ def unit_remarks(what: str, columns: Sequence[Column]) -> list[str]:
         bare = [c for c in columns if c.quantity == quantity and c.unit is None]
         if bare:
             names = ", ".join(column.name for column in bare)
-            remarks.append(
-                f"{names} without a unit: {si} is assumed; if it is {other}, {unit_cure(what, bare, other)}"
-            )
+            text = f"{names} without a unit: {si} is assumed; if it is {other}"
+            remarks.append(f"{text}, {unit_cure(what, bare, other)}")
     return remarks
 
 
@@ -92,24 +86,16 @@ def check_magnitudes(path: str, what: str, found: ColumnLayout, rows: Floats) ->
         # the median: a few wrong numbers say nothing of the unit
         size = float(np.median(np.linalg.norm(valid * [column.factor for column in columns], axis=1)))
         bare = [column for column in columns if column.unit is None]
-        fits = [
-            u
-            for u in ("g", "mg")
-            if sensor == "accel" and _within(size / (1.0 if u == "g" else 1000.0), ONE_G)
-        ]
+        fits = [u for u, g in (("g", 1.0), ("mg", 1e3)) if sensor == "accel" and _within(size / g, ONE_G)]
         if size <= most and not (bare and fits):
             continue
         unit = (fits or [likely])[0]
         wrong = bare or columns
         given = f"is in {wrong[0].unit}" if not bare else f"has no unit, which means {si}"
         if sensor == "accel" and not fits:
-            code, cure = (
-                "raw_counts",
-                (
-                    "that is one g in none of m/s2, g, mg: if these are raw counts, divide them by "
-                    f"the counts per g of the data sheet, then {unit_cure(what, wrong, 'g')}"
-                ),
-            )
+            code = "raw_counts"
+            cure = "that is one g in none of m/s2, g, mg: if these are raw counts, divide them by the counts "
+            cure += f"per g of the data sheet, then {unit_cure(what, wrong, 'g')}"
         else:
             code, cure = "wrong_unit", f"if it is {unit}, {unit_cure(what, wrong, unit)}"
             cure += "; if these are raw counts, scale them first" if sensor == "gyro" else ""
@@ -136,30 +122,22 @@ def time_unit(
     if column.unit is not None:
         if _within(rates[column.unit], POSSIBLE_HZ):
             return column.unit, None
-        raise RecordingError(
-            "wrong_time_unit",
-            f"{path}: {column.name} is in {column.unit}, but its steps of {step:.3g} would then be "
-            f"{rates[column.unit]:.3g} Hz",
-            _choices(what, column, usual, rates),
-        )
+        text = f"{path}: {column.name} is in {column.unit}, but its steps of {step:.3g} would then be "
+        text += f"{rates[column.unit]:.3g} Hz"
+        raise RecordingError("wrong_time_unit", text, _choices(what, column, usual, rates))
     if rate_hz is not None:
         return min(rates, key=lambda unit: abs(math.log(rates[unit] / rate_hz))), None
     dated = [u for u in rates if _within(abs(float(times[0])) * UNITS["t"][u] * 1e-9, SINCE_1970_S)]
     likely = [unit for unit in usual if unit in dated] or usual
     likely = likely or [unit for unit in ("s", "ns") if _within(rates[unit], POSSIBLE_HZ)]
     if len(likely) != 1:
-        raise RecordingError(
-            "ambiguous_time_unit",
-            f"{path}: {column.name} has no unit, and its steps are {step:.3g}",
-            _choices(what, column, likely, rates),
-        )
+        text = f"{path}: {column.name} has no unit, and its steps are {step:.3g}"
+        raise RecordingError("ambiguous_time_unit", text, _choices(what, column, likely, rates))
     unit = likely[0]
     if unit == "s" or unit in dated:
         return unit, None
-    return unit, (
-        f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz; "
-        f"if it is another, {unit_cure(what, [column], 's')}"
-    )
+    text = f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz"
+    return unit, f"{text}; if it is another, {unit_cure(what, [column], 's')}"
 
 
 def _choices(what: str, column: Column, units: Sequence[str], rates: dict[str, float]) -> str:
@@ -167,9 +145,8 @@ def _choices(what: str, column: Column, units: Sequence[str], rates: dict[str, f
     if not units:
         return "no unit makes that the rate of a sensor; name another column with --map t=COLUMN:UNIT"
     readings = " or ".join(f"{rates[unit]:.4g} Hz if that is {unit}" for unit in units)
-    return f"{readings}; {unit_cure(what, [column], units[0])}" + (
-        " (or --rate)" if column.unit is None else ""
-    )
+    rate = " (or --rate)" if column.unit is None else ""
+    return f"{readings}; {unit_cure(what, [column], units[0])}{rate}"
 
 
 def _within(value: float, limits: tuple[float, float]) -> bool:

@@ -61,13 +61,7 @@ class ReplayOptions:
     topic: str | None = None
 
     def open(self) -> Recording:
-        """Open the recording.
-
-        Raises
-        ------
-        RecordingError : it cannot be read, or is something else. OptionNotApplicable : it is no bag, and a
-            topic was given.
-        """
+        """Open the recording; see `open_recording`."""
         block_bytes = BLOCK_BYTES if self.speed is None else PACED_BLOCK_BYTES
         options = ReadOptions(self.kind, self.columns, self.rate_hz, self.topic, block_bytes)
         return open_recording(self.path, options)
@@ -84,7 +78,7 @@ def replay(
 
     Parameters
     ----------
-    progress : called now and then with the share of the file that is done and the s of the recording.
+    progress : called after each block with the share of the file that is done and the s of the recording.
     bus : publishes a report every second.
     remark : called with one line each about what is doubtful in the recording, and why it ended early.
 
@@ -94,8 +88,7 @@ def replay(
     """
     recording = options.open()
     run = _Run(options, recording)
-    pace = _Pace(options.speed)
-    due = 0.0
+    begun, due = time.monotonic(), 0.0
     for items in recording:
         for item in items:
             run.feed(item)
@@ -104,7 +97,8 @@ def replay(
         if bus is not None and time.monotonic() >= due:
             due = time.monotonic() + PUBLISH_S
             run.publish(bus, "running")
-        pace.keep(run.elapsed_s)
+        if options.speed is not None:
+            time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
     run.monitor.flush()
     final = run.report("stopped")
     if not final.session.samples:
@@ -149,7 +143,7 @@ class _Run:
         self._restart_texts: dict[str, str] = {}  # the last one by code
 
     def feed(self, item: SampleBlock | Gap) -> None:
-        """Give an item to the monitor, as the daemon does."""
+        """Feed an item to the monitor, as the daemon does."""
         if isinstance(item, SampleBlock):
             self.monitor.feed(item)
             return
@@ -165,18 +159,11 @@ class _Run:
 
     def publish(self, bus: Publisher, state: report.State) -> None:
         """Publish a report and the events since the last one; their time and name are those of the replay."""
-        made = self.report(state)
-        bus.publish(replace(made, device=replace(made.device, id=bus.id)))
+        current = self.report(state)
+        bus.publish(replace(current, device=replace(current.device, id=bus.id)))
         for event in self._events:
             bus.event(replace(event, device=bus.id))
         self._events.clear()
-
-    def _collect_events(self, now: datetime) -> None:
-        for event in self.monitor.events():
-            self._events.append(event.stamped(now, self.device.id))
-            if event.kind == "restart":
-                self._restarts[event.code] += 1
-                self._restart_texts[event.code] = event.text
 
     def report(self, state: report.State) -> report.Report:
         """Return a report of what has been read so far."""
@@ -187,34 +174,24 @@ class _Run:
             received_bytes=self.recording.fed,
         )
         stream = self.monitor.stream
-        noted = (self.recording.header or {}).get("caveats")  # by the daemon, which could ask the device
         own = stream.caveats if stream is not None else ()
-        caveats = (*(own if noted is None else noted), *(caveat for caveat in own if caveat == "compensated"))
-        truncated = ("truncated",) if self.recording.problem is not None else ()
-        caveats = tuple(dict.fromkeys((*caveats, *truncated)))
+        noted = (self.recording.header or {}).get("caveats", own)  # by the daemon, which could ask the device
+        truncated = () if self.recording.problem is None else ("truncated",)
+        compensated = (caveat for caveat in own if caveat == "compensated")
+        caveats = tuple(dict.fromkeys((*noted, *compensated, *truncated)))
         now = datetime.now(UTC)
-        made = self.monitor.report(now, self.device, state, session, device_caveats=caveats)
-        self._collect_events(now)
+        current = self.monitor.report(now, self.device, state, session, device_caveats=caveats)
+        for event in self.monitor.events():
+            self._events.append(event.stamped(now, self.device.id))
+            if event.kind == "restart":
+                self._restarts[event.code] += 1
+                self._restart_texts[event.code] = event.text
         breaks = [
             f"{self._restart_texts[code]}{f' (the last of {n:,} such restarts)' if n > 1 else ''}"
             for code, n in self._restarts.items()
         ]
         remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks)))
-        return replace(made, device=replace(made.device, remarks=remarks))
-
-
-class _Pace:
-    """Keeps to a multiple of real time."""
-
-    def __init__(self, speed: float | None) -> None:
-        self._speed, self._start = speed, time.monotonic()
-
-    def keep(self, elapsed_s: float) -> None:
-        """Sleep while the replay is ahead."""
-        if self._speed is not None:
-            ahead = elapsed_s / self._speed - (time.monotonic() - self._start)
-            if ahead > 0.0:
-                time.sleep(ahead)
+        return replace(current, device=replace(current.device, remarks=remarks))
 
 
 def progress_bar(stream: TextIO = sys.stderr) -> Callable[[float | None, float], None] | None:
