@@ -204,10 +204,12 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
             events.update_grades({"gyro": SensorGrade(nearest=nearest)}, at)
         return [event.text for event in events.drain()]
 
-    assert reported(EventLog(), range(1000, 2000), 20) == ["gyro is industrial"]
+    assert reported(EventLog(), range(1000, 2000), 20) == [
+        "gyro: meets nothing, nearest industrial, provisional"
+    ]
     assert reported(EventLog(), range(1000, 1600), 300) == [
-        "gyro is industrial",
-        "gyro is consumer (was industrial)",
+        "gyro: meets nothing, nearest industrial, provisional",
+        "gyro: meets nothing, nearest consumer, provisional (was industrial)",
     ]
     lost = EventLog()
     for k in range(100):

@@ -22,6 +22,7 @@ class Estimate:
     high: float | None
     status: Status
     reason: str | None = None
+    reason_code: str | None = None
 
 
 def known(value: float, spread: float) -> Coefficient:
