@@ -219,7 +219,9 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     again = EventLog()
     again.record_restored(cast(Accumulators, SimpleNamespace(gaps=0, missing=0)))
     assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
-    assert reported(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
+    assert reported(again, range(2000, 3000), 500) == [
+        "gyro: meets nothing, nearest consumer, provisional (was industrial)"
+    ]
 
 
 def test_a_hole_is_known_though_another_stream_comes_back_first() -> None:

@@ -607,7 +607,7 @@ def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
         await pilot.press("u")
         await pilot.pause()
         shown = seen(app)
-        assert "N of y, 1.12e-04, limit 5.82e-05" in shown
+        assert "N of y, 1.12e-04 rad/s/√Hz, industrial limit 5.82e-05" in shown
         assert "N 8.84e-05 rad/s/√Hz" in shown
 
     drive(reports.FakeSource(reports.report()), script, (150, 40))

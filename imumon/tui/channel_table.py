@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from imumon.report import COEFFICIENTS, Channel
 from imumon.samples import sensor_of
-from imumon.tui.formatting import CELL, Line, Notation, fitted, padded, remaining, with_background
+from imumon.tui.formatting import CELL, Line, Notation, fitted, padded, with_background
 from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
@@ -94,7 +94,7 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
         "grade": (f" {nearest or blank:<10}", f"grade-{nearest}" if nearest else "faint"),
     }
     for part in COEFFICIENTS:
-        cells[part] = state.notation.coefficient(getattr(channel, part), remaining(channel.time_to, part))
+        cells[part] = state.notation.coefficient(getattr(channel, part), getattr(channel.time_to, part, None))
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
     return line + [(cells[c][0].rjust(COLUMNS[c]), cells[c][1]) for c in shown]
 

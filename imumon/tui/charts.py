@@ -69,7 +69,11 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
 def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
     """Return what is drawn, its unit, and the legend as far as it fits."""
     name = sensor_of(channel) if state.overlay else channel.replace("/", " ")
-    title: Line = [(" " * GUTTER, "text"), (name, "title"), (f"  {state.notation.sigma} [{unit}]", "muted")]
+    title: Line = [
+        (" " * GUTTER, "text"),
+        (name, "title"),
+        (f"  {state.notation.symbol('σ(τ)')} [{unit}]", "muted"),
+    ]
     legend: list[Line] = []
     mark = "o " if state.notation.ascii else "⠿ "
     if state.overlay:
@@ -130,7 +134,7 @@ def _decades(frame: PlotFrame, notation: Notation) -> None:
         labels = [(v, number(v, 1)) for v in values if frame.y.low <= v <= frame.y.high]
     frame.y_labels(labels)
     row = frame.canvas.height - 1
-    unit = f"{notation.tau} [s]"
+    unit = f"{notation.symbol('τ')} [s]"
     frame.canvas.text(frame.canvas.width - len(unit), row, unit, "text")
     available = frame.canvas.width - len(unit) - 1
     ticks = [(10.0**e, notation.decade(e)) for e in x]
