@@ -196,7 +196,7 @@ def test_a_line_breaks_where_a_value_is_unknown() -> None:
 
 def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
     canvas = braille_canvas.Canvas(2, 3)
-    canvas.band(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
+    canvas.fill(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
     text = ["".join(t for t, _ in line) for line in canvas.rows()]
     assert text[0][0] == "▄"  # upper edge: the lower half of the cell
     assert canvas.background[1].all()
@@ -261,5 +261,5 @@ def test_unused_octaves_are_dimmed() -> None:
 
 def test_bars_below_the_canvas_are_clipped() -> None:
     canvas = braille_canvas.Canvas(4, 1)
-    canvas.bars(0, 1, np.array([0.1, 1.0, 3.0]), "bar")
+    canvas.fill(0, np.array([1.9, 1.0, -1.0]), np.full(3, 2.0), "bar")
     assert canvas.height == 1
