@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
-from imumon.report import Coefficient, Drift, Report
+from imumon.report import Coefficient, Drift, Report, SensorGrade
 from imumon.samples import sensor_of
 
 FILTERED_BELOW_HZ = 200.0
@@ -234,3 +234,17 @@ def _differ(first: Coefficient, second: Coefficient) -> bool:
         return False
     half_width = math.hypot(math.log(small.high / small.value), math.log(large.value / large.low))
     return math.log(large.value / small.value) > half_width
+
+
+def grade_text(grade: SensorGrade) -> str:
+    """Return both grades of a sensor in words, the same in every output.
+
+    >>> grade_text(SensorGrade(nearest="industrial", meets="consumer"))
+    'meets consumer, nearest industrial, provisional'
+    >>> grade_text(SensorGrade(nearest="consumer", provisional=False)), grade_text(SensorGrade())
+    ('meets nothing, nearest consumer', 'no grade')
+    """
+    if grade.nearest is None:
+        return "no grade"
+    provisional = ", provisional" if grade.provisional else ""
+    return f"meets {grade.meets or 'nothing'}, nearest {grade.nearest}{provisional}"

@@ -3,7 +3,7 @@
     python tests/pictures.py [WORD ...]    redraws those whose name contains a word, by default all
 
 Starting a screen takes longer than drawing it, so one screen draws all snapshots: between two of them it gets
-another source, size and theme. After a change of the screen, redraw the snapshots, look at those that `git
+another source, size and theme. After a change of the screen, redraw the snapshots, view those that `git
 status` lists, and commit them with the change.
 """
 
@@ -152,11 +152,11 @@ def drawn(pictures: Iterable[Picture]) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:] or [""]
+    names = sys.argv[1:] or [""]
     FOLDER.mkdir(exist_ok=True)
-    if words == [""]:
+    if names == [""]:
         for old in FOLDER.glob("*.svg"):
             if old.stem not in PICTURES:
                 old.unlink()
-    for name, svg in drawn(p for p in PICTURES.values() if any(w in p.name for w in words)).items():
+    for name, svg in drawn(p for p in PICTURES.values() if any(part in p.name for part in names)).items():
         (FOLDER / f"{name}.svg").write_text(svg, encoding="utf-8")

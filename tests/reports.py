@@ -119,9 +119,9 @@ class Run:
             restarts=1,
         )
         now = BEGIN + timedelta(seconds=elapsed_s)
-        # analysed in full whatever was reported before, so that a report depends on its time alone
-        made = self.monitor.report(now, DEVICE, "stopped", session)
-        return replace(made, state=state)  # type: ignore[arg-type]
+        # a full analysis: a report depends only on its time, not on earlier reports
+        report = self.monitor.report(now, DEVICE, "stopped", session)
+        return replace(report, state=state)  # type: ignore[arg-type]
 
 
 def _samples(
@@ -191,25 +191,25 @@ def report(
     ----------
     caveats : of the device, for the whole record.
     """
-    made = long_report() if elapsed_s == LONG_S else _run(scale)[0][elapsed_s]
+    report = long_report() if elapsed_s == LONG_S else _run(scale)[0][elapsed_s]
     channels = {
         name: replace(channel, caveats=tuple(dict.fromkeys((*caveats, *channel.caveats))))
         if channel.allan is not None
         else channel
-        for name, channel in made.channels.items()
+        for name, channel in report.channels.items()
     }
     return replace(
-        made,
+        report,
         state=state,  # type: ignore[arg-type]
-        device=replace(made.device, id=id, serial=id.rpartition("-")[2]),
-        caveats=tuple(dict.fromkeys((*caveats, *made.caveats))),
+        device=replace(report.device, id=id, serial=id.rpartition("-")[2]),
+        caveats=tuple(dict.fromkeys((*caveats, *report.caveats))),
         channels=channels,
         speed=speed,
     )
 
 
 def nothing_yet() -> Report:
-    """Return what a daemon publishes before its sensor is found."""
+    """Return what a daemon publishes before it detects its sensor."""
     device = DeviceDescription(id="vn100", port="/dev/ttyUSB0")
     return Monitor().report(BEGIN, device, "starting", SessionCounters())
 
@@ -226,7 +226,7 @@ def events(id: str = ID) -> list[Event]:
         ("08:05:10", "warmup", "310 s of warm-up excluded", None),
         ("08:16:40", "gap", "1.2 s lost, 24 samples", None),
         ("09:06:40", "disturbance", "knock of 0.8 rad/s, 2.5 s excluded [bold]not markup[/bold]", "gyro/y"),
-        ("09:14:03", "grade", "gyro: industrial, decided by y N [deg/sqrt(h)]", None),
+        ("09:14:03", "grade", "gyro: meets consumer, nearest industrial", None),
         ("09:20:31", "disconnect", "the port is gone; waiting for it", None),
         ("09:20:44", "connect", "back after 13 s, the record continues", None),
         ("09:20:44", "gap", "13.1 s lost", None),

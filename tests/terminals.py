@@ -1,4 +1,4 @@
-"""A terminal for tests that need a real one: a multiplexer of our own, with the screen in its pane."""
+"""A terminal for tests that need a real one: a tmux server with the screen in its pane."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def until(condition: Callable[[], object], seconds: float = 20.0) -> None:
     """Wait for a condition, not for a time."""
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
+        assert time.monotonic() < end, "condition not met in time"
         time.sleep(0.05)
 
 
 class Tmux:
-    """A terminal multiplexer of our own, with one pane that runs the screen."""
+    """A separate tmux server with one pane that runs the screen."""
 
     def __init__(self, socket: Path, command: str, size: tuple[int, int] = (150, 40)) -> None:
         self._base = ["tmux", "-S", str(socket)]
@@ -30,8 +30,10 @@ class Tmux:
         where = ["-x", str(size[0]), "-y", str(size[1])]
         self.command("-f", "/dev/null", "new-session", "-d", *environment, *where, "sh", "-c", run)
 
-    def command(self, *words: str) -> str:
-        done = subprocess.run([*self._base, *words], capture_output=True, text=True, check=True, timeout=20)
+    def command(self, *arguments: str) -> str:
+        done = subprocess.run(
+            [*self._base, *arguments], capture_output=True, text=True, check=True, timeout=20
+        )
         return done.stdout
 
     def text(self) -> str:

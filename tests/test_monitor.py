@@ -204,10 +204,12 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
             events.update_grades({"gyro": SensorGrade(nearest=nearest)}, at)
         return [event.text for event in events.drain()]
 
-    assert reported(EventLog(), range(1000, 2000), 20) == ["gyro is industrial"]
+    assert reported(EventLog(), range(1000, 2000), 20) == [
+        "gyro: meets nothing, nearest industrial, provisional"
+    ]
     assert reported(EventLog(), range(1000, 1600), 300) == [
-        "gyro is industrial",
-        "gyro is consumer (was industrial)",
+        "gyro: meets nothing, nearest industrial, provisional",
+        "gyro: meets nothing, nearest consumer, provisional (was industrial)",
     ]
     lost = EventLog()
     for k in range(100):
@@ -217,7 +219,9 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     again = EventLog()
     again.record_restored(cast(Accumulators, SimpleNamespace(gaps=0, missing=0)))
     assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
-    assert reported(again, range(2000, 3000), 500) == ["gyro is consumer (was industrial)"]
+    assert reported(again, range(2000, 3000), 500) == [
+        "gyro: meets nothing, nearest consumer, provisional (was industrial)"
+    ]
 
 
 def test_a_gap_has_a_known_length_if_another_stream_resumes_first() -> None:

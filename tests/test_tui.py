@@ -42,7 +42,7 @@ def drive(
     return asyncio.run(go())
 
 
-def seen(app: App[int]) -> str:
+def visible_text(app: App[int]) -> str:
     """Return the text of the visible panels."""
     parts = [*app.screen_stack[0].query(DrawnPanel), *app.screen.query(ScrolledPanel)]
     shown = [p for p in parts if p.display and p.size.area and p.is_on_screen]
@@ -101,12 +101,12 @@ def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
     source = reports.FakeSource(reports.report(3600.0))
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert "°/√h" in seen(app)
+        assert "°/√h" in visible_text(app)
         await pilot.press("u")
-        assert "rad/s/√Hz" in seen(app)
+        assert "rad/s/√Hz" in visible_text(app)
         await pilot.press("u", "o", "g")
         assert app.view_state.overlay
-        assert "tactical" in seen(app)
+        assert "tactical" in visible_text(app)
         await pilot.press("z")
         assert app.query_one("#allan").size.width > 140
         await pilot.press("z", "t")
@@ -122,11 +122,11 @@ def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
     drive(source, script)
 
 
-def test_a_baseline_is_kept_and_dropped() -> None:
+def test_a_baseline_is_set_and_removed() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("b")
         assert app.view_state.baseline is app.view_state.report
-        assert "at 10:00" in seen(app)
+        assert "at 10:00" in visible_text(app)
         await pilot.press("b")
         assert app.view_state.baseline is None
 
@@ -137,7 +137,7 @@ def test_a_baseline_is_kept_and_dropped() -> None:
     ("key", "before"),
     [("q", ()), ("ctrl+c", ()), ("ctrl+q", ()), ("q", ("question_mark",)), ("ctrl+c", ("question_mark",))],
 )
-def test_the_keys_to_quit_quit(key: str, before: tuple[str, ...]) -> None:
+def test_each_quit_key_ends_the_screen(key: str, before: tuple[str, ...]) -> None:
     """From a view at once; from a window above it, q closes that first."""
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -150,14 +150,14 @@ def test_the_keys_to_quit_quit(key: str, before: tuple[str, ...]) -> None:
     assert drive(reports.FakeSource(reports.report()), script).return_code == 0
 
 
-def test_help_is_of_the_view_that_is_seen_and_names_every_key() -> None:
+def test_help_names_every_key_of_the_visible_view() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
             view = app.query_one(f"#{app.view_state.view}", View)
             await pilot.press("question_mark")
             await pilot.pause()
-            text = seen(app)
+            text = visible_text(app)
             for _, what in keys_of(list(type(view).BINDINGS), False):
                 assert what in text, what
             assert "…" not in "".join(
@@ -173,13 +173,13 @@ def test_events_are_filtered_by_words() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("4", "slash", *"gap")
         assert app.view_state.filter_text == "gap"
-        assert "13.1 s lost" in seen(app)
-        assert "knock" not in seen(app)
+        assert "13.1 s lost" in visible_text(app)
+        assert "knock" not in visible_text(app)
         await pilot.press("enter")
         assert isinstance(app.focused, View)
         await pilot.press("escape")
         assert app.view_state.filter_text == ""
-        assert "knock" in seen(app)
+        assert "knock" in visible_text(app)
         assert app.query_one("#filter", Input).value == ""
 
     drive(reports.FakeSource(reports.report()), script)
@@ -194,12 +194,12 @@ def test_several_sensors_are_listed_switched_and_compared() -> None:
         assert app.view_state.id == OTHER
         assert f"{OTHER} · 2 of 2" in status(app)
         await pilot.press("n", "5")
-        assert reports.ID in seen(app)
-        assert OTHER in seen(app)
+        assert reports.ID in visible_text(app)
+        assert OTHER in visible_text(app)
         await pilot.press("c")
         assert app.view_state.compared_id == OTHER
-        assert "compared" in seen(app)
-        assert _number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in seen(app)
+        assert "compared" in visible_text(app)
+        assert _number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in visible_text(app)
         await pilot.press("c")
         assert app.view_state.compared_id is None
         await pilot.press("down", "enter")
@@ -208,13 +208,13 @@ def test_several_sensors_are_listed_switched_and_compared() -> None:
     drive(source, script)
 
 
-def test_the_requested_device_is_awaited() -> None:
+def test_the_screen_waits_for_the_requested_device() -> None:
     """With --id, no other device is shown instead."""
     source = reports.FakeSource(reports.report())
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert app.view_state.report is None
-        assert f"first report of {OTHER}" in seen(app)
+        assert f"first report of {OTHER}" in visible_text(app)
         source.arrive(reports.report(id=OTHER))
         app.poll()
         await pilot.pause()
@@ -223,7 +223,7 @@ def test_the_requested_device_is_awaited() -> None:
     drive(source, script, id=OTHER)
 
 
-def test_the_mouse_chooses_a_row_and_a_view() -> None:
+def test_a_click_selects_a_row_and_a_view() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.click("#table", offset=(8, 2))
         assert app.view_state.channel == "gyro/y"
@@ -233,7 +233,7 @@ def test_the_mouse_chooses_a_row_and_a_view() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-def test_the_palette_offers_what_the_keys_do() -> None:
+def test_the_palette_has_the_commands_of_the_keys() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         names = {command.title for command in app.get_system_commands(app.screen)}
         assert {"Units", "Freeze", "Save", "Help", "Theme", "Quit"} <= names
@@ -250,13 +250,13 @@ def test_the_palette_offers_what_the_keys_do() -> None:
 
 def status_of(source: reports.FakeSource) -> tuple[str, str, bool]:
     """Return status line, visible text, and whether it is dimmed."""
-    found: list[tuple[str, str, bool]] = []
+    results: list[tuple[str, str, bool]] = []
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        found.append((status(app), seen(app), app.query_one("#body").has_class("stale")))
+        results.append((status(app), visible_text(app), app.query_one("#body").has_class("stale")))
 
     drive(source, script, (80, 24))
-    return found[0]
+    return results[0]
 
 
 @pytest.mark.parametrize(
@@ -281,40 +281,40 @@ def test_every_status_is_named_and_never_blank(source: reports.FakeSource, word:
 
 
 @pytest.mark.parametrize("caveat", ["warming_up", "not_at_rest"])
-def test_a_caveat_of_the_status_is_shown_once_and_displaces_no_facts(caveat: str) -> None:
+def test_a_caveat_of_the_status_is_shown_once_and_hides_no_facts(caveat: str) -> None:
     line, text, _ = status_of(reports.FakeSource(reports.report(caveats=(caveat, "aliased"))))
     assert "2 h · 3 gaps" in line
     assert text.count(caveat.replace("_", " ")) == 1
     assert "! aliased, vibration" in text
 
 
-def test_an_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
-    made = reports.report()
-    channel = made.channels["gyro/x"]
+def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
+    report = reports.report()
+    channel = report.channels["gyro/x"]
     assert channel.drift is not None
     beyond = replace(channel.drift, steady_N=channel.N, steady_B=channel.B, steady_K=channel.K)
 
-    def said(of: Drift) -> str:
-        channels = {**made.channels, "gyro/x": replace(channel, drift=of)}
+    def drift_text(of: Drift) -> str:
+        channels = {**report.channels, "gyro/x": replace(channel, drift=of)}
         state = ViewState(
-            reports={reports.ID: replace(made, channels=channels)}, id=reports.ID, channel="gyro/x"
+            reports={reports.ID: replace(report, channels=channels)}, id=reports.ID, channel="gyro/x"
         )
         return "\n".join("".join(text for text, _ in line) for line in text_panels.drift(state, 80, 9))
 
-    assert "per degree" not in said(channel.drift)
-    assert "its effect: no more than noise" in said(channel.drift)
-    assert "°/s per degree" in said(beyond)
-    assert "its effect" not in said(replace(channel.drift, per_degC=None))
+    assert "per degree" not in drift_text(channel.drift)
+    assert "its effect: no more than noise" in drift_text(channel.drift)
+    assert "°/s per degree" in drift_text(beyond)
+    assert "its effect" not in drift_text(replace(channel.drift, per_degC=None))
 
 
-def test_without_a_daemon_the_screen_says_what_to_type() -> None:
+def test_without_a_daemon_the_screen_shows_commands() -> None:
     line, text, _ = status_of(reports.FakeSource(connected=False))
     assert "no daemon" in line
     for command in ("imumon run", "imumon demo", "imumon doctor", "--connect"):
         assert command in text
 
 
-def test_loss_and_return_of_the_daemon_as_they_happen() -> None:
+def test_the_screen_survives_loss_and_return_of_the_daemon() -> None:
     """The last data stay, dimmed, with their age; when the daemon returns the screen continues."""
     source = reports.FakeSource(connected=False)
 
@@ -331,7 +331,7 @@ def test_loss_and_return_of_the_daemon_as_they_happen() -> None:
             app.poll()
         assert "no report for 37 s; reconnecting" in status(app)
         assert app.query_one("#body").has_class("stale")
-        assert _number(reports.report(), "gyro/x", "N") in seen(app)
+        assert _number(reports.report(), "gyro/x", "N") in visible_text(app)
         source.arrive(reports.report())
         app.poll()
         assert "● live" in status(app)
@@ -368,7 +368,7 @@ def test_every_view_shows_the_status() -> None:
                 app.action_view(view)
                 await pilot.pause()
                 assert status(app).startswith(f" {now.mark} {now.title} "), (name, view)
-                assert len(seen(app).split()) > 10, (name, view)
+                assert len(visible_text(app).split()) > 10, (name, view)
                 if app.view_state.channels:
                     assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
 
@@ -376,7 +376,7 @@ def test_every_view_shows_the_status() -> None:
 
 
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 100, 150])
-def test_the_foot_names_the_views_and_the_keys_that_fit(width: int) -> None:
+def test_the_footer_names_the_views_and_the_keys_that_fit(width: int) -> None:
     text = "".join(text for text, _ in footer(ViewState(view="device"), width)[0])
     assert len(text) == width
     assert "3 device" in text
@@ -388,21 +388,21 @@ def test_the_foot_names_the_views_and_the_keys_that_fit(width: int) -> None:
     assert "…" not in text
 
 
-def test_every_mode_says_how_it_is_left() -> None:
+def test_every_mode_shows_the_key_that_ends_it() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("f")
         assert "f continues" in status(app)
         await pilot.press("f", "z")
-        assert "z back" in seen(app)
+        assert "z back" in visible_text(app)
         await pilot.press("z", "4", "slash", "g", "enter")
-        assert "esc shows all" in seen(app)
+        assert "esc shows all" in visible_text(app)
         await pilot.press("escape")
-        assert "esc" not in seen(app)
+        assert "esc" not in visible_text(app)
 
     drive(reports.FakeSource(reports.report()), script, (80, 24))
 
 
-# ---------------------------------------------------------------------------- traps
+# ---------------------------------------------------------------------------- robustness
 
 
 @pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
@@ -411,9 +411,9 @@ def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
         for key in "12345":
             await pilot.press(key)
             await pilot.pause()
-            for paper in app.query(DrawnPanel):
-                if paper.display and paper.size.area:
-                    assert all(length(line) <= paper.content_size.width for line in paper.lines())
+            for panel in app.query(DrawnPanel):
+                if panel.display and panel.size.area:
+                    assert all(length(line) <= panel.content_size.width for line in panel.lines())
 
     drive(reports.FakeSource(reports.report()), script, size)
 
@@ -427,7 +427,7 @@ def test_no_number_is_truncated(size: tuple[int, int]) -> None:
         source.arrive(reports.report())
         app.poll()
         await pilot.pause()
-        text = seen(app)
+        text = visible_text(app)
         report = reports.report()
         whole = [_number(report, name, letter) for name in reports.GYRO + reports.ACCEL for letter in "NBK"]
         for number in (*whole, "-9.807", "industrial"):
@@ -448,7 +448,7 @@ def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPa
     drive(reports.FakeSource(reports.report(), age=14.0), script, (80, 24), theme=theme)
 
 
-def test_a_new_theme_reaches_what_is_already_drawn() -> None:
+def test_a_new_theme_redraws_everything() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         dark = app.export_screenshot()
         await pilot.press("t")
@@ -460,12 +460,12 @@ def test_a_new_theme_reaches_what_is_already_drawn() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-def test_colours_are_theme_variables_alone() -> None:
+def test_colours_are_only_theme_variables() -> None:
     style = (Path(export.__file__).parent / "app.tcss").read_text()
     assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
 
 
-def test_ascii_draws_ascii_alone() -> None:
+def test_ascii_mode_draws_only_ascii() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in "12345":
             await pilot.press(key)
@@ -483,7 +483,7 @@ def _row(app: ImumonApp, y: int) -> str:
     )
 
 
-def test_a_window_does_not_hide_what_is_below() -> None:
+def test_a_dialog_window_does_not_hide_the_view_below() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("question_mark")
         await pilot.pause()
@@ -492,7 +492,7 @@ def test_a_window_does_not_hide_what_is_below() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-def test_hostile_names_and_texts_are_shown_as_they_are() -> None:
+def test_names_that_look_like_markup_are_shown_unchanged() -> None:
     name = "[red]x[/red] [/] ]["
     report = reports.report()
     source = reports.FakeSource(replace(report, device=replace(report.device, id=name, port="[b]")))
@@ -509,25 +509,25 @@ def test_hostile_names_and_texts_are_shown_as_they_are() -> None:
 # ---------------------------------------------------------------------------- saving
 
 
-def test_a_grade_that_a_later_daemon_knows_is_shown_by_its_name() -> None:
-    made = reports.report()
-    grade = {name: replace(one, nearest="survey") for name, one in made.grade.items()}
+def test_an_unknown_grade_is_shown_by_its_name() -> None:
+    report = reports.report()
+    grade = {name: replace(one, nearest="survey") for name, one in report.grade.items()}
     channels = {
         name: replace(c, grade=replace(c.grade, nearest="survey")) if c.grade else c
-        for name, c in made.channels.items()
+        for name, c in report.channels.items()
     }
-    source = reports.FakeSource(replace(made, grade=grade, channels=channels))
+    source = reports.FakeSource(replace(report, grade=grade, channels=channels))
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for key in ("1", "2", "3", "4", "5"):
             await pilot.press(key)
             await pilot.pause()
-            assert key != "1" or "survey" in seen(app).lower()
+            assert key != "1" or "survey" in visible_text(app).lower()
 
     drive(source, script)
 
 
-def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_view_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     source = reports.FakeSource(reports.report())
 
@@ -554,11 +554,11 @@ def test_what_is_seen_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     allan = source.reports()[reports.ID][0].channels["gyro/x"].allan
     assert allan is not None
     assert float(rows[1][3]) == allan.sigma[0]
-    kept = from_json(Report, next(tmp_path.glob("*.json")).read_bytes())
-    assert kept == source.reports()[reports.ID][0]
+    saved = from_json(Report, next(tmp_path.glob("*.json")).read_bytes())
+    assert saved == source.reports()[reports.ID][0]
 
 
-def test_what_was_saved_is_named_with_its_folder(tmp_path: Path) -> None:
+def test_the_notification_names_the_saved_file(tmp_path: Path) -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         for form in ("json", "csv", "svg"):
             app.clear_notifications()
@@ -570,7 +570,7 @@ def test_what_was_saved_is_named_with_its_folder(tmp_path: Path) -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-def test_a_folder_that_cannot_be_written_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unwritable_directory_gives_a_notification(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         app.save_view(Path("/proc/[nowhere]"), "csv")
         await pilot.pause()
@@ -603,11 +603,11 @@ def test_an_empty_state_exports_nothing() -> None:
 
 def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert "limit 0.2" in seen(app)
+        assert "limit 0.2" in visible_text(app)
         await pilot.press("u")
         await pilot.pause()
-        shown = seen(app)
-        assert "N of y, 1.12e-04, limit 5.82e-05" in shown
+        shown = visible_text(app)
+        assert "N of y, 1.12e-04 rad/s/√Hz, industrial limit 5.82e-05" in shown
         assert "N 8.84e-05 rad/s/√Hz" in shown
 
     drive(reports.FakeSource(reports.report()), script, (150, 40))

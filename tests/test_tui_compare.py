@@ -43,8 +43,8 @@ def test_a_ratio_differs_beyond_the_limits_of_both() -> None:
     assert ratio_text(known(1.0, 0.05), known(1.06, 0.05)) == ("1.06  within", "muted")
 
 
-def test_limits_that_touch_need_not_be_alike() -> None:
-    """Half-widths add by their squares: overlapping limits may yet differ."""
+def test_values_with_overlapping_limits_can_differ() -> None:
+    """Half-widths add by their squares: two values can differ although their limits overlap."""
     one, two = known(1.0, 0.1), known(1.17, 0.1)
     assert one.high is not None
     assert two.low is not None
@@ -52,7 +52,7 @@ def test_limits_that_touch_need_not_be_alike() -> None:
     assert ratio_text(one, two)[0] == "1.17 differs"
 
 
-def test_a_bound_differs_only_from_what_is_measured_beyond_it() -> None:
+def test_a_bound_differs_only_from_a_value_beyond_it() -> None:
     bound, pending = known(1.0, 1.5), known(1.0, 9.0)
     assert (bound.status, pending.status) == ("upper_bound", "pending")
     assert ratio_text(known(10.0, 0.05), bound) == ("< 0.250 differs", "warn")
@@ -69,19 +69,19 @@ def test_a_bound_differs_only_from_what_is_measured_beyond_it() -> None:
     low=st.none() | st.floats(0.0, 0.9),
     spread=st.sampled_from([0.01, 0.2, 0.8, 1.5, 9.0]),
 )
-def test_which_is_first_does_not_matter(
+def test_the_order_of_the_two_does_not_matter(
     value: float, factor: float, low: float | None, spread: float
 ) -> None:
     one, two = known(value, spread), known(value * factor, 0.1)
     two = replace(two, low=None if low is None or two.value is None else two.value * low)
-    here, there = ratio_text(one, two), ratio_text(two, one)
-    assert here[1] == there[1]
-    assert len(here[0]) <= 15
-    assert "differs" not in here[0] or factor != 1.0
+    forward, backward = ratio_text(one, two), ratio_text(two, one)
+    assert forward[1] == backward[1]
+    assert len(forward[0]) <= 15
+    assert "differs" not in forward[0] or factor != 1.0
 
 
 @pytest.mark.slow
-def test_alike_sensors_differ_in_one_pair_of_twenty() -> None:
+def test_equal_sensors_differ_in_one_pair_of_twenty() -> None:
     """Estimates with log-normal scatter and their own 95 % limits: `differs` is wrong for 5 % of them."""
     rng, wrong, pairs = np.random.default_rng(3), 0, 2000
     for _ in range(pairs):
@@ -91,7 +91,7 @@ def test_alike_sensors_differ_in_one_pair_of_twenty() -> None:
     assert abs(wrong / pairs - 0.05) < 3 * math.sqrt(0.05 * 0.95 / pairs)
 
 
-def _estimate(spread: float, luck: float) -> Coefficient:
-    value = math.exp(spread * luck)
+def _estimate(spread: float, deviation: float) -> Coefficient:
+    value = math.exp(spread * deviation)
     wide = math.exp(1.96 * spread)
     return replace(known(1.0, 0.1), value=value, low=value / wide, high=value * wide)

@@ -1,4 +1,4 @@
-"""Laws of canvas and formatting: nothing is truncated, the axes stand still, any size draws."""
+"""Laws of canvas and formatting: nothing is truncated, the axes do not move, any size draws."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def text_of(lines: list[Line]) -> str:
 @pytest.mark.parametrize(
     "module", [formatting, panels, braille_canvas, channel_table], ids=lambda m: m.__name__
 )
-def test_examples_in_the_text_are_true(module: object) -> None:
+def test_doctests_pass(module: object) -> None:
     assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
 
 
@@ -70,7 +70,7 @@ def test_examples_in_the_text_are_true(module: object) -> None:
 def test_every_part_draws_at_every_size(
     name: str, size: tuple[int, int], ascii: bool, si: bool, more: bool
 ) -> None:
-    """No size fails, and no line is longer or shorter than the room it has."""
+    """No size fails, and no line differs from the given width."""
     width, height = size
     state = STATE.updated(
         notation=Notation(si=si, ascii=ascii),
@@ -97,7 +97,7 @@ def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
 @settings(max_examples=300)
 @given(value=finite, low=finite, high=finite, status=st.sampled_from(["measured", "upper_bound", "pending"]),
        seconds=st.none() | st.floats(0, 1e12), si=st.booleans(), ascii=st.booleans())  # fmt: skip
-def test_a_coefficient_never_outgrows_its_column(
+def test_a_coefficient_fits_its_column(
     value: float, low: float, high: float, status: str, seconds: float | None, si: bool, ascii: bool
 ) -> None:
     shown = Readable(value=value, low=low, high=high, unit="deg/h")
@@ -120,16 +120,19 @@ def test_means_and_deviations_fit_their_columns(value: float) -> None:
     assert len(units.short(abs(value))) < channel_table.COLUMNS["std"]
 
 
-def test_a_bias_stands_beside_the_mean_only_where_it_can_be_known() -> None:
+def test_a_bias_is_shown_only_where_it_is_known() -> None:
     shape = Distribution(bias=0.002, bias_low=-0.025, bias_high=0.029)
     unknown = Distribution(bias_reason="not separable from tilt")
     for distribution, expected in (
         (shape, "bias 0.00200 ± 0.027"),
         (unknown, "bias not separable from tilt"),
     ):
-        made = reports.report()
-        channels = {**made.channels, "accel/z": replace(made.channels["accel/z"], distribution=distribution)}
-        state = replace(STATE, channel="accel/z", reports={reports.ID: replace(made, channels=channels)})
+        report = reports.report()
+        channels = {
+            **report.channels,
+            "accel/z": replace(report.channels["accel/z"], distribution=distribution),
+        }
+        state = replace(STATE, channel="accel/z", reports={reports.ID: replace(report, channels=channels)})
         text = "".join(part for part, _ in panels.detail(state, 150, 12)[0])
         assert expected in text
 
@@ -145,8 +148,8 @@ def test_headings_fit_their_columns(si: bool, ascii: bool) -> None:
 
 
 @pytest.mark.parametrize("width", range(21, 81))
-def test_a_narrow_table_leaves_columns_out_and_cuts_none(width: int) -> None:
-    """Every number that is seen is whole."""
+def test_a_narrow_table_omits_whole_columns(width: int) -> None:
+    """No visible number is truncated."""
     whole = set(text_of(channel_table.table(STATE, 80, 40)).split())
     assert set(text_of(channel_table.table(STATE, width, 40)).split()) <= whole | {"…"}
     lines = text_of(channel_table.table(STATE, width, 40)).splitlines()
@@ -154,7 +157,7 @@ def test_a_narrow_table_leaves_columns_out_and_cuts_none(width: int) -> None:
     assert "…" not in gyro
 
 
-def test_the_chosen_channel_is_seen_however_low_the_table() -> None:
+def test_the_selected_channel_is_visible_at_every_height() -> None:
     for channel in STATE.channels:
         for height in (3, 5, 12, 30):
             assert any(
@@ -170,14 +173,14 @@ def test_wrapping_keeps_every_letter(text: str, width: int) -> None:
     assert all(len(line) <= width for line in lines)
 
 
-def test_a_unit_in_brackets_stays() -> None:
+def test_a_unit_in_brackets_is_not_markup() -> None:
     """No markup anywhere: [s] and [bold] are text."""
     assert "τ [s]" in text_of(charts.allan_chart(STATE, 80, 20))
     assert "[bold]not markup[/bold]" in text_of(text_panels.events(STATE, 150))
 
 
 def test_dots_of_crossing_lines_merge() -> None:
-    """Two lines through one cell: both keep their dots, the later one gives the colour."""
+    """Two lines through one cell: the cell has the dots of both and the colour of the later one."""
     canvas = braille_canvas.Canvas(1, 1)
     canvas.line(np.array([0.0, 1.0]), np.array([0.0, 3.0]), "one")
     canvas.line(np.array([0.0, 1.0]), np.array([3.0, 0.0]), "two")
@@ -196,7 +199,7 @@ def test_a_line_breaks_where_a_value_is_unknown() -> None:
 
 def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
     canvas = braille_canvas.Canvas(2, 3)
-    canvas.band(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
+    canvas.fill(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
     text = ["".join(t for t, _ in line) for line in canvas.rows()]
     assert text[0][0] == "▄"  # upper edge: the lower half of the cell
     assert canvas.background[1].all()
@@ -204,7 +207,7 @@ def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
     assert canvas.background[2].all()
 
 
-def test_a_point_stands_where_its_axes_say() -> None:
+def test_a_point_is_placed_by_its_axes() -> None:
     canvas = braille_canvas.Canvas(40, 20)
     frame = braille_canvas.PlotFrame(
         canvas,
@@ -219,14 +222,14 @@ def test_a_point_stands_where_its_axes_say() -> None:
 
 
 @given(values=st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=30))
-def test_scales_hold_their_values(values: list[float]) -> None:
+def test_a_scale_contains_its_values(values: list[float]) -> None:
     array = np.array(values)
     for scale in (braille_canvas.logarithmic(array), braille_canvas.linear(array)):
         share = scale.share(array)
         assert ((share >= -1e-9) & (share <= 1 + 1e-9)).all()
 
 
-def test_the_axes_keep_still_while_a_curve_grows() -> None:
+def test_the_axes_do_not_move_while_a_curve_grows() -> None:
     """Half decades: between two reports a second apart the frame does not move."""
     ends = {
         (s.low, s.high)
@@ -236,14 +239,14 @@ def test_the_axes_keep_still_while_a_curve_grows() -> None:
     assert len(ends) == 1
 
 
-def test_only_what_is_measured_is_marked_on_the_chart() -> None:
+def test_the_chart_marks_only_measured_coefficients() -> None:
     for age, letters in ((8.0, "N"), (reports.LENGTH_S, "NBK")):
-        made = reports.report(age)
+        report = reports.report(age)
         text = text_of(
-            charts.allan_chart(STATE.updated(reports={reports.ID: made}, channel="gyro/x"), 100, 40)
+            charts.allan_chart(STATE.updated(reports={reports.ID: report}, channel="gyro/x"), 100, 40)
         )
         for letter in "NBK":
-            part = getattr(made.channels["gyro/x"], letter)
+            part = getattr(report.channels["gyro/x"], letter)
             assert (part.status == "measured") == (letter in letters)
             if letter in letters:
                 assert f"{letter} {units.number(part.readable.value, 3)}" in text
@@ -261,5 +264,5 @@ def test_unused_octaves_are_dimmed() -> None:
 
 def test_bars_below_the_canvas_are_clipped() -> None:
     canvas = braille_canvas.Canvas(4, 1)
-    canvas.bars(0, 1, np.array([0.1, 1.0, 3.0]), "bar")
+    canvas.fill(0, np.array([1.9, 1.0, -1.0]), np.full(3, 2.0), "bar")
     assert canvas.height == 1

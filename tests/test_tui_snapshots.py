@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pictures
 import pytest
-import reports
 from pictures import FOLDER, PICTURES
-
-from imumon.tui import picture
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +31,3 @@ def test_a_snapshot_does_not_depend_on_those_before(drawn: dict[str, str]) -> No
     """One screen draws them all; a screen that is started for one snapshot draws the same."""
     for name in ("lost-light", "ascii-si"):
         assert pictures.drawn([PICTURES[name]])[name] == drawn[name]
-
-
-def test_picture_draws_a_report_without_a_terminal(tmp_path: Path, drawn: dict[str, str]) -> None:
-    target = tmp_path / "overview.svg"
-    picture(reports.report(caveats=("aliased",)), target, signal=reports.signal(), events=reports.events())
-    assert target.read_text(encoding="utf-8") == drawn["overview-large"]
-    assert len(drawn["overview-large"]) < 100_000

@@ -26,14 +26,14 @@ ACTOR = [sys.executable, str(HERE / "screen_actor.py")]
 def tmux(tmp_path: Path) -> Iterator[Callable[..., Tmux]]:
     if shutil.which("tmux") is None:
         pytest.skip("tmux is not installed")
-    made: list[Tmux] = []
+    panes: list[Tmux] = []
 
     def make(command: str, size: tuple[int, int] = (150, 40)) -> Tmux:
-        made.append(Tmux(tmp_path / f"tmux-{len(made)}", command, size))
-        return made[-1]
+        panes.append(Tmux(tmp_path / f"tmux-{len(panes)}", command, size))
+        return panes[-1]
 
     yield make
-    for one in made:
+    for one in panes:
         one.close()
 
 
@@ -48,7 +48,7 @@ def test_from_end_to_end_in_a_terminal(tmux: Callable[..., Tmux]) -> None:
     until(lambda: ("█" in pane.text() and "⠤" in pane.text()) or "⠑" in pane.text())
     assert pane.flag("alternate_on") == "1"
     before = pane.text().splitlines()[0]
-    until(lambda: pane.text().splitlines()[0] != before)  # the elapsed time goes on
+    until(lambda: pane.text().splitlines()[0] != before)  # the elapsed time grows
     pane.press("Down")
     until(lambda: "▌  y" in pane.text())
     pane.press("2")
@@ -59,7 +59,7 @@ def test_from_end_to_end_in_a_terminal(tmux: Callable[..., Tmux]) -> None:
     until(lambda: "signal: keys" not in pane.text())
     pane.command("resize-window", "-x", "80", "-y", "24")
     pane.press("1")
-    until(lambda: "INDUSTRIAL" in pane.text())
+    until(lambda: "nearest industrial" in pane.text())
     assert "±" in pane.text()
     pane.press("q")
     until(lambda: "EXIT=0" in pane.text())
@@ -68,7 +68,7 @@ def test_from_end_to_end_in_a_terminal(tmux: Callable[..., Tmux]) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_a_signal_ends_it_and_restores_the_terminal(
+def test_a_signal_ends_the_screen_and_restores_the_terminal(
     tmux: Callable[..., Tmux], number: signal.Signals
 ) -> None:
     pane = tmux(shell())
@@ -87,14 +87,14 @@ def test_ctrl_c_quits(tmux: Callable[..., Tmux]) -> None:
 
 
 @pytest.mark.parametrize("change", ["NO_COLOR=1", "TERM=linux", "COLORTERM= TERM=screen"])
-def test_poor_terminals(tmux: Callable[..., Tmux], change: str) -> None:
+def test_terminals_with_few_capabilities(tmux: Callable[..., Tmux], change: str) -> None:
     pane = tmux(f"env {change} {shell()}", (80, 24))
     until(lambda: "● live" in pane.text())
     pane.press("q")
     until(lambda: "EXIT=0" in pane.text())
 
 
-def test_a_terminal_that_knows_ascii_alone(tmux: Callable[..., Tmux]) -> None:
+def test_an_ascii_terminal(tmux: Callable[..., Tmux]) -> None:
     pane = tmux(f"env LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0 {shell()}", (80, 24))
     until(lambda: "* live" in pane.text())
     assert "\\u" not in pane.text()
@@ -108,9 +108,9 @@ def test_a_terminal_that_knows_ascii_alone(tmux: Callable[..., Tmux]) -> None:
 
 
 def start(**options: object) -> tuple[subprocess.Popen[bytes], int]:
-    """The screen on a pseudo-terminal of ours; its process and our end of the line."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    """Start the screen on a pseudo-terminal; return its process and the master side."""
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
 
     def own_terminal() -> None:
         os.setsid()
@@ -119,10 +119,10 @@ def start(**options: object) -> tuple[subprocess.Popen[bytes], int]:
             signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
     process = subprocess.Popen(
-        ACTOR, stdin=theirs, stdout=theirs, stderr=theirs, env=ENVIRONMENT, preexec_fn=own_terminal
+        ACTOR, stdin=slave, stdout=slave, stderr=slave, env=ENVIRONMENT, preexec_fn=own_terminal
     )
-    os.close(theirs)
-    return process, ours
+    os.close(slave)
+    return process, master
 
 
 def read_until(line: int, expected: bytes, seconds: float = 20.0) -> None:
@@ -133,8 +133,8 @@ def read_until(line: int, expected: bytes, seconds: float = 20.0) -> None:
 
 
 @pytest.mark.parametrize("ignore_hangup", [False, True])
-def test_it_ends_when_its_terminal_vanishes(ignore_hangup: bool) -> None:
-    """A closed window, a lost connection: no process keeps spinning."""
+def test_the_screen_ends_with_its_terminal(ignore_hangup: bool) -> None:
+    """A closed window or a lost connection leaves no process behind."""
     process, line = start(ignore_hangup=ignore_hangup)
     try:
         read_until(line, b"live")
@@ -146,38 +146,38 @@ def test_it_ends_when_its_terminal_vanishes(ignore_hangup: bool) -> None:
 
 
 @pytest.mark.parametrize("closed", ["stdin", "stderr"])
-def test_without_a_terminal_it_says_what_to_use(closed: str) -> None:
-    """No escapes into a pipe, no endless run: one line and out."""
-    ours, theirs = pty.openpty()
+def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
+    """It prints one line without escape sequences and ends."""
+    master, slave = pty.openpty()
     try:
         done = subprocess.run(
             ACTOR,
-            stdin=subprocess.DEVNULL if closed == "stdin" else theirs,
-            stdout=theirs,
+            stdin=subprocess.DEVNULL if closed == "stdin" else slave,
+            stdout=slave,
             stderr=subprocess.PIPE,
             env=ENVIRONMENT,
             timeout=30,
         )
     finally:
-        os.close(ours)
-        os.close(theirs)
+        os.close(master)
+        os.close(slave)
     assert done.returncode == 1
-    said = done.stderr.decode()
-    assert said.count("\n") == 1
-    assert "imumon status --json" in said
-    assert "\x1b" not in said
+    error = done.stderr.decode()
+    assert error.count("\n") == 1
+    assert "imumon status --json" in error
+    assert "\x1b" not in error
 
 
 def test_a_dumb_terminal_is_refused() -> None:
-    ours, theirs = pty.openpty()
+    master, slave = pty.openpty()
     environment = {**ENVIRONMENT, "TERM": "dumb"}
-    process = subprocess.Popen(ACTOR, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
-    os.close(theirs)
+    process = subprocess.Popen(ACTOR, stdin=slave, stdout=slave, stderr=slave, env=environment)
+    os.close(slave)
     try:
         assert process.wait(30) == 1
-        assert b"imumon status" in os.read(ours, 4096)
+        assert b"imumon status" in os.read(master, 4096)
     finally:
-        os.close(ours)
+        os.close(master)
 
 
 def test_the_screen_imports_no_heavy_library() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 
+from imumon.messages import grade_text
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Change, Event, SensorGrade, stamp
@@ -157,5 +158,5 @@ class EventLog:
                 self._grades[sensor] = now
                 if not self._first_grades_known:
                     was = f" (was {before})" if before else ""
-                    self.add("grade", f"{sensor} is {now or 'without a grade'}{was}", record)
+                    self.add("grade", f"{sensor}: {grade_text(grade)}{was}", record)
         self._first_grades_known &= not grades

@@ -1,6 +1,6 @@
 """Terminal UI: draws reports, computes nothing.
 
-tui            entry: `run` on a terminal, `picture` into a file
+tui            entry: `run` on a terminal
 app            the application: polls the source, owns the state, handles keys
 view_state     everything that the screen shows at one moment
 report_source  where the reports come from
@@ -18,7 +18,7 @@ svg_export     a screenshot that looks the same everywhere
 terminal       what the screen needs of the terminal
 """
 
-from imumon.tui.report_source import FixedReport, ReportSource
-from imumon.tui.tui import picture, run, themes
+from imumon.tui.report_source import ReportSource
+from imumon.tui.tui import run, themes
 
-__all__ = ["FixedReport", "ReportSource", "picture", "run", "themes"]
+__all__ = ["ReportSource", "run", "themes"]

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
@@ -26,7 +26,7 @@ from imumon.tui.formatting import Line, Notation, length, padded, with_backgroun
 from imumon.tui.panels import status, welcome
 from imumon.tui.report_source import ReportSource
 from imumon.tui.svg_export import portable_svg
-from imumon.tui.view_state import VIEWS, ViewState
+from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 from imumon.tui.views import (
     DeviceView,
     DialogWindow,
@@ -37,6 +37,7 @@ from imumon.tui.views import (
     SignalView,
     View,
     help_lines,
+    keys_of,
 )
 from imumon.tui.widgets import DrawnPanel, RoleStyles
 
@@ -49,27 +50,25 @@ TERMINAL_POLL_S = 5.0
 SMALL_AGE_PERIODS = 3.0
 """Periods of a report from which its age is redrawn every second."""
 
-_TEXT = ("text-primary", "text-secondary", "text-accent", "text-success", "text-warning", "text-error")
+_COLOURS = [
+    "primary",
+    "secondary",
+    "success",
+    "warning",
+    "error",
+    "foreground",
+    "background",
+    "surface",
+    "panel",
+]
+_TEXTS = ["text-primary", "text-secondary", "text-accent", "text-success", "text-warning", "text-error"]
 
 
 def _theme(name: str, dark: bool, colours: str, texts: str) -> Theme:
     """Return a theme: backgrounds and colours, and the same colours for text."""
-    primary, secondary, success, warning, error, foreground, background, surface, panel = colours.split()
-    return Theme(
-        name=name,
-        dark=dark,
-        primary=primary,
-        secondary=secondary,
-        accent=primary,
-        success=success,
-        warning=warning,
-        error=error,
-        foreground=foreground,
-        background=background,
-        surface=surface,
-        panel=panel,
-        variables=dict(zip(_TEXT, texts.split(), strict=True)),
-    )
+    own: dict[str, Any] = dict(zip(_COLOURS, colours.split(), strict=True))
+    variables = dict(zip(_TEXTS, texts.split(), strict=True))
+    return Theme(name=name, dark=dark, accent=own["primary"], variables=variables, **own)
 
 
 THEMES = (
@@ -99,8 +98,12 @@ class ImumonApp(App[int]):
     Parameters
     ----------
     source : where reports come from.
-    id : device to show first; None: the first that answers.
+    id : device to show; None: the first that answers.
+    theme : name of a theme, such as ``imumon-light``.
     baseline : report whose curves are drawn behind the live ones.
+    endpoint : endpoints that were tried, for the page that is shown while no daemon answers.
+    starting : text of that page if a daemon is known to start.
+    ended : polled now and then: last message of that daemon when it has ended, else None.
     clock : s, monotonic, the clock of the arrivals of `source`.
     """
 
@@ -262,29 +265,29 @@ class ImumonApp(App[int]):
             state = state.updated(compared_id=None)
         self._show(_with_existing_selection(state))
 
-    def step_channel(self, step: int) -> None:
+    def action_channel(self, step: int) -> None:
         names = self.view_state.channels
         if names and self.view_state.channel in names:
             self.select(channel=names[(names.index(self.view_state.channel) + step) % len(names)])
 
-    def step_sensor(self, step: int) -> None:
+    def action_sensor(self, step: int) -> None:
+        """Select the same axis of another sensor of the device."""
         names = [c for c in self.view_state.channels if "/" in c]
-        groups = list(dict.fromkeys(map(sensor_of, names)))
-        if not groups or self.view_state.channel is None:
+        sensors = list(dict.fromkeys(map(sensor_of, names)))
+        if not sensors or self.view_state.channel is None:
             return
         current = sensor_of(self.view_state.channel)
-        at = groups.index(current) + step if current in groups else 0
-        sensor = groups[at % len(groups)]
-        same_axis = f"{sensor}/{self.view_state.channel[-1]}"
-        first = next(name for name in names if sensor_of(name) == sensor)
-        self.select(channel=same_axis if same_axis in names else first)
+        at = sensors.index(current) + step if current in sensors else 0
+        axes = [name for name in names if sensor_of(name) == sensors[at % len(sensors)]]
+        same = [name for name in axes if name[-1] == self.view_state.channel[-1]]
+        self.select(channel=(same or axes)[0])
 
-    def step_device(self, step: int) -> None:
+    def action_device(self, step: int) -> None:
         names = list(self.view_state.reports)
         if self.view_state.id in names:
             self.select(id=names[(names.index(self.view_state.id) + step) % len(names)])
 
-    def step_compared(self) -> None:
+    def action_compare(self) -> None:
         """Compare with the next device, and after the last one with none."""
         names: list[str | None] = [None, *(n for n in self.view_state.reports if n != self.view_state.id)]
         at = names.index(self.view_state.compared_id) if self.view_state.compared_id in names else 0
@@ -292,14 +295,18 @@ class ImumonApp(App[int]):
         baseline = self.view_state.reports.get(other) if other is not None else None
         self.change(compared_id=other, baseline=baseline, baseline_name="compared" if other else "saved")
 
-    def toggle(self, name: str) -> None:
+    def action_switch(self, name: str) -> None:
+        """Toggle a field of the state."""
         self.change(**{name: not getattr(self.view_state, name)})
 
-    def toggle_baseline(self) -> None:
+    def action_baseline(self) -> None:
         """Use the present report as the baseline, or remove the baseline."""
         baseline = self.view_state.report if self.view_state.baseline is None else None
         name = f"at {baseline.time[11:16]}" if baseline is not None else "saved"
         self.change(baseline=baseline, baseline_name=name, compared_id=None)
+
+    def action_window(self, step: int) -> None:
+        self.change(window=WINDOWS[(WINDOWS.index(self.view_state.window) + step) % len(WINDOWS)])
 
     # ------------------------------------------------------------------ keys
 
@@ -309,9 +316,6 @@ class ImumonApp(App[int]):
     def action_turn(self, step: int) -> None:
         if len(self.screen_stack) == 1:
             self.action_view(VIEWS[(VIEWS.index(self.view_state.view) + step) % len(VIEWS)])
-
-    def action_device(self, step: int) -> None:
-        self.step_device(step)
 
     def action_units(self) -> None:
         notation = self.view_state.notation
@@ -339,16 +343,15 @@ class ImumonApp(App[int]):
         self.clear_notifications()  # a notification about the last save must not be part of the next picture
         where = save_directory()
         lines: list[Line] = [
-            [("v", "key"), ("   picture, SVG", "text")],
-            [("p", "key"), ("   picture, PNG", "text")],
-            [("c", "key"), ("   numbers of this view, CSV", "text")],
-            [("j", "key"), ("   the whole report, JSON (a baseline for later)", "text")],
+            *(
+                [(key, "key"), (f"   {what}", "text")]
+                for key, what in keys_of(list(SaveDialog.BINDINGS), False)
+            ),
             [],
             [(f"into {where}"[:56], "muted")],
         ]
-        self.push_screen(
-            SaveDialog("save this view", lines, self.view_state.notation), partial(self.save_view, where)
-        )
+        dialog = SaveDialog("save this view", lines, self.view_state.notation)
+        self.push_screen(dialog, partial(self.save_view, where))
 
     def save_view(self, where: Path, form: str | None) -> None:
         """Write the view into a directory, and notify of the file or of the error."""
@@ -356,15 +359,12 @@ class ImumonApp(App[int]):
             return
         try:
             target = where / export.file_name(self.view_state, "svg" if form == "png" else form)
-            if form in ("svg", "png"):
-                target.write_text(self.export_screenshot(), encoding="utf-8")
-                saved = export.convert_to_png(target) if form == "png" else target
-                hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
-                text = f"saved {saved or target}{hint}"
-            else:
-                target.write_text(export.exported_text(self.view_state, form), encoding="utf-8")
-                text = f"saved {target}"
-            self.notify(text, markup=False)
+            picture = form in ("svg", "png")
+            content = self.export_screenshot() if picture else export.exported_text(self.view_state, form)
+            target.write_text(content, encoding="utf-8")
+            saved = export.convert_to_png(target) if form == "png" else target
+            hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
+            self.notify(f"saved {saved or target}{hint}", markup=False)
         except (OSError, ValueError) as error:
             self.notify(f"not saved: {error}", severity="error", markup=False)
 

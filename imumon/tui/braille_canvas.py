@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import numpy.typing as npt
@@ -82,60 +82,32 @@ class Canvas:
                 steps = steps[steps % sum(dash) < dash[0]]
             self.dots(np.interp(steps, path, px), np.interp(steps, path, py), role)
 
-    def band(self, left: int, top: Floats, bottom: Floats, role: str) -> None:
-        """Colour the background of columns of cells, with edges to an eighth of a cell.
+    def fill(self, left: int, top: Floats, bottom: Floats, role: str) -> None:
+        """Fill columns of cells, with edges to an eighth of a cell.
 
         Parameters
         ----------
         left : first column, cell.
-        top, bottom : (n,) cells from above, per column. A column is empty for NaN and for a band thinner than
-            half a cell, which the points would cover.
+        top, bottom : (n,) cells from above, per column; a column is empty for NaN.
         """
         index, page = self._role(role), self._role("page")
-        for k, (a, b) in enumerate(zip(top, bottom, strict=True)):
-            column = left + k
-            if not b - a >= 0.5 or not 0 <= column < self.width:
+        rows = np.arange(self.height)[:, None]
+        # eighths of each cell that are empty above and below the filled part
+        with np.errstate(invalid="ignore"):
+            above, below = np.rint(8 * (top - rows)), np.rint(8 * (rows + 1 - bottom))
+            touched = (top < rows + 1) & (bottom > rows) & (np.maximum(above, below) < 8)
+        for row, k in zip(*np.nonzero(touched), strict=True):
+            column, empty_above, empty_below = left + int(k), int(above[row, k]), int(below[row, k])
+            if not 0 <= column < self.width:
                 continue
-            first, last = math.floor(a), math.floor(b)
-            for row in range(max(first, 0), min(last, self.height - 1) + 1):
-                above, below = a - row, row + 1 - b
-                if above > 0.0 and below <= 0.0:
-                    self._fill_from_below(row, column, round(8 * (1.0 - above)), index)
-                elif below > 0.0 and above <= 0.0:
-                    eighths = round(8 * below)
-                    if eighths <= 7:
-                        self.background[row, column] = index
-                    if 0 < eighths <= 7:
-                        self.glyph[row, column], self.glyph_role[row, column] = ord(_EIGHTHS[eighths]), page
-                else:
-                    self.background[row, column] = index
-
-    def _fill_from_below(self, row: int, column: int, eighths: int, index: int) -> None:
-        """Fill a cell from below; dots in it are drawn on the fill if that is more than half of the cell."""
-        if eighths >= 8:
+            if empty_above > 0 >= empty_below:  # the upper edge: a block in the role
+                if not self.text_mask[row, column]:
+                    self.put(column, row, _EIGHTHS[8 - empty_above], role)
+                    self.shade[row, column] = index if empty_above <= 4 else 0
+                continue
             self.background[row, column] = index
-        elif eighths > 0 and not self.text_mask[row, column]:
-            self.glyph[row, column], self.glyph_role[row, column] = ord(_EIGHTHS[eighths]), index
-            self.shade[row, column] = index if eighths >= 4 else 0
-
-    def bars(self, left: int, bottom: int, heights: Floats, role: str) -> None:
-        """Draw vertical bars on a row of cells.
-
-        Parameters
-        ----------
-        left, bottom : column of the first bar and row of their lower ends, cell.
-        heights : (n,) cells.
-        """
-        index = self._role(role)
-        for k, height in enumerate(heights):
-            column = left + k
-            if not height > 0 or not 0 <= column < self.width:
-                continue
-            eighths = max(round(8 * float(height)), 1)
-            for row in range(bottom, max(bottom - math.ceil(eighths / 8), -1), -1):
-                if row >= self.height:
-                    continue
-                self._fill_from_below(row, column, eighths - 8 * (bottom - row), index)
+            if empty_below > 0 >= empty_above:  # the lower edge: the page covers the rest
+                self.glyph[row, column], self.glyph_role[row, column] = ord(_EIGHTHS[empty_below]), page
 
     def put(self, column: int, row: int, character: str, role: str) -> None:
         """Write a character that dots may cover, such as a line of the grid."""
@@ -240,6 +212,11 @@ def linear(values: Floats, margin: float = 0.06) -> AxisScale:
     return AxisScale(low - extra, high + extra)
 
 
+def _inside(share: Floats) -> Floats:
+    """Return (n,) fractions of an axis; NaN outside the axis."""
+    return np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
+
+
 class PlotFrame:
     """Two axes on a part of a canvas.
 
@@ -254,15 +231,11 @@ class PlotFrame:
 
     def across(self, values: Floats) -> Floats:
         """Return (n,) dots from the left of the canvas; NaN outside the frame."""
-        share = self.x.share(np.asarray(values, dtype=np.float64))
-        share = np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
-        return np.asarray(2 * self.left + share * (2 * self.width - 1))
+        return 2 * self.left + _inside(self.x.share(values)) * (2 * self.width - 1)
 
     def down(self, values: Floats) -> Floats:
         """Return (n,) dots from the top of the canvas; NaN outside the frame."""
-        share = self.y.share(np.asarray(values, dtype=np.float64))
-        share = np.where((share < -1e-9) | (share > 1 + 1e-9), np.nan, share)
-        return np.asarray(4 * self.top + (1.0 - share) * (4 * self.height - 1))
+        return 4 * self.top + (1.0 - _inside(self.y.share(values))) * (4 * self.height - 1)
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
         """Return column and row of a point, None outside the frame."""
@@ -304,9 +277,8 @@ class PlotFrame:
             return
         apart = np.nanmin(np.diff(a), initial=np.inf)
         offsets = (-1, 0, 1) if apart >= 5 else (-1, 0)
-        for dx in offsets:
-            for dy in offsets:
-                self.canvas.dots(a + dx, b + dy, role)
+        for dx, dy in product(offsets, offsets):
+            self.canvas.dots(a + dx, b + dy, role)
 
     def band(self, x: Floats, low: Floats, high: Floats, role: str) -> None:
         """Fill the band between two curves, by columns of cells.
@@ -315,22 +287,20 @@ class PlotFrame:
         ----------
         x, low, high : (n,) data, x growing.
         """
-        good = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
-        if np.count_nonzero(good) < 1:
-            return
-        share = self.x.share(x[good])
-        lower, upper = self.y.share(low[good]), self.y.share(high[good])
-        good = np.isfinite(lower) & np.isfinite(upper)
+        share, lower, upper = self.x.share(x), self.y.share(low), self.y.share(high)
+        good = np.isfinite(share) & np.isfinite(lower) & np.isfinite(upper)
         if not good.any():
             return
+        share, lower, upper = share[good], lower[good], upper[good]
         columns = (np.arange(self.width) + 0.5) / self.width
         half = 0.5 / self.width
         outside = (columns < share[0] - half) | (columns > share[-1] + half)
-        a = np.interp(columns, share[good], lower[good])
-        b = np.interp(columns, share[good], upper[good])
+        a = np.interp(columns, share, lower)
+        b = np.interp(columns, share, upper)
         top = self.top + (1 - np.clip(b, 0, 1)) * self.height
         bottom = self.top + (1 - np.clip(a, 0, 1)) * self.height
-        self.canvas.band(self.left, np.where(outside | (a > 1) | (b < 0), np.nan, top), bottom, role)
+        thin = bottom - top < 0.5  # cells; the points cover a thinner band
+        self.canvas.fill(self.left, np.where(outside | thin, np.nan, top), bottom, role)
 
     def columns(self, low: Floats, high: Floats, role: str) -> None:
         """Draw a vertical line from `low` to `high` in each column of dots.
@@ -354,13 +324,8 @@ class PlotFrame:
         self.canvas.text(column, row, mark, role)
         sides = (column + 2, column - len(text) - 1, column - len(text) // 2)
         places = [(c, row + d) for d in (-1, 1, 0, -2, 2, -3, 3) for c in sides[: 2 if d == 0 else 3]]
-        inside = [
-            (c, r)
-            for c, r in places
-            if self.left <= c
-            and c + len(text) <= self.left + self.width
-            and self.top <= r < self.top + self.height
-        ]
+        last = self.left + self.width - len(text)
+        inside = [p for p in places if self.left <= p[0] <= last and 0 <= p[1] - self.top < self.height]
         if inside:
             c, r = min(inside, key=lambda p: self.canvas.overlap(p[0], p[1], len(text)))
             self.canvas.text(c, r, text, role)

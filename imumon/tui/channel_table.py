@@ -10,14 +10,14 @@ from collections.abc import Sequence
 
 from imumon.report import COEFFICIENTS, Channel
 from imumon.samples import sensor_of
-from imumon.tui.formatting import CELL, Line, Notation, fitted, padded, remaining, with_background
+from imumon.tui.formatting import CELL, Line, Notation, fitted, padded, with_background
 from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
 TABLE = 80
 """Cells of the whole table."""
 GRADED = ("gyro", "accel")
-COLUMNS = {"mean": 10, "std": 8, "N": CELL + 1, "B": CELL + 1, "K": CELL + 1, "grade": 11}
+COLUMNS = {"mean": 10, "std": 8, "N": CELL + 1, "B": CELL + 1, "K": CELL + 1, "nearest": 11}
 """Cells of each column, including the gap before it."""
 LABEL = 6
 
@@ -25,7 +25,7 @@ LABEL = 6
 def columns(width: int) -> list[str]:
     """Return the columns that fit."""
     kept = dict(COLUMNS)
-    for name in ("std", "mean", "grade", "K", "B"):
+    for name in ("std", "mean", "nearest", "K", "B"):
         if LABEL + sum(kept.values()) <= width:
             break
         del kept[name]
@@ -74,7 +74,7 @@ def _heading(notation: Notation, sensor: str, shown: Sequence[str]) -> Line:
     cells: dict[str, Line] = {
         "mean": [(f"mean {notation.scale(f'{sensor}/x')[1]}".rjust(COLUMNS["mean"]), "muted")],
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
-        "grade": [(" grade" if sensor in GRADED else "", "muted")],
+        "nearest": [(" nearest" if sensor in GRADED else "", "muted")],
     }
     for name in COEFFICIENTS:
         text = f"{name} {notation.coefficient_unit(sensor, name)}"
@@ -91,10 +91,10 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
     cells: dict[str, tuple[str, str]] = {
         "mean": (mean, "text"),
         "std": ("–" if channel.std is None else short(channel.std * factor), "text"),
-        "grade": (f" {nearest or blank:<10}", f"grade-{nearest}" if nearest else "faint"),
+        "nearest": (f" {nearest or blank:<10}", f"grade-{nearest}" if nearest else "faint"),
     }
     for part in COEFFICIENTS:
-        cells[part] = state.notation.coefficient(getattr(channel, part), remaining(channel.time_to, part))
+        cells[part] = state.notation.coefficient(getattr(channel, part), getattr(channel.time_to, part, None))
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
     return line + [(cells[c][0].rjust(COLUMNS[c]), cells[c][1]) for c in shown]
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
-from imumon.report import Line as SpectralLine
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
 from imumon.tui.formatting import Line, Notation, approximate_duration, length, padded
@@ -52,10 +51,11 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
     factor, unit = state.notation.deviation(channel)
     canvas = Canvas(width, height - 1)
     frame = _allan_frame(state, canvas, factor)
-    _decades(frame, state.notation)
+    _decades(frame, state.notation, f"{state.notation.symbol('τ')} [s]")
     labels = _limit_curves(frame, state, channel, factor) if state.show_limits else []
-    if state.baseline is not None:
-        _background(frame, state.baseline.channels.get(channel), factor)
+    before = state.baseline.channels.get(channel) if state.baseline is not None else None
+    if before is not None and before.allan is not None:
+        frame.curve(numbers(before.allan.tau_s), numbers(before.allan.sigma, factor), "baseline")
     if state.overlay:
         for name in state.sensor_channels():
             _axis(frame, state, name, factor)
@@ -69,7 +69,11 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
 def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
     """Return what is drawn, its unit, and the legend as far as it fits."""
     name = sensor_of(channel) if state.overlay else channel.replace("/", " ")
-    title: Line = [(" " * GUTTER, "text"), (name, "title"), (f"  {state.notation.sigma} [{unit}]", "muted")]
+    title: Line = [
+        (" " * GUTTER, "text"),
+        (name, "title"),
+        (f"  {state.notation.symbol('σ(τ)')} [{unit}]", "muted"),
+    ]
     legend: list[Line] = []
     mark = "o " if state.notation.ascii else "⠿ "
     if state.overlay:
@@ -120,8 +124,8 @@ def _marks(channel: Channel | None) -> list[float]:
     return [part.value * height for part, height in parts if part is not None and part.value is not None]
 
 
-def _decades(frame: PlotFrame, notation: Notation) -> None:
-    """Draw the grid of decades with their labels, and the unit of time."""
+def _decades(frame: PlotFrame, notation: Notation, x_unit: str) -> None:
+    """Draw the grid of decades with their labels, and the unit of the x axis."""
     x, y = frame.x.decades(), frame.y.decades()
     frame.grid([10.0**e for e in x], [10.0**e for e in y])
     labels = [(10.0**e, notation.decade(e)) for e in y]
@@ -130,18 +134,16 @@ def _decades(frame: PlotFrame, notation: Notation) -> None:
         labels = [(v, number(v, 1)) for v in values if frame.y.low <= v <= frame.y.high]
     frame.y_labels(labels)
     row = frame.canvas.height - 1
-    unit = f"{notation.tau} [s]"
-    frame.canvas.text(frame.canvas.width - len(unit), row, unit, "text")
-    available = frame.canvas.width - len(unit) - 1
-    ticks = [(10.0**e, notation.decade(e)) for e in x]
-    frame.x_labels(
-        [t for t in ticks if int(frame.across(np.array([t[0]]))[0]) // 2 + len(t[1]) < available], row
-    )
+    frame.canvas.text(frame.canvas.width - len(x_unit), row, x_unit, "text")
+    available = frame.canvas.width - len(x_unit) - 1
+    columns = (frame.across(np.array([10.0**e for e in x])) // 2).astype(np.int64)
+    texts = [notation.decade(e) for e in x]
+    fits = [c + len(text) < available for c, text in zip(columns, texts, strict=True)]
+    frame.x_labels([(10.0**e, text) for e, text, fit in zip(x, texts, fits, strict=True) if fit], row)
     if frame.top + frame.height < row:
         frame.canvas.text(frame.left, row - 1, "─" * frame.width, "axis")
-        for value, _ in ticks:
-            at = frame.across(np.array([value]))[0]
-            frame.canvas.text(int(at) // 2, row - 1, "┴", "axis")
+        for column in columns:
+            frame.canvas.text(int(column), row - 1, "┴", "axis")
 
 
 def _limit_curves(
@@ -161,12 +163,6 @@ def _limit_curves(
             column = min(at[0], frame.left + frame.width) - len(grade)
             labels.append((column, max(at[1] - 1, 0), grade))
     return labels
-
-
-def _background(frame: PlotFrame, channel: Channel | None, factor: float) -> None:
-    """Draw the curve of another report behind the live one."""
-    if channel is not None and channel.allan is not None:
-        frame.curve(numbers(channel.allan.tau_s), numbers(channel.allan.sigma, factor), "baseline")
 
 
 def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
@@ -228,10 +224,8 @@ def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
         title.append((f" {name} ", "tab" if name == state.window else "muted"))
     title = padded(title, width)
     if envelope is None or not any(v is not None for v in envelope.low):
-        return [
-            title,
-            *centred_text(["no signal yet" if state.signal else "waiting for the signal"], width, height - 1),
-        ]
+        text = "no signal yet" if state.signal else "waiting for the signal"
+        return [title, *centred_text([text], width, height - 1)]
     low, high = numbers(envelope.low, factor), numbers(envelope.high, factor)
     canvas = Canvas(width, height - 1)
     span = envelope.column_s * len(low)
@@ -242,20 +236,9 @@ def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
     times = _times(span)
     frame.grid([-t for t in times], ticks)
     frame.y_labels([(t, _tick(t, ticks)) for t in ticks])
-    frame.x_labels(
-        [
-            (
-                -t,
-                "now"
-                if t == 0 and state.connection_status().live
-                else "end"
-                if t == 0
-                else f"−{approximate_duration(t)}",
-            )
-            for t in reversed(times)
-        ],
-        canvas.height - 1,
-    )
+    end = "now" if state.connection_status().live else "end"
+    labels = [(-t, f"−{approximate_duration(t)}" if t else end) for t in reversed(times)]
+    frame.x_labels(labels, canvas.height - 1)
     top, bottom = _extremes(low, high, 2 * frame.width)
     frame.columns(bottom, top, "signal")
     return [title, *canvas.rows()]
@@ -300,16 +283,8 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     channel = state.channel or ""
     histogram: Histogram | None = state.selected.histogram if state.selected is not None else None
     factor, unit = state.notation.scale(channel)
-    title = padded(
-        [
-            (" ", "text"),
-            ("distribution", "title"),
-            (f"  [{unit}]", "muted"),
-            ("   ━ ", "N"),
-            ("Gaussian", "muted"),
-        ],
-        width,
-    )
+    name: Line = [(" ", "text"), ("distribution", "title"), (f"  [{unit}]", "muted")]
+    title = padded([*name, ("   ━ ", "N"), ("Gaussian", "muted")], width)
     if histogram is None or not histogram.counts:
         return [title, *centred_text(["no distribution yet"], width, height - 1)]
     canvas = Canvas(width, height - 1)
@@ -318,12 +293,11 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     edges = AxisScale(start, start + bin_width * len(counts))
     top = max(float(counts.max()), max(histogram.gaussian, default=0.0)) * 1.05
     frame = PlotFrame(canvas, (1, 0, max(width - 2, 4), max(height - 2, 2)), edges, AxisScale(0.0, top))
-    which = np.minimum(np.arange(frame.width) * len(counts) // frame.width, len(counts) - 1)
-    until = np.maximum(
-        np.minimum((np.arange(frame.width) + 1) * len(counts) // frame.width, len(counts)), which + 1
-    )
-    mean = np.array([counts[a:b].mean() for a, b in zip(which, until, strict=True)])
-    canvas.bars(1, frame.height - 1, mean / top * frame.height, "bar")
+    first = np.arange(frame.width) * len(counts) // frame.width
+    until = np.maximum(np.arange(1, frame.width + 1) * len(counts) // frame.width, first + 1)
+    heights = np.array([counts[a:b].mean() for a, b in zip(first, until, strict=True)]) / top * frame.height
+    heights = np.where(heights > 0, np.maximum(heights, 0.125), np.nan)  # at least an eighth of a cell
+    canvas.fill(1, frame.height - heights, np.full(frame.width, float(frame.height)), "bar")
     centres = start + bin_width * (np.arange(len(counts)) + 0.5)
     frame.curve(np.asarray(centres, dtype=np.float64), numbers(histogram.gaussian), "N")
     ticks = edges.ticks(max(width // 14, 2))
@@ -346,27 +320,12 @@ def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     frequency, density = frequency[good], density[good]
     canvas = Canvas(width, height - 1)
     x = AxisScale(float(frequency.min()), float(frequency.max()) * 1.02, log=True)
-    frame = PlotFrame(
-        canvas, (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2)), x, logarithmic(density)
-    )
-    decades = x.decades()
-    frame.grid([10.0**e for e in decades], [10.0**e for e in frame.y.decades()])
-    frame.y_labels([(10.0**e, state.notation.decade(e)) for e in frame.y.decades()])
-    row = canvas.height - 1
-    canvas.text(canvas.width - 4, row, "[Hz]", "text")
-    ticks = [(10.0**e, state.notation.decade(e)) for e in decades]
-    frame.x_labels(
-        [t for t in ticks if int(frame.across(np.array([t[0]]))[0]) // 2 + len(t[1]) < canvas.width - 5], row
-    )
+    area = (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2))
+    frame = PlotFrame(canvas, area, x, logarithmic(density))
+    _decades(frame, state.notation, "[Hz]")
     frame.curve(frequency, density, "signal")
     for line in spectrum.lines:
-        _spectral_line(frame, line, frequency, density)
+        near = int(np.argmin(np.abs(frequency - line.frequency_hz)))
+        text = line.name or f"{line.frequency_hz:.3g} Hz"
+        frame.label(float(frequency[near]), float(density[near]), text, "warn", "◇")
     return [title, *canvas.rows()]
-
-
-def _spectral_line(frame: PlotFrame, line: SpectralLine, frequency: Floats, density: Floats) -> None:
-    """Mark a line of the spectrum with its name or its frequency."""
-    near = int(np.argmin(np.abs(frequency - line.frequency_hz)))
-    frame.label(
-        float(frequency[near]), float(density[near]), line.name or f"{line.frequency_hz:.3g} Hz", "warn", "◇"
-    )

@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
-from imumon.report import Strip, to_json
+from imumon.report import SensorGrade, Strip, to_json
 from imumon.tui.channel_table import GRADED
 from imumon.tui.text_panels import filtered_events
 from imumon.tui.view_state import ViewState
@@ -40,13 +40,11 @@ def convert_to_png(svg: Path) -> Path | None:
     for program, command in CONVERTERS:
         if shutil.which(program):
             target = svg.with_suffix(".png")
-            run = subprocess.run(
-                [*command, str(target), str(svg)], capture_output=True, timeout=30, check=False
-            )
+            command = (*command, str(target), str(svg))
+            run = subprocess.run(command, capture_output=True, timeout=30, check=False)
             if run.returncode:
-                raise OSError(
-                    run.stderr.decode(errors="replace").strip().partition("\n")[0] or f"{program} failed"
-                )
+                message = run.stderr.decode(errors="replace").strip().partition("\n")[0]
+                raise OSError(message or f"{program} failed")
             return target
     return None
 
@@ -69,27 +67,27 @@ def table_rows(state: ViewState) -> Iterable[Iterable[object]]:
         return _signal(state)
     if state.view == "events":
         head = ("time", "kind", "channel", "text")
-        return [
-            head,
-            *((e.time, e.kind, e.channel, e.text) for e in filtered_events(state.events, state.filter_text)),
-        ]
+        shown = filtered_events(state.events, state.filter_text)
+        return [head, *((e.time, e.kind, e.channel, e.text) for e in shown)]
     if state.view == "device":
         parts = ("device", report.device), ("session", report.session)
         return [("part", "name", "value"), *((p, n, getattr(o, n)) for p, o in parts for n in o.__slots__)]
     if state.view == "sensors":
-        out: list[Iterable[object]] = [("id", "state", "gyro", "accel", "elapsed_s")]
+        out: list[Iterable[object]] = [
+            ("id", "state", "gyro", "accel", "elapsed_s", "gyro_meets", "accel_meets")
+        ]
         for name, r in state.reports.items():
-            grades = (r.grade[sensor].nearest if sensor in r.grade else None for sensor in GRADED)
-            out.append((name, r.state, *grades, r.session.elapsed_s))
+            grades = [r.grade.get(sensor, SensorGrade()) for sensor in GRADED]
+            nearest, meets = [g.nearest for g in grades], [g.meets for g in grades]
+            out.append((name, r.state, *nearest, r.session.elapsed_s, *meets))
         return out
     return _curves(state)
 
 
 def _curves(state: ViewState) -> list[Iterable[object]]:
     """Return coefficients and Allan deviations of every channel."""
-    out: list[Iterable[object]] = [
-        ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
-    ]
+    head = ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
+    out: list[Iterable[object]] = [head]
     channels = state.report.channels.items() if state.report is not None else ()
     for name, channel in channels:
         a = channel.allan
@@ -115,15 +113,10 @@ def _signal(state: ViewState) -> list[Iterable[object]]:
     channel = state.selected
     if channel is not None and channel.histogram is not None:
         h = channel.histogram
-        out += [(), ("bin_start", "count", "gaussian")]
-        out += [
-            (h.start + k * h.width, c, g) for k, (c, g) in enumerate(zip(h.counts, h.gaussian, strict=False))
-        ]
+        starts = (h.start + k * h.width for k in range(len(h.counts)))
+        out += [(), ("bin_start", "count", "gaussian"), *zip(starts, h.counts, h.gaussian, strict=False)]
     if channel is not None and channel.spectrum is not None:
         s = channel.spectrum
-        out += [
-            (),
-            ("frequency_hz", "density", "averages"),
-            *zip(s.frequency_hz, s.density, s.averages, strict=False),
-        ]
+        out += [(), ("frequency_hz", "density", "averages")]
+        out += zip(s.frequency_hz, s.density, s.averages, strict=False)
     return out

@@ -6,12 +6,12 @@ columns of the table are that wide. `Notation` chooses readable units or SI, Uni
 
 from __future__ import annotations
 
-import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from imumon.messages import no_value_text
-from imumon.report import Coefficient, TimeTo
+from imumon.report import Coefficient
 from imumon.samples import UNITS, sensor_of
 from imumon.units import DEG, READABLE, SI, measured, number, pretty
 
@@ -60,6 +60,7 @@ def to_ascii(text: str) -> str:
     return "".join(c if c.isascii() else _braille(c) if "\u2800" <= c <= "\u28ff" else "?" for c in text)
 
 
+_ASCII_SYMBOLS = {"τ": "tau", "σ(τ)": "sigma(tau)", "χ²/dof": "chi2/dof", "±": "+-", "×÷": "x/"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -74,25 +75,9 @@ class Notation:
         """Return a unit in this notation, from its spelling in a report."""
         return unit.replace("sqrt", "rt").replace("^2", "2") if self.ascii else pretty(unit)
 
-    @property
-    def tau(self) -> str:
-        return "tau" if self.ascii else "τ"
-
-    @property
-    def sigma(self) -> str:
-        return "sigma(tau)" if self.ascii else "σ(τ)"
-
-    @property
-    def chi2(self) -> str:
-        return "chi2/dof" if self.ascii else "χ²/dof"
-
-    @property
-    def plus_minus(self) -> str:
-        return "+-" if self.ascii else "±"
-
-    @property
-    def times_divide(self) -> str:
-        return "x/" if self.ascii else "×÷"
+    def symbol(self, symbol: str) -> str:
+        """Return a symbol in this notation; in ASCII it may be wider."""
+        return _ASCII_SYMBOLS[symbol] if self.ascii else symbol
 
     def decade(self, exponent: int) -> str:
         """Return a power of ten.
@@ -147,7 +132,7 @@ class Notation:
             return "–", "faint"
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
-            return measured(value, low, high, self.plus_minus, self.times_divide)[:CELL], "text"
+            return measured(value, low, high, self.symbol("±"), self.symbol("×÷"))[:CELL], "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
         if (why := no_value_text(part)) is not None:
@@ -170,28 +155,9 @@ def approximate_duration(seconds: float) -> str:
     return f"{seconds / 86400:.1f} d" if seconds < 3.15e7 else "> 1 year"
 
 
-def remaining(times: TimeTo | None, name: str) -> float | None:
-    """Return the seconds until a coefficient reaches the configured precision."""
-    return None if times is None else getattr(times, name)
-
-
 def wrap(text: str, width: int) -> list[str]:
     """Break a text into lines of at most `width` cells, at blanks; longer words are broken too."""
-    lines: list[str] = []
-    current = ""
-    for word in re.split(r"\s+", text.strip()):
-        while len(word) > width > 0:
-            if current:
-                lines.append(current)
-                current = ""
-            lines.append(word[:width])
-            word = word[width:]
-        if current and len(current) + 1 + len(word) > width:
-            lines.append(current)
-            current = word
-        else:
-            current = f"{current} {word}" if current else word
-    return [*lines, current] if current else lines or [""]
+    return textwrap.wrap(text, max(width, 1), break_on_hyphens=False) or [""]
 
 
 def length(line: Line) -> int:

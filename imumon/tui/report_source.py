@@ -7,8 +7,6 @@ the screen.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
 from typing import Protocol
 
 from imumon.report import Event, Report, Signal
@@ -41,32 +39,3 @@ class ReportSource(Protocol):
 
     def connected(self) -> bool:
         """Return whether any daemon or router can be reached."""
-
-
-class FixedReport:
-    """Source of one report that never changes, such as a saved one."""
-
-    def __init__(self, report: Report, signal: Signal | None = None, events: Sequence[Event] = ()) -> None:
-        self.version = 1
-        self._report = report
-        self._signal = signal
-        self._events = list(events)
-        self._arrival = time.monotonic()
-
-    def reports(self) -> dict[str, tuple[Report, float]]:
-        return {self._report.device.id: (self._report, self._arrival)}
-
-    def alive(self) -> set[str]:
-        return {self._report.device.id}
-
-    def events(self, id: str) -> list[Event]:
-        return self._events
-
-    def watch(self, id: str, channel: str | None) -> None:
-        """Do nothing: the signal is fixed too."""
-
-    def signal(self) -> tuple[Signal, float] | None:
-        return None if self._signal is None else (self._signal, self._arrival)
-
-    def connected(self) -> bool:
-        return True

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
-from imumon.messages import CLOCKS, caveat_lines, excluded_by, follows_temperature
-from imumon.report import Channel, Drift, Event, Report
+from imumon.messages import CLOCKS, caveat_lines, excluded_by, follows_temperature, grade_text
+from imumon.report import Channel, Drift, Event, Report, SensorGrade
 from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
-from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, wrap
+from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
 from imumon.units import duration, number
 
@@ -41,10 +42,9 @@ def device(state: ViewState, width: int, height: int = 0) -> list[Line]:
         cards = [*first, settings, *second]
         return [padded(line, width) for card in cards if card for line in [*card, []]]
     left, right = ([line for card in cards if card for line in [*card, []]] for cards in (first, second))
-    count = max(len(left), len(right))
-    left += [[]] * (count - len(left))
-    right += [[]] * (count - len(right))
-    both = [padded(a, half) + padded(b, width - half) for a, b in zip(left, right, strict=True)]
+    blank: Line = []
+    pairs = zip_longest(left, right, fillvalue=blank)
+    both = [padded(a, half) + padded(b, width - half) for a, b in pairs]
     return both + [padded(line, width) for line in settings]
 
 
@@ -69,10 +69,10 @@ def _stream(report: Report) -> list[Line]:
         "compensated": "samples after the bias filter",
     }
     alias, note, role = None, "unknown: the filter register was not read", "text"
-    if d.alias_factor is not None:
-        alias = f"{d.alias_factor:.2f}"
-        note = "N is not inflated" if d.alias_factor == 1.0 else "N is too high by this factor, nominally"
-        role = "text" if d.alias_factor == 1.0 else "warn"
+    if d.alias_factor == 1.0:
+        alias, note = "1.00", "N is not inflated"
+    elif d.alias_factor is not None:
+        alias, note, role = f"{d.alias_factor:.2f}", "N is too high by this factor, nominally", "warn"
     rate = None if d.sample_rate_hz is None else f"{d.sample_rate_hz:.6g} Hz"
     return [
         _title("What the numbers describe"),
@@ -103,6 +103,7 @@ def _transmission(report: Report) -> list[Line]:
     s = report.session
     expected = s.samples + s.missing
     share = f"{100 * s.missing / expected:.2g} %" if s.missing and expected else ""
+    received = f"of {s.received_bytes:,}" if s.received_bytes else ""
     return [
         _title("Transmission"),
         _pair("since", None if s.started is None else s.started[:19].replace("T", " ") + " UTC"),
@@ -111,11 +112,7 @@ def _transmission(report: Report) -> list[Line]:
         _pair("missing", f"{s.missing:,}", share, "warn" if s.missing else "text"),
         _pair("gaps", f"{s.gaps:,}", role="warn" if s.gaps else "text"),
         _pair("failed checksums", f"{s.bad_checksums:,}", role="warn" if s.bad_checksums else "text"),
-        _pair(
-            "discarded bytes",
-            f"{s.discarded_bytes:,}",
-            f"of {s.received_bytes:,}" if s.received_bytes else "",
-        ),
+        _pair("discarded bytes", f"{s.discarded_bytes:,}", received),
         _pair("overruns", f"{s.overruns:,}", role="warn" if s.overruns else "text"),
         _pair("duplicates", f"{s.duplicates:,}"),
         _pair("restarts", f"{s.restarts:,}"),
@@ -144,14 +141,8 @@ def _notes(report: Report, width: int) -> list[Line]:
     return [_title("Caveats"), *lines] if lines else []
 
 
-_EVENT_ROLES = {
-    "disconnect": "bad",
-    "gap": "warn",
-    "disturbance": "warn",
-    "connect": "good",
-    "restart": "warn",
-    "grade": "accent",
-}
+_WARNINGS = ("gap", "disturbance", "restart")
+_EVENT_ROLES = {"disconnect": "bad", "connect": "good", "grade": "accent"} | dict.fromkeys(_WARNINGS, "warn")
 
 
 def filtered_events(events: Sequence[Event], filter_text: str) -> list[Event]:
@@ -176,61 +167,40 @@ def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
         role = next((r for kind, r in _EVENT_ROLES.items() if kind in event.kind), "text")
         prefix: Line = [(f" {event.time[:10]} {event.time[11:19]} ", "faint"), (f"{event.kind:<14}", role)]
         available = max(width - length(prefix) - 1, 12)
-        text = (
-            event.text
-            if event.channel is None or event.channel in event.text
-            else f"{event.channel}: {event.text}"
-        )
+        named = event.channel is None or event.channel in event.text
+        text = event.text if named else f"{event.channel}: {event.text}"
         for k, part in enumerate(wrap(text, available)):
             lines.append([*(prefix if not k else [(" " * length(prefix), "text")]), (part, "text")])
     return [padded(line, width) for line in lines]
 
 
 def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
-    """Return every device with status, grades and elapsed time, and the comparison of two."""
-    lines: list[Line] = [padded([(" sensors ", "title"), (str(len(state.reports)), "muted")], width), []]
-    head = f"   {'state':<16}{'name':<24}{'gyro':<12}{'accel':<12}{'elapsed':<12}"
-    lines.append([(head, "muted")])
+    """Return every device with status, elapsed time and grades, and the comparison of two."""
+    lines: list[Line] = [[(" sensors ", "title"), (str(len(state.reports)), "muted")], []]
     for name, report in sorted(state.reports.items()):
         now = state.connection_status(name)
-        line: Line = [
+        age = "" if now.live else f"{approximate_duration(state.ages.get(name, 0.0))} ago"
+        compared = name == state.compared_id
+        status: Line = [
             ("▌" if name == state.id else " ", "accent"),
-            (f" {now.mark} {now.title:<14}"[:18], now.role),
+            (f" {now.mark} {now.title:<14}", now.role),
         ]
-        line = padded(line, 19)
-        line.append((f"{name:<24}" if len(name) < 24 else f"{name[:22]}… ", "strong"))
+        line: Line = [
+            *padded(status, 19),
+            (f"{name:<24}" if len(name) < 24 else f"{name[:22]}… ", "strong"),
+            (f"{duration(report.session.elapsed_s):<12}", "text"),
+            ("compared" if compared else age, "bound" if compared else "warn"),
+        ]
+        lines.append(with_background(padded(line, width), "selected") if name == state.id else line)
         for sensor in GRADED:
-            grade = report.grade.get(sensor)
-            nearest = grade.nearest if grade is not None else None
-            line.append((f"{nearest or '–':<12}", f"grade-{nearest}" if nearest else "faint"))
-        line.append((f"{duration(report.session.elapsed_s):<12}", "text"))
-        tail = (
-            "compared"
-            if name == state.compared_id
-            else approximate_duration(state.ages.get(name, 0.0)) + " ago"
-            if not now.live
-            else ""
-        )
-        line.append((tail, "bound" if name == state.compared_id else "warn"))
-        line = padded(line, width)
-        lines.append([(t, f"{r.partition('/')[0]}/selected") for t, r in line] if name == state.id else line)
-    if len(state.reports) < 2:
-        lines += [[], [("   other sensors appear here when their daemons answer", "faint")]]
-    else:
-        lines += [
-            [],
-            [
-                ("   arrows select", "faint"),
-                (" · ", "faint"),
-                (
-                    "c compares the selected one with the next"
-                    if state.compared_id is None
-                    else "c: the next one, then none",
-                    "faint",
-                ),
-            ],
-        ]
-    return [padded(line, width) for line in [*lines, [], *comparison(state)]]
+            grade = report.grade.get(sensor, SensorGrade())
+            role = f"grade-{grade.nearest}" if grade.nearest else "faint"
+            lines.append([(f"{'':<19}{sensor:<6}", "muted"), (grade_text(grade), role)])
+    keys = "c: the next one, then none" if state.compared_id else "c compares the selected one with the next"
+    several = len(state.reports) > 1
+    hint = f"arrows select · {keys}" if several else "other sensors appear here when their daemons answer"
+    lines += [[], [(f"   {hint}", "faint")], [], *comparison(state)]
+    return [padded(line, width) for line in lines]
 
 
 def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
@@ -244,9 +214,8 @@ def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
     degrees = state.report.channels.get("temperature") if state.report is not None else None
     if degrees is not None and degrees.last is not None:
         celsius = notation.unit("degC")
-        heat: list[Line] = [
-            [(_LABEL.format("temperature"), "muted"), (f"now {degrees.last:.2f} {celsius}", "text")]
-        ]
+        now = f"now {degrees.last:.2f} {celsius}"
+        heat: list[Line] = [[(_LABEL.format("temperature"), "muted"), (now, "text")]]
         if degrees.min is not None and degrees.max is not None:
             heat.append([(f" ({degrees.min:.2f} to {degrees.max:.2f})", "muted")])
         lines.append(fitted([*heat, *_effect(channel.drift, factor, unit)], width))

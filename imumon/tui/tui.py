@@ -7,40 +7,23 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from typing import Any
 
-from imumon.report import Event, Report, Signal
 from imumon.tui import terminal
-from imumon.tui.report_source import FixedReport, ReportSource
+from imumon.tui.report_source import ReportSource
 
 TERMINAL_GONE = 129
 """Exit code when the terminal is closed: 128 + SIGHUP."""
 
 
-def run(
-    source: ReportSource,
-    *,
-    id: str | None = None,
-    ascii: bool = False,
-    theme: str | None = None,
-    baseline: Report | None = None,
-    endpoint: str | None = None,
-    starting: str | None = None,
-    ended: Callable[[], str | None] | None = None,
-) -> int:
+def run(source: ReportSource, *, ascii: bool = False, **options: Any) -> int:
     """Show a source until the user quits.
 
     Parameters
     ----------
     source : where reports come from.
-    id : device to show; None: the first that answers.
     ascii : draw with ASCII characters only; implied if the terminal has no others.
-    theme : name of a theme, such as ``imumon-light``.
-    baseline : report whose curves are drawn behind the live ones.
-    endpoint : endpoints that were tried, for the page that is shown while no daemon answers.
-    starting : text of that page if a daemon is known to start.
-    ended : polled now and then: last message of that daemon when it has ended, else None.
+    options : as for `imumon.tui.app.ImumonApp`.
 
     Returns
     -------
@@ -52,16 +35,7 @@ def run(
         return 1
     from imumon.tui.app import ImumonApp
 
-    app = ImumonApp(
-        source,
-        id=id,
-        ascii=ascii or terminal.only_ascii(),
-        theme=theme,
-        baseline=baseline,
-        endpoint=endpoint,
-        starting=starting,
-        ended=ended,
-    )
+    app = ImumonApp(source, ascii=ascii or terminal.only_ascii(), **options)
     app.run()
     return _flushed(app.return_code or 0)
 
@@ -83,34 +57,3 @@ def _flushed(code: int) -> int:
         except OSError:
             os._exit(code or TERMINAL_GONE)
     return code
-
-
-def picture(
-    report: Report,
-    path: Path,
-    *,
-    signal: Signal | None = None,
-    events: Sequence[Event] = (),
-    size: tuple[int, int] = (150, 40),
-    keys: Sequence[str] = (),
-    theme: str | None = None,
-) -> None:
-    """Draw the screen of a report into an SVG file, without a terminal.
-
-    Parameters
-    ----------
-    size : columns and rows.
-    keys : keys to press first, such as ``2`` for the signal view.
-    """
-    import asyncio
-
-    from imumon.tui.app import ImumonApp
-
-    async def draw() -> str:
-        app = ImumonApp(FixedReport(report, signal, events), theme=theme)
-        async with app.run_test(size=size) as pilot:
-            await pilot.press(*keys)
-            await pilot.pause()
-            return app.export_screenshot()
-
-    path.write_text(asyncio.run(draw()), encoding="utf-8")

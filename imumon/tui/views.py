@@ -18,7 +18,7 @@ from textual.widgets import Input
 from imumon.messages import uncertainty
 from imumon.tui import channel_table, charts, panels, text_panels
 from imumon.tui.formatting import Line, Notation, padded, wrap
-from imumon.tui.view_state import WINDOWS, ViewState
+from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel
 
 if TYPE_CHECKING:
@@ -43,19 +43,13 @@ class View(Container, can_focus=True):
             scrolled.show(state)
 
 
-_CHANNEL_KEYS: list[BindingType] = [
-    Binding("down,j", "channel(1)", "next channel"),
-    Binding("up,k", "channel(-1)", "previous channel"),
-]
-
-
 class ChannelView(View):
     """A view of one channel, which the arrows select."""
 
-    BINDINGS: ClassVar[list[BindingType]] = _CHANNEL_KEYS
-
-    def action_channel(self, step: int) -> None:
-        self.imumon.step_channel(step)
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("down,j", "app.channel(1)", "next channel"),
+        Binding("up,k", "app.channel(-1)", "previous channel"),
+    ]
 
 
 class Overview(ChannelView):
@@ -63,12 +57,12 @@ class Overview(ChannelView):
 
     title = "overview"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("right,l", "sensor(1)", "next group: gyro, accel, mag"),
-        Binding("left,h", "sensor(-1)", "previous group"),
-        Binding("z,enter", "zoom", "the chart alone, and back"),
-        Binding("o", "overlay", "all three axes in one chart"),
-        Binding("g", "limits", "curves at the limits of each grade"),
-        Binding("b", "baseline", "keep this curve behind the live one"),
+        Binding("right,l", "app.sensor(1)", "next group: gyro, accel, mag"),
+        Binding("left,h", "app.sensor(-1)", "previous group"),
+        Binding("z,enter", "app.switch('zoomed')", "the chart alone, and back"),
+        Binding("o", "app.switch('overlay')", "all three axes in one chart"),
+        Binding("g", "app.switch('show_limits')", "curves at the limits of each grade"),
+        Binding("b", "app.baseline", "keep this curve behind the live one"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -89,21 +83,6 @@ class Overview(ChannelView):
         self.set_class(state.zoomed, "zoomed")
         super().show(state)
 
-    def action_sensor(self, step: int) -> None:
-        self.imumon.step_sensor(step)
-
-    def action_zoom(self) -> None:
-        self.imumon.toggle("zoomed")
-
-    def action_overlay(self) -> None:
-        self.imumon.toggle("overlay")
-
-    def action_limits(self) -> None:
-        self.imumon.toggle("show_limits")
-
-    def action_baseline(self) -> None:
-        self.imumon.toggle_baseline()
-
     def on_click(self, event: Click) -> None:
         """Select the channel of a row of the table."""
         table = self.query_one("#table", DrawnPanel)
@@ -119,8 +98,8 @@ class SignalView(ChannelView):
 
     title = "signal"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("w,right", "window(1)", "longer window: minute, hour, everything"),
-        Binding("left", "window(-1)", "shorter window"),
+        Binding("w,right", "app.window(1)", "longer window: minute, hour, everything"),
+        Binding("left", "app.window(-1)", "shorter window"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -129,10 +108,6 @@ class SignalView(ChannelView):
             yield DrawnPanel(charts.histogram_chart, id="histogram")
             yield DrawnPanel(charts.spectrum_chart, id="spectrum")
         yield DrawnPanel(text_panels.drift, id="drift")
-
-    def action_window(self, step: int) -> None:
-        at = (WINDOWS.index(self.imumon.view_state.window) + step) % len(WINDOWS)
-        self.imumon.change(window=WINDOWS[at])
 
 
 class ScrolledView(View):
@@ -205,24 +180,15 @@ class SensorsView(ScrolledView):
 
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("down,j", "device(1)", "next sensor"),
-        Binding("up,k", "device(-1)", "previous sensor"),
-        Binding("enter", "open", "its numbers"),
-        Binding("c", "compare", "compare with the next one, then none"),
+        Binding("down,j", "app.device(1)", "next sensor"),
+        Binding("up,k", "app.device(-1)", "previous sensor"),
+        Binding("enter", "app.view('overview')", "its numbers"),
+        Binding("c", "app.compare", "compare with the next one, then none"),
     ]
 
     def compose(self) -> ComposeResult:
         yield ScrolledPanel(text_panels.sensors, id="sensors-sheet")
         yield DrawnPanel(charts.allan_chart, id="sensors-allan")
-
-    def action_device(self, step: int) -> None:
-        self.imumon.step_device(step)
-
-    def action_open(self) -> None:
-        self.imumon.action_view("overview")
-
-    def action_compare(self) -> None:
-        self.imumon.step_compared()
 
 
 WINDOW_WIDTH = 58
@@ -264,8 +230,8 @@ class SaveDialog(DialogWindow):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("v", "dismiss('svg')", "picture, SVG"),
         Binding("p", "dismiss('png')", "picture, PNG"),
-        Binding("c", "dismiss('csv')", "numbers, CSV"),
-        Binding("j", "dismiss('json')", "whole report, JSON"),
+        Binding("c", "dismiss('csv')", "numbers of this view, CSV"),
+        Binding("j", "dismiss('json')", "the whole report, JSON (a baseline for later)"),
     ]
 
 
@@ -291,7 +257,7 @@ def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[L
     lines: list[Line] = [*([(text, "text")] for text in wrap(summary, WINDOW_WIDTH)), []]
     if isinstance(view, Overview):
         notation = Notation(ascii=ascii)
-        lines.insert(-1, [(uncertainty(notation.plus_minus, notation.times_divide), "muted")])
+        lines.insert(-1, [(uncertainty(notation.symbol("±"), notation.symbol("×÷")), "muted")])
     lines += [[(f"{keys:<12}", "key"), (text, "text")] for keys, text in keys_of(own, ascii)]
     lines += [[], [("everywhere", "title")]]
     shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)
