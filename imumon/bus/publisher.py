@@ -19,14 +19,7 @@ import zenoh
 
 from imumon.bus.queryable import LastValues
 from imumon.bus.uplink import Uplink, open_local, open_uplink
-from imumon.bus.zenoh_session import (
-    RETRY_S,
-    BusError,
-    SessionOptions,
-    Unreachable,
-    check_endpoint,
-    clean_id,
-)
+from imumon.bus.zenoh_session import RETRY_S, BusError, SessionOptions, Unreachable, check_endpoint, clean_id
 from imumon.report import Channel, Event, Report, Signal, to_json
 
 CURVES = ("allan", "histogram", "spectrum")

@@ -376,12 +376,7 @@ _KNOWN_ERRORS = (
     ),
     ("no such file or directory", "path_not_found", "no such file or directory", "create the directory"),
     ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
-    (
-        "usrpwd",
-        "users_file_invalid",
-        "zenoh.users_file is invalid",
-        "each line must be user:password",
-    ),
+    ("usrpwd", "users_file_invalid", "zenoh.users_file is invalid", "each line must be user:password"),
     (
         "keymismatch",
         "key_invalid",

@@ -11,12 +11,7 @@ from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
 from imumon.devices.base import Check, CheckStatus, DeviceError, Observation
-from imumon.doctor.observations import (
-    PortObservation,
-    ServiceObservation,
-    StateObservation,
-    ZenohObservation,
-)
+from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 
 MAX_DAMAGED = 0.01
 """Share of damaged messages, or of bytes of no message, above which a line is unusable."""
