@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from imumon.report import Coefficient, Drift, Report
+from imumon.report import Coefficient, Drift, Report, SensorGrade
 from imumon.samples import sensor_of
 
 FILTERED_BELOW_HZ = 200.0
@@ -232,3 +232,17 @@ def within(meets: str | None) -> str:
     ('every figure within consumer limits', 'some figure beyond consumer limits')
     """
     return f"every figure within {meets} limits" if meets else "some figure beyond consumer limits"
+
+
+def grade_text(grade: SensorGrade) -> str:
+    """Return both grades of a sensor in words, the same in every output.
+
+    >>> grade_text(SensorGrade(nearest="industrial", meets="consumer"))
+    'meets consumer, nearest industrial, provisional'
+    >>> grade_text(SensorGrade(nearest="consumer", provisional=False)), grade_text(SensorGrade())
+    ('meets nothing, nearest consumer', 'no grade')
+    """
+    if grade.nearest is None:
+        return "no grade"
+    provisional = ", provisional" if grade.provisional else ""
+    return f"meets {grade.meets or 'nothing'}, nearest {grade.nearest}{provisional}"
