@@ -90,14 +90,14 @@ def settings(report: Report, form: str) -> dict[str, float]:
 @pytest.mark.parametrize("form", ["kalibr", "openvins"])
 def test_densities_are_those_of_the_worst_axis(form: str) -> None:
     report = make_report(LONG_S)
-    found = settings(report, form)
+    values = settings(report, form)
     for sensor, name in (("gyro", "gyroscope"), ("accel", "accelerometer")):
         for letter, key in (("N", "noise_density"), ("K", "random_walk")):
             parts = [getattr(report.channels[f"{sensor}/{axis}"], letter) for axis in "xyz"]
             assert all(part.status == "measured" for part in parts)
             expected = max(part.value for part in parts)
-            assert found[f"{name}_{key}"] == pytest.approx(expected, rel=1e-6)
-    assert found["update_rate"] == LONG_RATE
+            assert values[f"{name}_{key}"] == pytest.approx(expected, rel=1e-6)
+    assert values["update_rate"] == LONG_RATE
 
 
 def test_a_bounded_coefficient_is_its_bound_with_a_comment() -> None:
@@ -222,15 +222,15 @@ def test_the_variance_of_an_autopilot_filter_grows_as_that_of_the_sensor(
 ) -> None:
     """Both add (s dt)^2 in a step of dt, to angle or velocity and to the bias: N^2 or K^2 a second."""
     report = make_report(LONG_S)
-    found = dict(re.findall(line, text(report, form), re.MULTILINE))
+    values = dict(re.findall(line, text(report, form), re.MULTILINE))
     parts = [(sensor, letter) for sensor in ("gyro", "accel") for letter in "NK"]
     for name, (sensor, letter) in zip(names, parts, strict=True):
-        grown = sum((float(found[name]) * step_s) ** 2 for _ in range(round(12.0 / step_s)))
+        grown = sum((float(values[name]) * step_s) ** 2 for _ in range(round(12.0 / step_s)))
         expected = worst_axis(report, sensor, letter).value or 0.0
         assert grown == pytest.approx(12.0 * expected**2, rel=1e-3)
 
 
-def test_openvins_gets_every_matrix_it_asks_for() -> None:
+def test_openvins_gets_every_required_matrix() -> None:
     shown = text(make_report(), "openvins")
     for name, size, diagonal in (
         ("T_i_b", 4, 1.0),

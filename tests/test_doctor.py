@@ -94,11 +94,11 @@ def test_the_sensor_is_not_changed() -> None:
 
 
 CLOCKED = EmulatorSettings(seed=1, rate=160.0)
-"""Binary, with a sample clock, and within the factory baud."""
+"""Binary, with a sample clock, and within the factory baud rate."""
 
 
 @pytest.mark.parametrize("fault", ["crc=0.2", "corrupt=0.005", "cut=0.2"])
-def test_damaged_messages_are_found(case: Case, fault: str) -> None:
+def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask(f"fault {fault}")
         results = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are certainly damaged
@@ -134,7 +134,7 @@ def test_missing_samples_of_a_stream_with_a_clock_are_counted(case: Case) -> Non
         ("reboot", "sensor", "failed", ""),
     ],
 )
-def test_events_during_the_observation_are_found(
+def test_events_during_the_observation_are_detected(
     case: Case, command: str, name: str, status: str, text: str
 ) -> None:
     with spawn(CLOCKED) as sensor:
@@ -167,7 +167,7 @@ def test_another_model_is_a_warning(case: Case) -> None:
     assert results["identity"].status == "warning"
 
 
-def test_a_wrong_baud_in_the_settings_is_found(case: Case) -> None:
+def test_a_wrong_baud_rate_in_the_settings_is_detected(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         results = by_name(with_device(case, DeviceSettings(baud=9600)), sensor.path)
     assert failed(results) == {"baud"}
@@ -321,12 +321,12 @@ def device_checks(observation: Observation) -> dict[str, Check]:
 
 
 @pytest.mark.parametrize(("bytes_per_s", "status"), [(5000, "ok"), (10_000, "warning"), (11_300, "failed")])
-def test_a_full_line_is_found(bytes_per_s: int, status: str) -> None:
+def test_a_full_line_is_detected(bytes_per_s: int, status: str) -> None:
     results = device_checks(replace(OBSERVATION, bytes=3 * bytes_per_s, messages=9))
     assert results["bandwidth"].status == status
 
 
-def test_a_slow_baud_is_a_warning() -> None:
+def test_a_slow_baud_rate_is_a_warning() -> None:
     results = device_checks(replace(OBSERVATION, info=replace(OBSERVATION.info, baud=9600)))
     assert results["baud"].status == "warning"
     assert "--set-baud" in str(results["baud"].cure)
@@ -427,7 +427,7 @@ def doctor(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, cwd=cwd)
 
 
-def test_a_running_daemon_is_asked_and_not_disturbed(tmp_path: Path) -> None:
+def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path / "state") as daemon:
         before = daemon.samples()
         done = doctor("--port", sensor.path, "--connect", daemon.endpoint, "--json", cwd=tmp_path)

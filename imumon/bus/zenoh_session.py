@@ -283,7 +283,7 @@ def _access_rules(options: SessionOptions) -> dict[str, Any]:
 
 @contextmanager
 def _users_file(options: SessionOptions, listens: bool) -> Iterator[str]:
-    """Yield the path of a file with all users that may connect; empty: everybody.
+    """Yield the path of a file with all users that may connect; empty: no restriction.
 
     Zenoh refuses every peer if only `user` is set. Therefore a temporary file (mode 0600) holds this user and
     those of `users_file`.

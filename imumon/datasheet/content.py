@@ -134,7 +134,7 @@ def _coefficient_table(report: Report, sensor: str) -> DataTable:
     names = [f"{COEFFICIENT_NAMES[sensor][c]}, {u}" for c, u in zip(COEFFICIENTS, units, strict=True)]
     # only the gyroscope is compensated
     marks = [c for c in MARKED if c in report.caveats and (c != "compensated" or sensor == "gyro")]
-    caption = f"Beware: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
+    caption = f"Caution: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
     head = (SENSOR_TITLES[sensor], *names, *(["meets", "nearest"] if graded else []))
     return DataTable(head, tuple(rows), caption)
 
@@ -196,7 +196,7 @@ def _published_values(report: Report, sensors: Sequence[str]) -> Iterator[Block]
             cells.append(value.text if value else "–")
             if source in compared:
                 limit = value.value if value else None
-                cells.append(_against(own, limit) if limit is not None else "–")
+                cells.append(_comparison(own, limit) if limit is not None else "–")
         rows.append(tuple(cells))
     yield Heading(f"Published values: {driver.title}")
     yield DataTable(tuple(head), tuple(rows))
@@ -205,7 +205,7 @@ def _published_values(report: Report, sensors: Sequence[str]) -> Iterator[Block]
         yield Paragraph(" ".join(notes))
 
 
-def _against(own: Coefficient | None, published: float) -> str:
+def _comparison(own: Coefficient | None, published: float) -> str:
     """Return how the measured value compares with a published one, by its 95 % limits."""
     if own is None:
         return "–"

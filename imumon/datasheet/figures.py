@@ -37,7 +37,7 @@ PAGE_INCHES = (8.4, 4.6)
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
 FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
-_SHORTER = (
+_SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
     (r' id="(?:figure|axes|patch|text|line2d|legend|[xy]tick|\w+Collection|matplotlib\.axis)_\d+"', ""),
     (r" font-family: [^;\"]*;?", ""),
@@ -86,7 +86,7 @@ def svg(report: Report, sensor: str) -> str:
         _draw(figure.subplots(), report, sensor, PAGE)
         drawn = _saved(figure, "svg").decode()
     body = drawn[drawn.index("<svg ") : drawn.rindex("</svg>")].partition(">")[2]
-    for pattern, replacement in _SHORTER:
+    for pattern, replacement in _SVG_REPLACEMENTS:
         body = re.sub(pattern, replacement, body, flags=re.DOTALL)
     for role, colour in PAGE.items():
         body = body.replace(colour, f"var(--{role})")

@@ -219,8 +219,8 @@ def _caveats(report: Report) -> list[str]:
     """Return each caveat by its name, with its channels and its meaning."""
     with_curve = sum(1 for channel in report.channels.values() if channel.allan is not None)
     lines = [
-        f"caveat {word}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(word)}"
-        for word, names in caveats(report).items()
+        f"caveat {caveat}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(caveat)}"
+        for caveat, names in caveats(report).items()
     ]
     warning = filter_not_known(report)
     return lines if warning is None else [*lines, f"{FILTER_NOT_KNOWN}: {warning}"]

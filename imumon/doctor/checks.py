@@ -150,7 +150,9 @@ def _generic(observation: Observation) -> Iterator[Check]:
 def _identity(observation: Observation) -> Check:
     info = observation.info
     if info.model is None:
-        return Check("identity", "warning", f"the {info.kind} gives no model", "identify it by its port")
+        return Check(
+            "identity", "warning", f"the {info.kind} does not report its model", "identify it by its port"
+        )
     serial = info.serial or "without a serial number"
     return Check("identity", "ok", f"{info.model} {serial}, firmware {info.firmware or 'unknown'}")
 
@@ -178,7 +180,7 @@ def _stream(observation: Observation) -> Check:
 def _aliasing(observation: Observation) -> Check:
     info = observation.info
     if info.alias_factor is None:
-        text = f"unknown: the {info.kind} does not give its filter or its rate"
+        text = f"unknown: the {info.kind} does not report its filter or its rate"
         return Check("aliasing", "warning", text, "its filter must average over the output interval")
     if info.alias_factor <= ALIASED:
         return Check("aliasing", "ok", "none")
@@ -255,7 +257,7 @@ def zenoh(zenoh: ZenohObservation) -> Check:
     """Check which daemons answer, and whether another one could listen."""
     ids = ", ".join(report.device.id for report in zenoh.reports)
     if zenoh.exposed:
-        text = f"{zenoh.exposed[0]} is open to everybody on the network"
+        text = f"{zenoh.exposed[0]} is open to every host on the network"
         return Check("zenoh", "warning", text, "use tls/ with certificates: see docs/ZENOH.md")
     if zenoh.unreachable:
         text = f"no answer from {', '.join(zenoh.unreachable)}"
