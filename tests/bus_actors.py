@@ -72,7 +72,7 @@ def event(id: str, number: int) -> Event:
     return Event(time=TIME, kind="gap", text=f"gap {number}", device=id)
 
 
-def view(channel: str, number: int) -> Signal:
+def make_signal(channel: str, number: int) -> Signal:
     strip = Strip(start_s=0.0, column_s=1.0, low=(0.0,), high=(float(number),))
     return Signal(channel=channel, unit=UNIT[channel.partition("/")[0]], minute=strip)
 
@@ -98,7 +98,7 @@ def daemon(
     def publish() -> None:
         nonlocal longest, number
         number += 1
-        data, signals = report(id, number, octaves=octaves), {"gyro/x": view("gyro/x", number)}
+        data, signals = report(id, number, octaves=octaves), {"gyro/x": make_signal("gyro/x", number)}
         start = time.perf_counter()
         publisher.publish(data, signals)
         longest = max(longest, time.perf_counter() - start)
@@ -144,11 +144,11 @@ def subscriber(connect: list[str], **settings: Any) -> None:
         emit(ready=True, pid=os.getpid())
         over = threading.Event()
         threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()
-        seen = -1
+        received = -1
         while not over.wait(0.005):
-            if reader.version != seen:
-                seen = reader.version
-                numbers = {id: got.session.samples for id, (got, _) in reader.reports().items()}
+            if reader.version != received:
+                received = reader.version
+                numbers = {id: newest.session.samples for id, (newest, _) in reader.reports().items()}
                 emit(numbers=numbers, at=time.monotonic())
 
 
@@ -180,7 +180,13 @@ def foreign_client(connect: str, id: str, count: int, seed: int) -> None:
     config.insert_json5("mode", '"client"')
     names = ("report", "event", "grade", "alive", "gyro/x", "signal/gyro/x", "%", "a b", "ä/ö", "x" * 300)
     keys = [f"imumon/{id}/{name}" for name in names] + ["imumon/other/report", "imumon", "a/b"]
-    asked = [f"imumon/{id}/**", "imumon/*/gyro/*", f"imumon/{id}/signal/accel/y?x=1;y=[", "**", "imumon/none"]
+    queried = [
+        f"imumon/{id}/**",
+        "imumon/*/gyro/*",
+        f"imumon/{id}/signal/accel/y?x=1;y=[",
+        "**",
+        "imumon/none",
+    ]
     host, _, port = connect.removeprefix("tcp/").rpartition(":")
     noise, answers = rng.bytes(1 << 16), 0
     emit(ready=True)
@@ -190,7 +196,7 @@ def foreign_client(connect: str, id: str, count: int, seed: int) -> None:
         for number, (key, start, length) in enumerate(zip(chosen, starts, lengths, strict=True)):
             session.put(keys[key], noise[start : start + length])
             if number % 1000 == 0:
-                answers += sum(1 for _ in session.get(asked[number // 1000 % len(asked)], timeout=1.0))
+                answers += sum(1 for _ in session.get(queried[number // 1000 % len(queried)], timeout=1.0))
                 with suppress(OSError), socket.create_connection((host, int(port)), timeout=1.0) as raw:
                     raw.sendall(noise[start : start + 2000])
     emit(put=count, answers=answers)

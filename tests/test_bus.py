@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import zenoh
-from bus_actors import CHANNELS, Actor, event, free_endpoint, free_port, report, stage, until, view
+from bus_actors import CHANNELS, Actor, event, free_endpoint, free_port, make_signal, report, stage, until
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,11 +38,11 @@ def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:
 def endpoint() -> Iterator[str]:
     """Endpoint of a daemon in another process that publishes 20 times a second."""
     with stage() as start:
-        place = free_endpoint()
-        actor = start("daemon", listen=[place]).ready()
+        address = free_endpoint()
+        actor = start("daemon", listen=[address]).ready()
         actor.send("events 120")
         until(lambda: actor.request("counts")["events"] == 120)
-        yield place
+        yield address
 
 
 def test_every_published_key_answers_a_get(endpoint: str) -> None:
@@ -53,10 +53,10 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
 
         until(lambda: get("report"))
         (sample,) = get("report")
-        whole = from_json(Report, sample.payload.to_bytes())
+        complete = from_json(Report, sample.payload.to_bytes())
         assert str(sample.encoding) == "application/json"
         assert sample.timestamp is not None
-        assert whole == report("a", whole.session.samples)
+        assert complete == report("a", complete.session.samples)
         for name in (*CHANNELS, "temperature"):
             (sample,) = get(name)
             entry = json.loads(sample.payload.to_bytes())
@@ -65,7 +65,7 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
                 del expected[curve]
             assert entry == expected
         (sample,) = get("grade")
-        assert json.loads(sample.payload.to_bytes()) == json.loads(to_json(whole.grade))
+        assert json.loads(sample.payload.to_bytes()) == json.loads(to_json(complete.grade))
         (sample,) = get("event")
         assert from_json(Event, sample.payload.to_bytes()) == event("a", 119)
         every = session.get("imumon/a/event", consolidation=zenoh.ConsolidationMode.NONE)
@@ -82,15 +82,15 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
 
 
 def test_a_wildcard_subscriber_gets_exactly_the_documented_keys(endpoint: str) -> None:
-    seen: dict[str, str] = {}
+    received: dict[str, str] = {}
     with plain_session(endpoint) as session:
         session.declare_subscriber(
-            "imumon/**", lambda s: seen.update({str(s.key_expr): s.payload.to_string()})
+            "imumon/**", lambda s: received.update({str(s.key_expr): s.payload.to_string()})
         )
         expected = {f"imumon/a/{name}" for name in (*CHANNELS, "temperature", "report")}
-        until(lambda: set(seen) >= expected)
-        assert set(seen) == expected  # grade and event on change, signals on request
-        for text in seen.values():
+        until(lambda: set(received) >= expected)
+        assert set(received) == expected  # grade and event on change, signals on request
+        for text in received.values():
             json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
 
 
@@ -101,19 +101,19 @@ def test_a_running_daemon_has_a_liveliness_token(endpoint: str) -> None:
 
 def test_a_late_subscriber_gets_the_last_values_at_once(endpoint: str) -> None:
     with stage() as start:
-        place = free_endpoint()
-        start("daemon", id="once", listen=[place], period=0).ready()
-        with Subscriber([place]) as quiet, Subscriber([endpoint]) as busy:
+        address = free_endpoint()
+        start("daemon", id="once", listen=[address], period=0).ready()
+        with Subscriber([address]) as late, Subscriber([endpoint]) as active:
             start_s = time.monotonic()
-            got = quiet.wait_report("once")  # published once, before this subscription
-            assert got == report("once", 1)
+            first = late.wait_report("once")  # published once, before this subscription
+            assert first == report("once", 1)
             assert time.monotonic() - start_s < 1.0
-            assert busy.wait_report()
-            until(lambda: len(busy.events("a")) == 100)
-            assert busy.events("a") == [event("a", n) for n in range(20, 120)]
-            until(lambda: busy.alive() == {"a"})
-            assert busy.connected()
-            assert busy.wait_report("absent", timeout=0.2) is None
+            assert active.wait_report()
+            until(lambda: len(active.events("a")) == 100)
+            assert active.events("a") == [event("a", n) for n in range(20, 120)]
+            until(lambda: active.alive() == {"a"})
+            assert active.connected()
+            assert active.wait_report("absent", timeout=0.2) is None
 
 
 def test_the_signal_of_one_channel_follows_the_reports(endpoint: str) -> None:
@@ -131,10 +131,10 @@ def test_the_signal_of_one_channel_follows_the_reports(endpoint: str) -> None:
 
 def test_one_subscriber_gets_the_reports_of_two_daemons() -> None:
     with stage() as start:
-        places = [free_endpoint(), free_endpoint()]
-        for id, place in zip(("left", "right"), places, strict=True):
-            start("daemon", id=id, listen=[place])
-        with Subscriber(places) as subscriber:  # before both daemons
+        addresses = [free_endpoint(), free_endpoint()]
+        for id, address in zip(("left", "right"), addresses, strict=True):
+            start("daemon", id=id, listen=[address])
+        with Subscriber(addresses) as subscriber:  # before both daemons
             until(lambda: subscriber.alive() == {"left", "right"})
             until(lambda: set(subscriber.reports()) == {"left", "right"})
             version = subscriber.version
@@ -145,11 +145,11 @@ def test_default_endpoints_are_local_and_need_no_configuration() -> None:
     with stage() as start:
         names = ("default-1", "default-2")
         actors: list[Actor] = [start("daemon", id=id).ready() for id in names]
-        places = [actor.messages[0]["endpoints"][0] for actor in actors]
-        assert len(set(places)) == 2
-        for place in places:
-            assert place.startswith("tcp/127.0.0.1:")
-            assert 7448 <= int(place.rpartition(":")[2]) <= 7463
+        addresses = [actor.messages[0]["endpoints"][0] for actor in actors]
+        assert len(set(addresses)) == 2
+        for address in addresses:
+            assert address.startswith("tcp/127.0.0.1:")
+            assert 7448 <= int(address.rpartition(":")[2]) <= 7463
         with Subscriber() as subscriber:
             for id in names:
                 assert subscriber.wait_report(id, timeout=5.0)
@@ -159,9 +159,9 @@ def test_default_endpoints_are_local_and_need_no_configuration() -> None:
 
 def test_messages_published_before_close_arrive() -> None:
     with stage() as start:
-        places = [free_endpoint() for _ in range(4)]
-        actors = [start("daemon", id=f"d{n}", listen=[place]) for n, place in enumerate(places)]
-        with Subscriber(places) as subscriber:
+        addresses = [free_endpoint() for _ in range(4)]
+        actors = [start("daemon", id=f"d{n}", listen=[address]) for n, address in enumerate(addresses)]
+        with Subscriber(addresses) as subscriber:
             until(lambda: len(subscriber.reports()) == 4)
             for actor in actors:
                 actor.send("stop")
@@ -193,15 +193,15 @@ def test_publish_returns_at_once_and_counts_what_is_dropped() -> None:
 
 
 def test_signals_are_published_on_request_only() -> None:
-    place = free_endpoint()
-    with Publisher("x", listen=[place]) as publisher, plain_session(place) as session:
+    address = free_endpoint()
+    with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
         publisher.publish(report("x", 1), {})
         until(lambda: publisher.counts.reports)
         list(session.get("imumon/x/**"))
         assert publisher.requested_signals() == frozenset()
         question = session.get("imumon/x/signal/gyro/*")  # waits for the next report
         until(lambda: publisher.requested_signals() == {"gyro/x", "gyro/y", "gyro/z"})
-        publisher.publish(report("x", 2), {"gyro/z": view("gyro/z", 7)})
+        publisher.publish(report("x", 2), {"gyro/z": make_signal("gyro/z", 7)})
         (reply,) = question
         assert json.loads(reply.ok.payload.to_bytes())["minute"]["high"] == [7.0]
         (reply,) = session.get("imumon/x/signal/gyro/z")
@@ -213,15 +213,15 @@ def test_signals_are_published_on_request_only() -> None:
 def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
     ahead: timedelta, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = free_endpoint()
-    with Publisher("x", listen=[place]) as publisher:
+    address = free_endpoint()
+    with Publisher("x", listen=[address]) as publisher:
         offset, source = ahead, publisher._session.new_timestamp().get_id()
         monkeypatch.setattr(
             publisher, "_timestamp", lambda: zenoh.Timestamp(datetime.now(UTC) + offset, source)
         )
         publisher.publish(report("x", 1))
         until(lambda: publisher.counts.reports == 1)
-        with Subscriber([place]) as subscriber:
+        with Subscriber([address]) as subscriber:
             assert subscriber.wait_report("x", timeout=5.0) == report("x", 1)
             for number in range(2, 6):
                 offset = ahead if number < 4 else -ahead
@@ -232,15 +232,17 @@ def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
 
 
 def test_the_grade_is_published_only_when_it_changes() -> None:
-    place, seen = free_endpoint(), []
-    with Publisher("x", listen=[place]) as publisher, plain_session(place) as session:
-        session.declare_subscriber("imumon/x/grade", lambda s: seen.append(json.loads(s.payload.to_bytes())))
+    address, received = free_endpoint(), []
+    with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
+        session.declare_subscriber(
+            "imumon/x/grade", lambda s: received.append(json.loads(s.payload.to_bytes()))
+        )
         until(lambda: session.info.transports())
         for number, grade in enumerate(("industrial", "industrial", "tactical", "tactical"), 1):
             publisher.publish(report("x", number, grade=grade))
             until(lambda number=number: publisher.counts.reports == number)
-        until(lambda: seen and seen[-1]["gyro"]["nearest"] == "tactical")
-        assert len(seen) <= 2  # the first may have been sent before the subscription was known
+        until(lambda: received and received[-1]["gyro"]["nearest"] == "tactical")
+        assert len(received) <= 2  # the first may have been sent before the subscription was known
 
 
 @pytest.mark.parametrize(
@@ -278,10 +280,10 @@ def refused(id: str, **arguments: Any) -> BusError:
 
 
 def test_errors_have_a_code_and_name_the_setting() -> None:
-    place = free_endpoint()
-    with Publisher("x", listen=[place]):
-        assert refused("y", listen=[place]).code == "address_in_use"
-        assert refused("x", connect=[place]).code == "name_in_use"
+    address = free_endpoint()
+    with Publisher("x", listen=[address]):
+        assert refused("y", listen=[address]).code == "address_in_use"
+        assert refused("x", connect=[address]).code == "name_in_use"
     options = SessionOptions(insecure=True)
     assert refused("x", listen=["tcp/192.0.2.1:7448"], settings=options).code == "address_not_local"
     assert refused("x", settings=SessionOptions(users_file="/none/users")).code == "file_unreadable"
@@ -299,8 +301,8 @@ def test_the_setting_insecure_allows_to_listen_on_every_interface() -> None:
 
 
 def test_a_unix_socket_is_an_endpoint(tmp_path_factory: pytest.TempPathFactory) -> None:
-    place = f"unixsock-stream/{tmp_path_factory.mktemp('bus')}/z"
-    with Publisher("x", listen=[place]) as publisher, Subscriber([place]) as subscriber:
+    address = f"unixsock-stream/{tmp_path_factory.mktemp('bus')}/z"
+    with Publisher("x", listen=[address]) as publisher, Subscriber([address]) as subscriber:
         publisher.publish(report("x", 1))
         assert subscriber.wait_report("x", timeout=5.0)
 
@@ -312,9 +314,9 @@ def test_the_settings_of_the_file_are_the_session_options() -> None:
     )
 
 
-def test_a_subscriber_finds_the_daemon_with_the_same_settings() -> None:
-    place = free_endpoint()
-    settings = ZenohSettings(listen=(place,), user="ann", password="secret")
+def test_a_subscriber_connects_with_the_settings_of_the_daemon() -> None:
+    address = free_endpoint()
+    settings = ZenohSettings(listen=(address,), user="ann", password="secret")
     with Publisher("x", settings=settings) as publisher, Subscriber(settings=settings) as subscriber:
         publisher.publish(report("x", 1))
         assert subscriber.wait_report("x", timeout=5.0)
@@ -340,8 +342,8 @@ def test_any_text_is_an_endpoint_or_is_refused(text: str) -> None:
 
 def test_an_unknown_error_of_zenoh_is_shown_without_its_source_locations() -> None:
     error = zenoh.ZError("Boom [x]: odd at /home/x/.cargo/git/a.rs:12.] at /home/x/.cargo/git/b.rs:3.")
-    found = classify(error, ["tcp/h:1"])
-    assert (found.code, found.message) == ("session_failed", "tcp/h:1: Boom [x]: odd")
+    bus_error = classify(error, ["tcp/h:1"])
+    assert (bus_error.code, bus_error.message) == ("session_failed", "tcp/h:1: Boom [x]: odd")
 
 
 def test_old_requests_for_signals_are_forgotten() -> None:

@@ -23,10 +23,10 @@ def blocks(language: str) -> list[str]:
 @pytest.mark.parametrize("number", range(len(blocks("python"))))
 def test_the_programs_run(number: int) -> None:
     with stage() as start:
-        place = free_endpoint()
-        start("daemon", id="imu-1", listen=[place]).ready()
-        code = blocks("python")[number].replace("tcp/127.0.0.1:7448", place)
-        code = code.replace("Subscriber()", f"Subscriber([{place!r}])")
+        address = free_endpoint()
+        start("daemon", id="imu-1", listen=[address]).ready()
+        code = blocks("python")[number].replace("tcp/127.0.0.1:7448", address)
+        code = code.replace("Subscriber()", f"Subscriber([{address!r}])")
         process = subprocess.Popen(
             [sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

@@ -57,8 +57,8 @@ def last_number(subscriber: Actor) -> int:
 def test_a_daemon_listens_on_its_endpoint_only_and_a_subscriber_on_none() -> None:
     with stage() as start:
         port = free_port()
-        place = f"tcp/127.0.0.1:{port}"
-        daemon, subscriber = start("daemon", listen=[place]), start("subscriber", connect=[place])
+        address = f"tcp/127.0.0.1:{port}"
+        daemon, subscriber = start("daemon", listen=[address]), start("subscriber", connect=[address])
         daemon.ready()
         until(lambda: last_number(subscriber))
         assert sockets(daemon.messages[0]["pid"]) == ({f"0100007F:{port}"}, 0)
@@ -67,15 +67,15 @@ def test_a_daemon_listens_on_its_endpoint_only_and_a_subscriber_on_none() -> Non
 
 def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() -> None:
     with stage() as start:
-        place = free_endpoint()
+        address = free_endpoint()
         # 60 kB at 100 Hz: more than all buffers hold until the lease of the stopped subscriber ends
-        daemon = start("daemon", listen=[place], period=0.01, octaves=60)
-        subscribers = [start("subscriber", connect=[place]) for _ in range(3)]
+        daemon = start("daemon", listen=[address], period=0.01, octaves=60)
+        subscribers = [start("subscriber", connect=[address]) for _ in range(3)]
         daemon.ready()
         for subscriber in subscribers:
             until(lambda subscriber=subscriber: last_number(subscriber))
-        stuck, again, healthy = subscribers
-        for subscriber in (stuck, again):
+        frozen, resumed, healthy = subscribers
+        for subscriber in (frozen, resumed):
             subscriber.kill(signal.SIGSTOP)
         start_s, first = time.monotonic(), len(healthy.messages)
         until(lambda: time.monotonic() - start_s > 3.0)
@@ -86,21 +86,21 @@ def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() 
         assert max(gaps) < 0.5
         assert counts["longest"] < 0.25  # longest call of `publish`, with a margin for a busy machine
         assert counts["error"] is None
-        again.kill(signal.SIGCONT)
-        until(lambda: last_number(again) > counts["reports"])
+        resumed.kill(signal.SIGCONT)
+        until(lambda: last_number(resumed) > counts["reports"])
         daemon.send("stop")
         assert until(lambda: daemon.messages[-1].get("closed_s")) < 1.6
         healthy.send("stop")
         assert daemon.process.wait(5) == healthy.process.wait(5) == 0
 
 
-def test_a_subscriber_that_starts_first_finds_the_daemon_and_its_successors() -> None:
+def test_a_subscriber_that_starts_first_connects_to_the_daemon_and_its_successors() -> None:
     with stage() as start:
-        place = free_endpoint()
-        with Subscriber([place]) as subscriber:
+        address = free_endpoint()
+        with Subscriber([address]) as subscriber:
             assert not subscriber.connected()
             assert subscriber.wait_report(timeout=0.1) is None
-            daemon = start("daemon", listen=[place]).ready()
+            daemon = start("daemon", listen=[address]).ready()
             assert subscriber.wait_report("a", timeout=5.0)
             until(lambda: subscriber.alive() == {"a"})
             for number in range(2):
@@ -109,7 +109,7 @@ def test_a_subscriber_that_starts_first_finds_the_daemon_and_its_successors() ->
                     lambda: not subscriber.alive(), 1.0
                 )  # the kernel closes the link, so there is no wait for the lease
                 assert not subscriber.connected()
-                daemon = start("daemon", listen=[place], period=0).ready()  # one report alone
+                daemon = start("daemon", listen=[address], period=0).ready()  # a single report
                 until(lambda: subscriber.alive() == {"a"})
                 until(lambda: subscriber.reports()["a"][0].session.samples == 1)
                 daemon.send(f"events {number + 1}")
@@ -118,9 +118,9 @@ def test_a_subscriber_that_starts_first_finds_the_daemon_and_its_successors() ->
 
 def test_a_frozen_daemon_is_not_alive_after_the_lease_and_alive_when_it_continues() -> None:
     with stage() as start:
-        place = free_endpoint()
-        daemon = start("daemon", listen=[place]).ready()
-        with Subscriber([place]) as subscriber:
+        address = free_endpoint()
+        daemon = start("daemon", listen=[address]).ready()
+        with Subscriber([address]) as subscriber:
             until(lambda: subscriber.alive() == {"a"})
             daemon.kill(signal.SIGSTOP)
             until(lambda: not subscriber.alive(), 4.0)
@@ -174,38 +174,38 @@ def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None
 def test_a_router_may_start_late_and_restart() -> None:
     with stage() as start:
         port = free_port()
-        place, local = f"tcp/127.0.0.1:{port}", free_endpoint()
-        daemon = start("daemon", listen=[local], connect=[place], period=0).ready()  # one report alone
+        address, local = f"tcp/127.0.0.1:{port}", free_endpoint()
+        daemon = start("daemon", listen=[local], connect=[address], period=0).ready()  # a single report
         daemon.send("events 3")
-        with Subscriber([place]) as subscriber, Subscriber([local]) as neighbour:
+        with Subscriber([address]) as subscriber, Subscriber([local]) as neighbour:
             assert neighbour.wait_report("a", timeout=5.0)
-            assert "no answer" in daemon.request("counts")["uplinks"][place]
+            assert "no answer" in daemon.request("counts")["uplinks"][address]
             router = start("router", port=port).ready()
             until(lambda: subscriber.alive() == {"a"})
             assert subscriber.wait_report("a", timeout=5.0) == report("a", 1)
             until(lambda: subscriber.events("a") == [event("a", n) for n in range(3)])
-            assert daemon.request("counts")["uplinks"] == {place: None}
+            assert daemon.request("counts")["uplinks"] == {address: None}
             router.kill()
             until(lambda: not subscriber.alive())
-            until(lambda: "lost" in (daemon.request("counts")["uplinks"][place] or ""))
+            until(lambda: "lost" in (daemon.request("counts")["uplinks"][address] or ""))
             assert neighbour.alive() == {"a"}
             start("router", port=port).ready()
             until(lambda: subscriber.alive() == {"a"})
-            duplicate = start("daemon", listen=[free_endpoint()], connect=[place])
+            duplicate = start("daemon", listen=[free_endpoint()], connect=[address])
             assert duplicate.ready().messages[0]["error"] == "name_in_use"
-            with plain_session(place, "peer") as anyone:  # any other tool
-                until(lambda: [r for r in anyone.get("imumon/*/gyro/x") if r.ok])
+            with plain_session(address, "peer") as other_tool:  # any other tool
+                until(lambda: [r for r in other_tool.get("imumon/*/gyro/x") if r.ok])
 
 
 def test_a_daemon_does_not_pass_on_forged_data() -> None:
     forged = to_json(report("a", -1))
     with stage() as start:
-        place = free_endpoint()
-        start("daemon", listen=[place]).ready()
+        address = free_endpoint()
+        start("daemon", listen=[address]).ready()
         with (
-            Subscriber([place]) as subscriber,
-            plain_session(place, "peer") as peer,
-            plain_session(place, "client") as client,
+            Subscriber([address]) as subscriber,
+            plain_session(address, "peer") as peer,
+            plain_session(address, "client") as client,
         ):
             subscriber.wait_report("a", timeout=5.0)
             until(lambda: peer.info.transports() and client.info.transports())
@@ -214,7 +214,7 @@ def test_a_daemon_does_not_pass_on_forged_data() -> None:
                 s.declare_queryable("imumon/**", lambda q: q.reply("imumon/a/report", forged))
                 for s in (peer, client)
             ]
-            seen: list[int] = []
+            received: list[int] = []
             for number in range(20):
                 for session in (peer, client):
                     session.put("imumon/a/report", forged)
@@ -222,12 +222,12 @@ def test_a_daemon_does_not_pass_on_forged_data() -> None:
                     session.put("imumon/a/event", to_json(event("a", number)))
                 version = subscriber.version
                 until(lambda version=version: subscriber.version > version)
-                seen.append(subscriber.reports()["a"][0].session.samples)
-            assert min(seen) > 0
+                received.append(subscriber.reports()["a"][0].session.samples)
+            assert min(received) > 0
             assert set(subscriber.reports()) == subscriber.alive() == {"a"}
             assert subscriber.events("a") == []
-            with plain_session(place) as asker:
-                replies = [r.ok.payload.to_bytes() for r in asker.get("imumon/a/report") if r.ok]
+            with plain_session(address) as client_session:
+                replies = [r.ok.payload.to_bytes() for r in client_session.get("imumon/a/report") if r.ok]
                 assert [from_json(Report, data).session.samples > 0 for data in replies] == [True]
             del tokens, queryables
 
@@ -239,9 +239,9 @@ def test_a_subscriber_ignores_invalid_messages_on_an_open_bus() -> None:
     garbage += [good[: len(good) // 2], good.replace('"channels":{', '"channels":[')]
     with stage() as start:
         port = free_port()
-        place = f"tcp/127.0.0.1:{port}"
+        address = f"tcp/127.0.0.1:{port}"
         start("router", port=port).ready()
-        with Subscriber([place]) as subscriber, plain_session(place) as foreign:
+        with Subscriber([address]) as subscriber, plain_session(address) as foreign:
             until(subscriber.connected)
             until(lambda: foreign.put("imumon/b/report", good) or subscriber.reports())
             for text in garbage:

@@ -13,57 +13,57 @@ from test_bus_docs import blocks
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber
 
 
-def gets(place: str, *, timeout: float, **settings: object) -> bool:
+def receives(address: str, *, timeout: float, **settings: object) -> bool:
     """Return whether a subscriber with these settings gets a report."""
-    with Subscriber([place], settings=SessionOptions(**settings)) as subscriber:  # type: ignore[arg-type]
-        found = subscriber.wait_report("a", timeout=timeout) is not None
-        assert found == subscriber.connected()
-        return found
+    with Subscriber([address], settings=SessionOptions(**settings)) as subscriber:  # type: ignore[arg-type]
+        received = subscriber.wait_report("a", timeout=timeout) is not None
+        assert received == subscriber.connected()
+        return received
 
 
 def test_only_users_with_the_right_password_get_reports(tmp_path: Path) -> None:
     users = tmp_path / "users"
     users.write_text("ann:secret\nbob:other\n")
     with stage() as start:
-        place = f"tcp/127.0.0.1:{free_port()}"
-        start("daemon", listen=[place], users_file=str(users)).ready()
-        assert gets(place, timeout=5.0, user="ann", password="secret")
-        assert gets(place, timeout=5.0, user="bob", password="other")
-        assert not gets(place, timeout=0.4, user="ann", password="other")
-        assert not gets(place, timeout=0.4, user="eve", password="secret")
-        assert not gets(place, timeout=0.4)
+        address = f"tcp/127.0.0.1:{free_port()}"
+        start("daemon", listen=[address], users_file=str(users)).ready()
+        assert receives(address, timeout=5.0, user="ann", password="secret")
+        assert receives(address, timeout=5.0, user="bob", password="other")
+        assert not receives(address, timeout=0.4, user="ann", password="other")
+        assert not receives(address, timeout=0.4, user="eve", password="secret")
+        assert not receives(address, timeout=0.4)
 
 
 def test_the_user_of_the_settings_and_those_of_the_file_get_reports(tmp_path: Path) -> None:
     users = tmp_path / "users"
     users.write_bytes(b"ann:s\xc3\xa4cret\n")
     with stage() as start:
-        place = f"tcp/127.0.0.1:{free_port()}"
+        address = f"tcp/127.0.0.1:{free_port()}"
         settings = {"users_file": str(users), "user": "bob", "password": "other"}
-        start("daemon", listen=[place], **settings).ready()
-        assert gets(place, timeout=5.0, user="bob", password="other")
-        assert gets(place, timeout=5.0, user="ann", password="säcret")
+        start("daemon", listen=[address], **settings).ready()
+        assert receives(address, timeout=5.0, user="bob", password="other")
+        assert receives(address, timeout=5.0, user="ann", password="säcret")
     with pytest.raises(BusError) as caught:
-        Publisher("a", listen=[place], settings=SessionOptions(user="a:b", password="c"))
+        Publisher("a", listen=[address], settings=SessionOptions(user="a:b", password="c"))
     assert (caught.value.code, caught.value.setting) == ("user_invalid", "zenoh.user")
 
 
 def test_the_same_settings_serve_daemon_and_subscriber() -> None:
     with stage() as start:
-        place = f"tcp/127.0.0.1:{free_port()}"
-        start("daemon", listen=[place], user="ann", password="secret").ready()
-        assert gets(place, timeout=5.0, user="ann", password="secret")
-        assert not gets(place, timeout=0.4)
+        address = f"tcp/127.0.0.1:{free_port()}"
+        start("daemon", listen=[address], user="ann", password="secret").ready()
+        assert receives(address, timeout=5.0, user="ann", password="secret")
+        assert not receives(address, timeout=0.4)
 
 
 def test_users_that_are_not_allowed_get_no_reports(tmp_path: Path) -> None:
     users = tmp_path / "users"
     users.write_text("ann:secret\nbob:other\n")
     with stage() as start:
-        place = f"tcp/127.0.0.1:{free_port()}"
-        start("daemon", listen=[place], users_file=str(users), allow=["ann"]).ready()
-        assert gets(place, timeout=5.0, user="ann", password="secret")
-        with Subscriber([place], settings=SessionOptions(user="bob", password="other")) as subscriber:
+        address = f"tcp/127.0.0.1:{free_port()}"
+        start("daemon", listen=[address], users_file=str(users), allow=["ann"]).ready()
+        assert receives(address, timeout=5.0, user="ann", password="secret")
+        with Subscriber([address], settings=SessionOptions(user="bob", password="other")) as subscriber:
             until(subscriber.connected)
             assert subscriber.wait_report(timeout=0.4) is None
 
@@ -84,12 +84,12 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if shutil.which("openssl") is None:
         pytest.skip("openssl, which makes the certificates, is not installed")
     (recipe,) = blocks("sh")
-    folder = tmp_path_factory.mktemp("keys")
-    (folder / "other").mkdir()
-    for place, names in ((folder, "daemon viewer guest"), (folder / "other", "viewer")):
+    root = tmp_path_factory.mktemp("keys")
+    (root / "other").mkdir()
+    for directory, names in ((root, "daemon viewer guest"), (root / "other", "viewer")):
         commands = recipe.replace("daemon viewer", names)
-        subprocess.run(["sh", "-euc", commands], cwd=place, check=True, capture_output=True)
-    return folder
+        subprocess.run(["sh", "-euc", commands], cwd=directory, check=True, capture_output=True)
+    return root
 
 
 def identity(keys: Path, name: str, *, ca: str = "ca") -> dict[str, str]:
@@ -103,23 +103,23 @@ def identity(keys: Path, name: str, *, ca: str = "ca") -> dict[str, str]:
 def test_only_certificates_of_the_authority_get_reports(keys: Path) -> None:
     with stage() as start:
         port = free_port()
-        place = f"tls/127.0.0.1:{port}"
-        start("daemon", listen=[place], **identity(keys, "daemon")).ready()
-        assert gets(place, timeout=5.0, **identity(keys, "viewer"))
-        assert not gets(place, timeout=0.5, **identity(keys, "other/viewer"))
-        assert not gets(place, timeout=0.5, **identity(keys, "other/viewer", ca="other/ca"))
-        assert not gets(place, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
-        assert not gets(place, timeout=0.5, ca=str(keys / "ca.pem"))
-        assert not gets(f"tcp/127.0.0.1:{port}", timeout=0.5)
+        address = f"tls/127.0.0.1:{port}"
+        start("daemon", listen=[address], **identity(keys, "daemon")).ready()
+        assert receives(address, timeout=5.0, **identity(keys, "viewer"))
+        assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
+        assert not receives(address, timeout=0.5, **identity(keys, "other/viewer", ca="other/ca"))
+        assert not receives(address, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
+        assert not receives(address, timeout=0.5, ca=str(keys / "ca.pem"))
+        assert not receives(f"tcp/127.0.0.1:{port}", timeout=0.5)
 
 
 def test_allow_lists_common_names_and_tls_may_listen_on_every_interface(keys: Path) -> None:
     with stage() as start:
         port = free_port()
-        place = f"tls/127.0.0.1:{port}"
+        address = f"tls/127.0.0.1:{port}"
         start("daemon", listen=[f"tls/0.0.0.0:{port}"], allow=["viewer"], **identity(keys, "daemon")).ready()
-        assert gets(place, timeout=5.0, **identity(keys, "viewer"))
-        with Subscriber([place], settings=SessionOptions(**identity(keys, "guest"))) as subscriber:
+        assert receives(address, timeout=5.0, **identity(keys, "viewer"))
+        with Subscriber([address], settings=SessionOptions(**identity(keys, "guest"))) as subscriber:
             until(subscriber.connected)
             assert subscriber.wait_report(timeout=0.4) is None
 

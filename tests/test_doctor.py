@@ -25,12 +25,7 @@ from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import candidate_ports
-from imumon.doctor.observations import (
-    PortObservation,
-    ServiceObservation,
-    StateObservation,
-    ZenohObservation,
-)
+from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_device
 from imumon.doctor.probe_host import observe_port, observe_state, with_latency
 from imumon.errors import ImumonError
@@ -54,8 +49,8 @@ def by_name(case: Case, port: str) -> dict[str, Check]:
     return {check.name: check for check in examine(replace(case, port=port))}
 
 
-def failed(found: dict[str, Check]) -> set[str]:
-    return {name for name, check in found.items() if check.status == "failed"}
+def failed(results: dict[str, Check]) -> set[str]:
+    return {name for name, check in results.items() if check.status == "failed"}
 
 
 # ---------------------------------------------------------------------- a sensor and its faults
@@ -63,16 +58,25 @@ def failed(found: dict[str, Check]) -> set[str]:
 
 def test_a_factory_sensor_has_two_warnings(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = by_name(case, sensor.path)
-    assert not failed(found)
-    assert {name for name, check in found.items() if check.status == "warning"} == {
+        results = by_name(case, sensor.path)
+    assert not failed(results)
+    assert {name for name, check in results.items() if check.status == "warning"} == {
         "aliasing",
         "compensation",
     }
-    assert "2.24 times" in found["aliasing"].text
-    assert "115200" in found["baud"].text
-    assert "0100056785" in found["identity"].text
-    assert set(found) >= {"config", "port", "permission", "holder", "bandwidth", "checksums", "rate", "zenoh"}
+    assert "2.24 times" in results["aliasing"].text
+    assert "115200" in results["baud"].text
+    assert "0100056785" in results["identity"].text
+    assert set(results) >= {
+        "config",
+        "port",
+        "permission",
+        "holder",
+        "bandwidth",
+        "checksums",
+        "rate",
+        "zenoh",
+    }
 
 
 def observe(path: str) -> Observation:
@@ -90,33 +94,33 @@ def test_the_sensor_is_not_changed() -> None:
 
 
 CLOCKED = EmulatorSettings(seed=1, rate=160.0)
-"""Binary, with a sample clock, and within the factory baud."""
+"""Binary, with a sample clock, and within the factory baud rate."""
 
 
 @pytest.mark.parametrize("fault", ["crc=0.2", "corrupt=0.005", "cut=0.2"])
-def test_damaged_messages_are_found(case: Case, fault: str) -> None:
+def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask(f"fault {fault}")
-        found = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are certainly damaged
-    assert found["checksums"].status == "failed", found
-    assert found["checksums"].cure
+        results = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are certainly damaged
+    assert results["checksums"].status == "failed", results
+    assert results["checksums"].cure
 
 
 @pytest.mark.parametrize("fault", ["drop=0.25", "duplicate=0.5"])
 def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         sensor.ask(f"fault {fault}")
-        found = by_name(replace(case, seconds=2.0), sensor.path)
-    assert found["rate"].status != "ok", found
-    assert found["rate"].cure
+        results = by_name(replace(case, seconds=2.0), sensor.path)
+    assert results["rate"].status != "ok", results
+    assert results["rate"].cure
 
 
 def test_missing_samples_of_a_stream_with_a_clock_are_counted(case: Case) -> None:
     with spawn(CLOCKED) as sensor:
         sensor.ask("fault drop=0.08")
-        found = by_name(case, sensor.path)
-    assert found["rate"].status != "ok", found
-    assert "missing" in found["rate"].text
+        results = by_name(case, sensor.path)
+    assert results["rate"].status != "ok", results
+    assert "missing" in results["rate"].text
 
 
 @pytest.mark.parametrize(
@@ -130,7 +134,7 @@ def test_missing_samples_of_a_stream_with_a_clock_are_counted(case: Case) -> Non
         ("reboot", "sensor", "failed", ""),
     ],
 )
-def test_events_during_the_observation_are_found(
+def test_events_during_the_observation_are_detected(
     case: Case, command: str, name: str, status: str, text: str
 ) -> None:
     with spawn(CLOCKED) as sensor:
@@ -140,42 +144,42 @@ def test_events_during_the_observation_are_found(
             if step.startswith("observing"):
                 threading.Timer(0.15, lambda: answers.append(str(sensor.ask(command)))).start()
 
-        found = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=1.5), act)}
+        results = {c.name: c for c in examine(replace(case, port=sensor.path, seconds=1.5), act)}
     assert answers
     if command == "reboot":  # it sends its factory stream again: one of the two shows
-        assert found["stream"].status == "warning" or failed(found), found
+        assert results["stream"].status == "warning" or failed(results), results
     else:
-        assert found[name].status == status, found
-        assert text in found[name].text
+        assert results[name].status == status, results
+        assert text in results[name].text
 
 
 def test_a_foreign_device_is_recognised(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, impostor="nmea")) as sensor:
-        found = by_name(case, sensor.path)
-    assert failed(found) == {"sensor"}
-    assert "GNSS" in found["sensor"].text
-    assert found["sensor"].cure
+        results = by_name(case, sensor.path)
+    assert failed(results) == {"sensor"}
+    assert "GNSS" in results["sensor"].text
+    assert results["sensor"].cure
 
 
 def test_another_model_is_a_warning(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, model="VN-200T-CR")) as sensor:
-        found = by_name(case, sensor.path)
-    assert found["identity"].status == "warning"
+        results = by_name(case, sensor.path)
+    assert results["identity"].status == "warning"
 
 
-def test_a_wrong_baud_in_the_settings_is_found(case: Case) -> None:
+def test_a_wrong_baud_rate_in_the_settings_is_detected(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = by_name(with_device(case, DeviceSettings(baud=9600)), sensor.path)
-    assert failed(found) == {"baud"}
-    assert "115200" in found["baud"].text
+        results = by_name(with_device(case, DeviceSettings(baud=9600)), sensor.path)
+    assert failed(results) == {"baud"}
+    assert "115200" in results["baud"].text
 
 
 def test_listen_only_sends_no_command(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
-        found = by_name(with_device(case, DeviceSettings(listen_only=True)), sensor.path)
+        results = by_name(with_device(case, DeviceSettings(listen_only=True)), sensor.path)
         assert sensor.ask("counters")["replies"] == 0
-    assert found["identity"].status == "warning"
-    assert found["aliasing"].status == "warning"
+    assert results["identity"].status == "warning"
+    assert results["aliasing"].status == "warning"
 
 
 # ---------------------------------------------------------------------- ports
@@ -190,9 +194,9 @@ def test_a_path_that_is_no_port(case: Case, tmp_path: Path) -> None:
 
 def test_a_port_in_use_by_another_program_is_not_read(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, SerialPort(sensor.path):
-        found = by_name(case, sensor.path)
-    assert failed(found) == {"sensor"}
-    assert "in use" in found["sensor"].text
+        results = by_name(case, sensor.path)
+    assert failed(results) == {"sensor"}
+    assert "in use" in results["sensor"].text
 
 
 @pytest.mark.parametrize(("data", "text"), [(b"", "silent"), (b"\x5a\x81" * 99, "no valid message")])
@@ -206,17 +210,17 @@ def test_silence_and_garbage_are_distinguished(case: Case, data: bytes, text: st
 
         sender = threading.Thread(target=send)
         sender.start()
-        found = by_name(case, f"socket://127.0.0.1:{server.getsockname()[1]}")
+        results = by_name(case, f"socket://127.0.0.1:{server.getsockname()[1]}")
         sender.join()
-    assert found["port"].status == "ok"
-    assert failed(found) == {"sensor"}
-    assert text in found["sensor"].text or "gone" in found["sensor"].text
+    assert results["port"].status == "ok"
+    assert failed(results) == {"sensor"}
+    assert text in results["sensor"].text or "gone" in results["sensor"].text
 
 
 def test_no_port_at_all(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("imumon.doctor.doctor.find_ports", list)
-    found = {check.name: check for check in examine(case)}
-    assert found["port"] == checks.NO_PORT
+    results = {check.name: check for check in examine(case)}
+    assert results["port"] == checks.NO_PORT
 
 
 PORT = PortObservation(path="/dev/ttyUSB0", group="dialout", user="ada")
@@ -270,12 +274,12 @@ def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_the_generic_checks_apply_to_any_device(case: Case, fake: str) -> None:
-    found = by_name(case, fake)
-    names = [name for name in found if name not in ("config", "zenoh", "state", "service")]
+    results = by_name(case, fake)
+    names = [name for name in results if name not in ("config", "zenoh", "state", "service")]
     assert names == ["port", "identity", "stream", "aliasing", "compensation", "rate", "clock"]
     # its filter and its rate are unknown, and every 50th of its samples is missing
-    assert {name for name in names if found[name].status != "ok"} == {"aliasing", "rate"}
-    assert "missing" in found["rate"].text
+    assert {name for name in names if results[name].status != "ok"} == {"aliasing", "rate"}
+    assert "missing" in results["rate"].text
 
 
 def test_a_device_that_is_absent_or_lost(case: Case, fake: str, tmp_path: Path) -> None:
@@ -317,28 +321,28 @@ def device_checks(observation: Observation) -> dict[str, Check]:
 
 
 @pytest.mark.parametrize(("bytes_per_s", "status"), [(5000, "ok"), (10_000, "warning"), (11_300, "failed")])
-def test_a_full_line_is_found(bytes_per_s: int, status: str) -> None:
-    found = device_checks(replace(OBSERVATION, bytes=3 * bytes_per_s, messages=9))
-    assert found["bandwidth"].status == status
+def test_a_full_line_is_detected(bytes_per_s: int, status: str) -> None:
+    results = device_checks(replace(OBSERVATION, bytes=3 * bytes_per_s, messages=9))
+    assert results["bandwidth"].status == status
 
 
-def test_a_slow_baud_is_a_warning() -> None:
-    found = device_checks(replace(OBSERVATION, info=replace(OBSERVATION.info, baud=9600)))
-    assert found["baud"].status == "warning"
-    assert "--set-baud" in str(found["baud"].cure)
+def test_a_slow_baud_rate_is_a_warning() -> None:
+    results = device_checks(replace(OBSERVATION, info=replace(OBSERVATION.info, baud=9600)))
+    assert results["baud"].status == "warning"
+    assert "--set-baud" in str(results["baud"].cure)
 
 
 def test_compensated_deltas_are_a_warning() -> None:
     info = replace(OBSERVATION.info, settings={"82 delta control": "0,1,0,0,0"}, alias_factor=1.0)
-    found = device_checks(replace(OBSERVATION, info=info))
-    assert found["compensation"].status == "warning"
-    assert found["aliasing"].status == "ok"
+    results = device_checks(replace(OBSERVATION, info=info))
+    assert results["compensation"].status == "warning"
+    assert results["aliasing"].status == "ok"
 
 
 @pytest.mark.parametrize(("ratio", "status"), [(1.0, "ok"), (0.99, "ok"), (1.2, "warning"), (0.5, "warning")])
 def test_a_wrong_sample_clock_is_a_warning(ratio: float, status: str) -> None:
-    found = device_checks(replace(OBSERVATION, samples=300, rate_hz=100.0, clock_ratio=ratio))
-    assert found["clock"].status == status
+    results = device_checks(replace(OBSERVATION, samples=300, rate_hz=100.0, clock_ratio=ratio))
+    assert results["clock"].status == status
 
 
 @pytest.mark.parametrize(
@@ -377,9 +381,9 @@ def test_an_endpoint_in_use_and_an_invalid_endpoint(case: Case) -> None:
         taken = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         for listen_at in (taken, "nonsense"):
             settings = Settings(zenoh=ZenohSettings(listen=(listen_at,)))
-            found = {c.name: c for c in examine(replace(case, settings=settings, port="/dev/null0"))}
-            assert found["zenoh"].status == "failed"
-            assert found["zenoh"].cure
+            results = {c.name: c for c in examine(replace(case, settings=settings, port="/dev/null0"))}
+            assert results["zenoh"].status == "failed"
+            assert results["zenoh"].cure
 
 
 def test_the_state_directory(tmp_path: Path) -> None:
@@ -423,19 +427,19 @@ def doctor(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, cwd=cwd)
 
 
-def test_a_running_daemon_is_asked_and_not_disturbed(tmp_path: Path) -> None:
+def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path / "state") as daemon:
         before = daemon.samples()
         done = doctor("--port", sensor.path, "--connect", daemon.endpoint, "--json", cwd=tmp_path)
         after = daemon.wait(lambda r: r.session.samples > before.session.samples + 50)
         daemon.stop()
     output = json.loads(done.stdout)
-    found = {check["name"]: check for check in output["checks"]}
+    results = {check["name"]: check for check in output["checks"]}
     assert done.returncode == 0, done.stdout
     assert output["schema"] == "imumon.doctor/1"
-    assert "asked instead" in found["holder"]["text"]
-    assert found["rate"]["status"] == "ok"
-    assert found["compensation"]["status"] == "ok"
+    assert results["holder"]["status"] == "ok"
+    assert results["rate"]["status"] == "ok"
+    assert results["compensation"]["status"] == "ok"
     assert (after.session.missing, after.session.gaps, after.session.bad_checksums) == (0, 0, 0)
 
 

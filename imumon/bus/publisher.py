@@ -1,4 +1,4 @@
-"""Publisher: the daemon's side of the bus.
+"""Publisher: the side of the bus on which a daemon sends.
 
 The caller never waits for the bus: `Publisher.publish` stores the newest report and returns, a thread sends
 it, and Zenoh drops messages of a congested link. Events are queued; the queue is bounded and what it drops is
@@ -13,20 +13,14 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import zenoh
 
 from imumon.bus.queryable import LastValues
 from imumon.bus.uplink import Uplink, open_local, open_uplink
-from imumon.bus.zenoh_session import (
-    RETRY_S,
-    BusError,
-    SessionOptions,
-    Unreachable,
-    check_endpoint,
-    clean_id,
-)
+from imumon.bus.zenoh_session import RETRY_S, BusError, SessionOptions, Unreachable, check_endpoint, clean_id
 from imumon.report import Channel, Event, Report, Signal, to_json
 
 CURVES = ("allan", "histogram", "spectrum")
@@ -39,24 +33,15 @@ _MAX_REPORTED_ERRORS = 20  # different texts in `Publisher.status_changes`. Not 
 _CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link. Not critical
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PublisherCounts:
-    """Messages of a publisher.
+    """Messages of a publisher."""
 
-    Attributes
-    ----------
-    reports : sent.
-    replaced : reports that a newer one replaced before they were sent.
-    events : sent.
-    events_dropped : did not fit into the queue.
-    errors : messages that could not be serialised or sent.
-    """
-
-    reports: int = 0
-    replaced: int = 0
-    events: int = 0
-    events_dropped: int = 0
-    errors: int = 0
+    reports: int = 0  # sent
+    replaced: int = 0  # reports that a newer one replaced before they were sent
+    events: int = 0  # sent
+    events_dropped: int = 0  # did not fit into the queue
+    errors: int = 0  # messages that could not be serialised or sent
 
 
 class Publisher:
@@ -99,7 +84,7 @@ class Publisher:
         self._newest: tuple[Report, Mapping[str, Signal] | None] | None = None
         self._events: deque[Event] = deque()
         self._closing = False
-        self._reports = self._replaced = self._sent_events = self._dropped = self._errors = 0
+        self._counts = PublisherCounts()
         self._last_values = LastValues(self._root)
         self._last_grade: str | None = None
         self._stop_connecting = threading.Event()
@@ -122,10 +107,8 @@ class Publisher:
         attempts: list[Future[None]] = []
         for endpoint in endpoints:
             attempts.append(Future())
-            arguments = (options, endpoint, attempts[-1])
-            threading.Thread(
-                target=self._connect_uplink, args=arguments, name="imumon-uplink", daemon=True
-            ).start()
+            run = partial(self._connect_uplink, options, endpoint, attempts[-1])
+            threading.Thread(target=run, name="imumon-uplink", daemon=True).start()
         try:
             for attempt in wait(attempts, _FIRST_ATTEMPT_S).done:
                 attempt.result()
@@ -134,9 +117,9 @@ class Publisher:
             raise
 
     def publish(self, report: Report, signals: Mapping[str, Signal] | None = None) -> None:
-        """Send the newest report, and the signals by channel to those who asked; return at once."""
+        """Send the newest report, and reply with the signals by channel where requested; return at once."""
         with self._changed:
-            self._replaced += self._newest is not None
+            self._counts.replaced += self._newest is not None
             self._newest = (report, signals)
             self._changed.notify()
 
@@ -145,7 +128,7 @@ class Publisher:
         with self._changed:
             if len(self._events) >= _MAX_QUEUED_EVENTS:
                 self._events.popleft()
-                self._dropped += 1
+                self._counts.events_dropped += 1
             self._events.append(event)
             self._changed.notify()
 
@@ -156,9 +139,7 @@ class Publisher:
     @property
     def counts(self) -> PublisherCounts:
         with self._changed:
-            return PublisherCounts(
-                self._reports, self._replaced, self._sent_events, self._dropped, self._errors
-            )
+            return replace(self._counts)
 
     def uplink_errors(self) -> dict[str, str | None]:
         """Return why there is no connection to a router, by its endpoint; None: there is one."""
@@ -169,20 +150,15 @@ class Publisher:
         return {**self._connect_errors, **connected}
 
     def status_changes(self) -> list[str]:
-        """Return messages for the log: each change of a connection to a router once, and each reason why a
-        message could not be sent once."""
+        """Return messages for the log: each changed connection to a router and each new send error, once."""
         messages, uplinks = [], self.uplink_errors()
         for endpoint, error in uplinks.items():
             if error != self._reported_uplinks.get(endpoint):
                 messages.append(error or f"{endpoint}: connected")
         self._reported_uplinks = uplinks
-        reason = self.last_error
-        if (
-            reason is not None
-            and reason not in self._reported_errors
-            and len(self._reported_errors) < _MAX_REPORTED_ERRORS
-        ):
-            self._reported_errors.add(reason)
+        reason, reported = self.last_error, self._reported_errors
+        if reason is not None and reason not in reported and len(reported) < _MAX_REPORTED_ERRORS:
+            reported.add(reason)
             messages.append(f"a message could not be published: {reason}")
         return messages
 
@@ -224,9 +200,9 @@ class Publisher:
                 if self._closing and not newest and not events:
                     return
             for event in events:
-                self._attempt(lambda event=event: self._send_event(event))  # type: ignore[misc]
+                self._attempt(partial(self._send_event, event))
             if newest:
-                self._attempt(lambda newest=newest: self._send_report(*newest))  # type: ignore[misc]
+                self._attempt(partial(self._send_report, *newest))
 
     def _attempt(self, send: Callable[[], None]) -> None:
         """Send; a message that cannot be sent must not end the thread."""
@@ -236,12 +212,12 @@ class Publisher:
         except Exception as error:
             self.last_error = f"{type(error).__name__}: {error}"
             with self._changed:
-                self._errors += 1
+                self._counts.errors += 1
 
     def _send_event(self, event: Event) -> None:
         self._put("event", to_json(event))
         with self._changed:
-            self._sent_events += 1
+            self._counts.events += 1
 
     def _send_report(self, report: Report, signals: Mapping[str, Signal] | None) -> None:
         whole = to_json(report)
@@ -254,7 +230,7 @@ class Publisher:
             self._put("grade", grade)
             self._last_grade = grade
         with self._changed:
-            self._reports += 1
+            self._counts.reports += 1
 
     def _put(self, name: str, text: str) -> None:
         timestamp = self._timestamp()

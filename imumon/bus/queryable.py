@@ -20,9 +20,7 @@ JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
-_SIGNAL_WAIT_S = (
-    3.0  # s; a query for a signal that does not come within this time gets no reply. Not critical
-)
+_SIGNAL_WAIT_S = 3.0  # s; a query for a signal that is not published by then gets no reply. Not critical
 _MAX_PENDING = 256  # queries that wait for a signal; the oldest gets no reply. Not critical
 
 
@@ -35,9 +33,7 @@ class LastValues:
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
         self._signals: Mapping[str, Signal] = {}
-        self._requests: dict[
-            str, float
-        ] = {}  # channel to the monotonic time of the last query for its signal
+        self._requests: dict[str, float] = {}  # monotonic time of the last query for its signal, by channel
         self._pending: deque[tuple[zenoh.Query, float]] = deque(maxlen=_MAX_PENDING)
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
@@ -58,8 +54,7 @@ class LastValues:
             yield "event", *value
 
     def requested_signals(self, within_s: float) -> frozenset[str]:
-        """Return the channels whose signal was requested in the last `within_s` seconds; forget the
-        others."""
+        """Return the channels whose signal was requested in the last `within_s` seconds; drop the others."""
         since = time.monotonic() - within_s
         with self._lock:
             self._requests = {channel: at for channel, at in self._requests.items() if at >= since}
@@ -104,10 +99,8 @@ class LastValues:
 
     def _has_signal(self, query: zenoh.Query) -> bool:
         """Return whether a query for a signal can be replied to now; True for any other query."""
-        prefix = f"{self._root}/signal/"
-        if "/signal/" not in str(query.key_expr):
-            return True
-        return any(query.key_expr.intersects(prefix + name) for name in self._signals)
+        prefix, is_signal = f"{self._root}/signal/", "/signal/" in str(query.key_expr)
+        return not is_signal or any(query.key_expr.intersects(prefix + name) for name in self._signals)
 
     def _reply_signals(self, query: zenoh.Query) -> None:
         for name, signal in self._signals.items():

@@ -38,10 +38,8 @@ class Subscriber:
 
     Parameters
     ----------
-    connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the default endpoints of
-        this machine.
-    settings : `imumon.bus.SessionOptions`, or an object with attributes of the same names; None for the
-        defaults.
+    connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the local defaults.
+    settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
 
     Attributes
     ----------
@@ -66,9 +64,8 @@ class Subscriber:
         self._closed = False
         self._signal_due = threading.Event()
         self._session = open_session(options, (), self.endpoints, access_control=False)
-        alive = self._session.liveliness().declare_subscriber(
-            "imumon/*/alive", RingChannel(_MAX_QUEUED), history=True
-        )
+        queue: RingChannel[Any] = RingChannel(_MAX_QUEUED)
+        alive = self._session.liveliness().declare_subscriber("imumon/*/alive", queue, history=True)
         self._threads = (
             start_listener(alive, self._on_alive),
             start_listener(self._subscribe("report", 1), self._on_report),
@@ -93,9 +90,7 @@ class Subscriber:
             unread, self._unread = self._unread, {}
         parsed = {id: (self._parse(Report, data), arrival) for id, (data, arrival) in unread.items()}
         with self._changed:
-            self._reports.update(
-                {id: (report, arrival) for id, (report, arrival) in parsed.items() if report is not None}
-            )
+            self._reports |= {id: (report, at) for id, (report, at) in parsed.items() if report is not None}
             return dict(self._reports)
 
     def alive(self) -> set[str]:
@@ -127,24 +122,19 @@ class Subscriber:
         return bool(self._session.info.transports())
 
     def wait_report(self, id: str | None = None, timeout: float = 2.0) -> Report | None:
-        """Wait up to `timeout` seconds for a report of this device (None: of any) and return it, else
-        None."""
+        """Return the newest report of this device (None: of any); None after `timeout` seconds without one."""
         end = time.monotonic() + timeout
         while True:
-            with self._changed:
-                version = self.version
-            reports = self.reports()
+            version, reports = self.version, self.reports()
             newest = next(iter(reports.values()), None) if id is None else reports.get(id)
             if newest:
                 return newest[0]
+            remaining = end - time.monotonic()
+            if remaining <= 0:
+                return None
             with self._changed:
-                remaining = end - time.monotonic()
-                if remaining <= 0 or not self._wait_for_change(version, remaining):
-                    return None
-
-    def _wait_for_change(self, version: int, timeout: float) -> bool:
-        """Wait until `version` is outdated; the lock is held."""
-        return self._changed.wait_for(lambda: self.version != version, timeout)
+                if self.version == version:
+                    self._changed.wait(remaining)
 
     def close(self) -> None:
         atexit.unregister(self.close)
@@ -184,8 +174,8 @@ class Subscriber:
     def _on_report(self, sample: zenoh.Sample) -> None:
         id = _device(sample)
         with self._changed:
-            known = id in self._reports or id in self._unread
-            if not known and len(self._reports) + len(self._unread) >= _MAX_DEVICES:
+            known = self._reports.keys() | self._unread.keys()
+            if id not in known and len(known) >= _MAX_DEVICES:
                 return
             self._unread[id] = (sample.payload.to_bytes(), time.monotonic())
             selected = self._selected is not None and self._selected[0] == id
@@ -214,10 +204,9 @@ class Subscriber:
             with self._changed:
                 selected = self._selected
             if selected is not None:
+                key = "imumon/{}/signal/{}".format(*selected)
                 with suppress(zenoh.ZError):
-                    for reply in self._session.get(
-                        "imumon/{}/signal/{}".format(*selected), timeout=_SIGNAL_TIMEOUT_S
-                    ):
+                    for reply in self._session.get(key, timeout=_SIGNAL_TIMEOUT_S):
                         self._on_signal(selected, reply)
 
     def _on_signal(self, selected: tuple[str, str], reply: zenoh.Reply) -> None:

@@ -67,7 +67,7 @@ class Uplink:
         publisher.put(text, timestamp=timestamp)
 
     def undeclare_token(self) -> None:
-        """Tell subscribers that the daemon ends."""
+        """Notify subscribers that the daemon ends."""
         self._token.undeclare()
 
     def close(self) -> None:
@@ -81,9 +81,7 @@ def open_local(
 ) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session that listens: on `listen`, or if that is empty on the first free default port.
 
-    Returns
-    -------
-    The session and its endpoints.
+    Return the session and its endpoints.
 
     Raises
     ------
@@ -106,9 +104,8 @@ def open_local(
             session.close()
             raise
         return session, (endpoint,)
-    raise BusError(
-        "no_free_port", "all of tcp/127.0.0.1:7448 to 7463 are taken", "choose another with --listen"
-    )
+    message = "all of tcp/127.0.0.1:7448 to 7463 are in use"
+    raise BusError("no_free_port", message, "choose another with --listen")
 
 
 def open_uplink(options: SessionOptions, endpoint: str, id: str) -> zenoh.Session:
@@ -127,8 +124,7 @@ def open_uplink(options: SessionOptions, endpoint: str, id: str) -> zenoh.Sessio
 def check_name_is_free(options: SessionOptions, endpoints: Iterable[str], id: str) -> None:
     """Raise `BusError` (``name_in_use``) if a running daemon on these endpoints has this name.
 
-    The token of a daemon that was killed disappears only after its lease. Therefore a token counts if it is
-    still there after that time.
+    The token of a killed daemon disappears only after its lease: a token counts if it is there after that.
     """
     endpoints = tuple(endpoints)
     if not endpoints:
@@ -141,8 +137,5 @@ def check_name_is_free(options: SessionOptions, endpoints: Iterable[str], id: st
                 alive = sample.kind == zenoh.SampleKind.PUT
             time.sleep(0.01)
         if alive:
-            raise BusError(
-                "name_in_use",
-                f'a daemon named "{id}" is running already',
-                "stop it or choose another with --id",
-            )
+            message = f'a daemon named "{id}" is running already'
+            raise BusError("name_in_use", message, "stop it or choose another with --id")

@@ -24,15 +24,9 @@ import zenoh
 
 from imumon.errors import ImumonError
 
-DEFAULT_PORTS = range(7448, 7464)
-"""TCP ports: a daemon listens on the first free one, a subscriber connects to all of them."""
-
-LEASE_S = 2.0
-"""s; a link without traffic for this time is closed. Not critical."""
-
-RETRY_S = 2.0
-"""s; longest interval between two attempts to connect. Not critical."""
-
+DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
+LEASE_S = 2.0  # s; a link without traffic for this time is closed. Not critical
+RETRY_S = 2.0  # s; longest interval between two attempts to connect. Not critical
 _RETRY_FIRST_S = 0.5  # s; the first interval, which grows to RETRY_S. Not critical
 _RETRY_SOCKET_S = 0.1  # s; an attempt at a Unix socket costs next to nothing. Not critical
 _MAX_MESSAGE_BYTES = 16 * 1024 * 1024  # a report has less than 100 kB. Not critical
@@ -47,10 +41,8 @@ T = TypeVar("T")
 class BusError(ImumonError):
     """The bus cannot be used: a problem with an endpoint, a credential or a name.
 
-    Parameters
-    ----------
-    setting : dotted name of the setting whose value is invalid, such as ``zenoh.raw``. None: the error may go
-        away without a change of the settings, or the value does not come from there.
+    `setting` is the dotted name of the setting whose value is invalid, such as ``zenoh.raw``. None: the error
+    may vanish without a change of the settings, or its value is not from the settings.
     """
 
     def __init__(self, code: str, message: str, cure: str = "", *, setting: str | None = None) -> None:
@@ -64,36 +56,24 @@ class Unreachable(BusError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionOptions:
-    """Options of a session: the settings of ``[zenoh]`` under the same names.
+    """Options of a session: the settings of ``[zenoh]`` under the same names."""
 
-    Attributes
-    ----------
-    listen, connect : endpoints such as ``tcp/127.0.0.1:7448``.
-    mode : ``peer`` or ``router``; ``client`` for the uplinks and the tests of an endpoint.
-    user, password : credentials for login; peers that present the same ones may connect to this session.
-    users_file : file of lines ``user:password``: further users that may connect to this session.
-    certificate, key, ca : PEM files for mutual TLS on endpoints of ``tls/`` and ``quic/``.
-    verify_name : whether the certificate of the other side must name the host in the endpoint.
-    read_only : whether data that peers publish is rejected.
-    allow : common names of certificates, or users, that may read; empty: all that can connect.
-    insecure : whether the session may listen on other interfaces than the loopback without TLS.
-    raw : further settings of Zenoh, path to value.
-    """
-
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    mode: str = "peer"
-    user: str = ""
+    listen: tuple[str, ...] = ()  # endpoints such as ``tcp/127.0.0.1:7448``
+    connect: tuple[str, ...] = ()  # endpoints
+    mode: str = "peer"  # or ``router``; ``client`` for the uplinks and the tests of an endpoint
+    user: str = ""  # for login; peers that present the same user and password may connect to this session
     password: str = ""
-    users_file: str = ""
-    certificate: str = ""
+    users_file: str = ""  # file of lines ``user:password``: further users that may connect to this session
+    certificate: str = (
+        ""  # PEM file for mutual TLS on endpoints of ``tls/`` and ``quic/``, as are the next two
+    )
     key: str = ""
     ca: str = ""
-    verify_name: bool = True
-    read_only: bool = True
-    allow: tuple[str, ...] = ()
-    insecure: bool = False
-    raw: Mapping[str, Any] = field(default_factory=dict)
+    verify_name: bool = True  # whether the certificate of the other side must name the host in the endpoint
+    read_only: bool = True  # whether data that peers publish is rejected
+    allow: tuple[str, ...] = ()  # common names of certificates, or users, that may read; empty: all
+    insecure: bool = False  # whether to listen on other interfaces than the loopback without TLS
+    raw: Mapping[str, Any] = field(default_factory=dict)  # further settings of Zenoh, path to value
 
     @classmethod
     def of(cls, settings: object | None) -> Self:
@@ -193,15 +173,12 @@ def _check_listen(options: SessionOptions, endpoint: str) -> None:
     """Raise `BusError` if the options do not allow to listen on this endpoint."""
     encrypted = endpoint.startswith(_ENCRYPTED)
     if not (is_local(endpoint) or encrypted or options.insecure):
-        raise BusError(
-            "listen_insecure",
-            f"{endpoint}: every host on the network could read the data",
-            "use tls/ with certificates, or set zenoh.insecure = true",
-        )
+        message = f"{endpoint}: every host on the network could read the data"
+        cure = "use tls/ with certificates, or set zenoh.insecure = true"
+        raise BusError("listen_insecure", message, cure)
     if encrypted and not options.certificate:
-        raise BusError(
-            "certificate_missing", f"{endpoint}: no certificate", "set zenoh.certificate and zenoh.key"
-        )
+        message = f"{endpoint}: no certificate"
+        raise BusError("certificate_missing", message, "set zenoh.certificate and zenoh.key")
 
 
 def start_listener(source: Iterable[T], handle: Callable[[T], None]) -> threading.Thread:
@@ -274,22 +251,14 @@ def _zenoh_config(
 def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:
     """Set one setting of ``[zenoh.raw]``."""
     if path.partition("/")[0] in _RESERVED_RAW:
-        raise BusError(
-            "raw_not_allowed",
-            f'zenoh.raw: "{path}" cannot be set there',
-            "use the settings of [zenoh] for it",
-            setting="zenoh.raw",
-        )
+        message, cure = f'zenoh.raw: "{path}" cannot be set there', "use the settings of [zenoh] for it"
+        raise BusError("raw_not_allowed", message, cure, setting="zenoh.raw")
     try:
         config.insert_json5(path, json.dumps(value))
     except (zenoh.ZError, TypeError) as error:
-        shown = json.dumps(value, default=str)
-        raise BusError(
-            "raw_invalid",
-            f'zenoh.raw: "{path}" = {shown}: {_readable(str(error))}',
-            "see the configuration of Zenoh",
-            setting="zenoh.raw",
-        ) from None
+        message = f'zenoh.raw: "{path}" = {json.dumps(value, default=str)}: {_readable(str(error))}'
+        cure = "see the configuration of Zenoh"
+        raise BusError("raw_invalid", message, cure, setting="zenoh.raw") from None
 
 
 def _access_rules(options: SessionOptions) -> dict[str, Any]:
@@ -304,102 +273,60 @@ def _access_rules(options: SessionOptions) -> dict[str, Any]:
         for flow, messages in (("egress", egress), ("ingress", ingress))
     ]
     names = list(options.allow)
-    subjects = (
-        [{"id": "certificates", "cert_common_names": names}, {"id": "users", "usernames": names}]
-        if names
-        else [{"id": "everybody"}]
-    )
+    subjects: list[dict[str, Any]] = [{"id": "everybody"}]
+    if names:
+        subjects = [{"id": "certificates", "cert_common_names": names}, {"id": "users", "usernames": names}]
     policy = {"rules": [rule["id"] for rule in rules], "subjects": [subject["id"] for subject in subjects]}
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": [policy],
-    }
+    access = {"rules": rules, "subjects": subjects, "policies": [policy]}
+    return {"enabled": True, "default_permission": "deny", **access}
 
 
 @contextmanager
 def _users_file(options: SessionOptions, listens: bool) -> Iterator[str]:
-    """Yield the path of a file with all users that may connect; empty: everybody.
+    """Yield the path of a file with all users that may connect; empty: no restriction.
 
-    Zenoh needs a file and refuses every peer if only `user` is set. Therefore a temporary file (mode 0600)
-    holds this user and those of `users_file`.
+    Zenoh refuses every peer if only `user` is set. Therefore a temporary file (mode 0600) holds this user and
+    those of `users_file`.
     """
     if not listens or not options.user:
         yield options.users_file if listens else ""
         return
     if ":" in options.user or "\n" in options.user + options.password:
-        raise BusError(
-            "user_invalid",
+        message, cure = (
             "zenoh.user: contains a colon or a line break",
             "choose another user name and password",
-            setting="zenoh.user",
         )
+        raise BusError("user_invalid", message, cure, setting="zenoh.user")
     lines = f"{options.user}:{options.password}\n".encode()
     try:
         if options.users_file:
             lines += Path(options.users_file).read_bytes()
         file = tempfile.NamedTemporaryFile(prefix="imumon-")  # noqa: SIM115
     except OSError as error:
-        raise BusError(
-            "users_file_failed",
-            f"zenoh.user: the file of users cannot be written: {error.strerror}",
-            "free space in the temporary directory",
-            setting="zenoh.user",
-        ) from None
+        message = f"zenoh.user: the file of users cannot be written: {error.strerror}"
+        cure = "free space in the temporary directory"
+        raise BusError("users_file_failed", message, cure, setting="zenoh.user") from None
     with file:
         file.write(lines)
         file.flush()
         yield file.name
 
 
+_KEY_INVALID = "zenoh.key is not the private key of zenoh.certificate in PEM format"
+_CERTIFICATE_INVALID = "zenoh.certificate or zenoh.ca is not a certificate in PEM format"
+_PRIVILEGE = "choose a port above 1023, or a directory that you may write to"
+_ANOTHER = "choose another with --listen"
 _KNOWN_ERRORS = (
     ("unable to connect to any", "unreachable", "no answer, or a wrong password or certificate", ""),
-    (
-        "address already in use",
-        "address_in_use",
-        "is taken by another daemon or program",
-        "choose another with --listen",
-    ),
-    (
-        "cannot assign requested address",
-        "address_not_local",
-        "is not an address of this machine",
-        "choose another with --listen",
-    ),
-    (
-        "permission denied",
-        "permission_denied",
-        "no permission",
-        "choose a port above 1023, or a directory that you may write to",
-    ),
+    ("address already in use", "address_in_use", "in use by another daemon or program", _ANOTHER),
+    ("cannot assign requested address", "address_not_local", "not an address of this machine", _ANOTHER),
+    ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
     ("no such file or directory", "path_not_found", "no such file or directory", "create the directory"),
     ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
-    (
-        "usrpwd",
-        "users_file_invalid",
-        "zenoh.users_file is invalid",
-        "each line must be user:password",
-    ),
-    (
-        "keymismatch",
-        "key_invalid",
-        "zenoh.key is not the private key of zenoh.certificate",
-        "check both files",
-    ),
-    (
-        "private key",
-        "key_invalid",
-        "zenoh.key is not the private key of zenoh.certificate in PEM format",
-        "check both files",
-    ),
-    (
-        "certificate",
-        "certificate_invalid",
-        "zenoh.certificate or zenoh.ca is not a certificate in PEM format",
-        "check both files",
-    ),
+    ("usrpwd", "users_file_invalid", "zenoh.users_file is invalid", "each line must be user:password"),
+    ("keymismatch", "key_invalid", _KEY_INVALID, "check both files"),
+    ("private key", "key_invalid", _KEY_INVALID, "check both files"),
+    ("certificate", "certificate_invalid", _CERTIFICATE_INVALID, "check both files"),
 )
 """Text in an error of Zenoh (lower case), code, message and cure. The first match counts."""
 

@@ -1,7 +1,7 @@
-"""Datasheet: documents and settings made from a report. Nothing is computed here but units.
+"""Datasheet: documents and settings from a report. The only computation is the conversion of units.
 
 datasheet        entry: `document`, and the formats there are
-content          what a datasheet says, block by block
+content          content of a datasheet, block by block
 blocks           the blocks, and their form in Markdown
 html             the form as one self-contained HTML page
 figures          Allan deviation as SVG and PNG, by matplotlib

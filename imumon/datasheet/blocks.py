@@ -21,7 +21,7 @@ class Paragraph:
 
 @dataclass(frozen=True, slots=True)
 class Caution:
-    """A caveat that a reader must know before the numbers."""
+    """A caveat, shown before the numbers."""
 
     name: str
     text: str

@@ -1,26 +1,24 @@
 """Settings of other software, with units and 95 % limits in comments.
 
 Rules: the worst axis decides, because these programs take one number for three axes. A coefficient that the
-record does not show is represented by its 95 % upper bound, which is safe, and its own line says so. Where
-not even a bound is known, the line is commented out: no number is invented. Every caveat comes first. No
-margin is added; the user knows what margin a vehicle needs.
+record does not show is replaced by its 95 % upper bound, which is safe, with a comment on its line. Where not
+even a bound is known, the line is a comment without a number. Every caveat comes first. No margin is added:
+the user knows the margin of the vehicle.
 
 N is the density of the rate as an Allan deviation gives it: white noise of N has the standard deviation
-N / sqrt(dt) in samples of dt. K drives the bias: it walks by K sqrt(t). The comments name the document or the
-source that says what each program makes of its numbers.
+N / sqrt(dt) in samples of dt. K drives the bias: it walks by K sqrt(t). The comments cite how each program
+defines its numbers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from imumon.datasheet.tables import sensor_title
+from imumon.datasheet.tables import record_title, sensor_axes, sensor_title
 from imumon.messages import (
     FILTER_NOT_KNOWN,
-    NEVER_CHANGES,
-    ROUNDED_AWAY,
     caveats,
     filter_not_known,
     joined,
@@ -28,43 +26,31 @@ from imumon.messages import (
     no_value_text,
 )
 from imumon.report import Coefficient, Report
-from imumon.samples import AXES
 from imumon.units import duration
 
 NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
 MEANINGS = {"N": "white noise density", "K": "random walk of the bias"}
 CURES = {
-    NEVER_CHANGES: "find out why it is dead or stuck, and record again",
-    ROUNDED_AWAY: "record with more digits, or a finer range",
+    "constant": "find out why it is dead or stuck, and record again",
+    "resolution": "record with more digits, or a finer range",
 }
-"""What to do about a coefficient that no longer record shows, by the reason."""
+"""What to do about a coefficient that more data will not give, by its `reason_code`."""
 BOUND_COMMENT = "  # 95 % upper bound, not seen in this record"
 
 
 @dataclass(frozen=True, slots=True)
 class WorstAxis:
-    """Largest of the axes; a bound counts where nothing is measured.
+    """Largest of the axes; a bound counts where nothing is measured."""
 
-    Attributes
-    ----------
-    value : SI, None if no axis has even a bound.
-    lines : comments: what it is, and every axis.
-    comment : comment behind the value if it is a bound; else empty.
-    """
-
-    value: float | None
-    lines: tuple[str, ...]
-    comment: str = ""
+    value: float | None  # SI, None if no axis has even a bound
+    lines: tuple[str, ...]  # comments: meaning of the value, and every axis
+    comment: str = ""  # comment after the value if it is a bound; else empty
 
 
 def worst_axis(report: Report, sensor: str, letter: str) -> WorstAxis:
     """Return N or K of a sensor for a setting that takes one number."""
-    parts: dict[str, Coefficient] = {}
-    for axis in AXES:
-        channel = report.channels.get(f"{sensor}/{axis}")
-        part: Coefficient | None = getattr(channel, letter) if channel is not None else None
-        if part is not None:
-            parts[axis] = part
+    axes = sensor_axes(report, sensor)
+    parts: dict[str, Coefficient] = {a: part for a, c in axes if (part := getattr(c, letter)) is not None}
     sizes = {axis: size for axis, part in parts.items() if (size := _size(part)) is not None}
     title = f"{NAMES[sensor]} {letter}, {MEANINGS[letter]}"
     if not sizes:
@@ -84,10 +70,10 @@ def _unknown(sensor: str, parts: Mapping[str, Coefficient]) -> str:
     if not parts:
         return f"the record holds no {NAMES[sensor]}; make one that does"
     for part in parts.values():
-        if (why := no_value_text(part)) is not None:
-            return f"will not be known ({why}); {CURES[why]}"
-    why = next((part.reason for part in parts.values() if part.reason), "too few samples")
-    return f"not known yet ({why}); record longer"
+        if part.reason_code in CURES:
+            return f"will not be known ({no_value_text(part)}); {CURES[part.reason_code]}"
+    reason = next((part.reason for part in parts.values() if part.reason), "too few samples")
+    return f"not known yet ({reason}); record longer"
 
 
 def _size(part: Coefficient) -> float | None:
@@ -98,44 +84,39 @@ def _size(part: Coefficient) -> float | None:
 
 def _value_text(part: Coefficient) -> str:
     if part.status == "measured" and part.value is not None:
-        limits = ""
-        if part.low is not None and part.high is not None:
-            limits = f" (95 %: {part.low:.3e} to {part.high:.3e})"
-        return f"{part.value:.4e}{limits}"
+        known = part.low is not None and part.high is not None
+        return f"{part.value:.4e}" + (f" (95 %: {part.low:.3e} to {part.high:.3e})" if known else "")
     if part.status == "upper_bound" and part.high is not None:
         return f"< {part.high:.3e} (95 %), not seen"
     return no_value_text(part) or "not known yet"
 
 
 def _header(report: Report) -> list[str]:
-    """Return the comments in front of every format: whose noise, of which record, and its caveats."""
-    device, session = report.device, report.session
-    rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
-    excluded = session.excluded_s + session.warmup_s
+    """Return the comments in front of every format: sensor, record and caveats."""
+    device, excluded = report.device, report.session.excluded_s + report.session.warmup_s
     lines = [
         f"{sensor_title(report)}: noise at rest, measured by imumon, {report.time}",
-        f"{duration(session.elapsed_s)} of {device.stream or 'samples'}{rate}, "
-        f"{duration(excluded) if excluded else 'nothing'} excluded",
+        f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
     ]
-    words = caveats(report)
-    if "aliased" in words:
+    by_caveat = caveats(report)
+    if "aliased" in by_caveat:
         by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
-        lines.append(f"WARNING: aliased: N is too high{by}. Right for this very stream, wrong for the sensor")
+        lines.append(f"WARNING: aliased: N is too high{by}: right for this stream, wrong for the sensor")
     if (warning := filter_not_known(report)) is not None:
         lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
-    for word, channels in words.items():
-        if word != "aliased":
+    for caveat, channels in by_caveat.items():
+        if caveat != "aliased":
             where = f" ({joined(channels)})" if channels else ""
-            lines.append(f"WARNING: {word.replace('_', ' ')}{where}: {line(word)}")
+            lines.append(f"WARNING: {caveat.replace('_', ' ')}{where}: {line(caveat)}")
     return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
 
 
 SAME_UNIT = "K in rad/s*sqrt(Hz) and m/s^2*sqrt(Hz): the same as rad/s^2/sqrt(Hz) and m/s^3/sqrt(Hz)"
 
 
-def _yaml(report: Report, indent: str = "", order: tuple[str, ...] = ("accel", "gyro")) -> list[str]:
+def _yaml(report: Report, indent: str = "") -> list[str]:
     lines = []
-    for sensor in order:
+    for sensor in ("accel", "gyro"):
         for letter, key in (("N", "noise_density"), ("K", "random_walk")):
             worst = worst_axis(report, sensor, letter)
             lines += [f"{indent}# {text}" for text in worst.lines]
@@ -196,16 +177,13 @@ def ros(report: Report) -> str:
         ("accel", "linear_acceleration_covariance", "(m/s^2)^2"),
     ):
         diagonal = []
-        for axis in AXES:
-            channel = report.channels.get(f"{sensor}/{axis}")
-            part = channel.N if channel is not None else None
-            if part is not None and part.status == "measured" and part.value is not None and _rate(report):
-                diagonal.append(part.value**2 * _rate(report))
-                lines.append(
-                    f"#   {sensor}/{axis}: N {_value_text(part)} {part.unit}, squared times "
-                    f"{_rate(report):g} Hz"
-                )
-            elif channel is not None and channel.std:  # a channel that never changes has no known noise
+        for axis, channel in sensor_axes(report, sensor):
+            part, rate = channel.N, _rate(report)
+            if part is not None and part.status == "measured" and part.value is not None and rate:
+                diagonal.append(part.value**2 * rate)
+                text = f"N {_value_text(part)} {part.unit}, squared times {rate:g} Hz"
+                lines.append(f"#   {sensor}/{axis}: {text}")
+            elif channel.std:  # a channel that never changes has no known noise
                 diagonal.append(channel.std**2)
                 lines.append(f"#   {sensor}/{axis}: N is not known yet; square of the standard deviation")
         if len(diagonal) == 3:
@@ -232,54 +210,43 @@ class PredictionStep:
     source: str
 
 
+STEP_UNITS = {
+    ("gyro", "N"): "rad/s", ("gyro", "K"): "rad/s^2", ("accel", "N"): "m/s^2", ("accel", "K"): "m/s^3",
+}  # fmt: skip
+"""Units of the noise of a step, in the order of the names of the parameters."""
 PX4 = PredictionStep(0.010, "PX4 parameter reference: EKF2_PREDICT_US, 10 ms unless changed")
 ARDUPILOT = PredictionStep(0.012, "ArduPilot, AP_NavEKF3: EKF_TARGET_DT, 12 ms")
 
 
-def _autopilot(
-    report: Report, names: Mapping[tuple[str, str], tuple[str, str]], step: PredictionStep, form: str
-) -> str:
+def _autopilot(report: Report, names: Sequence[str], step: PredictionStep, form: str) -> str:
     lines = _comments(_header(report))
     lines += [
         f"# {step.source}",
-        f"# deviation in one step of {1e3 * step.length_s:g} ms: N / sqrt({step.length_s:g} s) and "
-        f"K / sqrt({step.length_s:g} s)",
+        f"# deviation in one step of {step.length_s:g} s: N / sqrt(step) and K / sqrt(step)",
         "# the minimum for the sensor itself. The defaults are far above it because a vehicle vibrates: keep",
         "# them, or stay well above these values; use these to compare sensors, or on a rig at rest",
     ]
-    for (sensor, letter), (name, unit) in names.items():
+    for ((sensor, letter), unit), name in zip(STEP_UNITS.items(), names, strict=True):
         worst = worst_axis(report, sensor, letter)
         lines += _comments(list(worst.lines))
         if worst.value is None:
             lines.append(f"# {name} ?")
         else:
             value = worst.value / math.sqrt(step.length_s)
-            lines += [
-                f"# {name} in {unit}{worst.comment}",
-                form.format(name=name, value=value, comment=worst.comment),
-            ]
+            lines.append(f"# {name} in {unit}{worst.comment}")
+            lines.append(form.format(name=name, value=value, comment=worst.comment))
     return "\n".join(lines) + "\n"
 
 
 def px4(report: Report) -> str:
     """Return parameters of the EKF2 of PX4 for its console: standard deviations of one prediction step."""
-    names = {
-        ("gyro", "N"): ("EKF2_GYR_NOISE", "rad/s"),
-        ("gyro", "K"): ("EKF2_GYR_B_NOISE", "rad/s^2"),
-        ("accel", "N"): ("EKF2_ACC_NOISE", "m/s^2"),
-        ("accel", "K"): ("EKF2_ACC_B_NOISE", "m/s^3"),
-    }
+    names = ("EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_NOISE", "EKF2_ACC_B_NOISE")
     return _autopilot(report, names, PX4, "param set {name} {value:.4e}{comment}")
 
 
 def ardupilot(report: Report) -> str:
     """Return a parameter file of the EKF3 of ArduPilot; comments need lines of their own there."""
-    names = {
-        ("gyro", "N"): ("EK3_GYRO_P_NSE", "rad/s"),
-        ("gyro", "K"): ("EK3_GBIAS_P_NSE", "rad/s^2"),
-        ("accel", "N"): ("EK3_ACC_P_NSE", "m/s^2"),
-        ("accel", "K"): ("EK3_ABIAS_P_NSE", "m/s^3"),
-    }
+    names = ("EK3_GYRO_P_NSE", "EK3_GBIAS_P_NSE", "EK3_ACC_P_NSE", "EK3_ABIAS_P_NSE")
     return _autopilot(report, names, ARDUPILOT, "{name},{value:.6g}")
 
 
@@ -300,10 +267,8 @@ def gtsam(report: Report) -> str:
     ):
         worst = worst_axis(report, sensor, letter)
         lines += _comments(list(worst.lines))
-        value = "?" if worst.value is None else f"{worst.value:.6e}"
-        lines.append(
-            f"{'# ' if worst.value is None else ''}params.{call}(np.eye(3) * {value}**2){worst.comment}"
-        )
+        mark, value = ("# ", "?") if worst.value is None else ("", f"{worst.value:.6e}")
+        lines.append(f"{mark}params.{call}(np.eye(3) * {value}**2){worst.comment}")
     lines += [
         "# of the integration, not of the sensor; the default of GTSAM is 1",
         "params.setIntegrationCovariance(np.eye(3) * 1e-8)",

@@ -1,8 +1,7 @@
-"""What a datasheet says, block by block, whatever its form.
+"""Content of a datasheet, block by block, the same for every form.
 
-The order is that of a reader's questions: is the sensor good, may I believe it, the numbers, the curves,
-published values, how the record was made, and settings to paste. Every number comes from the report; an
-unknown one is given with its reason.
+Order: grades, caveats, coefficients, curves, published values, the record, and settings to paste. Every number
+comes from the report; an unknown one is given with its reason.
 """
 
 from __future__ import annotations
@@ -21,17 +20,28 @@ from imumon.datasheet.blocks import (
     Paragraph,
 )
 from imumon.datasheet.config_snippets import kalibr
+from imumon.datasheet.signal_text import spectral_lines, with_half_width
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
+    axis_grades,
     coefficient_text,
     invalid_noun,
     readable_curves,
+    record_title,
+    sensor_axes,
     sensor_title,
 )
 from imumon.devices import registry
-from imumon.messages import CAVEATS, CLOCKS, FILTER_NOT_KNOWN, caveats, exclusions, filter_not_known, within
+from imumon.messages import (
+    CAVEATS,
+    CLOCKS,
+    FILTER_NOT_KNOWN,
+    caveats,
+    exclusions,
+    filter_not_known,
+    grade_text,
+)
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
-from imumon.samples import AXES
 from imumon.units import READABLE, counted, duration, figures, pretty
 
 COEFFICIENT_NAMES = {
@@ -40,19 +50,13 @@ COEFFICIENT_NAMES = {
     "mag": {"N": "white noise N", "B": "bias instability B", "K": "random walk K"},
 }
 
-MOST_LINES = 4
-"""Spectral lines shown per channel, the strongest."""
-
 MARKED = ("aliased", "compensated", "not_at_rest", "warming_up")
 """Caveats that are repeated below the table of coefficients."""
 
 
 def datasheet_content(report: Report) -> Document:
     """Return the datasheet of the sensor of a report."""
-    device = report.device
-    rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
-    length = f"{duration(report.session.elapsed_s)} of {device.stream or 'samples'}{rate}"
-    subtitle = f"Noise datasheet · {length} · {report.time}"
+    subtitle = f"Noise datasheet · {record_title(report)} · {report.time}"
     return Document(sensor_title(report), subtitle, tuple(_blocks(report)))
 
 
@@ -68,7 +72,7 @@ def _blocks(report: Report) -> Iterator[Block]:
     if report.channels:
         yield Paragraph(
             "Each value with its 95 % limits. < is a 95 % upper bound of a coefficient that this record does "
-            "not show: the true value is smaller, and only a longer record can say by how much."
+            "not show: the true value is smaller, and only a longer record can measure it."
         )
     if sensors:
         yield Heading("Allan deviation")
@@ -90,30 +94,24 @@ def _blocks(report: Report) -> Iterator[Block]:
 
 def _grade_summaries(report: Report) -> Iterator[Block]:
     for sensor, grade in report.grade.items():
-        title = SENSOR_TITLES.get(sensor, sensor)
-        yield GradeSummary(title, grade.nearest or "no grade", _grade_reason(sensor, grade))
+        yield GradeSummary(SENSOR_TITLES.get(sensor, sensor), grade_text(grade), _grade_reason(sensor, grade))
 
 
 def _grade_reason(sensor: str, grade: SensorGrade) -> str:
-    if grade.nearest is None:
-        return f"{grade.reason or 'nothing is known yet'}."
-    parts = []
+    parts = [grade.reason] if grade.reason else []
     if grade.decided_by is not None:
         name = COEFFICIENT_NAMES[sensor][grade.decided_by.coefficient]
-        parts.append(f"decided by {name} of axis {grade.decided_by.axis}")
-    parts.append(within(grade.meets))
-    if grade.provisional:
-        parts.append(f"provisional{f': {grade.reason}' if grade.reason else ''}")
-    return "; ".join(parts) + "."
+        parts.insert(0, f"decided by {name} of axis {grade.decided_by.axis}")
+    return "; ".join(parts or ["nothing is known yet"]) + "."
 
 
 def _cautions(report: Report) -> Iterator[Block]:
-    for word, channels in caveats(report).items():
-        text = CAVEATS[word].advice if word in CAVEATS else ""
-        if word == "aliased" and report.device.alias_factor:
+    for caveat, channels in caveats(report).items():
+        text = CAVEATS[caveat].advice if caveat in CAVEATS else ""
+        if caveat == "aliased" and report.device.alias_factor:
             text = f"By a factor of {report.device.alias_factor:.2f}, nominally. {text}"
         where = f" ({', '.join(channels)})" if channels else ""
-        yield Caution(f"{word.replace('_', ' ')}{where}", text)
+        yield Caution(f"{caveat.replace('_', ' ')}{where}", text)
     if (warning := filter_not_known(report)) is not None:
         yield Caution(FILTER_NOT_KNOWN, warning)
 
@@ -123,10 +121,7 @@ def _cautions(report: Report) -> Iterator[Block]:
 
 def _axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
     """Yield the axes of a sensor that have coefficients."""
-    for axis in AXES:
-        channel = report.channels.get(f"{sensor}/{axis}")
-        if channel is not None and channel.N is not None:
-            yield axis, channel
+    return ((axis, channel) for axis, channel in sensor_axes(report, sensor) if channel.N is not None)
 
 
 def _coefficient_table(report: Report, sensor: str) -> DataTable:
@@ -134,15 +129,13 @@ def _coefficient_table(report: Report, sensor: str) -> DataTable:
     rows = []
     for axis, channel in _axes(report, sensor):
         cells = [coefficient_text(getattr(channel, letter)) for letter in COEFFICIENTS]
-        grade = channel.grade.nearest if channel.grade else None
-        rows.append((axis, *cells, *([grade or "–"] if graded else [])))
+        rows.append((axis, *cells, *((grade or "–" for grade in axis_grades(channel)) if graded else ())))
     units = [pretty(READABLE[sensor, letter].unit) for letter in COEFFICIENTS]
     names = [f"{COEFFICIENT_NAMES[sensor][c]}, {u}" for c, u in zip(COEFFICIENTS, units, strict=True)]
-    marks = [word for word in MARKED if word in report.caveats]
-    if sensor != "gyro" and "compensated" in marks:
-        marks.remove("compensated")  # only the gyroscope is compensated
-    caption = f"Beware: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
-    head = (SENSOR_TITLES[sensor], *names, *(["grade"] if graded else []))
+    # only the gyroscope is compensated
+    marks = [c for c in MARKED if c in report.caveats and (c != "compensated" or sensor == "gyro")]
+    caption = f"Caution: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
+    head = (SENSOR_TITLES[sensor], *names, *(["meets", "nearest"] if graded else []))
     return DataTable(head, tuple(rows), caption)
 
 
@@ -203,7 +196,7 @@ def _published_values(report: Report, sensors: Sequence[str]) -> Iterator[Block]
             cells.append(value.text if value else "–")
             if source in compared:
                 limit = value.value if value else None
-                cells.append(_against(own, limit) if limit is not None else "–")
+                cells.append(_comparison(own, limit) if limit is not None else "–")
         rows.append(tuple(cells))
     yield Heading(f"Published values: {driver.title}")
     yield DataTable(tuple(head), tuple(rows))
@@ -212,7 +205,7 @@ def _published_values(report: Report, sensors: Sequence[str]) -> Iterator[Block]
         yield Paragraph(" ".join(notes))
 
 
-def _against(own: Coefficient | None, published: float) -> str:
+def _comparison(own: Coefficient | None, published: float) -> str:
     """Return how the measured value compares with a published one, by its 95 % limits."""
     if own is None:
         return "–"
@@ -242,7 +235,7 @@ def _grade_limits(report: Report) -> Iterator[Block]:
     yield DataTable(("at most", *units), rows, strong=strong)
     yield Paragraph(
         "Table 3.1 of the VectorNav inertial navigation primer. The grade of a sensor is the nearest on a "
-        "logarithmic scale, the worst over N and B and over the axes. Beside it is the best grade whose "
+        "logarithmic scale, the worst over N and B and over the axes. A sensor meets the best grade whose "
         "limits no value exceeds."
     )
 
@@ -272,7 +265,7 @@ def _record(report: Report) -> Iterator[Block]:
         ("Missing", missing),
         ("Excluded as disturbed", f"{', '.join(excluded)}; {disturbances}" if excluded else "none"),
         ("Excluded as warm-up", _seconds(session.warmup_s)),
-        ("Transmission", f"{invalid}, {discarded} that belong to no message"),
+        ("Transmission", f"{invalid}, {discarded} discarded"),
         ("Restarts", f"{session.restarts:,}"),
     ]
     identity = {"Model": device.model, "Serial number": device.serial, "Firmware": device.firmware}
@@ -294,34 +287,20 @@ def _values(report: Report) -> Iterator[Block]:
     rows = []
     for name, channel in report.channels.items():
         shape, drift = channel.distribution, channel.drift
-        slope = "–"
-        if drift is not None and drift.per_hour is not None:
-            slope = f"{drift.per_hour:.1e}"
-            if drift.per_hour_low is not None and drift.per_hour_high is not None:
-                slope += f" ± {(drift.per_hour_high - drift.per_hour_low) / 2.0:.1e}"
+        slope = ""
+        if drift is not None:
+            slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
         statistics = (channel.mean, channel.std, channel.min, channel.max)
         cells = ("–" if value is None else f"{value:.4g}" for value in statistics)
         verdict = (shape.verdict if shape else None) or "–"
-        rows.append((f"{name}, {pretty(channel.unit)}", *cells, slope, verdict))
+        rows.append((f"{name}, {pretty(channel.unit)}", *cells, slope or "–", verdict))
     if rows:
         head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
         yield Heading("The values")
         yield DataTable(head, tuple(rows))
-        yield from _spectral_lines(report)
-
-
-def _spectral_lines(report: Report) -> Iterator[Block]:
-    rows = []
-    for name, channel in report.channels.items():
-        if channel.spectrum is not None and channel.spectrum.lines:
-            strongest = sorted(channel.spectrum.lines, key=lambda line: -line.amplitude)[:MOST_LINES]
-            texts = [
-                f"{line.frequency_hz:.4g} Hz of {line.amplitude:.1e}"
-                + (f" ({line.name})" if line.name else "")
-                for line in strongest
-            ]
-            rows.append((f"{name}, {pretty(channel.unit)}", ", ".join(texts)))
-    if rows:
+    spectral = {f"{name}, {pretty(c.unit)}": spectral_lines(c) for name, c in report.channels.items()}
+    if any(spectral.values()):
+        rows = [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]
         yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
 
 
@@ -339,8 +318,8 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
                 value = getattr(readings, letter) if readings is not None else None
                 factor = READABLE[sensor, letter].factor
                 cells.append(figures(value * factor) if value is not None else "none")
-            words = ", ".join(channel.caveats).replace("_", " ") or "–"
-            rows.append((f"{sensor}/{axis}", quality, *cells, words))
+            texts = ", ".join(channel.caveats).replace("_", " ") or "–"
+            rows.append((f"{sensor}/{axis}", quality, *cells, texts))
     yield Heading("The fit")
     yield DataTable(("", "fit", "N read", "B read", "K read", "caveats"), tuple(rows))
     yield Paragraph(

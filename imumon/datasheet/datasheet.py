@@ -19,15 +19,15 @@ def document(report: Report, form: str) -> bytes:
     ------
     NoCurve : the format is a figure, and the report has no curve yet.
     """
-    made = FORMS[form][0](report)
-    return made if isinstance(made, bytes) else made.encode(errors="replace")
+    data = FORMS[form][0](report)
+    return data if isinstance(data, bytes) else data.encode(errors="replace")
 
 
 FORMS: Mapping[str, tuple[Callable[[Report], str | bytes], str]] = {
     "md": (lambda report: markdown(datasheet_content(report)), "the datasheet as Markdown"),
     "html": (
         lambda report: html_page(datasheet_content(report), report),
-        "the datasheet as one self-contained page that prints well",
+        "the datasheet as one page to print",
     ),
     "png": (figures.png, "the Allan curves as a picture"),
     "json": (lambda report: to_json(report, indent=1) + "\n", "the report itself; --baseline reads it"),

@@ -2,7 +2,7 @@
 
 One function draws a sensor into a panel: measured points with 95 % bands, fitted model, octaves that the fit
 does not use, and the limits of the grades. Axes also differ in the shape of their marks, for readers who
-cannot tell the colours. matplotlib is imported where it is needed: it costs other commands 50 MB.
+cannot distinguish the colours. matplotlib is imported where it is needed: it costs other commands 50 MB.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from imumon.datasheet.tables import SENSOR_TITLES, readable_curves, sensor_title
+from imumon.datasheet.tables import SENSOR_TITLES, readable_curves, record_title, sensor_title
 from imumon.errors import ImumonError
 from imumon.report import Allan, LimitCurve, Report
-from imumon.units import READABLE, duration, pretty
+from imumon.units import READABLE, pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,13 +34,10 @@ PAGE = {role: f"#10{k:02d}fe" for k, role in enumerate(PRINT)}
 DPI = 150
 PANEL_INCHES = (5.6, 4.8)
 PAGE_INCHES = (8.4, 4.6)
-MARGIN_DECADES = 0.06
-"""Decades between the data and the frame."""
-WIDEST_LIMIT = 2.0
-"""Factor beyond the points to which the frame follows their limits: those of the last octave span decades."""
-FEW_DECADES = 2.0
-"""Decades up to which 2 and 5 are labelled too."""
-_SHORTER = (
+MARGIN_DECADES = 0.06  # decades between the data and the frame
+WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
+FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
+_SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
     (r' id="(?:figure|axes|patch|text|line2d|legend|[xy]tick|\w+Collection|matplotlib\.axis)_\d+"', ""),
     (r" font-family: [^;\"]*;?", ""),
@@ -49,7 +46,6 @@ _SHORTER = (
     (r"\s*\n\s*", "\n"),
 )
 """Parts of an SVG by matplotlib that a page does not need, as patterns with their replacements."""
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class NoCurve(ImumonError):
@@ -70,10 +66,7 @@ def png(report: Report) -> bytes:
         raise NoCurve("no_curve", "there is no curve to draw yet", "record longer")
     width, height = PANEL_INCHES
     figure = Figure(figsize=(width * len(sensors), height), dpi=DPI, layout="constrained")
-    device = report.device
-    rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
-    length = f"{duration(report.session.elapsed_s)} of {device.stream or 'samples'}{rate}"
-    figure.suptitle(f"{sensor_title(report)}: {length}", fontsize=11)
+    figure.suptitle(f"{sensor_title(report)}: {record_title(report)}", fontsize=11)
     for panel, sensor in zip(figure.subplots(1, len(sensors), squeeze=False)[0], sensors, strict=True):
         _draw(panel, report, sensor, PRINT)
         panel.set_title(SENSOR_TITLES[sensor], loc="left")
@@ -92,9 +85,8 @@ def svg(report: Report, sensor: str) -> str:
         figure = Figure(figsize=PAGE_INCHES, layout="constrained")
         _draw(figure.subplots(), report, sensor, PAGE)
         drawn = _saved(figure, "svg").decode()
-    label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
     body = drawn[drawn.index("<svg ") : drawn.rindex("</svg>")].partition(">")[2]
-    for pattern, replacement in _SHORTER:
+    for pattern, replacement in _SVG_REPLACEMENTS:
         body = re.sub(pattern, replacement, body, flags=re.DOTALL)
     for role, colour in PAGE.items():
         body = body.replace(colour, f"var(--{role})")
@@ -116,7 +108,6 @@ def _drawable(curves: Mapping[str, Allan]) -> bool:
 
 
 def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) -> None:
-    """Draw one sensor."""
     curves = readable_curves(report, sensor)
     scale = READABLE[sensor, "B"]
     x, y = _extent(curves)
@@ -145,12 +136,12 @@ def _extent(curves: Mapping[str, Allan]) -> tuple[tuple[float, float], tuple[flo
 def _draw_grid(
     panel: Axes, x: tuple[float, float], y: tuple[float, float], colours: Mapping[str, str]
 ) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     for axis, (low, high) in ((panel.xaxis, x), (panel.yaxis, y)):
         few = math.log10(high / low) < FEW_DECADES
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=30))
-        axis.set_major_formatter(FuncFormatter(lambda value, position: tick_label(value)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_locator(LogLocator(subs=range(2, 10), numticks=30))
         axis.set_minor_formatter(NullFormatter())
     panel.grid(which="major", color=colours["rule"], linewidth=0.9)
@@ -161,35 +152,22 @@ def _draw_grid(
         spine.set_color(colours["muted"])
 
 
-def tick_label(value: float) -> str:
-    """Return a round number as text, powers of ten with their exponent where they are long.
-
-    >>> tick_label(0.01), tick_label(500.0), tick_label(1e-5), tick_label(2e6)
-    ('0.01', '500', '10⁻⁵', '2·10⁶')
-    """
-    if 1e-3 <= value < 1e4:
-        return f"{value:g}"
-    exponent = math.floor(math.log10(value) + 1e-9)
-    factor = f"{value / 10.0**exponent:.0f}·" if value > 1.5 * 10.0**exponent else ""
-    return f"{factor}10{str(exponent).translate(_SUPERSCRIPT)}"
-
-
 def _draw_limit(
     panel: Axes, grade: str, limit: LimitCurve, factor: float, colours: Mapping[str, str]
 ) -> None:
-    """Draw the curve at the limits of a grade, named at its right end inside the frame."""
+    """Draw the curve at the limits of a grade, with its name at the right end inside the frame."""
     import numpy as np
 
     (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
     tau = np.geomspace(left, right, 200)
     sigma = factor * np.exp(np.interp(np.log(tau), np.log(limit.tau_s), np.log(limit.sigma)))
     panel.plot(tau, sigma, color=colours["muted"], linewidth=1.0, linestyle=(0, (1, 2)), label="_")
-    seen = np.flatnonzero((sigma > bottom) & (sigma < top))
-    if len(seen):
-        end = seen[-1]
+    inside = np.flatnonzero((sigma > bottom) & (sigma < top))
+    if len(inside):
+        end = inside[-1]
         left_aligned = end < len(tau) / 4
         panel.annotate(
-            grade, (tau[seen[0] if left_aligned else end], sigma[end]), (6 if left_aligned else -3, 3),
+            grade, (tau[inside[0] if left_aligned else end], sigma[end]), (6 if left_aligned else -3, 3),
             textcoords="offset points", ha="left" if left_aligned else "right", va="bottom", fontsize=8,
             color=colours["muted"],
         )  # fmt: skip
@@ -197,51 +175,40 @@ def _draw_limit(
 
 def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]) -> None:
     """Draw one axis: band, model, and points, hollow where the fit does not use them."""
-    colour, marker = colours[axis], MARKERS[axis]
-    band = [
-        (tau, low, high)
-        for tau, low, high in zip(curve.tau_s, curve.low, curve.high, strict=True)
-        if low is not None and high is not None and low > 0.0
-    ]
-    if band:
-        tau, low, high = zip(*band, strict=True)
-        panel.fill_between(tau, low, high, color=colour, alpha=0.16, linewidth=0.0)
-    model = [(t, m) for t, m in zip(curve.tau_s, curve.model, strict=True) if m is not None and m > 0.0]
-    if model:
-        panel.plot(*zip(*model, strict=True), color=colour, linewidth=1.2, label="_")
-    for used in (True, False):
-        points = [
-            (tau, sigma)
-            for tau, sigma, of_fit in zip(curve.tau_s, curve.sigma, curve.used, strict=True)
-            if of_fit is used and sigma > 0.0
-        ]
-        if points:
+    import numpy as np
+
+    colour, marker, used = colours[axis], MARKERS[axis], np.array(curve.used)
+    low, high, model, sigma = (
+        np.array([v if v is not None and v > 0.0 else math.nan for v in values])  # matplotlib omits NaN
+        for values in (curve.low, curve.high, curve.model, curve.sigma)
+    )
+    panel.fill_between(curve.tau_s, low, high, color=colour, alpha=0.16, linewidth=0.0)
+    panel.plot(curve.tau_s, model, color=colour, linewidth=1.2, label="_")
+    for shown, face in ((used, colour), (~used, "none")):
+        if shown.any():
             panel.plot(
-                *zip(*points, strict=True), linestyle="none", marker=marker, markersize=4.5, color=colour,
-                markerfacecolor=colour if used else "none", markeredgewidth=1.0, label="_",
+                curve.tau_s, np.where(shown, sigma, math.nan), linestyle="none", marker=marker,
+                markersize=4.5, color=colour, markerfacecolor=face, markeredgewidth=1.0, label="_",
             )  # fmt: skip
 
 
 def _draw_legend(panel: Axes, axes: Sequence[str] | Mapping[str, Allan], colours: Mapping[str, str]) -> None:
-    """Name the axes above the frame; say what band, line and hollow marks are."""
+    """Name the axes above the frame, and explain band, line and hollow marks."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     muted = colours["muted"]
+    hollow: dict[str, Any] = {
+        "marker": "o",
+        "markersize": 4.5,
+        "markerfacecolor": "none",
+        "linestyle": "none",
+    }
     entries = [
         *(Line2D([], [], color=colours[a], marker=MARKERS[a], markersize=4.5, label=a) for a in axes),
         Patch(color=muted, alpha=0.25, linewidth=0.0, label="95 %"),
         Line2D([], [], color=muted, linewidth=1.2, label="model"),
-        Line2D(
-            [],
-            [],
-            color=muted,
-            marker="o",
-            markersize=4.5,
-            markerfacecolor="none",
-            linestyle="none",
-            label="not used",
-        ),
+        Line2D([], [], color=muted, label="not used", **hollow),
     ]
     panel.legend(
         handles=entries, frameon=False, ncols=len(entries), loc="lower right", bbox_to_anchor=(1.0, 1.0),

@@ -18,11 +18,8 @@ from imumon.datasheet.blocks import (
 from imumon.datasheet.figures import svg
 from imumon.report import Report
 
-SHORT = 14
-"""Rows up to which a table is not broken between two printed pages."""
-
-UNBROKEN = 30
-"""Characters up to which a cell stays on one line."""
+SHORT = 14  # rows up to which a table is not broken between two printed pages
+UNBROKEN = 30  # characters up to which a cell stays on one line
 
 STYLE = """
 :root { color-scheme: light dark; --ground: #fff; --text: #1b1f24; --muted: #5b6470; --rule: #d5dae0;
@@ -44,7 +41,8 @@ p { margin: .6rem 0; }
 .note, figcaption { font-size: .87rem; }
 .grades { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
 .grade { flex: 1 1 18rem; background: var(--soft); border-radius: 6px; padding: .7rem 1rem .8rem; }
-.grade b { display: block; font-size: 1.45rem; line-height: 1.25; text-transform: capitalize; }
+.grade b { display: block; font-size: 1.2rem; line-height: 1.3; }
+.grade b::first-letter { text-transform: uppercase; }
 .grade span { font-size: .87rem; color: var(--muted); }
 .caution { margin: .5rem 0; padding: .5rem .9rem; max-width: none; background: var(--warn-soft);
   border-left: 4px solid var(--warn); border-radius: 0 4px 4px 0; font-size: .92rem; }
@@ -115,14 +113,12 @@ def _block(block: Block, report: Report) -> str:
 
 
 def _table(table: DataTable) -> str:
-    out = []
-    short = len(table.rows) <= SHORT
+    out, short = [], len(table.rows) <= SHORT
     for k, row in enumerate(table.rows):
         first, *rest = map(_cell, row)
         mark = ' class="strong"' if k in table.strong else ""
-        out.append(
-            f'<tr{mark}><th scope="row">{first}</th>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
-        )
+        cells = "".join(f"<td>{cell}</td>" for cell in rest)
+        out.append(f'<tr{mark}><th scope="row">{first}</th>{cells}</tr>')
     facts = not any(table.head)
     head = "".join(f'<th scope="col">{_title(cell)}</th>' for cell in table.head)
     return (

@@ -1,8 +1,8 @@
 """Lines of text about the values of each channel, besides N, B and K.
 
-One line per channel for what every channel has: bias, the last minute beside the whole record, drift. Below
-it a line for what only some channels have: values that are not Gaussian, spectral lines, an effect of
-temperature, correlated axes, changes.
+One line per channel: bias, the last minute beside the whole record, drift. Below, one line for each property
+that only some channels have: values that are not Gaussian, spectral lines, an effect of temperature, correlated
+axes, changes.
 """
 
 from __future__ import annotations
@@ -16,14 +16,10 @@ from imumon.report import COEFFICIENTS, Channel, Report
 from imumon.samples import sensor_of
 from imumon.units import READABLE, ReadableUnit, figures, pretty
 
-MOST_LINES = 4
-"""Spectral lines shown per channel."""
-CORRELATED = 0.3
-"""Correlation from which two axes are said to move together."""
-SIGNIFICANT = 5.0
-"""Standard errors by which it must differ from 0: one is 1 / sqrt(n) of n independent samples."""
-LEAST_WIDTH = 60
-"""Cells at which a note is broken, at least."""
+MOST_LINES = 4  # spectral lines shown per channel, the strongest. Not critical
+CORRELATED = 0.3  # correlation from which two axes are reported as moving together
+SIGNIFICANT = 5.0  # standard errors by which it must differ from 0; one is 1/sqrt(n), n independent samples
+LEAST_WIDTH = 60  # cells; no note is broken at a smaller width. Not critical
 
 
 def signal_lines(report: Report, width: int | None = None) -> list[str]:
@@ -40,12 +36,9 @@ def signal_lines(report: Report, width: int | None = None) -> list[str]:
             lines.append(_row(name, channel))
             before = sensor_of(name)
     for name, channel in report.channels.items() if lines else ():
-        for note in (*_notes(name, channel), *_correlations(name, report)):
-            text = f"{name}: {note}"
-            if width is None:
-                lines.append(text)
-            else:
-                lines += textwrap.wrap(text, max(width, LEAST_WIDTH), subsequent_indent="  ")
+        for text in (f"{name}: {note}" for note in (*_notes(name, channel), *_correlations(name, report))):
+            columns = len(text) if width is None else max(width, LEAST_WIDTH)
+            lines += textwrap.wrap(text, columns, subsequent_indent="  ")
     return lines
 
 
@@ -58,39 +51,42 @@ def _row(name: str, channel: Channel) -> str:
     shape, drift = channel.distribution, channel.drift
     bias = minute = spread = slope = ""
     if shape is not None:
-        bias = _with_half_width(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
+        bias = with_half_width(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
         minute = "" if shape.recent_mean is None else f"{shape.recent_mean:.4e}"
         spread = "" if shape.recent_std is None else f"{shape.recent_std:.2e}"
     if drift is not None:
-        slope = _with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+        slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
     return f"{name:<12}{bias:>24}{minute:>12}{spread:>10}{slope:>21}".rstrip()
 
 
-def _with_half_width(value: float | None, low: float | None, high: float | None) -> str:
+def with_half_width(value: float | None, low: float | None, high: float | None) -> str:
     """Return a value with the half-width of its limits.
 
-    >>> _with_half_width(1.2e-3, 1.1e-3, 1.3e-3), _with_half_width(None, None, None)
+    >>> with_half_width(1.2e-3, 1.1e-3, 1.3e-3), with_half_width(None, None, None)
     ('1.200e-03 ±1.0e-04', '')
     """
     if value is None:
         return ""
-    half = "" if low is None or high is None else f" ±{(high - low) / 2.0:.1e}"
-    return f"{value:.3e}{half}"
+    return f"{value:.3e}" + ("" if low is None or high is None else f" ±{(high - low) / 2.0:.1e}")
+
+
+def spectral_lines(channel: Channel, unit: str = "") -> list[str]:
+    """Return the strongest spectral lines with frequency and amplitude, and how many more there are."""
+    lines = channel.spectrum.lines if channel.spectrum is not None else ()
+    texts = [
+        f"{line.frequency_hz:.4g} Hz of {line.amplitude:.2g}{unit}" + (f" ({line.name})" if line.name else "")
+        for line in lines[:MOST_LINES]
+    ]
+    return texts + ([f"{len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])
 
 
 def _notes(name: str, channel: Channel) -> Iterator[str]:
-    """Yield what only some channels have, one sentence each."""
+    """Yield the properties that only some channels have, one sentence each."""
     unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
     if shape is not None and shape.gaussian is False and shape.verdict:
         yield shape.verdict
-    if channel.spectrum is not None and channel.spectrum.lines:
-        texts = [
-            f"{line.frequency_hz:.4g} Hz of {line.amplitude:.2g} {unit}"
-            + (f" ({line.name})" if line.name else "")
-            for line in channel.spectrum.lines[:MOST_LINES]
-        ]
-        more = len(channel.spectrum.lines) - MOST_LINES
-        yield f"lines at {', '.join(texts)}" + (f" and {more} more" if more > 0 else "")
+    if texts := spectral_lines(channel, f" {unit}"):
+        yield f"lines at {', '.join(texts)}"
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
     if drift is not None and drift.per_degC is not None and follows_temperature(drift):
@@ -113,9 +109,8 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
 
 def baseline_summary(report: Report, baseline: Report) -> str | None:
     """Return a line if no channel differs from a baseline or none can; None if the notes say what differs."""
-    if any(
-        change.against == "baseline" for channel in report.channels.values() for change in channel.changes
-    ):
+    changes = (change for channel in report.channels.values() for change in channel.changes)
+    if any(change.against == "baseline" for change in changes):
         return None
     pairs = (
         [getattr(one.channels.get(name), letter, None) for one in (report, baseline)]

@@ -5,19 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from imumon.messages import (
     FILTER_NOT_KNOWN,
     caveats,
     exclusions,
     filter_not_known,
+    grade_text,
     joined,
     line,
     no_value_text,
     uncertainty,
-    within,
 )
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, DeviceDescription, Report
 from imumon.samples import AXES, sensor_of
@@ -36,6 +36,26 @@ def sensor_title(report: Report) -> str:
     return device.id
 
 
+def record_title(report: Report) -> str:
+    """Return the length, stream and rate of the record."""
+    device = report.device
+    rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
+    return f"{duration(report.session.elapsed_s)} of {device.stream or 'samples'}{rate}"
+
+
+def sensor_axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
+    """Yield the axes of a sensor that the report has."""
+    for axis in AXES:
+        if (channel := report.channels.get(f"{sensor}/{axis}")) is not None:
+            yield axis, channel
+
+
+def axis_grades(channel: Channel) -> tuple[str, str]:
+    """Return the grade that an axis meets and the nearest one; empty texts without a grade."""
+    grade = channel.grade
+    return (grade.meets or "nothing", grade.nearest) if grade and grade.nearest else ("", "")
+
+
 def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
     """Return the Allan deviations of a sensor by axis, in readable units, those that have points."""
     factor = READABLE[sensor, "B"].factor
@@ -44,18 +64,11 @@ def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
         return tuple(None if v is None else v * factor for v in values)
 
     curves = {}
-    for axis in AXES:
-        channel = report.channels.get(f"{sensor}/{axis}")
-        if channel is not None and (allan := channel.allan) is not None and allan.tau_s:
-            curves[axis] = Allan(
-                tau_s=allan.tau_s,
-                sigma=tuple(s * factor for s in allan.sigma),
-                low=scaled(allan.low),
-                high=scaled(allan.high),
-                edf=allan.edf,
-                model=scaled(allan.model),
-                used=allan.used,
-            )
+    for axis, channel in sensor_axes(report, sensor):
+        if (allan := channel.allan) is not None and allan.tau_s:
+            sigma = tuple(s * factor for s in allan.sigma)
+            low, high, model = map(scaled, (allan.low, allan.high, allan.model))
+            curves[axis] = replace(allan, sigma=sigma, low=low, high=high, model=model)
     return curves
 
 
@@ -64,26 +77,20 @@ def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
-    """Layout of a row of the text table.
+    """Layout of a row of the text table."""
 
-    Attributes
-    ----------
-    cell : cells of a coefficient.
-    limits : show 95 % limits; otherwise their half-width in percent, or their factor where they are wide.
-    std : show the standard deviation.
-    """
-
-    cell: int
-    limits: bool
-    std: bool
+    cell: int  # width of a coefficient
+    limits: bool  # whether to show 95 % limits and both grades; else half-width or factor, and one grade
+    std: bool  # whether to show the standard deviation
 
     @property
     def width(self) -> int:
-        """Cells of the whole row."""
-        return NAME + (NUMBER + 1) * (1 + self.std) + (self.cell + 1) * len(COEFFICIENTS) + 1 + GRADE
+        """Width of the whole row in cells."""
+        numbers, grades = 1 + self.std, 1 + self.limits
+        return NAME + (NUMBER + 1) * numbers + (self.cell + 1) * len(COEFFICIENTS) + (GRADE + 1) * grades
 
 
-NAME, NUMBER, GRADE = 12, 11, 10
+NAME, NUMBER, GRADE = 12, 11, 10  # widths of columns in cells
 FULL = TableLayout(28, limits=True, std=True)
 LAYOUTS = (FULL, TableLayout(15, limits=False, std=True), TableLayout(14, limits=False, std=False))
 """From the widest to the narrowest."""
@@ -94,7 +101,7 @@ def report_table(report: Report, width: int | None = None) -> str:
 
     Parameters
     ----------
-    width : cells of the terminal; None if the output is no terminal: then nothing is abbreviated.
+    width : cells of the terminal; None if the output is no terminal: nothing is abbreviated.
     """
     fitting = (layout for layout in LAYOUTS if width is None or layout.width <= width)
     layout = next(fitting, LAYOUTS[-1])
@@ -159,42 +166,40 @@ def invalid_noun(device: DeviceDescription) -> str:
 def _rows(report: Report, layout: TableLayout) -> list[str]:
     lines, before = [], ""
     for name, channel in report.channels.items():
-        sensor = sensor_of(name)
-        if sensor != before:
+        if (sensor := sensor_of(name)) != before:
             before = sensor
-            lines.append(_heading(sensor, channel, layout))
+            lines.append(_heading(channel, layout))
         cells = [f"{name:<{NAME}}", _number(channel.mean), *([_number(channel.std)] if layout.std else [])]
         for letter in COEFFICIENTS:
             coefficient: Coefficient | None = getattr(channel, letter)
             text = coefficient_text(coefficient) if layout.limits else _abbreviated(coefficient)
             cells.append(f"{text:<{layout.cell}}")
-        grade = channel.grade.nearest if channel.grade else None
-        lines.append(" ".join([*cells, grade or ""]).rstrip())
+        meets, nearest = axis_grades(channel)
+        cells += [f"{meets:<{GRADE}}"] if layout.limits else []
+        cells.append(nearest)
+        lines.append(" ".join(cells).rstrip())
     return lines
 
 
 def _abbreviated(coefficient: Coefficient | None) -> str:
     """Return N, B or K with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
-    if (
-        coefficient is not None
-        and coefficient.status == "measured"
-        and coefficient.readable.value is not None
-    ):
-        shown = coefficient.readable
-        return measured(coefficient.readable.value, shown.low, shown.high)
-    return coefficient_text(coefficient)
+    if coefficient is None or coefficient.status != "measured" or coefficient.readable.value is None:
+        return coefficient_text(coefficient)
+    return measured(coefficient.readable.value, coefficient.readable.low, coefficient.readable.high)
 
 
-def _heading(sensor: str, channel: Channel, layout: TableLayout) -> str:
-    unit = pretty(channel.unit)
-    cells = [f"{'' if layout.limits else f'in {unit}':<{NAME}}", f"{'mean':>{NUMBER}}"]
+def _heading(channel: Channel, layout: TableLayout) -> str:
+    cells = [f"{f'in {pretty(channel.unit)}':<{NAME}}", f"{'mean':>{NUMBER}}"]
     cells += [f"{'std':>{NUMBER}}"] if layout.std else []
     for letter in COEFFICIENTS:
         coefficient: Coefficient | None = getattr(channel, letter)
         name = f"{letter} in " if layout.limits else f"{letter} "
         title = f"{name}{pretty(coefficient.readable.unit)}" if coefficient else ""
         cells.append(f"{title:<{layout.cell}}")
-    return " ".join(cells).rstrip() + (f"   ({sensor} in {unit})" if layout.limits else "")
+    if channel.grade:
+        cells += [f"{'meets':<{GRADE}}"] if layout.limits else []
+        cells.append("nearest")
+    return " ".join(cells).rstrip()
 
 
 def _number(value: float | None) -> str:
@@ -204,13 +209,9 @@ def _number(value: float | None) -> str:
 def _grades(report: Report) -> list[str]:
     lines = []
     for sensor, grade in report.grade.items():
-        if grade.nearest is None:
-            lines.append(f"{sensor}: no grade{f', {grade.reason}' if grade.reason else ''}")
-            continue
         decided = grade.decided_by
-        by = f", decided by {decided.coefficient} of {decided.axis}" if decided else ""
-        provisional = f" (provisional: {grade.reason})" if grade.provisional and grade.reason else ""
-        lines.append(f"{sensor}: nearest grade {grade.nearest}{by}; {within(grade.meets)}{provisional}")
+        by = f"; decided by {decided.coefficient} of {decided.axis}" if decided else ""
+        lines.append(f"{sensor}: {grade_text(grade)}{by}{f'; {grade.reason}' if grade.reason else ''}")
     return lines
 
 
@@ -218,8 +219,8 @@ def _caveats(report: Report) -> list[str]:
     """Return each caveat by its name, with its channels and its meaning."""
     with_curve = sum(1 for channel in report.channels.values() if channel.allan is not None)
     lines = [
-        f"caveat {word}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(word)}"
-        for word, names in caveats(report).items()
+        f"caveat {caveat}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(caveat)}"
+        for caveat, names in caveats(report).items()
     ]
     warning = filter_not_known(report)
     return lines if warning is None else [*lines, f"{FILTER_NOT_KNOWN}: {warning}"]

@@ -11,52 +11,22 @@ from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
 from imumon.devices.base import Check, CheckStatus, DeviceError, Observation
-from imumon.doctor.observations import (
-    PortObservation,
-    ServiceObservation,
-    StateObservation,
-    ZenohObservation,
-)
+from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 
-MAX_DAMAGED = 0.01
-"""Share of damaged messages, or of bytes of no message, above which a line is unusable."""
-
-MAX_MISSING = 0.1
-"""Share of missing samples, or relative deficit of the rate, above which a line is unusable."""
-
-RATE_TOLERANCE = 0.02
-"""Relative difference of the rate, and of the sample clock, from the host clock that needs no warning."""
-
-RATE_TOLERANCE_SAMPLES = 3.0
-"""Samples by which a correct rate may be off because of the ends of the observation."""
-
-CLOCK_TOLERANCE_S = 0.1
-"""s by which the sample clock may be off because data arrive in batches."""
-
-MAX_PAUSE_S = 1.0
-"""s without data that need no warning. Not critical."""
-
-MAX_LATENCY_MS = 2
-"""ms, latency timer of an adapter that needs no warning. Not critical."""
-
-MIN_FREE_BYTES = 10_000_000
-"""bytes on the file system of the state directory: ten states. Not critical."""
-
-ALIASED = 1.001
-"""Alias factor above which N counts as inflated: rounding errors lie below. Not critical."""
+MAX_DAMAGED = 0.01  # share of damaged messages, or of unrelated bytes, above which a line is unusable
+MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
+RATE_TOLERANCE = 0.02  # relative difference of rate and sample clock from the host clock without a warning
+RATE_TOLERANCE_SAMPLES = 3.0  # samples by which the ends of the observation change a correct rate
+CLOCK_TOLERANCE_S = 0.1  # s by which the sample clock may be off because data arrive in batches
+MAX_PAUSE_S = 1.0  # s without data that need no warning. Not critical
+MAX_LATENCY_MS = 2  # ms, latency timer of an adapter that needs no warning. Not critical
+MIN_FREE_BYTES = 10_000_000  # bytes on the file system of the state directory: ten states. Not critical
+ALIASED = 1.001  # alias factor above which N counts as inflated, beyond rounding errors. Not critical
 
 DEVICE_CHECKS = (
-    "sensor",
-    "baud",
-    "identity",
-    "stream",
-    "aliasing",
-    "compensation",
-    "bandwidth",
-    "checksums",
-    "rate",
+    "sensor", "baud", "identity", "stream", "aliasing", "compensation", "bandwidth", "checksums", "rate",
     "clock",
-)
+)  # fmt: skip
 """Order of the checks of a device; others follow."""
 
 RECONNECT_CURE = "check the plug, cable and power of the sensor; the daemon reconnects by itself"
@@ -64,8 +34,7 @@ NO_PORT = Check(
     "port",
     "failed",
     "no serial port on this machine",
-    "plug the sensor in, and pass it through to a container or virtual machine; "
-    "without a sensor: imumon demo",
+    "plug the sensor in; pass it through to a container or virtual machine; without a sensor: imumon demo",
 )
 
 
@@ -80,9 +49,9 @@ def config(settings: Settings, faults: tuple[str, ...]) -> Check:
 # ---------------------------------------------------------------------- port
 
 
-def skipped_port(path: str, found: Iterable[Check]) -> Check:
+def skipped_port(path: str, port_checks: Iterable[Check]) -> Check:
     """Return the check of a port without a device while there are others to try."""
-    reason = next((check.text for check in found if check.status == "failed"), "no sensor")
+    reason = next((check.text for check in port_checks if check.status == "failed"), "no sensor")
     return Check("port", "warning", f"{path} skipped: {reason}")
 
 
@@ -118,7 +87,7 @@ def _permission(port: PortObservation) -> Check:
 
 def _holder(port: PortObservation) -> Check:
     if port.daemon is not None:
-        return Check("holder", "ok", f"the daemon {port.daemon} reads it and is asked instead")
+        return Check("holder", "ok", f"the daemon {port.daemon} reads it and is queried instead")
     if not port.holders:
         return Check("holder", "ok", "no other program has it open")
     cure = "end that program first"
@@ -138,10 +107,8 @@ def latency(port: PortObservation) -> Iterator[Check]:
         yield Check("latency", "ok", text)
     else:
         name = os.path.basename(os.path.realpath(port.path))
-        cure = (
-            f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; N, B and K are not "
-            "affected, they use the clock of the sensor"
-        )
+        timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
+        cure = f"echo 1 | sudo tee {timer}; N, B and K use the sample clock and are not affected"
         yield Check("latency", "warning", text, cure)
 
 
@@ -160,15 +127,14 @@ def device(observation: Observation, specific: Iterable[Check]) -> list[Check]:
     ----------
     specific : checks of its driver; each replaces the generic one of the same name.
     """
-    found = {check.name: check for check in (*_generic(observation), *specific)}
-    known = [found.pop(name) for name in DEVICE_CHECKS if name in found]
-    return [*known, *found.values()]
+    by_name = {check.name: check for check in (*_generic(observation), *specific)}
+    known = [by_name.pop(name) for name in DEVICE_CHECKS if name in by_name]
+    return [*known, *by_name.values()]
 
 
 def _generic(observation: Observation) -> Iterator[Check]:
     if observation.lost is not None:
-        cure = "check the plug and the strain relief of the cable"
-        yield Check("sensor", "failed", observation.lost, cure)
+        yield Check("sensor", "failed", observation.lost, "check the plug and the strain relief of the cable")
     yield _identity(observation)
     yield _stream(observation)
     if observation.info.stream is not None:
@@ -184,7 +150,9 @@ def _generic(observation: Observation) -> Iterator[Check]:
 def _identity(observation: Observation) -> Check:
     info = observation.info
     if info.model is None:
-        return Check("identity", "warning", f"the {info.kind} gives no model", "identify it by its port")
+        return Check(
+            "identity", "warning", f"the {info.kind} does not report its model", "identify it by its port"
+        )
     serial = info.serial or "without a serial number"
     return Check("identity", "ok", f"{info.model} {serial}, firmware {info.firmware or 'unknown'}")
 
@@ -212,7 +180,7 @@ def _stream(observation: Observation) -> Check:
 def _aliasing(observation: Observation) -> Check:
     info = observation.info
     if info.alias_factor is None:
-        text = f"unknown: the {info.kind} does not give its filter or its rate"
+        text = f"unknown: the {info.kind} does not report its filter or its rate"
         return Check("aliasing", "warning", text, "its filter must average over the output interval")
     if info.alias_factor <= ALIASED:
         return Check("aliasing", "ok", "none")
@@ -229,14 +197,17 @@ def _compensation(observation: Observation) -> Check:
 
 
 def _checksums(observation: Observation) -> Check:
-    bad, total = observation.bad_checksums, observation.messages + observation.bad_checksums
+    bad = observation.bad_checksums
+    total = observation.messages + bad
     text = f"{bad} of {total} messages damaged in {observation.seconds:.0f} s"
     if not bad and not observation.discarded:
         return Check("checksums", "ok", text)
     if observation.discarded:
-        text += f", {observation.discarded} bytes of no message"
+        text += f", {observation.discarded} unrelated bytes"
     share = max(bad / total, observation.discarded / max(observation.bytes, 1))
-    cure = "check the cable and its ground, keep it short and away from motors; a lower baud is more robust"
+    cure = (
+        "check the cable and its ground, keep it short and away from motors; a lower baud rate is more robust"
+    )
     return Check("checksums", "failed" if share > MAX_DAMAGED else "warning", text, cure)
 
 
@@ -256,7 +227,9 @@ def _rate(observation: Observation) -> Check:
     excess, tolerance = rate / nominal - 1.0, RATE_TOLERANCE + RATE_TOLERANCE_SAMPLES / samples
     text += f" of {nominal:g} Hz configured"
     if excess > tolerance:
-        return Check("rate", "warning", text, "messages arrive twice: does a hub or a splitter echo them?")
+        return Check(
+            "rate", "warning", text, "messages arrive twice: remove hubs and splitters that echo them"
+        )
     if excess < -tolerance:
         status = "failed" if excess < -MAX_MISSING - tolerance else "warning"
         return Check("rate", status, text, "whole messages are lost: check power, cable and adapter")
@@ -284,8 +257,8 @@ def zenoh(zenoh: ZenohObservation) -> Check:
     """Check which daemons answer, and whether another one could listen."""
     ids = ", ".join(report.device.id for report in zenoh.reports)
     if zenoh.exposed:
-        text = f"{zenoh.exposed[0]} is open to everybody on the network"
-        return Check("zenoh", "warning", text, "use tls/ with certificates: docs/ZENOH.md")
+        text = f"{zenoh.exposed[0]} is open to every host on the network"
+        return Check("zenoh", "warning", text, "use tls/ with certificates: see docs/ZENOH.md")
     if zenoh.unreachable:
         text = f"no answer from {', '.join(zenoh.unreachable)}"
         return Check("zenoh", "warning", text, "start the router there, or remove it from zenoh.connect")
@@ -295,10 +268,10 @@ def zenoh(zenoh: ZenohObservation) -> Check:
         return Check("zenoh", "failed", zenoh.error.message, zenoh.error.cure or None)
     if not zenoh.reports:
         return Check("zenoh", "ok", f"no daemon answers, {zenoh.free} is free for one")
-    waiting = [report.device for report in zenoh.reports if report.state == "waiting"]
-    if waiting:
-        others = [report.device.id for report in zenoh.reports if report.device != waiting[0]]
-        text = f"{waiting[0].id} answers, but waits for its sensor on {waiting[0].port or 'its port'}"
+    waiting = next((report.device for report in zenoh.reports if report.state == "waiting"), None)
+    if waiting is not None:
+        others = [report.device.id for report in zenoh.reports if report.device != waiting]
+        text = f"{waiting.id} answers, but waits for its sensor on {waiting.port or 'its port'}"
         text += f"; {', '.join(others)} answers too" if others else ""
         return Check("zenoh", "warning", text, RECONNECT_CURE)
     free = f", {zenoh.free} is free for another" if zenoh.free else ""

@@ -1,7 +1,7 @@
-"""Doctor: runs the probes and yields one check per line: what was seen, and what to do.
+"""Doctor: the probes and checks of an installation, one line per check, with what to do.
 
 doctor        all checks in order
-observations  what the probes have seen
+observations  results of the probes
 probe_device  what the device sends, or what the daemon that reads it counts
 probe_host    the file of the port, the state directory, the service manager
 probe_zenoh   daemons on Zenoh, and whether another one could listen
@@ -35,24 +35,14 @@ OBSERVE_S = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """What to examine.
+    """What to examine."""
 
-    Attributes
-    ----------
-    settings : those of the daemon; the defaults if the file has faults.
-    faults : of the settings file, one line each.
-    port : path or URL; None: that of the settings, of a daemon that answers, or the first with a device.
-    state_directory : of the daemon.
-    connect : endpoints of daemons; empty: those of the settings.
-    seconds : s for which a device is observed.
-    """
-
-    settings: Settings
-    faults: tuple[str, ...] = ()
-    port: str | None = None
-    state_directory: Path
-    connect: tuple[str, ...] = ()
-    seconds: float = OBSERVE_S
+    settings: Settings  # of the daemon; the defaults if the file has faults
+    faults: tuple[str, ...] = ()  # of the settings file, one line each
+    port: str | None = None  # path or URL; None: of the settings, of a daemon, or the first with a device
+    state_directory: Path  # of the daemon
+    connect: tuple[str, ...] = ()  # endpoints of daemons; empty: those of the settings
+    seconds: float = OBSERVE_S  # s for which a device is observed
 
 
 def examine(case: Case, progress: Callable[[str], None] = lambda text: None) -> Iterator[Check]:
@@ -60,7 +50,7 @@ def examine(case: Case, progress: Callable[[str], None] = lambda text: None) -> 
 
     Parameters
     ----------
-    progress : called with a few words on what takes long.
+    progress : called with a short text before each step that takes long.
     """
     yield checks.config(case.settings, case.faults)
     progress("looking for daemons")
@@ -82,11 +72,11 @@ def _examine_ports(
         yield checks.NO_PORT
     for path in paths:
         report = next((r for r in zenoh.reports if r.device.port and _same_port(r.device.port, path)), None)
-        found, has_device = _examine_port(case, path, report, probe, progress)
+        port_checks, has_device = _examine_port(case, path, report, probe, progress)
         if has_device or path == paths[-1]:
-            yield from found
+            yield from port_checks
             return
-        yield checks.skipped_port(path, found)
+        yield checks.skipped_port(path, port_checks)
 
 
 def candidate_ports(zenoh: ZenohObservation) -> list[str]:
@@ -105,13 +95,13 @@ def _examine_port(
     report : of the daemon that reads the port; None: none does.
     """
     port = probe_host.observe_port(path, report.device.id if report else None)
-    found = list(checks.port(port))
-    if any(check.status == "failed" for check in found):
-        return found, False
+    port_checks = list(checks.port(port))
+    if any(check.status == "failed" for check in port_checks):
+        return port_checks, False
     try:
-        return [*found, *_examine_device(case, port, report, probe, progress)], True
+        return [*port_checks, *_examine_device(case, port, report, probe, progress)], True
     except DeviceError as error:
-        return [*found, checks.no_device(error)], False
+        return [*port_checks, checks.no_device(error)], False
 
 
 def _examine_device(
@@ -127,7 +117,7 @@ def _examine_device(
         observation = observe_daemon(probe.subscriber, report, case.seconds)
         port = probe_host.with_latency(port)
     else:
-        # the check of the baud compares the configured one with that of the device, which must be detected
+        # the check of the baud rate compares the configured one with that of the device: detect the latter
         settings = SimpleNamespace(**{**vars(case.settings.device), "baud": "auto"})
         device = driver.create(DeviceOptions(url=port.path, settings=settings))
         device.progress = progress

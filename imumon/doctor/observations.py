@@ -1,4 +1,4 @@
-"""Observations: what the probes have seen; `checks` turns them into lines with a status and a cure.
+"""Observations of the probes; `checks` turns them into lines with a status and a cure.
 
 The observation of a device is `imumon.devices.base.Observation`.
 """
@@ -17,34 +17,20 @@ _URL = re.compile(r"[a-z][a-z0-9+.-]*:")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortObservation:
-    """A port as the file system shows it.
+    """A port as the file system shows it."""
 
-    Attributes
-    ----------
-    path : device path or URL; only `daemon` is known of a URL.
-    exists, is_character_device : of the file.
-    accessible : this process may read and write it.
-    group, user : group of the file, and the user of this process.
-    group_member : the user database has the user in that group.
-    holders : other processes that have it open, ``name (pid)``.
-    daemon : id of the daemon that reads it, according to its report; None: none.
-    latency_ms : ms, timer of an FTDI adapter while the port is open; None: another adapter, or unknown.
-    description : of the adapter.
-    other_ports : paths of the other ports of this machine.
-    """
-
-    path: str
+    path: str  # device path or URL; only `daemon` is known of a URL
     exists: bool = True
     is_character_device: bool = True
-    accessible: bool = True
-    group: str | None = None
-    user: str = ""
-    group_member: bool = False
-    holders: tuple[str, ...] = ()
-    daemon: str | None = None
-    latency_ms: int | None = None
-    description: str = ""
-    other_ports: tuple[str, ...] = ()
+    accessible: bool = True  # this process may read and write it
+    group: str | None = None  # of the file
+    user: str = ""  # of this process
+    group_member: bool = False  # the user database has the user in that group
+    holders: tuple[str, ...] = ()  # other processes that have it open, ``name (pid)``
+    daemon: str | None = None  # id of the daemon that reads it, according to its report; None: none
+    latency_ms: int | None = None  # ms, timer of an open FTDI adapter; None: another adapter, or unknown
+    description: str = ""  # of the adapter
+    other_ports: tuple[str, ...] = ()  # paths of the other ports of this machine
 
     @property
     def is_url(self) -> bool:
@@ -58,54 +44,30 @@ class PortObservation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZenohObservation:
-    """Daemons on Zenoh, and whether another one could listen.
+    """Daemons on Zenoh, and whether another one could listen."""
 
-    Attributes
-    ----------
-    reports : newest report of each daemon that answers.
-    free : endpoint on which a daemon could listen now; None: none.
-    error : why there is none, or what is wrong with the settings.
-    exposed : endpoints of the settings that are open to the network without encryption.
-    unreachable : routers of the settings that do not answer.
-    """
-
-    reports: tuple[Report, ...] = ()
-    free: str | None = None
-    error: ImumonError | None = None
-    exposed: tuple[str, ...] = ()
-    unreachable: tuple[str, ...] = ()
+    reports: tuple[Report, ...] = ()  # newest of each daemon that answers
+    free: str | None = None  # endpoint on which a daemon could listen now; None: none
+    error: ImumonError | None = None  # why there is none, or what is wrong with the settings
+    exposed: tuple[str, ...] = ()  # configured endpoints that are open to the network without encryption
+    unreachable: tuple[str, ...] = ()  # configured routers that do not answer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateObservation:
-    """The state directory.
-
-    Attributes
-    ----------
-    writable : files can be created in it, or the directory itself can be created.
-    problem : why it is not writable.
-    free_bytes : on its file system; None: unknown.
-    records : number of saved states.
-    """
+    """The state directory of the daemon."""
 
     path: Path
-    writable: bool
-    problem: str | None = None
-    free_bytes: int | None = None
-    records: int = 0
+    writable: bool  # a file, or the directory itself, can be created
+    problem: str | None = None  # why it is not writable
+    free_bytes: int | None = None  # on its file system; None: unknown
+    records: int = 0  # number of saved states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceObservation:
-    """The service manager.
+    """The service manager."""
 
-    Attributes
-    ----------
-    running : systemd runs on this machine.
-    installed : the unit of imumon is installed.
-    units : instances of it with their states (``active``, ``failed`` ...).
-    """
-
-    running: bool
-    installed: bool = False
-    units: tuple[tuple[str, str], ...] = ()
+    running: bool  # systemd runs on this machine
+    installed: bool = False  # the unit of imumon is installed
+    units: tuple[tuple[str, str], ...] = ()  # instances of it with their states (``active``, ``failed`` ...)

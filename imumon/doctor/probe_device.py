@@ -1,4 +1,4 @@
-"""Device probe: what a device sends in a few seconds, without changing it.
+"""Device probe: observation of what a device sends in a few seconds, without changing it.
 
 A device that a daemon reads is not opened: the counters in two reports of the daemon give the same facts.
 """
@@ -6,7 +6,7 @@ A device that a daemon reads is not opened: the counters in two reports of the d
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -15,15 +15,11 @@ from imumon.devices.base import Device, DeviceLost, Observation
 from imumon.report import Report
 from imumon.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
 
-READ_S = 0.2
-"""s that one read waits for data, and between two reports of a daemon. Not critical."""
-
+READ_S = 0.2  # s that one read waits for data, and between two reports of a daemon. Not critical
+RATE_SPAN_S = 0.5  # s of samples from which rate and ratio of the clocks are computed. Not critical
 JUMP_NS = 10_000_000_000
-"""ns of the sample clock from one sample to the next that count as a jump of the clock. A gap in a stream
-that is observed for some seconds is shorter."""
-
-RATE_SPAN_S = 0.5
-"""s of samples from which the rate and the ratio of the clocks are computed. Not critical."""
+"""ns of the sample clock from one sample to the next that count as a jump of the clock: longer than a gap in
+a stream that is observed for some seconds."""
 
 DEVICE_CAVEATS = ("compensated", "unknown_compensation", "aliased")
 """Caveats of a report that describe the device, not the record."""
@@ -52,10 +48,9 @@ class _StreamStatistics:
 
 
 def observe_device(device: Device, seconds: float) -> Observation:
-    """Return what an open device sends in so many seconds, from its first valid message on."""
+    """Return what an open device sends in `seconds` seconds, from its first valid message on."""
     streams: dict[str, _StreamStatistics] = {}
-    first = device.counters
-    base = None
+    first, base = device.counters, None
     start = data_at = now = time.monotonic()
     longest_pause, lost = 0.0, None
     try:
@@ -113,28 +108,15 @@ def _with_samples(observation: Observation, stream: _StreamStatistics) -> Observ
 
 
 def observe_daemon(subscriber: Subscriber, report: Report, seconds: float) -> Observation:
-    """Return what the daemon that reads the device counts in so many seconds."""
+    """Return what the daemon that reads the device counts in `seconds` seconds."""
     start, last = time.monotonic(), report
     while (time.monotonic() < start + seconds or last is report) and time.monotonic() < start + 2 * seconds:
         time.sleep(READ_S)
         last = subscriber.reports()[report.device.id][0]
     a, b, device = report.session, last.session, last.device
     elapsed = b.elapsed_s - a.elapsed_s
-    info = DeviceInfo(
-        id=device.id,
-        model=device.model,
-        serial=device.serial,
-        firmware=device.firmware,
-        port=device.port,
-        baud=device.baud,
-        stream=device.stream,  # type: ignore[arg-type]
-        source=device.source,
-        clock=device.clock,
-        sample_rate_hz=device.sample_rate_hz,
-        alias_factor=device.alias_factor,
-        settings=device.settings,
-        caveats=tuple(caveat for caveat in last.caveats if caveat in DEVICE_CAVEATS),
-    )
+    shared = {f.name: getattr(device, f.name) for f in fields(DeviceInfo) if hasattr(device, f.name)}
+    info = DeviceInfo(**shared, caveats=tuple(c for c in last.caveats if c in DEVICE_CAVEATS))
     return Observation(
         info=info,
         seconds=elapsed / last.speed if elapsed > 0 else time.monotonic() - start,

@@ -1,4 +1,4 @@
-"""Host probe: observes the file of a port, the state directory and the service manager."""
+"""Host probe: observation of the file of a port, the state directory and the service manager."""
 
 from __future__ import annotations
 
@@ -16,17 +16,11 @@ from pathlib import Path
 from imumon.devices.serial_port import find_ports, holders
 from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation
 
-SYSTEMCTL_S = 5.0
-"""s that systemctl may take. Not critical."""
+SYSTEMCTL_S = 5.0  # s that systemctl may take. Not critical
 
 
 def observe_port(path: str, daemon: str | None = None) -> PortObservation:
-    """Observe a port without opening it.
-
-    Parameters
-    ----------
-    daemon : id of the daemon that reads it; None: none.
-    """
+    """Observe a port without opening it; `daemon` is the id of the daemon that reads it."""
     port = PortObservation(path=path, daemon=daemon)
     if port.is_url:
         return port
@@ -61,8 +55,7 @@ def with_latency(port: PortObservation, root: Path = Path("/sys/class/tty")) -> 
     """Return the observation with the latency timer of the adapter; call it while the port is open."""
     name = Path(os.path.realpath(port.path)).name
     try:
-        text = (root / name / "device" / "latency_timer").read_text()
-        return replace(port, latency_ms=int(text))
+        return replace(port, latency_ms=int((root / name / "device" / "latency_timer").read_text()))
     except (OSError, ValueError):
         return port
 

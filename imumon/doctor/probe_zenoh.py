@@ -1,4 +1,4 @@
-"""Zenoh probe: which daemons answer, and whether another one could listen."""
+"""Zenoh probe: observation of the daemons that answer, and of the endpoints on which another could listen."""
 
 from __future__ import annotations
 
@@ -10,20 +10,12 @@ from imumon.bus import BusError, SessionOptions, Subscriber
 from imumon.bus.zenoh_session import Unreachable, is_local, local_endpoints, open_session
 from imumon.doctor.observations import ZenohObservation
 
-ANSWER_S = 1.0
-"""s to wait for the first daemon. Not critical."""
-
-OTHERS_S = 0.3
-"""s to wait for further daemons after the first. Not critical."""
+ANSWER_S = 1.0  # s to wait for the first daemon. Not critical
+OTHERS_S = 0.3  # s to wait for further daemons after the first. Not critical
 
 
 class ZenohProbe:
-    """The bus as a subscriber sees it; a context manager.
-
-    Attributes
-    ----------
-    subscriber : None if the settings allow none.
-    """
+    """The bus as a subscriber sees it; a context manager. `subscriber` is None if the settings allow none."""
 
     def __init__(self, settings: object, connect: tuple[str, ...]) -> None:
         self._options = SessionOptions.of(settings)
@@ -49,19 +41,14 @@ class ZenohProbe:
         if self.subscriber.wait_report(None, ANSWER_S) is not None:
             time.sleep(OTHERS_S)
         free, error = self._free_endpoint()
-        exposed: tuple[str, ...] = ()
-        unreachable: tuple[str, ...] = ()
+        reports = tuple(report for report, _ in self.subscriber.reports().values())
+        observation = ZenohObservation(reports=reports, free=free, error=error)
         with suppress(BusError):  # an invalid endpoint is the error above
             listen = self._options.listen
             exposed = tuple(e for e in listen if not is_local(e) and not e.startswith(("tls/", "quic/")))
-            unreachable = self._unreachable()
-        return ZenohObservation(
-            reports=tuple(report for report, _ in self.subscriber.reports().values()),
-            free=free,
-            error=error,
-            exposed=exposed,
-            unreachable=unreachable,
-        )
+            observation = replace(observation, exposed=exposed)
+            observation = replace(observation, unreachable=self._unreachable())
+        return observation
 
     def _free_endpoint(self) -> tuple[str | None, BusError | None]:
         """Return an endpoint on which a daemon could listen, or why there is none."""
