@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.devices.vn100.measurements import recipe
+from imumon.devices.vn100.measurements import sample_converter
 from imumon.pipeline import Monitor, MonitorOptions
 from imumon.samples import GYRO, SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
@@ -397,9 +397,9 @@ def test_a_count_without_a_tick_is_of_microseconds() -> None:
 
 
 def test_streams_of_a_vn_100_have_the_tick_of_its_loop() -> None:
-    found = recipe(frozenset({"startup", "ugyro", "uaccel"}), "binary")
-    assert found is not None
-    assert found.stream.tick_s == LOOP_S
+    converter = sample_converter(frozenset({"startup", "ugyro", "uaccel"}), "binary")
+    assert converter is not None
+    assert converter.stream.tick_s == LOOP_S
 
 
 @pytest.mark.parametrize("jitter", JITTER)

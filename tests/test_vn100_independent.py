@@ -17,7 +17,7 @@ from imumon.devices.vn100.ascii import Response, SensorError
 from imumon.devices.vn100.decoder import DecodedItem
 from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
-from imumon.devices.vn100.emulator.main_loop import make_device
+from imumon.devices.vn100.emulator.emulator import make_device
 from imumon.devices.vn100.registers import OUTPUT_TYPES, REGISTERS
 from imumon.samples import SampleBlock
 
