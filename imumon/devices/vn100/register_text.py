@@ -9,27 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from imumon.devices.vn100.registers import (
-    ACCEL_CALIBRATION,
-    BAUD,
-    BINARY_OUTPUTS,
-    DELTA_CONTROL,
-    GYRO_CALIBRATION,
-    IMU_FILTER,
-    IRON_CONTROL,
-    LOOP_RATE,
-    MAG_CALIBRATION,
-    OUTPUT_RATE,
-    OUTPUT_TYPE,
-    OUTPUT_TYPES,
-    PROTOCOL,
-    REGISTERS,
-    ROTATION,
-    STARTUP_BIAS,
-    SYNC_CONTROL,
-    RegisterError,
-    Value,
-)
+from imumon.devices.vn100 import registers
+from imumon.devices.vn100.registers import REGISTERS, RegisterError, Value
 
 Values = dict[str, Value]
 
@@ -90,7 +71,7 @@ def _filter(values: Values) -> str:
             by_window.setdefault((window, mode), []).append(sensor)
     where = {1: ", uncompensated outputs only", 2: ", compensated outputs only", 3: ""}
     parts = [
-        f"{_join(sensors)} averaged over {window} samples ({1e3 * window / LOOP_RATE:g} ms){where[mode]}"
+        f"{_join(sensors)} averaged over {window} samples ({1e3 * window / registers.LOOP_RATE:g} ms){where[mode]}"
         for (window, mode), sensors in by_window.items()
     ]
     return "; ".join(parts) or "no averages"
@@ -138,28 +119,28 @@ def _output(values: Values) -> str:
     if not mode or not divisor:
         return "off"
     port = {1: "port 1", 2: "port 2", 3: "both ports"}[mode]
-    return f"{LOOP_RATE / divisor:g} Hz on {port}"
+    return f"{registers.LOOP_RATE / divisor:g} Hz on {port}"
 
 
 def _type(values: Values) -> str:
     kind = int(values["type"])
-    return f"${OUTPUT_TYPES[kind]}" if kind else "none"
+    return f"${registers.OUTPUT_TYPES[kind]}" if kind else "none"
 
 
 _DESCRIPTIONS: dict[int, Callable[[Values], str]] = {
-    BAUD: lambda values: f"{values['baud']:,}",
-    OUTPUT_TYPE: _type,
-    OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
-    MAG_CALIBRATION: _calibration,
-    ACCEL_CALIBRATION: _calibration,
-    GYRO_CALIBRATION: _calibration,
-    ROTATION: _rotation,
-    PROTOCOL: _protocol,
-    SYNC_CONTROL: _sync,
+    registers.BAUD: lambda values: f"{values['baud']:,}",
+    registers.OUTPUT_TYPE: _type,
+    registers.OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
+    registers.MAG_CALIBRATION: _calibration,
+    registers.ACCEL_CALIBRATION: _calibration,
+    registers.GYRO_CALIBRATION: _calibration,
+    registers.ROTATION: _rotation,
+    registers.PROTOCOL: _protocol,
+    registers.SYNC_CONTROL: _sync,
     35: _vpe,
-    STARTUP_BIAS: _bias,
-    IRON_CONTROL: _iron,
-    DELTA_CONTROL: _delta,
-    IMU_FILTER: _filter,
-    **dict.fromkeys(BINARY_OUTPUTS, _output),
+    registers.STARTUP_BIAS: _bias,
+    registers.IRON_CONTROL: _iron,
+    registers.DELTA_CONTROL: _delta,
+    registers.IMU_FILTER: _filter,
+    **dict.fromkeys(registers.BINARY_OUTPUTS, _output),
 }

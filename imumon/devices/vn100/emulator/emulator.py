@@ -12,21 +12,12 @@ from math import inf
 import numpy as np
 
 from imumon.devices.base import InvalidOption
+from imumon.devices.vn100 import registers
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.faults import Faults, ForeignDevice
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.emulator.uart import PseudoTerminal, Uart
-from imumon.devices.vn100.registers import (
-    ASCII_RATES,
-    BAUD,
-    BAUDS,
-    BINARY_OUTPUTS,
-    FACTORY_BAUD,
-    LOOP_RATE,
-    OUTPUT_RATE,
-    OUTPUT_TYPE,
-)
 
 TIME_AND_DELTAS = ("06", "0001", "00C0")
 """Groups and field words of TimeStartup, DeltaTheta and DeltaVel: 44 bytes."""
@@ -50,17 +41,23 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
         The rate does not fit the baud.
     """
     device = CommandHandler(settings, SensorModel(settings))
-    candidates = [settings.baud] if settings.baud else [b for b in BAUDS if b >= FACTORY_BAUD and b != 128000]
+    candidates = (
+        [settings.baud]
+        if settings.baud
+        else [b for b in registers.BAUDS if b >= registers.FACTORY_BAUD and b != 128000]
+    )
     for baud in candidates:
-        device.set_register(BAUD, str(baud))
-        if settings.rate in ASCII_RATES:
-            device.set_register(OUTPUT_RATE, str(int(settings.rate)))
+        device.set_register(registers.BAUD, str(baud))
+        if settings.rate in registers.ASCII_RATES:
+            device.set_register(registers.OUTPUT_RATE, str(int(settings.rate)))
         elif settings.rate:
-            device.set_register(OUTPUT_TYPE, "0")
-            divisor = str(round(LOOP_RATE / settings.rate))
-            device.set_register(BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS)
+            device.set_register(registers.OUTPUT_TYPE, "0")
+            divisor = str(round(registers.LOOP_RATE / settings.rate))
+            device.set_register(
+                registers.BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS
+            )
         else:
-            device.set_register(OUTPUT_TYPE, "0")
+            device.set_register(registers.OUTPUT_TYPE, "0")
         if device.outputs.bytes_per_second() <= baud / 10:
             return device
     raise InvalidOption(
@@ -95,7 +92,7 @@ class Emulator:
         self._uart = Uart(self._device.baud, pacing=not settings.time_lapse)
         self.terminal = PseudoTerminal(self._device.baud, settings.link, self._rng, not settings.time_lapse)
         self._plugged = True
-        self._ticks_per_s = LOOP_RATE * settings.speed
+        self._ticks_per_s = registers.LOOP_RATE * settings.speed
         self._start, self._last_step = now, now
         self._stalled_until = self._silent_until = -inf
         self._cut_next = False
