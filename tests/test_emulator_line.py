@@ -189,10 +189,7 @@ def test_a_change_of_the_baud_is_answered_at_the_old_one() -> None:
 
 @pytest.mark.parametrize(
     ("output", "layout", "rate"),
-    [
-        ("VNWRG,75,1,4,06,0001,00C0", TIME_AND_DELTAS, 200),
-        ("VNWRG,75,1,8,1,C01", TIME_MAGPRES_DELTAS, 100),
-    ],
+    [("VNWRG,75,1,4,06,0001,00C0", TIME_AND_DELTAS, 200), ("VNWRG,75,1,8,1,C01", TIME_MAGPRES_DELTAS, 100)],
 )
 def test_no_packet_is_lost_at_115200(
     sensor: EmulatorProcess, output: str, layout: BinaryLayout, rate: int

@@ -275,11 +275,7 @@ def test_another_model_is_taken_and_said() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "code"),
-    [
-        ("silent", "device_silent"),
-        ("nmea", "device_sends_nmea"),
-        ("garbage", "device_sends_garbage"),
-    ],
+    [("silent", "device_silent"), ("nmea", "device_sends_nmea"), ("garbage", "device_sends_garbage")],
 )
 @pytest.mark.parametrize("listen_only", [False, True])
 def test_another_device_is_refused_with_what_it_sends(kind: str, code: str, listen_only: bool) -> None:

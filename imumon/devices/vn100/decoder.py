@@ -109,13 +109,8 @@ class Vn100Decoder:
     """
 
     def __init__(self) -> None:
-        self.fed = 0
-        self.messages = 0
-        self.message_bytes = 0
-        self.discarded = 0
-        self.bad_checksums = 0
-        self.malformed = 0
-        self.nonfinite = 0
+        self.fed = self.messages = self.message_bytes = self.discarded = 0
+        self.bad_checksums = self.malformed = self.nonfinite = 0
         self._buffer = b""
         self._losses = LossCounter()
         self._started_streams: set[bytes] = set()
@@ -223,8 +218,7 @@ class Vn100Decoder:
 
     @staticmethod
     def _parse_response(body: bytes) -> list[DecodedItem] | None:
-        """Return the response or error in a sentence that is not a measurement; None: its grammar is
-        wrong."""
+        """Return the items of a sentence that is not a measurement; None if its grammar is wrong."""
         if ascii.PRINTABLE.fullmatch(body) is None:
             return None
         command, fields = ascii.split(body)
@@ -280,10 +274,8 @@ class Vn100Decoder:
 def _merge_blocks(items: list[DecodedItem]) -> list[DecodedItem]:
     """Return the items with consecutive blocks of one stream merged."""
     merged: list[DecodedItem] = []
-    for stream, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
-        if stream is None:
-            merged += group
-            continue
-        blocks = [block for block in group if isinstance(block, SampleBlock)]
-        merged.append(concatenated(blocks))
+    for _, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
+        members = list(group)
+        blocks = [item for item in members if isinstance(item, SampleBlock)]
+        merged += [concatenated(blocks)] if blocks else members
     return merged

@@ -1,4 +1,4 @@
-"""Device information of a VN-100: what its registers and its stream say of the data."""
+"""Device information of a VN-100, from its registers and its stream."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def device_info(
 
     Parameters
     ----------
-    port, baud : where it is; baud None where it has no effect.
+    port, baud : of the sensor; baud None where it has no effect.
     identity : registers 1 to 4, empty if they were not read.
     settings : registers that change the data.
     stream : the stream that is characterised; None before its first sample.
@@ -85,7 +85,7 @@ def device_info(
 
 
 def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
-    """Return the rate of a stream as far as the settings say it, Hz."""
+    """Return the rate of a stream by the settings, Hz; None if they do not contain it."""
     if stream is None:
         return None
     if stream.source.startswith("$"):

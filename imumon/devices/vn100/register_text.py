@@ -13,6 +13,7 @@ from imumon.devices.vn100 import registers
 from imumon.devices.vn100.registers import REGISTERS, RegisterError, Value
 
 Values = dict[str, Value]
+_IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 
 
 def describe_setting(name: str, value: str) -> str | None:
@@ -43,23 +44,19 @@ def _join(items: Sequence[str]) -> str:
     >>> _join(["mag"]), _join(["mag", "accel", "gyro"])
     ('mag', 'mag, accel and gyro')
     """
-    return " and ".join([*([", ".join(items[:-1])] if items[:-1] else []), *items[-1:]])
+    return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
 
 
 def _calibration(values: Values) -> str:
     """Describe registers 23, 84 and 25: out = C (in - b)."""
     numbers = list(values.values())
-    matrix, bias = numbers[:9], numbers[9:]
-    changed = [
-        *(["scale or axes"] if matrix != [1, 0, 0, 0, 1, 0, 0, 0, 1] else []),
-        *(["bias"] if any(bias) else []),
-    ]
+    changed = ["scale or axes"] if numbers[:9] != _IDENTITY else []
+    changed += ["bias"] if any(numbers[9:]) else []
     return f"{_join(changed)} changed by the user" if changed else "factory calibration only"
 
 
 def _rotation(values: Values) -> str:
-    rotated = list(values.values()) != [1, 0, 0, 0, 1, 0, 0, 0, 1]
-    return "axes are rotated" if rotated else "none: the axes of the housing"
+    return "axes are rotated" if list(values.values()) != _IDENTITY else "none: the axes of the housing"
 
 
 def _filter(values: Values) -> str:
@@ -131,9 +128,7 @@ _DESCRIPTIONS: dict[int, Callable[[Values], str]] = {
     registers.BAUD: lambda values: f"{values['baud']:,}",
     registers.OUTPUT_TYPE: _type,
     registers.OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
-    registers.MAG_CALIBRATION: _calibration,
-    registers.ACCEL_CALIBRATION: _calibration,
-    registers.GYRO_CALIBRATION: _calibration,
+    **dict.fromkeys((23, 25, 84), _calibration),
     registers.ROTATION: _rotation,
     registers.PROTOCOL: _protocol,
     registers.SYNC_CONTROL: _sync,

@@ -15,12 +15,7 @@ from math import atan2, degrees, inf
 
 from imumon.devices.vn100 import ascii, registers
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
-from imumon.devices.vn100.emulator.output_streams import (
-    ChecksumKind,
-    Message,
-    OutputStreams,
-    binary_layout,
-)
+from imumon.devices.vn100.emulator.output_streams import ChecksumKind, Message, OutputStreams, binary_layout
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import REGISTERS, Register, RegisterError
@@ -172,7 +167,7 @@ class CommandHandler:
 
     def _register(self, text: str) -> Register:
         if not text.isdigit():
-            raise RegisterError(registers.BAD_PARAMETER, "the register is no number")
+            raise RegisterError(registers.BAD_PARAMETER, "the register is not a number")
         register = REGISTERS.get(int(text))
         if register is None or not register.in_generation(self.registers.generation):
             raise RegisterError(registers.BAD_REGISTER, "no such register")
@@ -182,7 +177,7 @@ class CommandHandler:
         if text == "?":
             return self.registers.port
         if text not in ("1", "2"):
-            raise RegisterError(registers.BAD_PARAMETER, "there are ports 1 and 2")
+            raise RegisterError(registers.BAD_PARAMETER, "choose port 1 or 2")
         return int(text)
 
     def _read_register(self, number: str, *ports: str) -> Sequence[str]:
@@ -243,7 +238,7 @@ class CommandHandler:
 
     def _poll_binary(self, number: str) -> bytes:
         if not number.isdigit() or not 1 <= int(number) <= 3:
-            raise RegisterError(registers.BAD_PARAMETER, "there are binary outputs 1 to 3")
+            raise RegisterError(registers.BAD_PARAMETER, "choose binary output 1 to 3")
         words = self.registers.read(registers.BINARY_OUTPUTS[int(number) - 1])[2:]
         if not int(words[0], 16):
             raise RegisterError(registers.BAD_PARAMETER, "this output has no fields")
@@ -319,4 +314,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise RegisterError(registers.BAD_PARAMETER, f"{text!r} is no number") from None
+        raise RegisterError(registers.BAD_PARAMETER, f"{text!r} is not a number") from None

@@ -60,11 +60,8 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
             device.set_register(registers.OUTPUT_TYPE, "0")
         if device.outputs.bytes_per_second() <= baud / 10:
             return device
-    raise InvalidOption(
-        "rate_does_not_fit",
-        f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}",
-        "give a higher baud or a lower rate",
-    )
+    text = f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}"
+    raise InvalidOption("rate_does_not_fit", text, "give a higher baud or a lower rate")
 
 
 class Emulator:
@@ -135,7 +132,7 @@ class Emulator:
         return [(self._start + tick / self._ticks_per_s, message) for tick, message in messages]
 
     def _send(self, messages: list[tuple[float, bytes]], now: float) -> None:
-        """Put messages on the line as far as the faults leave anything of them."""
+        """Queue messages on the line after the faults have acted on them."""
         if now < self._silent_until:
             self._lost += len(messages)
             return
@@ -209,28 +206,29 @@ class Emulator:
         """
         command, _, argument = text.strip().partition(" ")
         try:
-            if command == "fault":
-                self._faults = Faults.parse(argument)
-            elif command == "stall":
-                self._stalled_until = now + float(argument)
-            elif command == "silence":
-                self._silent_until = now + float(argument)
-            elif command == "jump":
-                self._device.outputs.shift_clock(float(argument))
-            elif command == "cut":
-                self._cut_next = True
-            elif command == "reboot":
-                self._device.restart(now)
-            elif command == "unplug" and self._plugged:
-                self._plugged = False
-                self.terminal.unplug()
-            elif command == "replug":
-                if self._plugged:
-                    self.terminal.unplug()
-                self.terminal.replug(self._device.baud)
-                self._plugged = True
-            elif command not in ("counters", "unplug"):
-                raise ValueError(f"{command!r} is no command")
+            match command:
+                case "counters":
+                    pass
+                case "fault":
+                    self._faults = Faults.parse(argument)
+                case "stall":
+                    self._stalled_until = now + float(argument)
+                case "silence":
+                    self._silent_until = now + float(argument)
+                case "jump":
+                    self._device.outputs.shift_clock(float(argument))
+                case "cut":
+                    self._cut_next = True
+                case "reboot":
+                    self._device.restart(now)
+                case "unplug" | "replug":
+                    if self._plugged:
+                        self.terminal.unplug()
+                    self._plugged = command == "replug"
+                    if self._plugged:
+                        self.terminal.replug(self._device.baud)
+                case _:
+                    raise ValueError(f"{command!r} is not a command")
         except ValueError as error:
             return {"error": str(error)}
         return self.counters()
