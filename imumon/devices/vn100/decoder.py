@@ -18,6 +18,7 @@ which changes only the speed. `LossCounter` estimates the number of lost message
 from __future__ import annotations
 
 import re
+from collections import Counter
 from functools import partial
 from itertools import groupby
 from typing import TypeAlias
@@ -49,8 +50,8 @@ class LossCounter:
 
     def __init__(self) -> None:
         self._message_size: dict[bytes, int] = {}
-        self._total_bytes: dict[bytes, int] = {}
-        self._lost: dict[bytes, int] = {}
+        self._total_bytes: Counter[bytes] = Counter()
+        self._lost: Counter[bytes] = Counter()
         self._gap_bytes = 0
         self._gap_is_text = True
 
@@ -66,13 +67,12 @@ class LossCounter:
     def add_damaged(self, name: bytes) -> None:
         """Count a message of this name that was recognised but is invalid."""
         if name in self._message_size:
-            self._lost[name] = self._lost.get(name, 0) + 1
+            self._lost[name] += 1
             self._gap_bytes -= self._message_size[name]
 
     def add_lost(self, name: bytes, count: int) -> None:
         """Count lost messages of this name."""
-        if count:
-            self._lost[name] = self._lost.get(name, 0) + count
+        self._lost[name] += count
 
     def end_gap(self) -> None:
         """Assign the discarded bytes before a valid message to a stream."""
@@ -90,7 +90,7 @@ class LossCounter:
         """Count `count` valid messages of `size` bytes; return how many were lost directly before them."""
         self.end_gap()
         self._message_size[name] = size
-        self._total_bytes[name] = self._total_bytes.get(name, 0) + size * count
+        self._total_bytes[name] += size * count
         return self._lost.pop(name, 0)
 
 

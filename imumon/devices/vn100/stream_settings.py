@@ -146,17 +146,15 @@ def alias_factors(kind: Kind, rate_hz: float | None, filtering: str | None) -> d
     """
     if kind == "deltas":
         return {"gyro": 1.0, "accel": 1.0}
-    unknown: dict[str, float | None] = {"gyro": None, "accel": None}
-    if rate_hz is None or rate_hz <= 0.0 or filtering is None:
-        return unknown
+    fields = (filtering or "").split(",")
+    if rate_hz is None or rate_hz <= 0.0 or len(fields) != 10 or not all(map(str.isdigit, fields)):
+        return {"gyro": None, "accel": None}
     bit = 1 if kind == "uncompensated" else 2
-    try:
-        numbers = [int(field) for field in filtering.split(",")]
-        windows = {"accel": (numbers[1], numbers[6]), "gyro": (numbers[2], numbers[7])}
-    except (ValueError, IndexError):
-        return unknown
-    averaged = {sensor: max(1, window) if mode & bit else 1 for sensor, (window, mode) in windows.items()}
-    return {s: max(1.0, math.sqrt(LOOP_RATE / (averaged[s] * rate_hz))) for s in ("gyro", "accel")}
+    factors: dict[str, float | None] = {}
+    for sensor, column in (("gyro", 2), ("accel", 1)):
+        window = max(1, int(fields[column])) if int(fields[column + 5]) & bit else 1
+        factors[sensor] = max(1.0, math.sqrt(LOOP_RATE / (window * rate_hz)))
+    return factors
 
 
 def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) -> dict[int, str]:

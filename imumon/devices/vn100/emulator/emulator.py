@@ -37,8 +37,7 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
 
     Raises
     ------
-    InvalidOption
-        The rate does not fit the baud.
+    InvalidOption : the rate does not fit the baud.
     """
     device = CommandHandler(settings, SensorModel(settings))
     candidates = (

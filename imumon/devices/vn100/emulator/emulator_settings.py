@@ -205,8 +205,7 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
 
     Raises
     ------
-    InvalidOption
-        A value that no VN-100 can have.
+    InvalidOption : a value that no VN-100 can have.
     """
     values: dict[str, Any] = {
         sensor: Noise(*(getattr(arguments, f"{sensor}_{letter}") for letter in "nbk")) for sensor in _UNITS

@@ -95,8 +95,7 @@ def with_wrong_checksum(message: bytes) -> bytes:
     if message[:1] != b"$":
         return message[:-1] + bytes((message[-1] ^ 0x01,))
     at = len(message.rstrip()) - 1
-    other = b"1" if message[at : at + 1] == b"0" else b"0" if message[at : at + 1] == b"1" else None
-    return message[:at] + (other or bytes((message[at] ^ 0x01,))) + message[at + 1 :]
+    return message[:at] + bytes((message[at] ^ 0x01,)) + message[at + 1 :]
 
 
 def corrupted(message: bytes, probability: float, rng: np.random.Generator) -> bytes:

@@ -183,12 +183,11 @@ class OutputStreams:
         """Run to tick `upto`; return the messages in order, none of them when `silent`."""
         messages: list[Message] = []
         while self.tick < upto:
-            stop = min(upto, self._model.end)
-            if stop > self.tick:
-                messages += self._run(self.tick, stop, silent)
-                self.tick = stop
-            else:
+            if self._model.end <= self.tick:
                 self._model.extend(max(LOOP_RATE, min(upto - self.tick, _EXTEND_TICKS)))
+            stop = min(upto, self._model.end)
+            messages += self._run(self.tick, stop, silent)
+            self.tick = stop
         return messages
 
     def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
@@ -258,8 +257,7 @@ def binary_layout(words: Sequence[str]) -> binary.BinaryLayout:
 
     Raises
     ------
-    RegisterError
-        A field that no VN-100 sends.
+    RegisterError : a field that no VN-100 sends.
     """
     groups = [group for group in range(1, 8) if int(words[0], 16) >> (group - 1) & 1]
     try:

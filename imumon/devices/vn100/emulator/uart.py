@@ -21,6 +21,7 @@ import numpy as np
 
 from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.pty_clients import PtyClients
+from imumon.devices.vn100.registers import BAUDS
 
 OUTPUT_BUFFER = 2048
 """bytes that the sensor buffers while the line is busy."""
@@ -28,11 +29,7 @@ OUTPUT_BUFFER = 2048
 PENDING, PENDING_TIME_LAPSE = 4096, 1 << 17
 """bytes held for a full terminal; beyond, messages are dropped, or in time-lapse the sensor waits."""
 
-_SPEEDS = {
-    getattr(termios, f"B{baud}"): baud
-    for baud in (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
-    if hasattr(termios, f"B{baud}")
-}
+_SPEEDS = {getattr(termios, f"B{baud}"): baud for baud in BAUDS if hasattr(termios, f"B{baud}")}
 _CODES = {baud: code for code, baud in _SPEEDS.items()}
 
 
@@ -68,11 +65,10 @@ class Uart:
         self._queue.append((self._free_at, message, self.baud))
 
     def transmitted(self, now: float) -> list[tuple[bytes, int]]:
-        """Return the messages whose last byte has left by `now` (s), each with the baud it was sent at."""
+        """Return the messages whose last byte has left by `now` (s), each with its baud."""
         messages = []
         while self._queue and self._queue[0][0] <= now:
-            _, message, baud = self._queue.popleft()
-            messages.append((message, baud))
+            messages.append(self._queue.popleft()[1:])
         return messages
 
     def next_transmitted(self) -> float | None:
@@ -142,7 +138,7 @@ class PseudoTerminal:
 
     def update_clients(self) -> None:
         """Discard the bytes and modes of a client that has closed the terminal."""
-        if not all(self._clients.changes()):
+        if self._clients.update():
             self._pending.clear()
             termios.tcflush(self._slave, termios.TCIFLUSH)
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
