@@ -1,4 +1,4 @@
-"""Serial ports: those that work and those that do not."""
+"""Laws of the serial port: bytes, baud rate, loss and errors."""
 
 from __future__ import annotations
 
@@ -17,28 +17,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from imumon.daemon.connection import _others
 
 from imumon.devices import serial_port as port_module
-from imumon.devices.serial_port import (
-    PortError,
-    PortGone,
-    PortInfo,
-    SerialPort,
-    find_again,
-    holders,
-)
+from imumon.devices.base import DeviceError, DeviceLost
+from imumon.devices.serial_port import PortInfo, SerialPort, find_again, holders
+from imumon.devices.vn100.vn100_device import _other_readers
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 5.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < deadline, "not in time"
+        assert time.monotonic() < deadline, "timeout"
         time.sleep(0.002)
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:
-    """Read this many bytes from a port."""
+    """Return at most this many bytes of a port."""
     data, deadline = b"", time.monotonic() + seconds
     while len(data) < size and time.monotonic() < deadline:
         data += port.read(0.1)
@@ -72,7 +66,7 @@ def line() -> Iterator[Line]:
 # ---------------------------------------------------------------------- ports
 
 
-def test_bytes_go_both_ways_unchanged(line: Line) -> None:
+def test_bytes_pass_unchanged_in_both_directions(line: Line) -> None:
     every = bytes(range(256)) * 4
     with SerialPort(line.path) as port:
         os.write(line.master, every)
@@ -84,7 +78,7 @@ def test_bytes_go_both_ways_unchanged(line: Line) -> None:
         assert got == every
         assert port.received_bytes == len(every)
         assert port.dropped_bytes == port.overruns == 0
-        assert port.kernel_overruns is None, "a pseudo-terminal counts none, which is not the same as none"
+        assert port.kernel_overruns is None, "a pseudo-terminal does not count overruns: None, not 0"
 
 
 def test_read_without_bytes_waits_for_its_timeout(line: Line) -> None:
@@ -114,19 +108,20 @@ def test_baud_that_the_adapter_rounds_is_refused_and_the_old_one_stays(
         assert not port.set_baud(921600)
         assert port.baud == 115200
         assert actual(line.slave) == 115200
-        with pytest.raises(PortError, match=r"cannot do 921600 baud: choose another --baud"):
+        with pytest.raises(DeviceError) as refused:
             SerialPort.__init__(port, _second_name(line), 921600)
+        assert refused.value.code == "baud_unsupported"
 
 
 def _second_name(line: Line) -> str:
-    """Another terminal, so that the first one's lock is not in the way."""
+    """Return the path of another terminal, which is not locked."""
     master, slave = pty.openpty()
     os.dup2(slave, line.slave)
     os.dup2(master, line.master)
     return os.ttyname(line.slave)
 
 
-def test_changing_the_baud_forgets_what_was_received(line: Line) -> None:
+def test_changing_the_baud_discards_received_bytes(line: Line) -> None:
     with SerialPort(line.path) as port:
         os.write(line.master, b"old")
         wait_for(lambda: port.received_bytes == 3)
@@ -135,7 +130,7 @@ def test_changing_the_baud_forgets_what_was_received(line: Line) -> None:
         assert gather(port, 3) == b"new"
 
 
-def test_changing_the_baud_amid_a_stream_is_no_unplugging(line: Line) -> None:
+def test_changing_the_baud_during_a_stream_does_not_lose_the_port(line: Line) -> None:
     with SerialPort(line.path) as port:
         stop = threading.Event()
 
@@ -156,24 +151,24 @@ def test_changing_the_baud_amid_a_stream_is_no_unplugging(line: Line) -> None:
         sender.join()
 
 
-def test_unplugging_is_gone_after_the_last_byte(line: Line) -> None:
+def test_unplugged_port_is_lost_after_its_last_byte(line: Line) -> None:
     with SerialPort(line.path) as port:
         os.write(line.master, b"last")
         wait_for(lambda: port.received_bytes == 4)
         line.unplug()
         wait_for(lambda: port.gone)
         assert port.read(0.1) == b"last"
-        with pytest.raises(PortGone, match="unplugged"):
+        with pytest.raises(DeviceLost, match="unplugged"):
             port.read(1.0)
-        with pytest.raises(PortGone, match="unplugged"):
+        with pytest.raises(DeviceLost, match="unplugged"):
             port.write(b"x")
-        with pytest.raises(PortGone):
+        with pytest.raises(DeviceLost):
             port.set_baud(9600)
-        with pytest.raises(PortGone):
+        with pytest.raises(DeviceLost):
             port.reopen()
 
 
-def test_reopening_goes_on_with_the_same_baud(line: Line) -> None:
+def test_reopened_port_keeps_its_baud(line: Line) -> None:
     with SerialPort(line.path, 230400) as port:
         port.reopen()
         os.write(line.master, b"again")
@@ -189,7 +184,7 @@ def test_reading_continues_between_reads(line: Line) -> None:
         wait_for(lambda: port.received_bytes == size, 20.0)
         assert port.most_queued == size
         first = port.read(0.1)
-        assert 0 < len(first) < 1 << 17, "after a stall memory must not grow by what has gathered"
+        assert 0 < len(first) < 1 << 17, "one read after a stall returns a bounded amount"
         assert len(gather(port, size - len(first))) == size - len(first)
         assert port.overruns == 0
         sender.join()
@@ -200,7 +195,7 @@ def _send(fd: int, data: bytes) -> None:
         data = data[os.write(fd, data[:4096]) :]
 
 
-def test_full_queue_drops_counts_and_goes_on(line: Line) -> None:
+def test_full_queue_drops_and_counts_bytes(line: Line) -> None:
     with SerialPort(line.path, queue_bytes=1000) as port:
         for _ in range(40):
             before = port.received_bytes
@@ -209,12 +204,12 @@ def test_full_queue_drops_counts_and_goes_on(line: Line) -> None:
         kept = port.read(0.1)
         assert len(kept) + port.dropped_bytes == 4000
         assert len(kept) <= 1000
-        assert port.overruns == 1, "one episode, however many bytes"
+        assert port.overruns == 1, "one overrun for consecutive dropped bytes"
         os.write(line.master, b"after")
         assert gather(port, 5) == b"after"
 
 
-def test_lossless_port_makes_the_far_end_wait(line: Line) -> None:
+def test_lossless_port_blocks_the_other_end(line: Line) -> None:
     with SerialPort(line.path, queue_bytes=4096, lossless=True) as port:
         size = 1 << 18
         sender = threading.Thread(target=_send, args=(line.master, bytes(size)))
@@ -235,47 +230,53 @@ def test_socket_is_a_port() -> None:
         port.write(b"ho")
         assert far.recv(10) == b"ho"
         far.close()
-        with pytest.raises(PortGone):
+        with pytest.raises(DeviceLost):
             gather(port, 1)
 
 
-def test_what_is_no_port_is_one_line_with_a_cure(tmp_path: Path, line: Line) -> None:
+def test_invalid_port_is_one_line_with_a_code_and_a_cure(tmp_path: Path, line: Line) -> None:
     file = tmp_path / "run.bin"
     file.write_bytes(b"x")
-    for path, pattern in {
-        str(tmp_path / "ttyUSB9"): "no port .*: (there is|no serial port found)",
-        str(tmp_path): "is a directory, not a serial port",
-        str(file): "is a file, not a serial port; .*imumon replay",
-        "/dev/null": "is not a serial port",
-        "socket://127.0.0.1:1": "is the server running",
-        "what://ever": "is the server running, and the URL right",
-        "bad\0name": "no port",
+    for path, code in {
+        str(tmp_path / "ttyUSB9"): "port_not_found",
+        str(tmp_path): "port_not_serial",
+        str(file): "port_not_serial",
+        "/dev/null": "port_not_serial",
+        "socket://127.0.0.1:1": "port_url_unreachable",
+        "what://ever": "port_url_unreachable",
+        "bad\0name": "port_not_found",
     }.items():
-        with pytest.raises(PortError, match=pattern) as refused:
+        with pytest.raises(DeviceError) as refused:
             SerialPort(path)
+        assert refused.value.code == code
+        assert refused.value.cure
         assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("url", ["socket://", "socket://host", "socket://:", "rfc2217://host:port"])
-def test_a_url_without_a_host_or_port_says_what_to_write(url: str) -> None:
-    with pytest.raises(PortError, match="HOST:PORT"):
+def test_url_without_host_or_port_is_invalid(url: str) -> None:
+    with pytest.raises(DeviceError) as refused:
         SerialPort(url, 115200)
+    assert refused.value.code == "port_url_invalid"
 
 
-def test_no_permission_says_how_to_get_it() -> None:
-    refused = port_module._refusal("/dev/null", PermissionError(13, "Permission denied"))
-    assert refused.startswith("no permission for /dev/null: sudo usermod -aG dialout ")
+def test_missing_permission_has_a_cure() -> None:
+    refused = port_module._open_error("/dev/null", PermissionError(13, "Permission denied"))
+    assert refused.code == "port_permission_denied"
+    assert refused.cure.startswith("sudo usermod -aG dialout ")
 
 
-def test_a_user_without_a_name_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_user_without_a_name_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("USER", "LOGNAME", "LNAME", "USERNAME"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
-    refused = port_module._refusal("/dev/null", PermissionError(13, "Permission denied"))
-    assert "usermod -aG dialout $USER, then" in refused
+    monkeypatch.setattr("pwd.getpwuid", lambda _: {}["unknown"])
+    refused = port_module._open_error("/dev/null", PermissionError(13, "Permission denied"))
+    assert "usermod -aG dialout $USER, then" in refused.cure
 
 
-def test_port_that_vanishes_while_opening_says_so(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_port_that_vanishes_while_opening_has_its_own_message(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = port_module.pyserial.Serial
 
     def unplugged(*args: object, **kwargs: object) -> object:
@@ -284,7 +285,7 @@ def test_port_that_vanishes_while_opening_says_so(line: Line, monkeypatch: pytes
         return opened
 
     monkeypatch.setattr(port_module.pyserial, "Serial", unplugged)
-    with pytest.raises(PortError, match="while it was being opened"):
+    with pytest.raises(DeviceError, match="while it was being opened"):
         SerialPort(line.path)
 
 
@@ -299,25 +300,26 @@ def test_port_in_use_names_who_has_it(line: Line) -> None:
         assert other.stdout is not None
         other.stdout.readline()
         assert any(f"({other.pid})" in holder for holder in holders(line.path))
-        with pytest.raises(PortError, match=rf"in use by .*\({other.pid}\).*: end that program first"):
+        with pytest.raises(DeviceError, match=rf"\({other.pid}\)") as refused:
             SerialPort(line.path)
+        assert refused.value.code == "port_busy"
     finally:
         other.kill()
         other.communicate()
     SerialPort(line.path).close()
 
 
-def test_who_else_reads_a_port_that_gives_nothing_is_named(tmp_path: Path) -> None:
-    place = tmp_path / "port"
-    place.touch()
-    assert _others(str(place)) == ""
-    with place.open() as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
-        found = _others(str(place))
+def test_other_readers_of_a_port_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "port"
+    path.touch()
+    assert _other_readers(str(path)) == ""
+    with path.open() as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
+        readers = _other_readers(str(path))
         other.kill()
-    assert found == f"; sleep ({other.pid}) has it open too: end that program first"
+    assert readers == f"sleep ({other.pid})"
 
 
-def test_a_port_is_ours_alone(line: Line) -> None:
+def test_open_port_is_locked(line: Line) -> None:
     with SerialPort(line.path):
         fd = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
         with pytest.raises(BlockingIOError):
@@ -325,7 +327,7 @@ def test_a_port_is_ours_alone(line: Line) -> None:
         os.close(fd)
 
 
-def test_a_replugged_adapter_is_known_by_its_serial_number(tmp_path: Path) -> None:
+def test_replugged_adapter_is_identified_by_its_serial_number(tmp_path: Path) -> None:
     here = str(tmp_path)  # a path that exists
     ours, other = (0x0403, 0x6001, "FT1"), (0x0403, 0x6001, "FT2")
     before = [PortInfo("/dev/ttyUSB7", "", ours), PortInfo("/dev/ttyUSB8", "", other)]

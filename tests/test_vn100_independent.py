@@ -17,7 +17,7 @@ from imumon.devices.vn100.ascii import Response, SensorError
 from imumon.devices.vn100.decoder import DecodedItem
 from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
-from imumon.devices.vn100.emulator.main_loop import make_device
+from imumon.devices.vn100.emulator.emulator import make_device
 from imumon.devices.vn100.registers import OUTPUT_TYPES, REGISTERS
 from imumon.samples import SampleBlock
 
@@ -39,15 +39,15 @@ def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[Decode
 
 def samples(items: list[DecodedItem]) -> list[wire.Sample]:
     """Return the samples in the blocks of a decoder in the form of `vn100_wire`."""
-    found = []
+    result = []
     for block in items:
         assert isinstance(block, SampleBlock)
         for row in range(len(block)):
             values = dict(zip(block.stream.channels, block.values[row].tolist(), strict=True))
             time_ns = None if block.time_ns is None else int(block.time_ns[row])
             flag = None if block.saturated is None else bool(block.saturated[row])
-            found.append(wire.Sample(block.stream.kind, values, block.stream.clock, time_ns, flag))
-    return found
+            result.append(wire.Sample(block.stream.kind, values, block.stream.clock, time_ns, flag))
+    return result
 
 
 def assert_samples(items: list[DecodedItem], expected: Sequence[wire.Sample | None]) -> None:

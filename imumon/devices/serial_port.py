@@ -36,13 +36,13 @@ pyserial: Any = _pyserial  # it has no types
 QUEUE_BYTES = 8 << 20
 """Bytes in the queue: 90 s at 921600 baud. Not critical."""
 POLL_S = 0.1
-"""s after which the reading thread looks whether it has to end. Not critical."""
+"""s after which the reading thread checks whether it has to end. Not critical."""
 DIALOGUE_S = 1.0
-"""s after a write in which the reader hands over every byte at once, because a reply is awaited."""
+"""s after a write in which the reader delivers every byte at once, because a reply is expected."""
 COLLECT_S = 0.05
 """s for which the reader collects bytes otherwise, to save wake-ups; less than a tty holds at any baud rate."""
 COLLECT_BYTES = 2048
-"""Bytes from which it does not wait: half of what a tty holds."""
+"""Bytes from which the reader does not wait: half of what a tty holds."""
 READ_BYTES = 1 << 14
 """Bytes of one read from the port: four times what a tty holds. Not critical."""
 PIECE_BYTES = 1 << 16
@@ -51,7 +51,7 @@ PIECE_BYTES = 1 << 16
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
 # what drivers raise for a port that has vanished (termios.error is no OSError)
-_GONE = (OSError, pyserial.SerialException, termios.error)
+_LOSS_ERRORS = (OSError, pyserial.SerialException, termios.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,46 +65,40 @@ class PortInfo:
 
 def find_ports() -> list[PortInfo]:
     """Return the serial ports of this machine, USB adapters first."""
-    found = []
+    ports = []
     for port in pyserial.tools.list_ports.comports():
         usb = None if port.vid is None else (port.vid, port.pid, port.serial_number)
-        described = port.description if port.description not in (None, "n/a") else "serial port"
-        found.append(PortInfo(port.device, described, usb))
-    return sorted(found, key=lambda port: (port.usb is None, port.path))
+        description = port.description if port.description not in (None, "n/a") else "serial port"
+        ports.append(PortInfo(port.device, description, usb))
+    return sorted(ports, key=lambda port: (port.usb is None, port.path))
 
 
 def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[str]:
-    """Return where a port that vanished may be again, best first.
+    """Return the paths of a port that had vanished, best first.
+
+    The same path is first, if it exists; then ports of the same adapter (vendor, product, serial number). A
+    port of another adapter is never returned: it would be written to.
 
     Parameters
     ----------
-    path : what it was opened as.
-    before, now : `find_ports` while it was there, and now.
-
-    Returns
-    -------
-    The same path if it exists; then ports of the same adapter (vendor, product, serial number) under any other
-    name. A port of another adapter is never returned: it would be written to.
+    path : at which it was opened.
+    before, now : `find_ports` before it vanished, and now.
     """
     paths = [path] if "://" in path or os.path.exists(path) else []
-    old = next(
-        (p for p in before if os.path.realpath(p.path) == os.path.realpath(path) or p.path == path), None
-    )
-    if old is not None and old.usb is not None:
-        paths += [p.path for p in now if p.usb == old.usb and p.path not in paths]
-    return paths
+    adapters = {p.usb for p in before if os.path.realpath(p.path) == os.path.realpath(path)} - {None}
+    return paths + [p.path for p in now if p.usb in adapters and p.path not in paths]
 
 
 def holders(path: str) -> list[str]:
     """Return other processes that have this file open, as ``name (pid)``, as far as permissions show them."""
-    target, found = os.path.realpath(path), []
+    target, programs = os.path.realpath(path), []
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
             continue
         with contextlib.suppress(OSError):
             if any(os.readlink(link) == target for link in (process / "fd").iterdir()):
-                found.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
-    return found
+                programs.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
+    return programs
 
 
 class SerialPort:
@@ -121,7 +115,7 @@ class SerialPort:
     Attributes
     ----------
     received_bytes, dropped_bytes : read from the port, and of these dropped at a full queue.
-    most_queued : bytes, most that ever waited for a reader at once.
+    most_queued : bytes, largest size of the queue.
 
     Raises
     ------
@@ -133,22 +127,13 @@ class SerialPort:
         self, path: str, baud: int = 115200, *, queue_bytes: int = QUEUE_BYTES, lossless: bool = False
     ) -> None:
         self.name = path
-        self.received_bytes = 0
-        self.dropped_bytes = 0
-        self.most_queued = 0
-        self._baud = baud
-        self._limit = queue_bytes
-        self._lossless = lossless
+        self.received_bytes = self.dropped_bytes = self.most_queued = 0
+        self._baud, self._limit, self._lossless = baud, queue_bytes, lossless
         self._queue: deque[bytes] = deque()
-        self._queued = 0
+        self._queued = self._episodes = 0
         self._changed = threading.Condition()
-        self._episodes = 0
-        self._dropping = False
         self._kernel_before: int | None = None
-        self._gone: tuple[str, str, str] | None = None
-        self._closing = False
-        self._dialogue_until = 0.0
-        self._empty = 0
+        self._loss: tuple[str, str, str] | None = None
         self._fd: int | None = None
         self._open()
 
@@ -165,12 +150,12 @@ class SerialPort:
     @property
     def gone(self) -> bool:
         """Whether the port has vanished; bytes read before are still returned."""
-        return self._gone is not None
+        return self._loss is not None
 
     @property
     def waits(self) -> bool:
         """Whether to read at once: a whole piece is queued, or no more bytes will arrive."""
-        return self._queued >= PIECE_BYTES or self._gone is not None
+        return self._queued >= PIECE_BYTES or self._loss is not None
 
     @property
     def overruns(self) -> int:
@@ -191,10 +176,10 @@ class SerialPort:
         DeviceLost : nothing is queued and nothing will arrive.
         """
         with self._changed:
-            if not self._queue and self._gone is None:
+            if not self._queue and self._loss is None:
                 self._changed.wait(timeout)
-            if not self._queue and self._gone is not None:
-                raise DeviceLost(*self._gone)
+            if not self._queue and self._loss is not None:
+                raise DeviceLost(*self._loss)
             piece, size = [], 0
             while self._queue and size < PIECE_BYTES:
                 piece.append(self._queue.popleft())
@@ -210,14 +195,13 @@ class SerialPort:
         ------
         DeviceLost : the port has vanished or takes no bytes.
         """
-        if self._gone is not None:
-            raise DeviceLost(*self._gone)
+        if self._loss is not None:
+            raise DeviceLost(*self._loss)
         self._dialogue_until = time.monotonic() + DIALOGUE_S
         try:
             self._serial.write(data)
-        except _GONE as error:
-            self._fail(error)
-            raise _lost(self.name, error) from None
+        except _LOSS_ERRORS as error:
+            raise self._fail(error) from None
 
     def set_baud(self, baud: int) -> bool:
         """Change the baud rate and discard the bytes received so far; return False if the adapter cannot.
@@ -233,9 +217,8 @@ class SerialPort:
                 self._serial.reset_input_buffer()
             else:
                 self._apply(self._baud)
-        except _GONE as error:
-            self._fail(error)
-            raise _lost(self.name, error) from None
+        except _LOSS_ERRORS as error:
+            raise self._fail(error) from None
         with self._changed:
             self._queue.clear()
             self._queued = 0
@@ -270,7 +253,7 @@ class SerialPort:
             self._changed.notify_all()
         self._thread.join()
         self._fd = None
-        with contextlib.suppress(*_GONE):
+        with contextlib.suppress(*_LOSS_ERRORS):
             self._serial.close()
 
     def __enter__(self) -> SerialPort:
@@ -280,26 +263,20 @@ class SerialPort:
         self.close()
 
     def _open(self) -> None:
-        self._serial = (
-            _open_url(self.name, self._baud) if "://" in self.name else _open_tty(self.name, self._baud)
-        )
+        self._serial = (_open_url if "://" in self.name else _open_tty)(self.name, self._baud)
         self._fd = None
         with contextlib.suppress(io.UnsupportedOperation, AttributeError):
             self._fd = self._serial.fileno()
-        self._closing, self._gone, self._dropping, self._empty = False, None, False, 0
+        self._closing, self._loss, self._dropping, self._empty = False, None, False, 0
         try:
             self._kernel_start = self._kernel_count() or 0
             if not self.set_baud(self._baud):
-                raise DeviceError(
-                    "baud_unsupported",
-                    f"the adapter of {self.name} cannot do {self._baud} baud",
-                    "choose another --baud",
-                )
+                text = f"the adapter of {self.name} cannot do {self._baud} baud"
+                raise DeviceError("baud_unsupported", text, "choose another --baud")
         except DeviceLost as error:
             self._serial.close()
-            raise DeviceError(
-                error.code, f"{error.message} (while it was being opened)", error.cure
-            ) from None
+            text = f"{error.message} (while it was being opened)"
+            raise DeviceError(error.code, text, error.cure) from None
         except DeviceError:
             self._serial.close()
             raise
@@ -316,7 +293,7 @@ class SerialPort:
                     self._keep(data)
                     if len(data) < COLLECT_BYTES and time.monotonic() > self._dialogue_until:
                         time.sleep(min(COLLECT_S, 10 * COLLECT_BYTES / self._baud))
-        except Exception as error:  # closed meanwhile, out of memory: whatever it is, the reader must see it
+        except Exception as error:  # whatever it is, `read` must raise it
             self._fail(error)
 
     def _receive(self) -> bytes:
@@ -330,42 +307,47 @@ class SerialPort:
             data = os.read(self._fd, READ_BYTES)
         except (BlockingIOError, InterruptedError):
             return b""
-        if data:
-            self._empty = 0
-            return data
-        # Ready, and nothing there: how Linux shows an unplugged adapter, or a flush in between.
-        self._empty += 1
-        if self.fixed_baud or self._empty > 100 or _hung_up(self._fd):
+        # Ready without data: Linux shows an unplugged adapter so, or a flush between the two calls.
+        self._empty = 0 if data else self._empty + 1
+        if not data and (self.fixed_baud or self._empty > 100 or _hung_up(self._fd)):
             raise OSError(errno.EIO, "hung up")
-        return b""
+        return data
 
     def _keep(self, data: bytes) -> None:
         with self._changed:
-            while (
-                self._lossless
-                and self._queue
-                and self._queued + len(data) > self._limit
-                and not self._closing
-            ):
+            while self._lossless and self._queue and self._is_full(data) and not self._closing:
                 self._changed.wait(POLL_S)
             self.received_bytes += len(data)
-            if not self._lossless and self._queued + len(data) > self._limit:
+            dropped_before, self._dropping = self._dropping, not self._lossless and self._is_full(data)
+            if self._dropping:
                 self.dropped_bytes += len(data)
-                self._episodes += not self._dropping
-                self._dropping = True
+                self._episodes += not dropped_before
                 return
-            self._dropping = False
             self._queue.append(data)
             self._queued += len(data)
             self.most_queued = max(self.most_queued, self._queued)
             self._changed.notify_all()
 
-    def _fail(self, error: Exception) -> None:
+    def _is_full(self, data: bytes) -> bool:
+        return self._queued + len(data) > self._limit
+
+    def _fail(self, error: Exception) -> DeviceLost:
+        """Record that the port has vanished; return the error.
+
+        pyserial raises `SerialException` without a number if a port is ready to read and has no data: unplugged.
+        """
+        number = next((arg for arg in error.args if isinstance(arg, int)), None)
+        unplugged = isinstance(error, pyserial.SerialException) and number is None
+        if unplugged or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
+            why = "unplugged or hung up"
+        else:
+            why = (os.strerror(number) if number else str(error)).lower()
+        loss = "device_lost", f"{self.name} is gone ({why})", "plug it in again"
         with self._changed:
-            if self._gone is None and not self._closing:
-                lost = _lost(self.name, error)
-                self._gone = (lost.code, lost.message, lost.cure)
+            if self._loss is None and not self._closing:
+                self._loss = loss
             self._changed.notify_all()
+        return DeviceLost(*loss)
 
     def _kernel_count(self) -> int | None:
         """Return what the driver has counted since it was loaded; None if it does not count."""
@@ -384,20 +366,6 @@ def _hung_up(fd: int) -> bool:
     poll = select.poll()
     poll.register(fd, 0)
     return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
-
-
-def _lost(name: str, error: Exception) -> DeviceLost:
-    """Return the error of a port that has vanished.
-
-    pyserial raises `SerialException` without a number when a port is ready to read and has no data: unplugged.
-    """
-    number = next((arg for arg in error.args if isinstance(arg, int)), None)
-    unplugged = isinstance(error, pyserial.SerialException) and number is None
-    if unplugged or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
-        why = "unplugged or hung up"
-    else:
-        why = (os.strerror(number) if number else str(error)).lower()
-    return DeviceLost("device_lost", f"{name} is gone ({why})", "plug it in again")
 
 
 def _actual_baud(fd: int | None) -> int | None:
@@ -419,11 +387,8 @@ def _open_url(url: str, baud: int) -> Any:
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
     except (OSError, ValueError) as error:
-        raise DeviceNotFound(
-            "port_url_unreachable",
-            f"cannot open {url} ({error})",
-            "check that the server is running and that the URL is right",
-        ) from None
+        cure = "check that the server is running and that the URL is right"
+        raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
 
 
 def _open_tty(path: str, baud: int) -> Any:
@@ -431,26 +396,18 @@ def _open_tty(path: str, baud: int) -> Any:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
         ports = ", ".join(port.path for port in find_ports())
-        cure = (
-            f"serial ports of this machine are {ports}"
-            if ports
-            else "plug the sensor in; no serial port was found"
-        )
+        cure = f"choose another --port; this machine has {ports}" if ports else "plug the sensor in"
         raise DeviceNotFound("port_not_found", f"no port {path}", cure) from None
     if not stat.S_ISCHR(mode):
         kind = "directory" if stat.S_ISDIR(mode) else "file"
-        raise DeviceError(
-            "port_not_serial",
-            f"{path} is a {kind}, not a serial port",
-            f"to read a recording, use imumon replay {path}",
-        )
+        cure = f"to read a recording, use imumon replay {path}"
+        raise DeviceError("port_not_serial", f"{path} is a {kind}, not a serial port", cure)
     try:
         port = pyserial.Serial(path, baud, timeout=POLL_S, write_timeout=1.0, exclusive=True)
     except ValueError as error:
-        raise DeviceError(
-            "baud_unsupported", f"{path} cannot do {baud} baud ({error})", "choose another --baud"
-        ) from None
-    except _GONE as error:
+        text = f"{path} cannot do {baud} baud ({error})"
+        raise DeviceError("baud_unsupported", text, "choose another --baud") from None
+    except _LOSS_ERRORS as error:
         raise _open_error(path, error) from None
     with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pseudo-terminal has no such mode
         port.set_low_latency_mode(True)
@@ -460,41 +417,30 @@ def _open_tty(path: str, baud: int) -> Any:
     return port
 
 
-def _user() -> str:
-    """Return the name of this user; a container may run under a number without a name."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError, ImportError):
-        return "$USER"
-
-
 def _open_error(path: str, error: Exception) -> DeviceError:
     """Return why a port that exists does not open, and the cure."""
     number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
     if number in (errno.EACCES, errno.EPERM):
-        cure = f"sudo usermod -aG dialout {_user()}, then log in again"
+        user = "$USER"
+        with contextlib.suppress(KeyError, OSError):  # a container may run under a number without a name
+            user = getpass.getuser()
+        cure = f"sudo usermod -aG dialout {user}, then log in again"
         return DeviceError("port_permission_denied", f"no permission for {path}", cure)
     if number in (errno.EBUSY, errno.EAGAIN):
         programs = ", ".join(holders(path))
         used_by = f" by {programs}" if programs else ""
         return DeviceError("port_busy", f"{path} is in use{used_by}", "end that program first")
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
-        return DeviceError(
-            "port_vanished",
-            f"{path} vanished while it was being opened",
-            "plug it in again, and check the cable",
-        )
+        text = f"{path} vanished while it was being opened"
+        return DeviceError("port_vanished", text, "plug it in again, and check the cable")
     if isinstance(error, termios.error) or number == errno.ENOTTY or _is_no_terminal(path):
         return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
     return DeviceError("port_unusable", f"cannot open {path} ({error})", "check the port with imumon doctor")
 
 
 def _is_no_terminal(path: str) -> bool:
-    try:
+    with contextlib.suppress(OSError):
         fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
-    except OSError:
-        return False
-    try:
-        return not os.isatty(fd)
-    finally:
-        os.close(fd)
+        with open(fd, "rb", buffering=0) as file:
+            return not file.isatty()
+    return False

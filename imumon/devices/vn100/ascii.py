@@ -15,6 +15,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any, Literal
 
 import numpy as np
@@ -59,26 +60,15 @@ NUMBER_FORMATS = {
 """printf format of a number by its quantity in firmware 2 and 3; ``dcm`` and ``heave`` are assumptions."""
 
 MEASUREMENTS: dict[str, tuple[str, ...]] = {
-    "VNYPR": ("ypr",),
-    "VNQTN": ("quat",),
-    "VNQMR": ("quat", "mag", "accel", "gyro"),
-    "VNDCM": ("dcm",),
-    "VNMAG": ("mag",),
-    "VNACC": ("accel",),
-    "VNGYR": ("gyro",),
-    "VNMAR": ("mag", "accel", "gyro"),
-    "VNYMR": ("ypr", "mag", "accel", "gyro"),
-    "VNYBA": ("ypr", "linaccel", "gyro"),
-    "VNYIA": ("ypr", "linaccel", "gyro"),
-    "VNIMU": ("umag", "uaccel", "ugyro", "temp", "pres"),
-    "VNDTV": ("dt", "dtheta", "dvel"),
-    "VNHVE": ("heave",),
-}
+    "VNYPR": ("ypr",), "VNQTN": ("quat",), "VNQMR": ("quat", "mag", "accel", "gyro"), "VNDCM": ("dcm",),
+    "VNMAG": ("mag",), "VNACC": ("accel",), "VNGYR": ("gyro",), "VNMAR": ("mag", "accel", "gyro"),
+    "VNYMR": ("ypr", "mag", "accel", "gyro"), "VNYBA": ("ypr", "linaccel", "gyro"),
+    "VNYIA": ("ypr", "linaccel", "gyro"), "VNIMU": ("umag", "uaccel", "ugyro", "temp", "pres"),
+    "VNDTV": ("dt", "dtheta", "dvel"), "VNHVE": ("heave",),
+}  # fmt: skip
 """Quantities of an asynchronous message in the order of its fields."""
 
 MEASUREMENT_HEADERS = frozenset(message.encode() for message in MEASUREMENTS)
-"""Headers of the measurements as bytes."""
-
 OTHER_PRODUCTS = frozenset({"VNGPS", "VNGPE", "VNINS", "VNINE", "VNISL", "VNISE", "VNG2S", "VNG2E", "VNRTK"})
 """Asynchronous messages of the VN-200 and VN-300: valid, but not decoded."""
 
@@ -96,10 +86,8 @@ SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[^$\r\n\xfa]*)?)\*([0-9A-Fa-f]{4}|[
 one. The checksum detects other damaged characters."""
 
 _PREFIX = re.compile(rb"\$(?:V(?:N(?:[A-Z0-9]{1,2}|[A-Z0-9]{3}(?:[,*][^$\r\n\xfa]*\r?)?)?)?)?")
-_LINE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[ -#%-~]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|XXXX|XX)\r?\n?")
 
 PRINTABLE = re.compile(rb"[ -~]*")
-"""Body of printable characters."""
 
 _TO_PATTERN = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
@@ -128,25 +116,6 @@ def encode(body: str | bytes, check: Literal["xor", "crc"] = "xor") -> bytes:
     if isinstance(body, str):
         body = body.encode("ascii")
     return b"$%s*%s\r\n" % (body, b"%02X" % xor8(body) if check == "xor" else b"%04X" % crc16(body))
-
-
-def parse(line: bytes, *, bypass: bool = False) -> tuple[str, tuple[str, ...]] | None:
-    """Return header and fields of a line; None if it is not a sentence or its checksum is wrong.
-
-    Parameters
-    ----------
-    bypass : whether ``XX`` counts as a checksum, which only a host may send.
-
-    >>> parse(b"$VNWRG,07,40*59\\n"), parse(b"$VNRRG,01*XX"), parse(b"$VNRRG,01*XX", bypass=True)
-    (('VNWRG', ('07', '40')), None, ('VNRRG', ('01',)))
-    """
-    match = _LINE.fullmatch(line)
-    if match is None:
-        return None
-    body, check = match.groups()
-    if not (bypass if check[:1] == b"X" else intact(body, check)):
-        return None
-    return split(body)
 
 
 def split(body: bytes) -> tuple[str, tuple[str, ...]]:
@@ -214,33 +183,29 @@ class SentenceFormat:
         check, end : number of characters of the checksum and of the line end.
         """
         size = len(self.pattern) + 2 + check + end
-        count, step = 1, _MIN_ARRAY
-        while count < limit and count < _MIN_ARRAY:
+        step = _MIN_ARRAY
+        for count in range(1, min(limit, step)):
             if not self._is_valid(data, at + count * size, size):
                 return count
-            count += 1
+        count = min(limit, step)
         while count < limit:
             step = min(2 * step, limit - count)
-            valid = self._count_valid_rows(
-                data[at + count * size : at + (count + step) * size], check, end, step
-            )
-            count += valid
+            rows = data[at + count * size : at + (count + step) * size]
+            count += (valid := self._count_valid_rows(rows, check, end, step))
             if valid < step:
                 break
         return count
 
     def _is_valid(self, data: bytes, at: int, size: int) -> bool:
-        match = SENTENCE.match(data, at, at + size)
+        match = SENTENCE.fullmatch(data, at, at + size)
         return (
             match is not None
-            and match.end() == at + size
             and match[1].translate(_TO_PATTERN) == self.pattern
             and intact(match[1], match[2])
         )
 
     def _count_valid_rows(self, data: bytes, check: int, end: int, count: int) -> int:
-        """Return how many of `count` sentences in `data` precede one that is invalid or of another
-        pattern."""
+        """Return how many of `count` sentences in `data` precede one that is invalid or differs."""
         body = len(self.pattern)
         pattern = np.frombuffer(b"$%s*" % self.pattern, np.uint8)
         rows = np.frombuffer(data, np.uint8).reshape(count, -1)
@@ -283,19 +248,16 @@ def _format_of_pattern(body: bytes) -> SentenceFormat | None:
     while fields and fields[-1][:1] in (b"S", b"T") and len(appended) < 2:
         appended.append(fields.pop())
     marks = {field[:1] for field in appended if _APPENDED.fullmatch(field)}
-    expected = sum(WIDTHS[q] for q in quantities)
+    ends = list(accumulate(WIDTHS[q] for q in quantities))
+    expected = ends[-1]
     if len(fields) != expected or len(marks) != len(appended):
         return None
     if not all(_NUMBER.fullmatch(field) and field.count(b"0") <= _MAX_DIGITS for field in fields):
         return None
-    columns: dict[str, slice] = {}
-    at = 0
-    for quantity in quantities:
-        columns[quantity] = slice(at, at + WIDTHS[quantity])
-        at += WIDTHS[quantity]
+    columns = {q: slice(end - WIDTHS[q], end) for q, end in zip(quantities, ends, strict=True)}
     starts = [i + 1 for i, byte in enumerate(body) if byte == ord(",")][:expected]
     if b"T" in marks:
-        columns["counter"] = slice(at, at + 1)
+        columns["counter"] = slice(expected, expected + 1)
         starts.append(body.index(b",T") + 2)
     place = np.zeros(len(body))
     divisor = np.ones(len(starts))

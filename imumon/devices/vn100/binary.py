@@ -12,7 +12,7 @@ the manual after the number of its group: ``2.timeStartup``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from struct import iter_unpack
 from typing import Any
@@ -45,103 +45,58 @@ class BinaryField:
     name: str
     code: str
     width: int
-    quantities: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    quantities: Mapping[str, tuple[int, int]]
 
 
-def _field(name: str, code: str = "<f4", width: int = 3, **quantities: tuple[int, int]) -> BinaryField:
-    return BinaryField(name, code, width, quantities)
+_XYZ, _ONE = (0, 3), (0, 1)
+_QUANTITIES: dict[str, dict[str, tuple[int, int]]] = {
+    "timeStartup": {"startup": _ONE}, "vpeStatus": {"vpe": _ONE}, "sensSat": {"sat": _ONE},
+    "angularRate": {"gyro": _XYZ}, "accel": {"accel": _XYZ}, "mag": {"mag": _XYZ},
+    "uncompGyro": {"ugyro": _XYZ}, "uncompAccel": {"uaccel": _XYZ}, "uncompMag": {"umag": _XYZ},
+    "imu": {"uaccel": _XYZ, "ugyro": (3, 6)}, "magPres": {"mag": _XYZ, "temp": (3, 4), "pres": (4, 5)},
+    "deltas": {"dt": _ONE, "dtheta": (1, 4), "dvel": (4, 7)}, "deltaTheta": {"dt": _ONE, "dtheta": (1, 4)},
+    "deltaVel": {"dvel": _XYZ}, "temp": {"temp": _ONE}, "pres": {"pres": _ONE},
+}  # fmt: skip
+"""Quantities of each field with the range of their components."""
 
 
-_XYZ = (0, 3)
-_ONE = (0, 1)
-_TIME_STARTUP = _field("timeStartup", "<u8", 1, startup=_ONE)
-_VPE_STATUS = _field("vpeStatus", "<u2", 1, vpe=_ONE)
-_GNSS = {
-    0: _field("utc", "u1", 8),
-    1: _field("tow", "<u8", 1),
-    2: _field("week", "<u2", 1),
-    3: _field("numSats", "u1", 1),
-    4: _field("fix", "u1", 1),
-    5: _field("posLla", "<f8"),
-    6: _field("posEcef", "<f8"),
-    7: _field("velNed"),
-    8: _field("velEcef"),
-    9: _field("posU"),
-    10: _field("velU", width=1),
-    11: _field("timeU", width=1),
-}
+def _group(text: str) -> dict[int, BinaryField]:
+    """Return the fields of a group by bit: a name, and numpy type and width unless they are f4 and 3."""
+    fields = {}
+    for bit, entry in enumerate(text.split()):
+        name, code, width = entry.split(":") if ":" in entry else (entry, "f4", "3")
+        if name != "-":
+            fields[bit] = BinaryField(name, f"<{code}", int(width), _QUANTITIES.get(name, {}))
+    return fields
+
+
+_GNSS = _group(
+    "utc:u1:8 tow:u8:1 week:u2:1 numSats:u1:1 fix:u1:1 posLla:f8:3 posEcef:f8:3 velNed velEcef posU velU:f4:1 "
+    "timeU:f4:1"
+)
 
 GROUPS: dict[int, dict[int, BinaryField]] = {
-    COMMON: {
-        0: _TIME_STARTUP,
-        1: _field("timeGps", "<u8", 1),
-        2: _field("timeSyncIn", "<u8", 1),
-        3: _field("ypr"),
-        4: _field("quat", width=4),
-        5: _field("angularRate", gyro=_XYZ),
-        6: _field("posLla", "<f8"),
-        7: _field("velNed"),
-        8: _field("accel", accel=_XYZ),
-        9: _field("imu", width=6, uaccel=_XYZ, ugyro=(3, 6)),
-        10: _field("magPres", width=5, mag=_XYZ, temp=(3, 4), pres=(4, 5)),
-        11: _field("deltas", width=7, dt=_ONE, dtheta=(1, 4), dvel=(4, 7)),
-        12: _VPE_STATUS,
-        13: _field("syncInCnt", "<u4", 1),
-        14: _field("timeGpsPps", "<u8", 1),
-    },
-    TIME: {
-        0: _TIME_STARTUP,
-        1: _field("timeGps", "<u8", 1),
-        2: _field("gpsTow", "<u8", 1),
-        3: _field("gpsWeek", "<u2", 1),
-        4: _field("timeSyncIn", "<u8", 1),
-        5: _field("gpsPps", "<u8", 1),
-        6: _field("utc", "u1", 8),
-        7: _field("syncInCnt", "<u4", 1),
-        8: _field("syncOutCnt", "<u4", 1),
-        9: _field("timeStatus", "u1", 1),
-    },
-    IMU: {
-        0: _field("imuStatus", "<u2", 1),
-        1: _field("uncompMag", umag=_XYZ),
-        2: _field("uncompAccel", uaccel=_XYZ),
-        3: _field("uncompGyro", ugyro=_XYZ),
-        4: _field("temp", width=1, temp=_ONE),
-        5: _field("pres", width=1, pres=_ONE),
-        6: _field("deltaTheta", width=4, dt=_ONE, dtheta=(1, 4)),
-        7: _field("deltaVel", dvel=_XYZ),
-        8: _field("mag", mag=_XYZ),
-        9: _field("accel", accel=_XYZ),
-        10: _field("angularRate", gyro=_XYZ),
-        11: _field("sensSat", "<u2", 1, sat=_ONE),
-    },
+    COMMON: _group(
+        "timeStartup:u8:1 timeGps:u8:1 timeSyncIn:u8:1 ypr quat:f4:4 angularRate posLla:f8:3 velNed accel "
+        "imu:f4:6 magPres:f4:5 deltas:f4:7 vpeStatus:u2:1 syncInCnt:u4:1 timeGpsPps:u8:1"
+    ),
+    TIME: _group(
+        "timeStartup:u8:1 timeGps:u8:1 gpsTow:u8:1 gpsWeek:u2:1 timeSyncIn:u8:1 gpsPps:u8:1 utc:u1:8 "
+        "syncInCnt:u4:1 syncOutCnt:u4:1 timeStatus:u1:1"
+    ),
+    IMU: _group(
+        "imuStatus:u2:1 uncompMag uncompAccel uncompGyro temp:f4:1 pres:f4:1 deltaTheta:f4:4 deltaVel mag "
+        "accel angularRate sensSat:u2:1"
+    ),
     4: _GNSS,
-    ATTITUDE: {
-        0: _VPE_STATUS,
-        1: _field("ypr"),
-        2: _field("quat", width=4),
-        3: _field("dcm", width=9),
-        4: _field("magNed"),
-        5: _field("accelNed"),
-        6: _field("linAccelBody"),
-        7: _field("linAccelNed"),
-        8: _field("yprU"),
-        12: _field("heave"),
-        13: _field("attU", width=1),
-    },
-    6: {
-        0: _field("insStatus", "<u2", 1),
-        1: _field("posLla", "<f8"),
-        2: _field("posEcef", "<f8"),
-        3: _field("velBody"),
-        4: _field("velNed"),
-        5: _field("velEcef"),
-        6: _field("magEcef"),
-        7: _field("accelEcef"),
-        8: _field("linAccelEcef"),
-        9: _field("posU", width=1),
-        10: _field("velU", width=1),
-    },
+    ATTITUDE: _group(
+        "vpeStatus:u2:1 ypr quat:f4:4 dcm:f4:9 magNed accelNed linAccelBody linAccelNed yprU - - - heave "
+        "attU:f4:1"
+    ),
+    6: _group(
+        "insStatus:u2:1 posLla:f8:3 posEcef:f8:3 velBody velNed velEcef magEcef accelEcef linAccelEcef "
+        "posU:f4:1 velU:f4:1"
+    ),
     7: _GNSS,
 }
 """Fields by group and bit. Matrices are in column-major order; dt (s) is the first component of an
@@ -247,7 +202,7 @@ class BinaryLayout:
         return limit
 
     def _is_invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-        """Return for each row of bytes whether it is not a valid packet of this layout."""
+        """Return (count,) whether each row of bytes is not a valid packet of this layout."""
         begin = len(self.header) - (self.length - len(self.header)) % 2
         invalid = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
         for column, byte in enumerate(self.header):
@@ -286,7 +241,7 @@ def parse_header(data: bytes, at: int = 0) -> BinaryLayout | None:
 
 
 def _read_word(data: bytes, at: int, size: int) -> tuple[int, int]:
-    """Return a little-endian number and the position after it."""
+    """Return a little-endian number and the position behind it."""
     if at + size > len(data):
         raise IncompleteHeader
     return int.from_bytes(data[at : at + size], "little"), at + size
@@ -298,23 +253,18 @@ _KNOWN_BITS = {group: sum(1 << bit for bit in fields) for group, fields in GROUP
 @lru_cache(maxsize=64)
 def _layout_of_header(header: bytes) -> BinaryLayout:
     """Return the layout of a valid header."""
-    names: list[str] = ["header"]
+    names, sources, words = ["header"], dict[str, tuple[str, slice]](), []
     formats: list[tuple[str, tuple[int, ...]]] = [("u1", (len(header),))]
-    sources: dict[str, tuple[str, slice]] = {}
-    words: list[int] = []
     at = 3 if header[1] & 0x80 else 2
     for group in (bit + 1 for bit in range(7) if header[1] >> bit & 1):
         word, at = _read_word(header, at, 2)
         at += 2 if word & 0x8000 else 0
-        words.append(word)
+        words.append(f"{word:04X}")
         for item in (item for bit, item in GROUPS[group].items() if word >> bit & 1):
             names.append(f"{group}.{item.name}")
             formats.append((item.code, (item.width,)))
             for quantity, (first, end) in item.quantities.items():
                 sources.setdefault(quantity, (names[-1], slice(first, end)))
-    names.append("crc")
-    formats.append(("u1", (2,)))
-    dtype = np.dtype({"names": names, "formats": formats})
-    source = f"binary {header[1]:02X}:{','.join(f'{word:04X}' for word in words)}"
-    converter = sample_converter(frozenset(sources), source)
+    dtype = np.dtype({"names": [*names, "crc"], "formats": [*formats, ("u1", (2,))]})
+    converter = sample_converter(frozenset(sources), f"binary {header[1]:02X}:{','.join(words)}")
     return BinaryLayout(header, dtype.itemsize, dtype, sources, converter)

@@ -24,8 +24,7 @@ LISTEN_ONLY_S = 1.2
 REPLY_S = 0.3
 """s to wait for a reply. The sensor replies within 20 ms; a USB adapter adds 16 ms. Not critical."""
 TRIES = 5
-"""Requests until a missing reply counts as none: a line that damages one byte in a hundred damages every
-fourth reply."""
+"""Most requests for one reply: a line that damages one byte in a hundred damages every fourth reply."""
 
 _RETRIABLE = {0x01, 0x02, 0x03, 0x0A, 0x0B, 0xFF}
 """Error codes that are not about the request, or after which it should be sent again."""
@@ -33,15 +32,15 @@ _NMEA = re.compile(rb"\$(G[A-Z][A-Z]{3}|P[A-Z]{3,8}),[ -~]*")
 
 
 class NotAVn100(DeviceNotFound):
-    """Nothing on this port replies like a VN-100."""
+    """No VN-100 replies on this port."""
 
 
 class OtherSensor(DeviceError):
-    """Another sensor replies than the one of this record."""
+    """The sensor is not that of this record."""
 
 
 class Port(Protocol):
-    """What a session needs of a port. Its methods raise `DeviceLost` when it has vanished."""
+    """Port of a session. Its methods raise `DeviceLost` if it has vanished."""
 
     @property
     def name(self) -> str: ...
@@ -54,12 +53,12 @@ class Port(Protocol):
         """Whether the baud rate has no effect."""
 
     def read(self, timeout: float) -> bytes:
-        """Return what has arrived; wait up to `timeout` seconds for the first byte."""
+        """Return the received bytes; wait up to `timeout` seconds for the first one."""
 
     def write(self, data: bytes) -> None: ...
 
     def set_baud(self, baud: int) -> bool:
-        """Change the baud rate and discard what was received; return False if the adapter cannot."""
+        """Change the baud rate and discard received bytes; return False if the adapter cannot."""
 
     def reopen(self) -> None: ...
 
@@ -72,7 +71,7 @@ class CommandChannel:
     port : open port.
     clock : s, monotonic.
     listen_only : send nothing.
-    progress : called with a few words on what is being tried.
+    progress : called with a short text about the current step.
 
     Attributes
     ----------
@@ -97,7 +96,7 @@ class CommandChannel:
 
         Raises
         ------
-        NotAVn100 : nothing replies like one.
+        NotAVn100 : no VN-100 replies.
         """
         evidence, tried, before = _Evidence(), list(bauds), self.port.baud
         for thorough in (False, True):
@@ -114,7 +113,7 @@ class CommandChannel:
         raise evidence.error(self.port.name, tried)
 
     def is_present(self, thorough: bool = False, evidence: _Evidence | None = None) -> bool:
-        """Return whether valid messages arrive at this baud rate, unasked or on request."""
+        """Return whether valid messages arrive at this baud rate, with or without a request."""
         evidence = _Evidence() if evidence is None else evidence
         self.decoder = Vn100Decoder()
         listening = LISTEN_S if not thorough else LISTEN_ONLY_S if self._listen_only else 0.0
@@ -127,7 +126,7 @@ class CommandChannel:
         return False
 
     def _receives_message(self, seconds: float, evidence: _Evidence) -> bool:
-        """Listen until a valid message has arrived, at most so long."""
+        """Listen up to `seconds`; return whether a valid message has arrived."""
         deadline = self._clock() + seconds
         while (left := deadline - self._clock()) > 0:
             data = self.port.read(left)
@@ -135,7 +134,7 @@ class CommandChannel:
             self.decoder.feed(data)
             if self.decoder.messages:
                 return True
-        self.decoder.finish()  # what looks like the start of a packet may hide a sentence
+        self.decoder.finish()  # a pending start of a packet may hide a sentence
         return self.decoder.messages > 0
 
     def _send(self, body: str) -> None:
@@ -148,16 +147,14 @@ class CommandChannel:
             self._send(body)
             deadline = self._clock() + REPLY_S
             while (left := deadline - self._clock()) > 0:
-                reply = _reply(body, self.decoder.feed(self.port.read(left)))
-                if reply is not None:
+                if (reply := _reply(body, self.decoder.feed(self.port.read(left)))) is not None:
                     return reply
-            reply = _reply(body, self.decoder.finish())
-            if reply is not None:
+            if (reply := _reply(body, self.decoder.finish())) is not None:
                 return reply
         return None
 
     def resume_output(self) -> None:
-        """Let a paused sensor stream again, without waiting for the reply."""
+        """Resume the output of a paused sensor without waiting for the reply."""
         self._send("VNASY,1")
 
     def read(self, register: int) -> str | None:
@@ -166,13 +163,13 @@ class CommandChannel:
         return ",".join(reply.fields[1:]) if isinstance(reply, Response) else None
 
     def write(self, register: int, text: str) -> bool:
-        """Write a register unless it has this value; what the sensor then holds is in `settings`."""
+        """Write a register unless it has this value; `settings` then has the value of the sensor."""
         self.error_code = None
         before = self.settings.get(register)
         if before == text:
             return True
         self.written.add(register)
-        self.settings.pop(register, None)  # unknown until it is confirmed, which may never happen
+        self.settings.pop(register, None)  # unknown until the sensor confirms it
         reply = self.request(f"VNWRG,{register:02d},{text}")
         if isinstance(reply, Response):
             self.settings[register] = ",".join(reply.fields[1:])
@@ -186,13 +183,12 @@ class CommandChannel:
 
 def baud_unsupported(port: str, baud: int) -> DeviceNotFound:
     """Return the error of an adapter that cannot do a baud rate."""
-    return DeviceNotFound(
-        "baud_unsupported", f"the adapter of {port} cannot do {baud} baud", "choose another --baud"
-    )
+    text = f"the adapter of {port} cannot do {baud} baud"
+    return DeviceNotFound("baud_unsupported", text, "choose another --baud")
 
 
 class _Evidence:
-    """What was received while looking for a sensor, for the error message."""
+    """Bytes received during a scan, for the error message."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -201,47 +197,31 @@ class _Evidence:
 
     def add(self, data: bytes) -> None:
         self.count += len(data)
-        found = _NMEA.search(data)
-        if found is not None and self.nmea is None:
-            self.nmea = found[1].decode("ascii")
+        if self.nmea is None and (match := _NMEA.search(data)) is not None:
+            self.nmea = match[1].decode("ascii")
         lines = [line.strip() for line in re.findall(rb"[ -~\t\r\n]{24,}", data)]
         self._text = max((self._text, *lines), key=len)
 
     def error(self, port: str, bauds: list[int]) -> NotAVn100:
-        """Return the error that says what was received instead of a VN-100."""
+        """Return the error with the kind of the received bytes."""
         where = "at every baud rate" if len(bauds) > 1 else f"at {bauds[0]} baud"
+        other_port = "choose another --port"
         if self.nmea is not None:
-            return NotAVn100(
-                "device_sends_nmea",
-                f"{port} sends NMEA sentences (${self.nmea}), as a GNSS receiver does",
-                "choose another --port",
-            )
+            text = f"{port} sends NMEA sentences (${self.nmea}), as a GNSS receiver does"
+            return NotAVn100("device_sends_nmea", text, other_port)
         if not self.count:
-            return NotAVn100(
-                "device_silent",
-                f"{port} is silent {where}, nothing was received",
-                "check that the sensor has power, that transmit and receive are not swapped, and that this is "
-                "its port",
-            )
+            cure = "check its power, that transmit and receive are not swapped, and that this is its port"
+            return NotAVn100("device_silent", f"{port} sends nothing {where}", cure)
         if b"$VN" in self._text:
-            return NotAVn100(
-                "device_damaged_messages",
-                f"{port} sends messages of a VN-100, but all are damaged {where}",
-                "check the cable and its ground",
-            )
+            text = f"{port} sends messages of a VN-100, but all are damaged {where}"
+            return NotAVn100("device_damaged_messages", text, "check the cable and its ground")
         if self._text:
             shown = self._text.splitlines()[0][:40].decode("ascii")
-            return NotAVn100(
-                "device_sends_text",
-                f"{port} sends text that no VN-100 sends ({shown!r})",
-                "choose another --port",
-            )
-        return NotAVn100(
-            "device_sends_garbage",
-            f"{port} sends bytes ({self.count} received) but no valid message {where}",
-            "it is another device, another baud rate, or a cable for other levels (RS-232, 3 V); choose another "
-            "--port or --baud",
-        )
+            text = f"{port} sends text that no VN-100 sends ({shown!r})"
+            return NotAVn100("device_sends_text", text, other_port)
+        text = f"{port} sends bytes ({self.count} received) but no valid message {where}"
+        cure = "choose another --port or --baud, or a cable of other levels (RS-232, 3 V)"
+        return NotAVn100("device_sends_garbage", text, cure)
 
 
 def _reply(body: str, items: Iterable[DecodedItem]) -> Response | SensorError | None:

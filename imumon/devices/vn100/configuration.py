@@ -1,4 +1,4 @@
-"""Configuration of a VN-100: make it stream what the statistics need, and restore it at the end.
+"""Configuration of a VN-100: the requested stream, and the original settings at the end.
 
 - Nothing is ever written to flash, and the sensor is never reset.
 - ASCII output is switched off before binary output is set: the sensor refuses what exceeds its baud rate.
@@ -49,11 +49,10 @@ _NEW_BAUD = "new baud"
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredStream:
-    """The stream that was configured, once its samples arrive.
+    """Configured stream whose samples arrive.
 
     Attributes
     ----------
-    stream : what its samples are.
     divisor : of the 800 Hz loop rate of the sensor.
     unread : bytes read behind the first samples, for the decoder of the record.
     """
@@ -64,7 +63,7 @@ class ConfiguredStream:
 
 
 class Configuration:
-    """What is changed of one sensor.
+    """Changes of the settings of one sensor.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ class Configuration:
 
     Attributes
     ----------
-    remarks : what the sensor did not accept in the last `apply`.
+    remarks : about refused settings in the last `apply`.
     """
 
     def __init__(
@@ -107,17 +106,14 @@ class Configuration:
 
         Raises
         ------
-        DeviceNotFound : it does not reply any more.
+        DeviceNotFound : it has stopped replying.
         """
         self.remarks.clear()
         if self._originals is None:
             self.save_originals()
         if self._channel.request("VNASY,0") is None:
-            raise DeviceNotFound(
-                "device_stopped_replying",
-                f"the sensor on {self._port.name} has stopped replying",
-                "check the cable",
-            )
+            text = f"the sensor on {self._port.name} has stopped replying"
+            raise DeviceNotFound("device_stopped_replying", text, "check the cable")
         if self._baud is not None and not self._change_baud(self._baud):
             self.remarks.append(f"the sensor stays at {self._port.baud} baud, it refused {self._baud}")
         stream = self._start_binary()
@@ -223,7 +219,7 @@ class Configuration:
             tail = (tail + data)[-4096:]
             for item in decoder.feed(data):
                 if isinstance(item, SampleBlock) and item.stream.kind == self._kind:
-                    # the first increment may be as long as the pause before it: start behind it
+                    # the first increment may include the pause before it: start behind it
                     return ConfiguredStream(item.stream, divisor, tail[len(tail) - decoder.pending :])
         return None
 

@@ -18,6 +18,7 @@ which changes only the speed. `LossCounter` estimates the number of lost message
 from __future__ import annotations
 
 import re
+from collections import Counter
 from functools import partial
 from itertools import groupby
 from typing import TypeAlias
@@ -49,8 +50,8 @@ class LossCounter:
 
     def __init__(self) -> None:
         self._message_size: dict[bytes, int] = {}
-        self._total_bytes: dict[bytes, int] = {}
-        self._lost: dict[bytes, int] = {}
+        self._total_bytes: Counter[bytes] = Counter()
+        self._lost: Counter[bytes] = Counter()
         self._gap_bytes = 0
         self._gap_is_text = True
 
@@ -66,13 +67,12 @@ class LossCounter:
     def add_damaged(self, name: bytes) -> None:
         """Count a message of this name that was recognised but is invalid."""
         if name in self._message_size:
-            self._lost[name] = self._lost.get(name, 0) + 1
+            self._lost[name] += 1
             self._gap_bytes -= self._message_size[name]
 
     def add_lost(self, name: bytes, count: int) -> None:
         """Count lost messages of this name."""
-        if count:
-            self._lost[name] = self._lost.get(name, 0) + count
+        self._lost[name] += count
 
     def end_gap(self) -> None:
         """Assign the discarded bytes before a valid message to a stream."""
@@ -90,7 +90,7 @@ class LossCounter:
         """Count `count` valid messages of `size` bytes; return how many were lost directly before them."""
         self.end_gap()
         self._message_size[name] = size
-        self._total_bytes[name] = self._total_bytes.get(name, 0) + size * count
+        self._total_bytes[name] += size * count
         return self._lost.pop(name, 0)
 
 
@@ -109,13 +109,8 @@ class Vn100Decoder:
     """
 
     def __init__(self) -> None:
-        self.fed = 0
-        self.messages = 0
-        self.message_bytes = 0
-        self.discarded = 0
-        self.bad_checksums = 0
-        self.malformed = 0
-        self.nonfinite = 0
+        self.fed = self.messages = self.message_bytes = self.discarded = 0
+        self.bad_checksums = self.malformed = self.nonfinite = 0
         self._buffer = b""
         self._losses = LossCounter()
         self._started_streams: set[bytes] = set()
@@ -223,8 +218,7 @@ class Vn100Decoder:
 
     @staticmethod
     def _parse_response(body: bytes) -> list[DecodedItem] | None:
-        """Return the response or error in a sentence that is not a measurement; None: its grammar is
-        wrong."""
+        """Return the items of a sentence that is not a measurement; None if its grammar is wrong."""
         if ascii.PRINTABLE.fullmatch(body) is None:
             return None
         command, fields = ascii.split(body)
@@ -280,10 +274,8 @@ class Vn100Decoder:
 def _merge_blocks(items: list[DecodedItem]) -> list[DecodedItem]:
     """Return the items with consecutive blocks of one stream merged."""
     merged: list[DecodedItem] = []
-    for stream, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
-        if stream is None:
-            merged += group
-            continue
-        blocks = [block for block in group if isinstance(block, SampleBlock)]
-        merged.append(concatenated(blocks))
+    for _, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
+        members = list(group)
+        blocks = [item for item in members if isinstance(item, SampleBlock)]
+        merged += [concatenated(blocks)] if blocks else members
     return merged

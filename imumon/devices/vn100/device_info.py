@@ -1,18 +1,12 @@
-"""Device information of a VN-100: what its registers and its stream say of the data."""
+"""Device information of a VN-100, from its registers and its stream."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 
-from imumon.devices.vn100.registers import (
-    BINARY_OUTPUTS,
-    DELTA_CONTROL,
-    IMU_FILTER,
-    LOOP_RATE,
-    OUTPUT_RATE,
-    REGISTERS,
-)
+from imumon.devices.vn100 import registers
+from imumon.devices.vn100.registers import REGISTERS
 from imumon.devices.vn100.stream_settings import OFF, Texts, alias_factors, parse_output, source
 from imumon.samples import DeviceInfo, Stream
 
@@ -36,7 +30,7 @@ def device_info(
 
     Parameters
     ----------
-    port, baud : where it is; baud None where it has no effect.
+    port, baud : of the sensor; baud None where it has no effect.
     identity : registers 1 to 4, empty if they were not read.
     settings : registers that change the data.
     stream : the stream that is characterised; None before its first sample.
@@ -47,7 +41,9 @@ def device_info(
     rate = nominal_rate(settings, stream) or rate_hz
     factors: Mapping[str, float | None] = {"gyro": None, "accel": None}
     if stream is not None:
-        factors = {s: alias_factors(stream.kind_of(s), rate, settings.get(IMU_FILTER))[s] for s in factors}
+        factors = {
+            s: alias_factors(stream.kind_of(s), rate, settings.get(registers.IMU_FILTER))[s] for s in factors
+        }
     known = [factor for factor in factors.values() if factor is not None]
     worst = max(known) if len(known) == len(factors) else None
     model, serial = identity.get(1), identity.get(3)
@@ -58,9 +54,9 @@ def device_info(
         all_remarks.append("the filter or the rate of the sensor is unknown: aliasing may inflate N")
     if model and not model.upper().startswith("VN-100"):
         all_remarks.append(f"the sensor is a {model}: it is treated like a VN-100")
-    control = settings.get(DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
+    control = settings.get(registers.DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
     if control is None:
-        all_remarks.append(f"register {DELTA_CONTROL} is unknown: the deltas may be compensated")
+        all_remarks.append(f"register {registers.DELTA_CONTROL} is unknown: the deltas may be compensated")
     caveats = {
         "compensated": kind == "compensated" or (control is not None and control.strip("0,") != ""),
         "unknown_compensation": control is None,
@@ -89,17 +85,17 @@ def device_info(
 
 
 def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
-    """Return the rate of a stream as far as the settings say it, Hz."""
+    """Return the rate of a stream by the settings, Hz; None if they do not contain it."""
     if stream is None:
         return None
     if stream.source.startswith("$"):
-        text = settings.get(OUTPUT_RATE, "")
+        text = settings.get(registers.OUTPUT_RATE, "")
         return float(text) or None if text.isdigit() else None
-    for register in BINARY_OUTPUTS:
+    for register in registers.BINARY_OUTPUTS:
         text = settings.get(register, OFF)
         parsed = parse_output(text)
         if parsed is not None and parsed[1] and source(text) == stream.source:
-            return LOOP_RATE / parsed[1]
+            return registers.LOOP_RATE / parsed[1]
     return None
 
 

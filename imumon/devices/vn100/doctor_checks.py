@@ -12,7 +12,6 @@ from imumon.samples import DeviceInfo
 
 SLOW_HZ = 40.0
 """Hz, rate of the deltas below which a higher baud is recommended: the factory rate. Not critical."""
-
 HIGH_LOAD = 0.8
 """Share of the baud from which a warning is due: replies and a second stream need the rest. Not critical."""
 

@@ -1,10 +1,10 @@
-"""Driver of the VectorNav VN-100: what other packages reach through the registry."""
+"""Driver of the VectorNav VN-100: the interface for other packages, through the registry."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 from imumon.devices.base import (
@@ -19,10 +19,8 @@ from imumon.devices.base import (
 )
 
 STREAMS = ("deltas", "uncompensated", "compensated")
-SLOWEST_HZ = 1e-4
-"""Hz, lowest sample rate that `--rate` accepts."""
-FASTEST_HZ = 1e5
-"""Hz, highest sample rate that `--rate` accepts."""
+SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
+"""Hz, lowest and highest sample rate that `--rate` accepts. Not critical."""
 
 
 class Vn100Driver(DeviceDriver):
@@ -68,12 +66,8 @@ class Vn100Driver(DeviceDriver):
         add("--baud", type=_baud, metavar="auto|N", help="baud rate; default auto: detect it, never raise it")
         add("--set-baud", type=int, metavar="N", help="change the baud rate of the sensor to N (volatile)")
         add("--rate", type=_rate, metavar="HZ", help="sample rate of a stream without a clock")
-        add(
-            "--listen-only",
-            action="store_true",
-            default=None,
-            help="write nothing to the sensor; a stream without a clock then needs --rate",
-        )
+        text = "write nothing to the sensor; a stream without a clock then needs --rate"
+        add("--listen-only", action="store_true", default=None, help=text)
         add("--stream", choices=STREAMS, help="stream to request from the sensor; default deltas")
 
     def run_overrides(self, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -85,17 +79,12 @@ class Vn100Driver(DeviceDriver):
             "device.stream": arguments.stream,
         }
 
-    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str]:
+    @contextmanager
+    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> Iterator[str]:
         from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 
-        process = spawn(EmulatorSettings(speed=speed, seed=seed))
-
-        @contextmanager
-        def running() -> Iterator[str]:
-            with process:
-                yield process.path
-
-        return running()
+        with spawn(EmulatorSettings(speed=speed, seed=seed)) as process:
+            yield process.path
 
     def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:
         from imumon.devices.vn100.emulator import add_arguments
@@ -107,7 +96,7 @@ class Vn100Driver(DeviceDriver):
 
         settings = from_arguments(arguments)
         if settings.rate == 0:  # for tests only: a sensor without output
-            raise InvalidOption("rate_invalid", "--rate 0 is no output rate", "give one, such as 40")
+            raise InvalidOption("rate_invalid", "--rate 0 is not an output rate", "give one, such as 40")
         return run(settings)
 
 
@@ -125,12 +114,11 @@ def _rate(text: str) -> float:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
-        raise argparse.ArgumentTypeError(
-            f"{text} Hz is no sample rate; it is from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
-        )
+        limits = f"from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+        raise argparse.ArgumentTypeError(f"{text} Hz is not a sample rate; give a number {limits}")
     return value
 
 
 def _is_vn100(model: str | None) -> bool:
-    """Return whether a sensor that this driver reads is a VN-100; one that cannot be asked is taken for one."""
+    """Return whether a sensor that this driver reads is a VN-100; one of unknown model counts as one."""
     return model is None or model.startswith("VN-100")

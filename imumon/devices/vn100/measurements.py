@@ -127,12 +127,8 @@ def _nanoseconds(dt: Floats) -> Ints:
 def _valid_rows(values: Floats, dt: Floats | None, time: Ints | None) -> Bools | None:
     """Return (n,) which rows are valid; None if all are, the usual case, which is detected fast."""
     intervals_valid = dt is None or (dt.min() > 0.0 and dt.max() < _MAX_INTERVAL_S)
-    if (
-        intervals_valid
-        and (time is None or time.min() >= 0)
-        and values.min() > -_MAX_VALUE
-        and values.max() < _MAX_VALUE
-    ):
+    times_valid = time is None or time.min() >= 0
+    if intervals_valid and times_valid and values.min() > -_MAX_VALUE and values.max() < _MAX_VALUE:
         return None
     valid: Bools = np.logical_and.reduce(np.abs(values) < _MAX_VALUE, axis=1)
     if dt is not None:
@@ -187,13 +183,6 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     uses_dt = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in available)
     differing = {sensor: own for sensor, own in sensor_kinds.items() if own != kind}
-    stream = Stream(
-        kind,
-        channels,
-        source,
-        clock,
-        gyro=differing.get("gyro"),
-        accel=differing.get("accel"),
-        tick_s=TICK_S,
-    )
+    gyro_kind, accel_kind = differing.get("gyro"), differing.get("accel")
+    stream = Stream(kind, channels, source, clock, gyro=gyro_kind, accel=accel_kind, tick_s=TICK_S)
     return SampleConverter(stream, tuple(parts), uses_dt, flags)

@@ -52,7 +52,7 @@ _NOTE = (
 
 
 def reference_notes(channels: Sequence[str], rate_hz: float | None) -> Sequence[str]:
-    """Return what must be known to compare a record with `REFERENCE_VALUES`.
+    """Return notes for the comparison of a record with `REFERENCE_VALUES`.
 
     Parameters
     ----------

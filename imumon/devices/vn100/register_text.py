@@ -9,29 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from imumon.devices.vn100.registers import (
-    ACCEL_CALIBRATION,
-    BAUD,
-    BINARY_OUTPUTS,
-    DELTA_CONTROL,
-    GYRO_CALIBRATION,
-    IMU_FILTER,
-    IRON_CONTROL,
-    LOOP_RATE,
-    MAG_CALIBRATION,
-    OUTPUT_RATE,
-    OUTPUT_TYPE,
-    OUTPUT_TYPES,
-    PROTOCOL,
-    REGISTERS,
-    ROTATION,
-    STARTUP_BIAS,
-    SYNC_CONTROL,
-    RegisterError,
-    Value,
-)
+from imumon.devices.vn100 import registers
+from imumon.devices.vn100.registers import REGISTERS, RegisterError, Value
 
 Values = dict[str, Value]
+_IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 
 
 def describe_setting(name: str, value: str) -> str | None:
@@ -62,23 +44,19 @@ def _join(items: Sequence[str]) -> str:
     >>> _join(["mag"]), _join(["mag", "accel", "gyro"])
     ('mag', 'mag, accel and gyro')
     """
-    return " and ".join([*([", ".join(items[:-1])] if items[:-1] else []), *items[-1:]])
+    return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
 
 
 def _calibration(values: Values) -> str:
     """Describe registers 23, 84 and 25: out = C (in - b)."""
     numbers = list(values.values())
-    matrix, bias = numbers[:9], numbers[9:]
-    changed = [
-        *(["scale or axes"] if matrix != [1, 0, 0, 0, 1, 0, 0, 0, 1] else []),
-        *(["bias"] if any(bias) else []),
-    ]
+    changed = ["scale or axes"] if numbers[:9] != _IDENTITY else []
+    changed += ["bias"] if any(numbers[9:]) else []
     return f"{_join(changed)} changed by the user" if changed else "factory calibration only"
 
 
 def _rotation(values: Values) -> str:
-    rotated = list(values.values()) != [1, 0, 0, 0, 1, 0, 0, 0, 1]
-    return "axes are rotated" if rotated else "none: the axes of the housing"
+    return "axes are rotated" if list(values.values()) != _IDENTITY else "none: the axes of the housing"
 
 
 def _filter(values: Values) -> str:
@@ -90,7 +68,7 @@ def _filter(values: Values) -> str:
             by_window.setdefault((window, mode), []).append(sensor)
     where = {1: ", uncompensated outputs only", 2: ", compensated outputs only", 3: ""}
     parts = [
-        f"{_join(sensors)} averaged over {window} samples ({1e3 * window / LOOP_RATE:g} ms){where[mode]}"
+        f"{_join(sensors)} averaged over {window} samples ({1e3 * window / registers.LOOP_RATE:g} ms){where[mode]}"
         for (window, mode), sensors in by_window.items()
     ]
     return "; ".join(parts) or "no averages"
@@ -138,28 +116,26 @@ def _output(values: Values) -> str:
     if not mode or not divisor:
         return "off"
     port = {1: "port 1", 2: "port 2", 3: "both ports"}[mode]
-    return f"{LOOP_RATE / divisor:g} Hz on {port}"
+    return f"{registers.LOOP_RATE / divisor:g} Hz on {port}"
 
 
 def _type(values: Values) -> str:
     kind = int(values["type"])
-    return f"${OUTPUT_TYPES[kind]}" if kind else "none"
+    return f"${registers.OUTPUT_TYPES[kind]}" if kind else "none"
 
 
 _DESCRIPTIONS: dict[int, Callable[[Values], str]] = {
-    BAUD: lambda values: f"{values['baud']:,}",
-    OUTPUT_TYPE: _type,
-    OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
-    MAG_CALIBRATION: _calibration,
-    ACCEL_CALIBRATION: _calibration,
-    GYRO_CALIBRATION: _calibration,
-    ROTATION: _rotation,
-    PROTOCOL: _protocol,
-    SYNC_CONTROL: _sync,
+    registers.BAUD: lambda values: f"{values['baud']:,}",
+    registers.OUTPUT_TYPE: _type,
+    registers.OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
+    **dict.fromkeys((23, 25, 84), _calibration),
+    registers.ROTATION: _rotation,
+    registers.PROTOCOL: _protocol,
+    registers.SYNC_CONTROL: _sync,
     35: _vpe,
-    STARTUP_BIAS: _bias,
-    IRON_CONTROL: _iron,
-    DELTA_CONTROL: _delta,
-    IMU_FILTER: _filter,
-    **dict.fromkeys(BINARY_OUTPUTS, _output),
+    registers.STARTUP_BIAS: _bias,
+    registers.IRON_CONTROL: _iron,
+    registers.DELTA_CONTROL: _delta,
+    registers.IMU_FILTER: _filter,
+    **dict.fromkeys(registers.BINARY_OUTPUTS, _output),
 }

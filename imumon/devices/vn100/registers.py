@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 Generation: TypeAlias = Literal[2, 3]
@@ -90,18 +90,12 @@ class RegisterField:
         if self.kind == "text":
             return text
         try:
-            if self.kind == "hex":
-                return int(text.strip(), 16)
-            number = float(text)
+            number = int(text.strip(), 16) if self.kind == "hex" else float(text)
         except ValueError:
-            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}") from None
-        if self.kind == "integer":
-            if not number.is_integer():
-                raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not an integer")
-            return int(number)
-        if not math.isfinite(number):
-            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not finite")
-        return number
+            number = math.nan
+        if not math.isfinite(number) or (self.kind == "integer" and number != int(number)):
+            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}")
+        return number if self.kind == "real" else int(number)
 
     def normalise(self, text: str, generation: Generation) -> str:
         """Return the text as the sensor stores it; refuse values that are not allowed."""
@@ -165,11 +159,7 @@ class Register:
         >>> REGISTERS[75].parse(["1", "8", "05", "0001", "00C0"])
         {'async_mode': 1, 'divisor': 8, 'groups': 5, 'word1': 1, 'word2': 192}
         """
-        layout = self._layout(values)
-        if len(values) != len(layout):
-            code = TOO_FEW if len(values) < len(layout) else TOO_MANY
-            raise RegisterError(code, f"register {self.id} has {len(layout)} fields, not {len(values)}")
-        return {entry.name: entry.parse(text) for entry, text in zip(layout, values, strict=True)}
+        return {entry.name: entry.parse(text) for entry, text in self._pairs(values)}
 
     def normalise(self, values: Sequence[str], generation: Generation = 3) -> tuple[str, ...]:
         """Return the fields as the sensor stores them when they are written.
@@ -180,25 +170,23 @@ class Register:
         """
         if self.access != "setting":
             raise RegisterError(NOT_ALLOWED, f"register {self.id} cannot be written")
-        layout = self._layout(values)
-        if len(values) < len(layout):
-            raise RegisterError(TOO_FEW, f"register {self.id} needs {len(layout)} fields")
-        if len(values) > len(layout):
-            raise RegisterError(TOO_MANY, f"register {self.id} has {len(layout)} fields")
-        return tuple(entry.normalise(text, generation) for entry, text in zip(layout, values, strict=True))
+        return tuple(entry.normalise(text, generation) for entry, text in self._pairs(values))
 
-    def _layout(self, values: Sequence[str]) -> tuple[RegisterField, ...]:
-        if self.id not in BINARY_OUTPUTS or len(values) < 3:
-            return self.fields[:3] if self.id in BINARY_OUTPUTS else self.fields
-        groups = self.fields[2].parse(values[2])
-        count = int(groups).bit_count() if not isinstance(groups, str) else 0
-        if len(values) != 3 + count:
-            raise RegisterError(BAD_PARAMETER, f"register {self.id}: needs one field word for each set group")
-        word = self.fields[3]
-        words = (
-            RegisterField(f"word{i + 1}", word.kind, word.form, word.low, word.high) for i in range(count)
-        )
-        return (*self.fields[:3], *words)
+    def _pairs(self, values: Sequence[str]) -> Iterable[tuple[RegisterField, str]]:
+        """Return each field with its text; refuse a wrong number of fields."""
+        layout = [*self.fields]
+        if self.id in BINARY_OUTPUTS:
+            word = layout.pop()
+            if len(values) >= 3:
+                count = int(layout[2].parse(values[2])).bit_count()
+                if len(values) != 3 + count:
+                    text = f"register {self.id} needs one field word for each set group"
+                    raise RegisterError(BAD_PARAMETER, text)
+                layout += [replace(word, name=f"word{i + 1}") for i in range(count)]
+        if len(values) != len(layout):
+            code = TOO_FEW if len(values) < len(layout) else TOO_MANY
+            raise RegisterError(code, f"register {self.id} has {len(layout)} fields, not {len(values)}")
+        return zip(layout, values, strict=True)
 
 
 def _integers(names: str, low: float = 0, high: float = 255) -> tuple[RegisterField, ...]:
@@ -215,10 +203,7 @@ def _both(values: str) -> dict[Generation, str]:
 
 _MATRIX = "c00 c01 c02 c10 c11 c12 c20 c21 c22"
 _IDENTITY = "1,0,0,0,1,0,0,0,1"
-_TUNING = (
-    "base_x base_y base_z adaptive_x adaptive_y adaptive_z "
-    "filtering_x filtering_y filtering_z"
-)  # fmt: skip
+_TUNING = " ".join(f"{name}_{axis}" for name in ("base", "adaptive", "filtering") for axis in "xyz")
 _NMEA = (
     RegisterField("port", choices=(0, 1, 2, 3)),
     RegisterField("rate", choices=(0, 1, 5, 10, 20)),
@@ -235,14 +220,14 @@ _BINARY = (
 )
 _SYNC = (
     RegisterField("in_mode", choices=(3, 4, 5, 6)),
-    *_integers("in_edge", 0, 1),
-    *_integers("in_skip", 0, 65535),
-    *_integers("reserved_1", 0, 2**32 - 1),
+    RegisterField("in_edge", low=0, high=1),
+    RegisterField("in_skip", low=0, high=65535),
+    RegisterField("reserved_1", low=0, high=2**32 - 1),
     RegisterField("out_mode", choices=(0, 1, 2, 3, 6)),
-    *_integers("out_polarity", 0, 1),
-    *_integers("out_skip", 0, 65535),
-    *_integers("pulse_width", 0, 500_000_000),
-    *_integers("reserved_2", 0, 2**32 - 1),
+    RegisterField("out_polarity", low=0, high=1),
+    RegisterField("out_skip", low=0, high=65535),
+    RegisterField("pulse_width", low=0, high=500_000_000),
+    RegisterField("reserved_2", low=0, high=2**32 - 1),
 )
 _FILTER = (
     *_integers("mag_window accel_window gyro_window temperature_window pressure_window", 0, LOOP_RATE),
@@ -262,9 +247,8 @@ _PROTOCOL = (
 
 def _settings() -> Iterable[Register]:
     yield Register(0, "user tag", (RegisterField("tag", "text", high=20),), _both(""))
-    yield Register(
-        BAUD, "serial baud rate", (RegisterField("baud", choices=BAUDS),), _both("115200"), ports=True
-    )
+    baud = RegisterField("baud", choices=BAUDS)
+    yield Register(BAUD, "serial baud rate", (baud,), _both("115200"), ports=True)
     kinds = RegisterField("type", choices=(0, *OUTPUT_TYPES), only={9: 2, 34: 3})
     yield Register(OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
     rates = RegisterField("rate", choices=(0, *ASCII_RATES), only={0: 3})
@@ -299,15 +283,10 @@ def _settings() -> Iterable[Register]:
     delta = (*_integers("frame", 0, 1), *_integers("gyro_compensation accel_compensation", 0, 3))
     delta = (*delta, *_integers("reserved_1 reserved_2", 0, 65535))
     yield Register(DELTA_CONTROL, "delta theta and delta velocity", delta, _both("0,0,0,0,0"))
-    models = (
-        *_integers("mag_model gravity_model", 0, 1),
-        *_integers("reserved_1 reserved_2", 0, 65535),
-        *_integers("recalculation", 0, 2**32 - 1),
-        *_reals("year", "%.3f"),
-        *_reals("latitude", "%+012.8f"),
-        *_reals("longitude", "%+013.8f"),
-        *_reals("altitude", "%+010.3f"),
-    )
+    models = (*_integers("mag_model gravity_model", 0, 1), *_integers("reserved_1 reserved_2", 0, 65535))
+    models += (*_integers("recalculation", 0, 2**32 - 1), *_reals("year", "%.3f"))
+    models += (*_reals("latitude", "%+012.8f"), *_reals("longitude", "%+013.8f"))
+    models += _reals("altitude", "%+010.3f")
     place = "1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000"
     yield Register(83, "reference model configuration", models, _both(place))
     yield Register(GYRO_CALIBRATION, "gyro compensation", calibration, _both(f"{_IDENTITY},0,0,0"))
@@ -348,9 +327,7 @@ def _readings() -> Iterable[Register]:
         yield Register(number, name, _reals(fields), factory, "measurement")
 
 
-REGISTERS: dict[int, Register] = {
-    register.id: register for register in sorted((*_settings(), *_readings()), key=lambda r: r.id)
-}
+REGISTERS = {r.id: r for r in sorted((*_settings(), *_readings()), key=lambda r: r.id)}
 """Every register of a VN-100 of either firmware generation, by number."""
 
 CHANGE_THE_DATA = (26, 35, 43, 44, 82, 85, 23, 25, 84, 30, 32, 5, 6, 7, 75, 76, 77)

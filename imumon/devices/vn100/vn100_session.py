@@ -1,10 +1,10 @@
-"""Session with one VN-100: identify it, configure its stream, watch over it, restore its settings.
+"""Session with one VN-100: identification, configuration, health checks and restored settings.
 
-The port and the clock are arguments; this module opens nothing and waits for nothing but `Port.read`. Rules:
+The port and the clock are arguments; this module opens nothing and waits only in `Port.read`. Rules:
 
 - Only `configuration` changes the sensor and restores it; with `StreamRequest.listen_only` nothing is written.
 - `check_health` repairs what can be repaired in place: a paused sensor, a restarted one, another baud rate, a
-  bad read. A port that vanishes is the affair of its owner: the exception of `Port` passes through.
+  bad read. If the port vanishes, the exception of `Port` passes through.
 
 Life of a session: `connect`, `save_settings` (keep the result on disk), `configure`; then `read`, `decode` and
 `check_health` repeatedly; `restore`.
@@ -27,13 +27,13 @@ from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
 __all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
 
 QUIET_S = 1.0
-"""s without data after which the sensor is asked; or four samples, if they take longer. Not critical."""
+"""s without data after which the sensor is resumed; or four samples, if they take longer. Not critical."""
 QUIET_UNKNOWN_S = 3.0
 """The same in s for a stream of unknown rate. Not critical."""
 RETRY_S = 5.0
 """s between two scans for a sensor that does not reply. A scan takes up to ten seconds. Not critical."""
 RESTART_NS = 1_000_000_000
-"""ns by which the clock of the sensor goes backwards if it was restarted; less is a disorder of messages."""
+"""ns by which the sample clock goes backwards if the sensor was restarted; less is a wrong order."""
 GARBAGE_BYTES = 64
 """Bytes without a valid message that count as garbage; fewer may be the rest of a message. Not critical."""
 ERROR_NOTICE_S = 60.0
@@ -47,17 +47,15 @@ RATE_LONGEST_S = 120.0
 """s after which the comparison starts again, so that a change of the rate shows. Not critical."""
 RATE_PAUSE_S = 3.0
 """s without samples, or four samples, after which the comparison starts again. Not critical."""
-RATE_SLACK_S = 0.2
-"""s by which a correct rate may seem wrong because bytes wait in queues. Not critical."""
-RATE_SLACK_SAMPLES = 1.5
-"""Samples by which a correct rate may seem wrong at the ends. Not critical."""
+RATE_SLACK_S, RATE_SLACK_SAMPLES = 0.2, 1.5
+"""s and samples of error of a correct rate, because bytes wait in queues. Not critical."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
 @dataclass(frozen=True, slots=True)
 class StreamRequest:
-    """What the user asks for.
+    """Stream that the user requests.
 
     Attributes
     ----------
@@ -65,7 +63,7 @@ class StreamRequest:
     listen_only : write nothing.
     baud : bit/s; None: detect it.
     set_baud : bit/s, change the baud rate of the sensor to this; None: never.
-    rate_hz : Hz, rate of a stream without a clock if the sensor cannot be asked.
+    rate_hz : Hz, rate of a stream without a clock if the sensor does not give it.
     """
 
     stream: Kind = "deltas"
@@ -80,20 +78,15 @@ class RateCheck:
 
     A stream without a clock gets its time from a configured rate alone, and a wrong one makes all of N, B and K
     wrong. So it is compared with the host clock.
-
-    Attributes
-    ----------
-    rate_hz : Hz, at which samples arrive, if that is not the configured rate; else None.
     """
 
     def __init__(self) -> None:
-        self.rate_hz: float | None = None
+        self._rate_hz: float | None = None  # at which samples arrive; None: the configured one
         self._start: float | None = None
-        self._last = 0.0
-        self._count = 0
+        self._last, self._count = 0.0, 0
 
     def restart(self) -> None:
-        """Ignore what arrived before."""
+        """Discard earlier samples."""
         self._start = None
 
     def update(self, count: int, now: float, nominal_hz: float) -> None:
@@ -109,18 +102,18 @@ class RateCheck:
         error_s = abs(self._count / nominal_hz - span)
         if error_s > RATE_TOLERANCE * span + RATE_SLACK_S + RATE_SLACK_SAMPLES / nominal_hz:
             rate = self._count / span
-            if self.rate_hz is None or abs(rate / self.rate_hz - 1.0) > RATE_TOLERANCE:
-                self.rate_hz = rate
+            if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
+                self._rate_hz = rate
         elif error_s < RATE_TOLERANCE * span:
-            self.rate_hz = None
+            self._rate_hz = None
         if span > RATE_LONGEST_S:
             self._start = None
 
     def remark(self, nominal_hz: float) -> str | None:
-        """Return the remark for the report; None if the rate is right."""
-        if self.rate_hz is None:
+        """Return the remark for the report; None if the rate is correct."""
+        if self._rate_hz is None:
             return None
-        return f"samples arrive at {self.rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
+        return f"samples arrive at {self._rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
 
 
 class Vn100Session:
@@ -129,13 +122,12 @@ class Vn100Session:
     Parameters
     ----------
     port : open port.
-    request : what the user asks for.
+    request : stream that the user requests.
     clock : s, monotonic.
     decoder : of an earlier session with this sensor, so that its counters continue.
     serial : serial number that the sensor must have; None: any.
-    progress : called with a few words on what is being tried, a few times a second at most.
-    paced : samples arrive at their rate; else the other end is an emulator in time-lapse, which waits for its
-        reader.
+    progress : called with a short text about the current step, a few times a second at most.
+    paced : samples arrive at their rate; False for an emulator in time-lapse, which waits for its reader.
 
     Attributes
     ----------
@@ -157,16 +149,14 @@ class Vn100Session:
         self._port, self._request, self._clock, self._progress = port, request, clock, progress
         self._channel = CommandChannel(port, clock, request.listen_only, progress)
         self._configuration = Configuration(self._channel, request.stream, request.set_baud, clock)
-        self._serial = serial
+        self._serial, self._paced = serial, paced
         self._identity: dict[int, str] = {}
         self._divisor: int | None = None  # of the configured stream; None if the sensor sends its own
         self._streams: dict[Kind, Stream] = {}
         self._notices: list[Notice] = []
         self._rate_check = RateCheck()
-        self._paced = paced
         self._unread = b""
-        self._garbage, self._silences = 0, 0
-        self._newest_ns, self._restarted = 0, False  # of the clock of the configured stream
+        self._newest_ns, self._garbage, self._silences, self._restarted = 0, 0, 0, False
         self._troubles: set[str] = set()
         self._errors: dict[int, tuple[float, int]] = {}  # by code: when to report next, how many were not
         self._reset_health(clock())
@@ -178,7 +168,7 @@ class Vn100Session:
 
         Raises
         ------
-        NotAVn100 : nothing replies like one.
+        NotAVn100 : no VN-100 replies.
         OtherSensor : another serial number than `serial`.
         """
         self._channel.find_baud(self._bauds())
@@ -197,11 +187,11 @@ class Vn100Session:
         return {} if self._request.listen_only else self._configuration.save_originals(saved)
 
     def configure(self) -> DeviceInfo:
-        """Make the sensor stream the requested samples; if it cannot, use what it sends and remark it.
+        """Make the sensor stream the requested samples; if it cannot, use its own stream and add a remark.
 
         Raises
         ------
-        DeviceNotFound : it does not reply any more.
+        DeviceNotFound : it has stopped replying.
         """
         self._streams.clear()
         self._divisor = None
@@ -267,7 +257,7 @@ class Vn100Session:
         return notices
 
     def info(self) -> DeviceInfo:
-        """Return what is known of the sensor and its stream by now."""
+        """Return what is known of the sensor and its stream."""
         info = device_info(
             self._port.name,
             self._port.baud,
@@ -285,7 +275,7 @@ class Vn100Session:
         return next((self._streams[kind] for kind in _BEST if kind in self._streams), None)
 
     def _check_rate(self, block: SampleBlock, now: float) -> None:
-        """Compare a configured rate with the host clock where nothing else would show a wrong one."""
+        """Compare a configured rate with the host clock if the stream has no clock, or with listen-only."""
         if not self._paced or block.stream != self._best():
             return
         if self._request.listen_only or block.stream.clock == "none":
@@ -315,24 +305,19 @@ class Vn100Session:
         settings = self._channel.settings
         self._identity.clear()
         settings.clear()
-        # the output type early: a sensor may be set to switch its output off at the first error
+        # the output type is read early: a sensor may be configured to switch its output off at an error
         for register in dict.fromkeys((1, 3, 4, OUTPUT_TYPE, *CHANGE_THE_DATA)):
             text = self._channel.read(register)
             if text is None and register == 1:
-                raise NotAVn100(
-                    "device_receives_nothing",
-                    f"{self._port.name} sends valid messages but does not reply",
-                    "connect the wire to the receiver of the sensor, or use --listen-only",
-                )
+                message = f"{self._port.name} sends valid messages but does not reply"
+                cure = "connect the wire to the receiver of the sensor, or use --listen-only"
+                raise NotAVn100("device_receives_nothing", message, cure)
             if text is not None:
                 (self._identity if register < BAUD else settings)[register] = text
         serial = self._identity.get(3)
         if self._serial is not None and serial is not None and serial != self._serial:
-            raise OtherSensor(
-                "other_sensor",
-                f"the sensor on {self._port.name} is {serial}, not {self._serial}",
-                "connect the first one again, or stop and start imumon",
-            )
+            message = f"the sensor on {self._port.name} is {serial}, not {self._serial}"
+            raise OtherSensor("other_sensor", message, "connect the first one again, or restart imumon")
         self._serial = serial or self._serial
 
     # ------------------------------------------------------------------ health
@@ -344,7 +329,7 @@ class Vn100Session:
         self._newest_ns, self._restarted = 0, False
 
     def _on_samples(self, now: float) -> None:
-        """Samples of the stream have arrived: all is well."""
+        """End the troubles: samples of the stream have arrived."""
         if self._troubles or self._silences:
             silent = now - self._sample_at
             self._notices.append(Notice("resumed", f"samples arrive again after {silent:.1f} s"))
@@ -353,7 +338,7 @@ class Vn100Session:
         self._troubles.clear()
 
     def _repair(self, now: float) -> None:
-        """Find what is wrong, if anything, and try to repair it."""
+        """Find a trouble, if there is one, and try to repair it."""
         quiet = QUIET_UNKNOWN_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
         if self._restarted and self._divisor is not None:
             self._reconnect("reconfigured", "the sensor was restarted and is configured again")
@@ -361,22 +346,19 @@ class Vn100Session:
             self._break_silence(now)
         elif now - self._valid_at > quiet and self._garbage >= GARBAGE_BYTES:
             if "garbage" in self._troubles:
-                self._reconnect("found", "the sensor is found again")
+                self._reconnect("found", "the sensor sends valid messages again")
             else:
                 self._notice_once("garbage", "bytes arrive, but no valid message: the port is reopened")
                 self._port.reopen()
                 self._bytes_at = self._valid_at = self._clock()
                 self._garbage = 0
         elif now - self._sample_at > quiet and self._divisor is not None:
-            self._reconnect(
-                "reconfigured",
-                "the sensor had its own settings again (was it restarted?) and is configured again",
-            )
+            self._reconnect("reconfigured", "the sensor had lost its configuration and is configured again")
         elif now - self._sample_at > 2 * quiet:
             self._notice_once("no_samples", "valid messages arrive, but none that can be characterised")
 
     def _break_silence(self, now: float) -> None:
-        """Resume a sensor that was paused; if that fails, look for it at other baud rates now and then."""
+        """Resume a sensor that was paused; at each eighth call, scan the baud rates."""
         self._silences += 1
         self._next_check = now + QUIET_S
         if self._silences > 2:
@@ -386,10 +368,10 @@ class Vn100Session:
         if self._silences % 8:
             self._channel.resume_output()
         else:
-            self._reconnect("found", "the sensor is back")
+            self._reconnect("found", "the sensor replies again")
 
     def _on_sensor_error(self, error: SensorError, now: float) -> None:
-        """Report an error of the sensor; one that repeats, once a minute."""
+        """Report an error of the sensor, at most once per `ERROR_NOTICE_S`."""
         due, unreported = self._errors.get(error.code, (now, 0))
         if now < due:
             self._errors[error.code] = due, unreported + 1
@@ -408,7 +390,7 @@ class Vn100Session:
             self.save_settings()
             self.configure()
         except DeviceNotFound as error:
-            self._silences, self._restarted = before  # a scan that found nothing has changed nothing
+            self._silences, self._restarted = before  # a failed scan changes nothing
             self._notice_once("lost", str(error))
             self._next_check = self._clock() + RETRY_S
         else:
@@ -416,7 +398,7 @@ class Vn100Session:
             self._troubles.clear()
 
     def _notice_once(self, kind: str, text: str) -> None:
-        """Report a trouble once, until samples arrive again."""
+        """Report a trouble once until samples arrive again."""
         if kind not in self._troubles:
             self._notices.append(Notice(kind, text))
             self._troubles.add(kind)

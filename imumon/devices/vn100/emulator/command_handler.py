@@ -13,38 +13,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from math import atan2, degrees, inf
 
-from imumon.devices.vn100 import ascii
+from imumon.devices.vn100 import ascii, registers
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
-from imumon.devices.vn100.emulator.output_streams import (
-    ChecksumKind,
-    Message,
-    OutputStreams,
-    binary_layout,
-)
+from imumon.devices.vn100.emulator.output_streams import ChecksumKind, Message, OutputStreams, binary_layout
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
-from imumon.devices.vn100.registers import (
-    BAD_CHECKSUM,
-    BAD_COMMAND,
-    BAD_PARAMETER,
-    BAD_REGISTER,
-    BAUD,
-    BAUD_TOO_LOW,
-    BINARY_OUTPUTS,
-    MEASUREMENTS,
-    NOT_ALLOWED,
-    OUTPUT_RATE,
-    OUTPUT_TYPE,
-    PROTOCOL,
-    REGISTERS,
-    STARTUP_BIAS,
-    SYNC_CONTROL,
-    SYNC_STATUS,
-    TOO_FEW,
-    TOO_MANY,
-    Register,
-    RegisterError,
-)
+from imumon.devices.vn100.registers import REGISTERS, Register, RegisterError
 
 INPUT_BUFFER = 256
 """bytes of a command that the device buffers."""
@@ -57,7 +31,7 @@ BOOTING_S = 0.7
 
 _CHECKSUM = re.compile(rb"(?i:[0-9a-f]{2}|[0-9a-f]{4}|XX|XXXX)")
 _BODY = re.compile(rb"[ -#%-)+-~]{5,}")
-_AFFECT_LOAD = (BAUD, OUTPUT_TYPE, OUTPUT_RATE, *BINARY_OUTPUTS)
+_AFFECT_LOAD = (registers.BAUD, registers.OUTPUT_TYPE, registers.OUTPUT_RATE, *registers.BINARY_OUTPUTS)
 _INPUT_OVERFLOW = 0x02
 _STARTUP_FILTER_BIAS = 74
 _MAGNETIC_DISTURBANCE, _ACCELERATION_DISTURBANCE = 1 << 11, 1 << 12
@@ -108,7 +82,7 @@ class CommandHandler:
 
     @property
     def baud(self) -> int:
-        return int(self.registers.read(BAUD)[0])
+        return int(self.registers.read(registers.BAUD)[0])
 
     def set_register(self, register: int, *values: str) -> None:
         """Write a register of the active port and save it."""
@@ -161,15 +135,15 @@ class CommandHandler:
         kind: ChecksumKind = "crc" if len(checksum) == 4 else "xor"
         complete = star and _CHECKSUM.fullmatch(checksum) and _BODY.fullmatch(body)
         if not complete or (checksum[:1] not in b"Xx" and not ascii.intact(body, checksum)):
-            self._error(BAD_CHECKSUM, kind)
+            self._error(registers.BAD_CHECKSUM, kind)
             return
         command, fields = ascii.split(body)
         try:
             if command not in self._commands:
-                raise RegisterError(BAD_COMMAND, command)
+                raise RegisterError(registers.BAD_COMMAND, command)
             handler, least, most = self._commands[command]
             if not least <= len(fields) <= most:
-                raise RegisterError(TOO_FEW if len(fields) < least else TOO_MANY, command)
+                raise RegisterError(registers.TOO_FEW if len(fields) < least else registers.TOO_MANY, command)
             if command == "VNBOM":
                 self._replies.append(self._poll_binary(*fields))
             elif command == "VNWNV":
@@ -182,34 +156,34 @@ class CommandHandler:
             self._error(error.code, kind)
 
     def _error(self, code: int, kind: ChecksumKind) -> None:
-        mode = self.registers.parse(PROTOCOL)["error_mode"]
+        mode = self.registers.parse(registers.PROTOCOL)["error_mode"]
         if mode:
             self._replies.append(ascii.encode(f"VNERR,{code:02X}", kind))
         if mode == 2:
-            self.registers.write(OUTPUT_TYPE, ("0",))
+            self.registers.write(registers.OUTPUT_TYPE, ("0",))
             self.outputs.update()
 
     # ------------------------------------------------------------------ registers
 
     def _register(self, text: str) -> Register:
         if not text.isdigit():
-            raise RegisterError(BAD_PARAMETER, "the register is no number")
+            raise RegisterError(registers.BAD_PARAMETER, "the register is not a number")
         register = REGISTERS.get(int(text))
         if register is None or not register.in_generation(self.registers.generation):
-            raise RegisterError(BAD_REGISTER, "no such register")
+            raise RegisterError(registers.BAD_REGISTER, "no such register")
         return register
 
     def _port_number(self, text: str) -> int:
         if text == "?":
             return self.registers.port
         if text not in ("1", "2"):
-            raise RegisterError(BAD_PARAMETER, "there are ports 1 and 2")
+            raise RegisterError(registers.BAD_PARAMETER, "choose port 1 or 2")
         return int(text)
 
     def _read_register(self, number: str, *ports: str) -> Sequence[str]:
         register = self._register(number)
         if len(ports) > register.ports:
-            raise RegisterError(TOO_MANY, "no such parameter")
+            raise RegisterError(registers.TOO_MANY, "no such parameter")
         port = self._port_number(ports[0]) if ports else None
         echoed = () if port is None else (str(port),)
         return (f"{register.id:02d}", *self._values(register, port), *echoed)
@@ -219,10 +193,10 @@ class CommandHandler:
         if register.id in identity:
             return (identity[register.id],)
         if register.access == "measurement":
-            message = MEASUREMENTS[register.id]
+            message = registers.MEASUREMENTS[register.id]
             measurements = self.outputs.latest(message == "VNDTV")
             return ascii.numbers(message, self.outputs.columns(message, measurements)[0].tolist())
-        if register.id == SYNC_STATUS:
+        if register.id == registers.SYNC_STATUS:
             counts = self.outputs.latest()
             return [str(counts[name][0, 0]) for name in ("syncInCnt", "syncInTime", "syncOutCnt")]
         if register.access == "fixed":
@@ -232,23 +206,23 @@ class CommandHandler:
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
         register = self._register(number)
         if register.access != "setting":
-            raise RegisterError(NOT_ALLOWED, "read only")
+            raise RegisterError(registers.NOT_ALLOWED, "read only")
         port, echoed = None, ""
         if register.ports and len(values) == 2:
             port = self._port_number(values[1])
             values, echoed = values[:1], f",{port}"
         stored = register.normalise(values, self.registers.generation)
-        if register.id in BINARY_OUTPUTS and int(stored[2], 16):
+        if register.id in registers.BINARY_OUTPUTS and int(stored[2], 16):
             binary_layout(stored[2:])
         if register.id in _AFFECT_LOAD:
             trial = self.registers.with_values(register.id, stored, port)
-            for each in (1, 2) if register.id in BINARY_OUTPUTS else (port,):
-                if self.outputs.bytes_per_second(trial, each) > int(trial.read(BAUD, each)[0]) / 10:
-                    raise RegisterError(BAUD_TOO_LOW, "the output does not fit the baud")
+            for each in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
+                if self.outputs.bytes_per_second(trial, each) > int(trial.read(registers.BAUD, each)[0]) / 10:
+                    raise RegisterError(registers.BAUD_TOO_LOW, "the output does not fit the baud")
         self.registers.write(register.id, stored, port)
-        if register.id == SYNC_STATUS:
+        if register.id == registers.SYNC_STATUS:
             self.outputs.set_sync_counts(*map(int, stored))
-        elif register.id == SYNC_CONTROL:
+        elif register.id == registers.SYNC_CONTROL:
             self.outputs.set_sync_counts(0, 0, 0)
         self.outputs.update()
         return (f"{register.id:02d}", ",".join(stored) + echoed)
@@ -264,24 +238,24 @@ class CommandHandler:
 
     def _poll_binary(self, number: str) -> bytes:
         if not number.isdigit() or not 1 <= int(number) <= 3:
-            raise RegisterError(BAD_PARAMETER, "there are binary outputs 1 to 3")
-        words = self.registers.read(BINARY_OUTPUTS[int(number) - 1])[2:]
+            raise RegisterError(registers.BAD_PARAMETER, "choose binary output 1 to 3")
+        words = self.registers.read(registers.BINARY_OUTPUTS[int(number) - 1])[2:]
         if not int(words[0], 16):
-            raise RegisterError(BAD_PARAMETER, "this output has no fields")
+            raise RegisterError(registers.BAD_PARAMETER, "this output has no fields")
         return self.outputs.packet(words)
 
     def _tare(self) -> Sequence[str]:
         if self.registers.generation == 3:
-            raise RegisterError(BAD_COMMAND, "firmware 3 has VNSIH instead")
+            raise RegisterError(registers.BAD_COMMAND, "firmware 3 has VNSIH instead")
         self.outputs.estimator.heading = 0.0
         self.outputs.estimator.reset_bias()
         return ()
 
     def _set_initial_heading(self, *angles: str) -> Sequence[str]:
         if self.registers.generation == 2:
-            raise RegisterError(BAD_COMMAND, "firmware 2 has VNTAR instead")
+            raise RegisterError(registers.BAD_COMMAND, "firmware 2 has VNTAR instead")
         if len(angles) == 2:
-            raise RegisterError(TOO_FEW, "give a heading, three angles or a quaternion")
+            raise RegisterError(registers.TOO_FEW, "give a heading, three angles or a quaternion")
         numbers = [_number(text) for text in angles]
         heading = numbers[0]
         if len(numbers) == 4:
@@ -291,9 +265,9 @@ class CommandHandler:
         return angles
 
     def _set_startup_bias(self) -> Sequence[str]:
-        form = REGISTERS[STARTUP_BIAS].fields[0].format
+        form = REGISTERS[registers.STARTUP_BIAS].fields[0].format
         bias = [form(float(value)) for value in self.outputs.estimator.bias[-1]]
-        self.registers.write(STARTUP_BIAS, bias)
+        self.registers.write(registers.STARTUP_BIAS, bias)
         if _STARTUP_FILTER_BIAS in self.registers:
             rest = self.registers.read(_STARTUP_FILTER_BIAS)[3:]
             self.registers.write(_STARTUP_FILTER_BIAS, (*bias, *rest))
@@ -332,7 +306,7 @@ class CommandHandler:
 
 def _flag(text: str) -> bool:
     if text not in ("0", "1"):
-        raise RegisterError(BAD_PARAMETER, "give 0 or 1")
+        raise RegisterError(registers.BAD_PARAMETER, "give 0 or 1")
     return text == "1"
 
 
@@ -340,4 +314,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise RegisterError(BAD_PARAMETER, f"{text!r} is no number") from None
+        raise RegisterError(registers.BAD_PARAMETER, f"{text!r} is not a number") from None

@@ -10,6 +10,7 @@ import os
 import socket
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -52,26 +53,18 @@ class Control:
             self._inputs[client.fileno()] = (client.fileno(), bytearray())
         for descriptor in [d for d in self._inputs if d in ready]:
             output, buffer = self._inputs[descriptor]
-            try:
+            data = b""
+            with suppress(OSError):
                 data = os.read(descriptor, 4096)
-            except OSError:
-                data = b""
             if not data:
-                self._end(descriptor)
-                continue
-            buffer += data
-            *complete, rest = buffer.split(b"\n")
-            buffer[:] = rest
+                del self._inputs[descriptor]
+                closed = self._clients.pop(descriptor, None)
+                self.ended |= closed is None
+                if closed is not None:
+                    closed.close()
+            *complete, buffer[:] = (buffer + data).split(b"\n")
             for line in filter(None, complete):
                 yield line.decode("utf-8", "replace"), output
-
-    def _end(self, descriptor: int) -> None:
-        del self._inputs[descriptor]
-        client = self._clients.pop(descriptor, None)
-        if client is None:
-            self.ended = True
-        else:
-            client.close()
 
     def close(self) -> None:
         for client in self._clients.values():

@@ -12,21 +12,12 @@ from math import inf
 import numpy as np
 
 from imumon.devices.base import InvalidOption
+from imumon.devices.vn100 import registers
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.faults import Faults, ForeignDevice
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.emulator.uart import PseudoTerminal, Uart
-from imumon.devices.vn100.registers import (
-    ASCII_RATES,
-    BAUD,
-    BAUDS,
-    BINARY_OUTPUTS,
-    FACTORY_BAUD,
-    LOOP_RATE,
-    OUTPUT_RATE,
-    OUTPUT_TYPE,
-)
 
 TIME_AND_DELTAS = ("06", "0001", "00C0")
 """Groups and field words of TimeStartup, DeltaTheta and DeltaVel: 44 bytes."""
@@ -46,28 +37,30 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
 
     Raises
     ------
-    InvalidOption
-        The rate does not fit the baud.
+    InvalidOption : the rate does not fit the baud.
     """
     device = CommandHandler(settings, SensorModel(settings))
-    candidates = [settings.baud] if settings.baud else [b for b in BAUDS if b >= FACTORY_BAUD and b != 128000]
+    candidates = (
+        [settings.baud]
+        if settings.baud
+        else [b for b in registers.BAUDS if b >= registers.FACTORY_BAUD and b != 128000]
+    )
     for baud in candidates:
-        device.set_register(BAUD, str(baud))
-        if settings.rate in ASCII_RATES:
-            device.set_register(OUTPUT_RATE, str(int(settings.rate)))
+        device.set_register(registers.BAUD, str(baud))
+        if settings.rate in registers.ASCII_RATES:
+            device.set_register(registers.OUTPUT_RATE, str(int(settings.rate)))
         elif settings.rate:
-            device.set_register(OUTPUT_TYPE, "0")
-            divisor = str(round(LOOP_RATE / settings.rate))
-            device.set_register(BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS)
+            device.set_register(registers.OUTPUT_TYPE, "0")
+            divisor = str(round(registers.LOOP_RATE / settings.rate))
+            device.set_register(
+                registers.BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS
+            )
         else:
-            device.set_register(OUTPUT_TYPE, "0")
+            device.set_register(registers.OUTPUT_TYPE, "0")
         if device.outputs.bytes_per_second() <= baud / 10:
             return device
-    raise InvalidOption(
-        "rate_does_not_fit",
-        f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}",
-        "give a higher baud or a lower rate",
-    )
+    text = f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}"
+    raise InvalidOption("rate_does_not_fit", text, "give a higher baud or a lower rate")
 
 
 class Emulator:
@@ -95,7 +88,7 @@ class Emulator:
         self._uart = Uart(self._device.baud, pacing=not settings.time_lapse)
         self.terminal = PseudoTerminal(self._device.baud, settings.link, self._rng, not settings.time_lapse)
         self._plugged = True
-        self._ticks_per_s = LOOP_RATE * settings.speed
+        self._ticks_per_s = registers.LOOP_RATE * settings.speed
         self._start, self._last_step = now, now
         self._stalled_until = self._silent_until = -inf
         self._cut_next = False
@@ -138,7 +131,7 @@ class Emulator:
         return [(self._start + tick / self._ticks_per_s, message) for tick, message in messages]
 
     def _send(self, messages: list[tuple[float, bytes]], now: float) -> None:
-        """Put messages on the line as far as the faults leave anything of them."""
+        """Queue messages on the line after the faults have acted on them."""
         if now < self._silent_until:
             self._lost += len(messages)
             return
@@ -212,28 +205,29 @@ class Emulator:
         """
         command, _, argument = text.strip().partition(" ")
         try:
-            if command == "fault":
-                self._faults = Faults.parse(argument)
-            elif command == "stall":
-                self._stalled_until = now + float(argument)
-            elif command == "silence":
-                self._silent_until = now + float(argument)
-            elif command == "jump":
-                self._device.outputs.shift_clock(float(argument))
-            elif command == "cut":
-                self._cut_next = True
-            elif command == "reboot":
-                self._device.restart(now)
-            elif command == "unplug" and self._plugged:
-                self._plugged = False
-                self.terminal.unplug()
-            elif command == "replug":
-                if self._plugged:
-                    self.terminal.unplug()
-                self.terminal.replug(self._device.baud)
-                self._plugged = True
-            elif command not in ("counters", "unplug"):
-                raise ValueError(f"{command!r} is no command")
+            match command:
+                case "counters":
+                    pass
+                case "fault":
+                    self._faults = Faults.parse(argument)
+                case "stall":
+                    self._stalled_until = now + float(argument)
+                case "silence":
+                    self._silent_until = now + float(argument)
+                case "jump":
+                    self._device.outputs.shift_clock(float(argument))
+                case "cut":
+                    self._cut_next = True
+                case "reboot":
+                    self._device.restart(now)
+                case "unplug" | "replug":
+                    if self._plugged:
+                        self.terminal.unplug()
+                    self._plugged = command == "replug"
+                    if self._plugged:
+                        self.terminal.replug(self._device.baud)
+                case _:
+                    raise ValueError(f"{command!r} is not a command")
         except ValueError as error:
             return {"error": str(error)}
         return self.counters()

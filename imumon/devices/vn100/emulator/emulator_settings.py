@@ -34,17 +34,18 @@ class Noise:
     b: Axes
     k: Axes
 
-
-def _equal(n: float, b: float, k: float) -> Noise:
-    return Noise((n, n, n), (b, b, b), (k, k, k))
+    @staticmethod
+    def equal(n: float, b: float, k: float) -> Noise:
+        """Return the same coefficients for each axis."""
+        return Noise((n, n, n), (b, b, b), (k, k, k))
 
 
 FASTEST = 1e4
 """Largest time-lapse factor. Not critical."""
 
-GYRO = _equal(6.1e-5, 2.4e-5, 1e-6)
-ACCEL = _equal(1.37e-3, 2e-4, 1e-5)
-MAG = _equal(1.4e-4, 2e-5, 1e-6)
+GYRO = Noise.equal(6.1e-5, 2.4e-5, 1e-6)
+ACCEL = Noise.equal(1.37e-3, 2e-4, 1e-5)
+MAG = Noise.equal(1.4e-4, 2e-5, 1e-6)
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss"}
 
 
@@ -90,21 +91,21 @@ class EmulatorSettings:
     faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
-        if self.rate != 0 and (self.rate < 0 or LOOP_RATE % self.rate):
-            cure = f"a VN-100 sends at {LOOP_RATE} Hz divided by a whole number"
-            raise InvalidOption("rate_invalid", f"--rate {self.rate:g}", cure)
-        if not 0 < self.speed <= FASTEST:
-            cure = f"give a number above 0, up to {FASTEST:.0f}"
-            raise InvalidOption("speed_invalid", f"--speed {self.speed:g}", cure)
-        if self.seed is not None and self.seed < 0:
-            raise InvalidOption("seed_invalid", f"--seed {self.seed}", "give 0 or a positive whole number")
-        if self.generation not in (2, 3):
-            cure = "give a 2.x or 3.x version, such as 3.1.0.0"
-            raise InvalidOption("firmware_invalid", f"--firmware {self.firmware}", cure)
+        def require(valid: bool, name: str, cure: str) -> None:
+            if not valid:
+                value = getattr(self, name)
+                text = f"{value:g}" if isinstance(value, float) else value
+                raise InvalidOption(f"{name}_invalid", f"--{name} {text}", cure)
+
+        rate_valid = self.rate == 0 or (self.rate > 0 and LOOP_RATE % self.rate == 0)
+        require(rate_valid, "rate", f"a VN-100 sends at {LOOP_RATE} Hz divided by a whole number")
+        require(0 < self.speed <= FASTEST, "speed", f"give a number above 0, up to {FASTEST:.0f}")
+        require(self.seed is None or self.seed >= 0, "seed", "give 0 or a positive whole number")
+        require(self.firmware[:2] in ("2.", "3."), "firmware", "give a 2.x or 3.x version, such as 3.1.0.0")
 
     @property
     def generation(self) -> Generation:
-        return 2 if self.firmware.startswith("2.") else 3 if self.firmware.startswith("3.") else 0  # type: ignore[return-value]
+        return 2 if self.firmware.startswith("2.") else 3
 
     @property
     def time_lapse(self) -> bool:
@@ -112,22 +113,19 @@ class EmulatorSettings:
 
     def arguments(self) -> list[str]:
         """Return the command-line arguments of these settings; defaults are omitted."""
-        arguments: list[str] = []
-        for sensor, standard in (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG)):
-            noise: Noise = getattr(self, sensor)
-            for letter in "nbk":
-                if getattr(noise, letter) != getattr(standard, letter):
-                    text = ",".join(map(repr, getattr(noise, letter)))
-                    arguments += [f"--{sensor}-{letter}", text]
+        options: dict[str, str] = {}
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if entry.name in _UNITS or value == entry.default or value is None:
-                continue
-            if isinstance(value, Faults):
-                arguments += ["--fault", str(value)] if str(value) else []
-            else:
-                arguments += [f"--{entry.name.replace('_', '-')}", str(value)]
-        return arguments
+            if isinstance(value, Noise):
+                for letter in "nbk":
+                    axes = getattr(value, letter)
+                    if axes != getattr(entry.default, letter):
+                        options[f"--{entry.name}-{letter}"] = ",".join(map(repr, axes))
+            elif isinstance(value, Faults):
+                options |= {"--fault": str(value)} if value else {}
+            elif value not in (entry.default, None):
+                options[f"--{entry.name.replace('_', '-')}"] = str(value)
+        return [text for option in options.items() for text in option]
 
 
 def _axes(text: str) -> Axes:
@@ -155,75 +153,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the emulator; the help shows their defaults."""
     standard = EmulatorSettings()
     line = parser.add_argument_group("serial line")
-    rates = ", ".join(map(str, ASCII_RATES))
-    line.add_argument(
-        "--rate", type=float, default=standard.rate, metavar="HZ",
-        help=f"output rate (default {standard.rate:g}): VNYMR at {rates}, others in binary",
-    )  # fmt: skip
-    line.add_argument(
-        "--baud", type=int, choices=BAUDS, metavar="N",
-        help=f"default {FACTORY_BAUD}, or the next one that carries the rate",
-    )  # fmt: skip
-    line.add_argument(
-        "--speed", type=float, default=standard.speed, metavar="X",
-        help="time-lapse: the sensor clock, and so its noise, runs X times faster and waits for the reader",
-    )  # fmt: skip
-    line.add_argument("--link", metavar="PATH", help="maintain a symbolic link to the pseudo-terminal")
-    line.add_argument(
-        "--serial-port", type=int, choices=(1, 2), default=1, help="port of the sensor (default 1)"
-    )
-
     noise = parser.add_argument_group(
         "noise",
         "one number for all axes, or x,y,z; that of the magnetometer applies to its 250 readings per second",
     )
+    device = parser.add_argument_group("device")
+
+    def number(group: Any, name: str, metavar: str, text: str) -> None:
+        default = getattr(standard, name)
+        text = f"{text} (default {default:g})"
+        option = f"--{name.replace('_', '-')}"
+        group.add_argument(option, type=float, default=default, metavar=metavar, help=text)
+
+    rates = ", ".join(map(str, ASCII_RATES))
+    number(line, "rate", "HZ", f"output rate: VNYMR at {rates}, others in binary")
+    text = f"default {FACTORY_BAUD}, or the next one that carries the rate"
+    line.add_argument("--baud", type=int, choices=BAUDS, metavar="N", help=text)
+    number(line, "speed", "X", "time-lapse: the sensor clock runs X times faster and waits for the reader")
+    line.add_argument("--link", metavar="PATH", help="maintain a symbolic link to the pseudo-terminal")
+    text = "port of the sensor (default 1)"
+    line.add_argument("--serial-port", type=int, choices=(1, 2), default=1, help=text)
     for sensor, unit in _UNITS.items():
         for letter, dimension in (("n", f"{unit}/sqrt(Hz)"), ("b", unit), ("k", f"{unit}*sqrt(Hz)")):
             default: Axes = getattr(getattr(standard, sensor), letter)
-            noise.add_argument(
-                f"--{sensor}-{letter}", type=_axes, default=default, metavar=letter.upper(),
-                help=f"{dimension} (default {default[0]:g})",
-            )  # fmt: skip
-    noise.add_argument(
-        "--seed", type=int, metavar="N", help="seed of the noise (default: a different one each time)"
+            option, text = f"--{sensor}-{letter}", f"{dimension} (default {default[0]:g})"
+            noise.add_argument(option, type=_axes, default=default, metavar=letter.upper(), help=text)
+    text = "seed of the noise (default: a different one each time)"
+    noise.add_argument("--seed", type=int, metavar="N", help=text)
+    number(noise, "hum", "G", "mains hum on the magnetometer, gauss")
+    number(noise, "hum_hz", "HZ", "frequency of the hum")
+    number(noise, "warm_up", "DEGC", "temperature rise after power-up, degC")
+    number(noise, "warm_up_s", "S", "time constant of the warm-up, s")
+    number(noise, "gyro_thermal", "CHANGE", "change of the gyroscope bias per degC, rad/s")
+    for name, text in (("model", "model"), ("serial", "serial number"), ("firmware", "version, 2.x or 3.x")):
+        value = getattr(standard, name)
+        device.add_argument(f"--{name}", default=value, help=f"{text} (default {value})")
+    device.add_argument("--impostor", choices=FOREIGN_DEVICES, help="act as a device that is not a VN-100")
+    text = f"faults of the line with their probabilities: {Faults.help_text()}"
+    device.add_argument(
+        "--fault", type=_faults, default=standard.faults, dest="faults", metavar="NAME=P,...", help=text
     )
-    noise.add_argument(
-        "--hum", type=float, default=0.0, metavar="G", help="mains hum on the magnetometer, gauss"
+    text = (
+        "read commands from a socket, or from standard input (-), whose end then ends the emulator: "
+        "counters, fault NAME=P, stall S, silence S, jump S, cut, reboot, unplug, replug"
     )
-    noise.add_argument(
-        "--hum-hz", type=float, default=50.0, metavar="HZ", help="frequency of the hum (default 50)"
-    )
-    noise.add_argument(
-        "--warm-up", type=float, default=standard.warm_up, metavar="DEGC",
-        help=f"temperature rise after power-up, degC (default {standard.warm_up:g})",
-    )  # fmt: skip
-    noise.add_argument(
-        "--warm-up-s", type=float, default=standard.warm_up_s, metavar="S",
-        help=f"time constant of the warm-up (default {standard.warm_up_s:g})",
-    )  # fmt: skip
-    noise.add_argument(
-        "--gyro-thermal", type=float, default=standard.gyro_thermal, metavar="CHANGE",
-        help=f"change of the gyroscope bias per degC, rad/s (default {standard.gyro_thermal:g})",
-    )  # fmt: skip
-
-    identity = parser.add_argument_group("device")
-    identity.add_argument("--model", default=standard.model, help=f"default {standard.model}")
-    identity.add_argument(
-        "--serial", default=standard.serial, help=f"serial number (default {standard.serial})"
-    )
-    identity.add_argument(
-        "--firmware", default=standard.firmware, help=f"2.x or 3.x (default {standard.firmware})"
-    )
-    identity.add_argument("--impostor", choices=FOREIGN_DEVICES, help="act as a device that is not a VN-100")
-    identity.add_argument(
-        "--fault", type=_faults, default=standard.faults, dest="faults", metavar="NAME=P,...",
-        help=f"faults of the line with their probabilities: {Faults.help_text()}",
-    )  # fmt: skip
-    identity.add_argument(
-        "--control", metavar="PATH",
-        help="read commands from a socket, or from standard input (-), whose end then ends the emulator: "
-        "counters, fault NAME=P, stall S, silence S, jump S, cut, reboot, unplug, replug",
-    )  # fmt: skip
+    device.add_argument("--control", metavar="PATH", help=text)
 
 
 def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
@@ -231,8 +205,7 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
 
     Raises
     ------
-    InvalidOption
-        A value that no VN-100 can have.
+    InvalidOption : a value that no VN-100 can have.
     """
     values: dict[str, Any] = {
         sensor: Noise(*(getattr(arguments, f"{sensor}_{letter}") for letter in "nbk")) for sensor in _UNITS

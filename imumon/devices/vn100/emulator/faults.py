@@ -47,18 +47,18 @@ class Faults:
         0.01
         """
         names = [entry.name for entry in fields(cls)]
-        given: dict[str, float] = {}
+        probabilities: dict[str, float] = {}
         for part in filter(None, text.split(",")):
             name, _, number = part.partition("=")
             try:
-                given[name.strip()] = probability = float(number)
+                probabilities[name.strip()] = probability = float(number)
             except ValueError:
                 raise ValueError(f"fault {part!r}: write name=probability, such as drop=0.01") from None
             if name.strip() not in names:
-                raise ValueError(f"fault {name!r}: there are {', '.join(names)}")
+                raise ValueError(f"fault {name!r}: choose one of {', '.join(names)}")
             if not 0.0 <= probability <= 1.0:
-                raise ValueError(f"fault {part!r}: a probability lies between 0 and 1")
-        return cls(**given)
+                raise ValueError(f"fault {part!r}: give a probability from 0 to 1")
+        return cls(**probabilities)
 
     @staticmethod
     def help_text() -> str:
@@ -95,8 +95,7 @@ def with_wrong_checksum(message: bytes) -> bytes:
     if message[:1] != b"$":
         return message[:-1] + bytes((message[-1] ^ 0x01,))
     at = len(message.rstrip()) - 1
-    other = b"1" if message[at : at + 1] == b"0" else b"0" if message[at : at + 1] == b"1" else None
-    return message[:at] + (other or bytes((message[at] ^ 0x01,))) + message[at + 1 :]
+    return message[:at] + bytes((message[at] ^ 0x01,)) + message[at + 1 :]
 
 
 def corrupted(message: bytes, probability: float, rng: np.random.Generator) -> bytes:
@@ -126,10 +125,7 @@ class ForeignDevice:
         if self._kind == "silent":
             return []
         if self._kind == "garbage":
-            return [
-                self._rng.integers(0, 256, _GARBAGE_BYTES, dtype=np.uint8).tobytes()
-                for _ in range(first, self._count)
-            ]
+            return [self._rng.bytes(_GARBAGE_BYTES) for _ in range(first, self._count)]
         return [_nmea_sentence(number) for number in range(first, self._count)]
 
 

@@ -23,8 +23,7 @@ CATCH_UP = 2.0
 class CatchUpClock:
     """Host clock in s, which catches up at `CATCH_UP` times real time after the process was not scheduled.
 
-    Otherwise all messages of the pause would be due at once, which no line can carry and no terminal can
-    hold, and the reader would be blamed for what is lost.
+    Otherwise all messages of the pause would be due at once: no line can carry them, no terminal can hold them.
     """
 
     def __init__(self) -> None:
@@ -46,15 +45,16 @@ def run(settings: EmulatorSettings) -> int:
         signal.signal(number, lambda received, _: stop.append(received))
     try:
         emulator = Emulator(settings, time.monotonic())
-    except InvalidOption as error:
-        return _usage_error(str(error))
-    except OSError as error:
-        return _usage_error(f"--link {settings.link}: {error.strerror}")
+    except (InvalidOption, OSError) as error:
+        text = f"--link {settings.link}: {error.strerror}" if isinstance(error, OSError) else error
+        print(f"imumon sim: {text}", file=sys.stderr)
+        return 2
     try:
         control = Control(settings.control)
     except OSError as error:
         emulator.close()
-        return _usage_error(f"--control {settings.control}: {error.strerror}")
+        print(f"imumon sim: --control {settings.control}: {error.strerror}", file=sys.stderr)
+        return 2
     if emulator.baud != (settings.baud or FACTORY_BAUD):
         print(f"imumon sim: {settings.rate:g} Hz needs {emulator.baud} baud", file=sys.stderr)
     print(emulator.terminal.path, flush=True)
@@ -84,8 +84,3 @@ def _loop(emulator: Emulator, control: Control, stop: list[int]) -> None:
         for line, descriptor in control.lines(ready):
             with contextlib.suppress(OSError):
                 os.write(descriptor, json.dumps(emulator.execute(line, now)).encode() + b"\n")
-
-
-def _usage_error(text: str) -> int:
-    print(f"imumon sim: {text}", file=sys.stderr)
-    return 2

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from imumon.devices.vn100.emulator.sensor_model import (
     ACCEL,
@@ -46,18 +47,22 @@ _CORRECTION = 0.02
 _HARD_IRON = np.array([0.012, -0.008, 0.015])
 """gauss, offset that the onboard hard iron estimate subtracts from the compensated magnetic field."""
 
-COMPOSED = {
-    "angularRate": ("gyro",),
-    "imu": ("uaccel", "ugyro"),
-    "magPres": ("mag", "temp", "pres"),
-    "deltas": ("dt", "dtheta", "dvel"),
-    "deltaTheta": ("dt", "dtheta"),
-    "deltaVel": ("dvel",),
-    "uncompMag": ("umag",),
-    "uncompAccel": ("uaccel",),
-    "uncompGyro": ("ugyro",),
-}
+_COMPOSED = {
+    "angularRate": ("gyro",), "imu": ("uaccel", "ugyro"), "magPres": ("mag", "temp", "pres"),
+    "deltas": ("dt", "dtheta", "dvel"), "deltaTheta": ("dt", "dtheta"), "deltaVel": ("dvel",),
+    "uncompMag": ("umag",), "uncompAccel": ("uaccel",), "uncompGyro": ("ugyro",),
+}  # fmt: skip
 """Fields of the binary outputs that consist of other quantities, side by side."""
+
+_READINGS = {
+    "gyro": ("gyro", True), "ugyro": ("gyro", False), "accel": ("accel", True), "uaccel": ("accel", False),
+    "mag": ("mag", True), "umag": ("mag", False), "temp": ("temperature", True), "pres": ("pressure", True),
+}  # fmt: skip
+"""Sensor of a quantity, and whether the quantity is compensated."""
+
+_COLUMNS = {"gyro": GYRO, "accel": ACCEL, "mag": MAG, "temperature": TEMPERATURE, "pressure": PRESSURE}
+_FIXED = {"yprU": (1.2, 0.3, 0.3), "attU": (0.02,), "heave": (0.0, 0.0, 0.0)}
+_GRAVITY = CONSTANT[ACCEL] * [0.0, 0.0, 1.0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,23 +89,19 @@ class OutputConfiguration:
     def of(read: Callable[[int], tuple[str, ...]], rotation: Floats, hard_iron: bool) -> OutputConfiguration:
         """Return the configuration of the fields of the registers."""
         filters = REGISTERS[IMU_FILTER].parse(read(IMU_FILTER))
-        sensors = ("mag", "accel", "gyro", "temperature", "pressure")
 
         def calibration(number: int) -> tuple[Floats, Floats]:
-            numbers = np.array([float(text) for text in read(number)])
-            return rotation @ numbers[:9].reshape(3, 3), numbers[9:]
+            values = np.array(read(number), float)
+            return rotation @ values[:9].reshape(3, 3), values[9:]
 
-        delta = [int(text) for text in read(DELTA_CONTROL)]
+        numbers = {"gyro": GYRO_CALIBRATION, "accel": ACCEL_CALIBRATION, "mag": MAG_CALIBRATION}
+        frame, gyro, accel = (int(text) for text in read(DELTA_CONTROL)[:3])
         return OutputConfiguration(
-            windows={s: int(filters[f"{s}_window"]) for s in sensors},
-            modes={s: int(filters[f"{s}_mode"]) for s in sensors},
-            calibration={
-                "gyro": calibration(GYRO_CALIBRATION),
-                "accel": calibration(ACCEL_CALIBRATION),
-                "mag": calibration(MAG_CALIBRATION),
-            },
+            windows={sensor: int(filters[f"{sensor}_window"]) for sensor in _COLUMNS},
+            modes={sensor: int(filters[f"{sensor}_mode"]) for sensor in _COLUMNS},
+            calibration={sensor: calibration(number) for sensor, number in numbers.items()},
             rotation=rotation,
-            delta=(delta[0], delta[1], delta[2]),
+            delta=(frame, gyro, accel),
             hard_iron=hard_iron,
         )
 
@@ -171,8 +172,8 @@ class AttitudeEstimator:
 class MeasurementOutput:
     """Measured quantities at some ticks, each computed on first use.
 
-    Every property is (n, k), one row per tick, in the units of the wire: deg, gauss, m/s^2, rad/s, degC,
-    kPa; dt in s, dtheta in deg, dvel in m/s.
+    A quantity is (n, k), one row per tick, in the units of the wire: deg, gauss, m/s^2, rad/s, degC, kPa;
+    dt in s, dtheta in deg, dvel in m/s.
 
     Parameters
     ----------
@@ -195,77 +196,42 @@ class MeasurementOutput:
         counts: Mapping[str, Floats | Ints],
     ) -> None:
         self._model, self._configuration, self._estimator = sensor_model, configuration, estimator
-        self._ticks, self._increments, self._counts = ticks, increments, counts
+        self._ticks, self._increments = ticks, increments
+        self._values: dict[str, npt.NDArray[Any]] = dict(counts)
 
-    def __getitem__(self, name: str) -> Floats | Ints:
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
         """Return a quantity or binary field by name; fields that a VN-100 does not measure are zero."""
-        if name in self._counts:
-            return self._counts[name]
-        if name in COMPOSED:
-            return np.concatenate([self[part] for part in COMPOSED[name]], axis=1)
-        quantity: Floats | None = getattr(self, name, None)
-        return np.zeros((len(self._ticks), 1)) if quantity is None else quantity
+        if name not in self._values:
+            self._values[name] = self._compute(name)
+        return self._values[name]
 
     def has(self, name: str) -> bool:
-        return name in self._counts or name in COMPOSED or hasattr(type(self), name)
+        return any(name in names for names in (self._values, _COMPOSED, _READINGS, _FIXED, _DERIVED))
 
-    def _vector(self, sensor: str, columns: slice, compensated: bool) -> Floats:
-        raw = self._model.mean(self._ticks, columns, self._configuration.window(sensor, compensated))
+    def _compute(self, name: str) -> npt.NDArray[Any]:
+        if name in _COMPOSED:
+            return np.concatenate([self[part] for part in _COMPOSED[name]], axis=1)
+        if name in _READINGS:
+            return self._reading(*_READINGS[name])
+        if name in _DERIVED:
+            return _DERIVED[name](self)
+        return np.tile(_FIXED.get(name, (0.0,)), (len(self._ticks), 1))
+
+    def _reading(self, sensor: str, compensated: bool) -> Floats:
+        configuration = self._configuration
+        raw = self._model.mean(self._ticks, _COLUMNS[sensor], configuration.window(sensor, compensated))
+        if sensor not in configuration.calibration:
+            return raw
+        matrix, bias = configuration.calibration[sensor]
         if sensor == "gyro" and compensated:
-            raw = raw - self._estimator.bias_at(self._ticks)
-            return np.asarray(raw @ self._configuration.calibration[sensor][0].T)
-        matrix, bias = self._configuration.calibration[sensor]
-        return np.asarray((raw - bias) @ matrix.T)
+            bias = self._estimator.bias_at(self._ticks)
+        hard_iron = _HARD_IRON if sensor == "mag" and compensated and configuration.hard_iron else 0.0
+        return np.asarray((raw - bias) @ matrix.T - hard_iron)
 
-    @cached_property
-    def ugyro(self) -> Floats:
-        return self._vector("gyro", GYRO, False)
-
-    @cached_property
-    def gyro(self) -> Floats:
-        return self._vector("gyro", GYRO, True)
-
-    @cached_property
-    def uaccel(self) -> Floats:
-        return self._vector("accel", ACCEL, False)
-
-    @cached_property
-    def accel(self) -> Floats:
-        return self._vector("accel", ACCEL, True)
-
-    @cached_property
-    def umag(self) -> Floats:
-        return self._vector("mag", MAG, False)
-
-    @cached_property
-    def mag(self) -> Floats:
-        field = self._vector("mag", MAG, True)
-        return field - _HARD_IRON if self._configuration.hard_iron else field
-
-    @cached_property
-    def temp(self) -> Floats:
-        return self._model.mean(self._ticks, TEMPERATURE, self._configuration.window("temperature", True))
-
-    @cached_property
-    def pres(self) -> Floats:
-        return self._model.mean(self._ticks, PRESSURE, self._configuration.window("pressure", True))
-
-    @cached_property
-    def ypr(self) -> Floats:
-        return self._estimator.attitude(self._ticks)
-
-    @cached_property
     def _to_body(self) -> Floats:
-        """Rotation from the north-east-down frame to the body frame, (n, 3, 3)."""
-        yaw, pitch, roll = np.radians(self.ypr).T
-        cy, sy, cp, sp, cr, sr = (
-            np.cos(yaw),
-            np.sin(yaw),
-            np.cos(pitch),
-            np.sin(pitch),
-            np.cos(roll),
-            np.sin(roll),
-        )
+        """Return the rotation from the north-east-down frame to the body frame, (n, 3, 3)."""
+        angles = np.radians(self["ypr"]).T
+        (cy, cp, cr), (sy, sp, sr) = np.cos(angles), np.sin(angles)
         rows = (
             (cp * cy, cp * sy, -sp),
             (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp),
@@ -273,18 +239,10 @@ class MeasurementOutput:
         )
         return np.array(rows).transpose(2, 0, 1)
 
-    @cached_property
-    def quat(self) -> Floats:
-        """Attitude quaternion, (n, 4): vector part first, scalar last."""
-        yaw, pitch, roll = np.radians(self.ypr).T / 2.0
-        cy, sy, cp, sp, cr, sr = (
-            np.cos(yaw),
-            np.sin(yaw),
-            np.cos(pitch),
-            np.sin(pitch),
-            np.cos(roll),
-            np.sin(roll),
-        )
+    def _quaternion(self) -> Floats:
+        """Return the attitude quaternion, (n, 4): vector part first, scalar last."""
+        angles = np.radians(self["ypr"]).T / 2.0
+        (cy, cp, cr), (sy, sp, sr) = np.cos(angles), np.sin(angles)
         parts = (
             sr * cp * cy - cr * sp * sy,
             cr * sp * cy + sr * cp * sy,
@@ -293,64 +251,40 @@ class MeasurementOutput:
         )
         return np.stack(parts, axis=1)
 
-    @cached_property
-    def dcm(self) -> Floats:
-        """Direction cosine matrix, (n, 9), column by column."""
-        return np.asarray(self._to_body.transpose(0, 2, 1).reshape(-1, 9))
-
     def _ned(self, body: Floats) -> Floats:
-        return np.asarray(np.einsum("nji,nj->ni", self._to_body, body))
+        return np.asarray(np.einsum("nji,nj->ni", self._to_body(), body))
 
-    @cached_property
-    def magNed(self) -> Floats:
-        return self._ned(self.mag)
+    def _body(self, ned: Floats) -> Floats:
+        return np.asarray(np.einsum("nij,nj->ni", self._to_body(), ned))
 
-    @cached_property
-    def accelNed(self) -> Floats:
-        return self._ned(self.accel)
+    def _delta(self, column: int, sensor: str) -> Floats:
+        """Return increments in the units of the sensor, (n, 3) unit * s, of three columns from `column`."""
+        assert self._increments is not None
+        matrix, bias = self._configuration.calibration[sensor]
+        frame, gyro_compensation, accel_compensation = self._configuration.delta
+        dt = self["dt"]
+        if sensor == "gyro" and gyro_compensation:
+            bias = self._estimator.bias_at(self._ticks)
+        body = (self._increments[:, column : column + 3] - bias * dt) @ matrix.T
+        if sensor == "accel" and accel_compensation:
+            body = body - self._body(np.broadcast_to(_GRAVITY, body.shape)) * dt
+        return self._ned(body) if frame else np.asarray(body)
 
-    @cached_property
-    def linAccelNed(self) -> Floats:
-        return np.asarray(self.accelNed - CONSTANT[ACCEL] * [0.0, 0.0, 1.0])
-
-    @cached_property
-    def linAccelBody(self) -> Floats:
-        return np.asarray(np.einsum("nij,nj->ni", self._to_body, self.linAccelNed))
-
-    @cached_property
-    def yprU(self) -> Floats:
-        return np.tile([1.2, 0.3, 0.3], (len(self._ticks), 1))
-
-    @cached_property
-    def attU(self) -> Floats:
-        return np.full((len(self._ticks), 1), 0.02)
-
-    @cached_property
-    def heave(self) -> Floats:
-        return np.zeros((len(self._ticks), 3))
-
-    @cached_property
-    def dt(self) -> Floats:
+    def _dt(self) -> Floats:
         assert self._increments is not None
         return self._increments[:, :1]
 
-    @cached_property
-    def dtheta(self) -> Floats:
-        assert self._increments is not None
-        matrix, bias = self._configuration.calibration["gyro"]
-        frame, compensated, _ = self._configuration.delta
-        rotated = self._increments[:, 1:4] - bias * self.dt
-        if compensated:
-            rotated = self._increments[:, 1:4] - self._estimator.bias_at(self._ticks) * self.dt
-        body = np.degrees(rotated @ matrix.T)
-        return self._ned(body) if frame else body
 
-    @cached_property
-    def dvel(self) -> Floats:
-        assert self._increments is not None
-        matrix, bias = self._configuration.calibration["accel"]
-        frame, _, compensated = self._configuration.delta
-        body = (self._increments[:, 4:7] - bias * self.dt) @ matrix.T
-        if compensated:
-            body = body - np.einsum("nij,j->ni", self._to_body, CONSTANT[ACCEL] * [0.0, 0.0, 1.0]) * self.dt
-        return self._ned(body) if frame else np.asarray(body)
+_DERIVED: dict[str, Callable[[MeasurementOutput], Floats]] = {
+    "ypr": lambda self: self._estimator.attitude(self._ticks),
+    "quat": MeasurementOutput._quaternion,
+    "dcm": lambda self: self._to_body().transpose(0, 2, 1).reshape(-1, 9),  # column by column
+    "magNed": lambda self: self._ned(self["mag"]),
+    "accelNed": lambda self: self._ned(self["accel"]),
+    "linAccelNed": lambda self: np.asarray(self["accelNed"] - _GRAVITY),
+    "linAccelBody": lambda self: self._body(self["linAccelNed"]),
+    "dt": MeasurementOutput._dt,
+    "dtheta": lambda self: np.degrees(self._delta(1, "gyro")),
+    "dvel": lambda self: self._delta(4, "accel"),
+}
+"""Function of each quantity that is computed from others."""

@@ -1,4 +1,4 @@
-"""Output streams of the emulated device: measures and sends, tick by tick, as its registers say.
+"""Output streams of the emulated device: messages at each tick, as configured by its registers.
 
 Streams follow the 800 Hz loop: an output with divisor d sends at every tick that d divides, so messages of
 several streams interleave whole and in time. The increments of angle and velocity start at their last reset,
@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -63,7 +65,7 @@ class OutputStream:
 
 
 class OutputStreams:
-    """What a VN-100 measures, and sends without a request.
+    """Messages that a VN-100 sends without a request.
 
     Parameters
     ----------
@@ -85,10 +87,8 @@ class OutputStreams:
 
     def start(self) -> None:
         """Set the state after power-up or a reset."""
-        rotation = np.array([float(text) for text in self._registers.read(ROTATION)])
-        self._rotation: Floats = rotation.reshape(3, 3)
-        bias = np.array([float(text) for text in self._registers.read(STARTUP_BIAS)])
-        self.estimator = AttitudeEstimator(bias, self.tick)
+        self._rotation: Floats = np.array(self._registers.read(ROTATION), float).reshape(3, 3)
+        self.estimator = AttitudeEstimator(np.array(self._registers.read(STARTUP_BIAS), float), self.tick)
         self._start_tick, self._clock_shift_ns = self.tick, 0
         self._paused: set[int] = set()
         self.vpe_status = 0
@@ -98,9 +98,8 @@ class OutputStreams:
     def update(self) -> None:
         """Derive the configuration and the streams from the registers."""
         iron = self._registers.read(IRON_CONTROL)
-        self._configuration = OutputConfiguration.of(
-            self._registers.read, self._rotation, iron[0] == "1" and iron[1] == "3"
-        )
+        hard_iron = iron[:2] == ("1", "3")
+        self._configuration = OutputConfiguration.of(self._registers.read, self._rotation, hard_iron)
         self._streams = self._make_streams(self._registers, self._registers.port)
 
     def set_paused(self, port: int, paused: bool) -> None:
@@ -108,7 +107,7 @@ class OutputStreams:
         (self._paused.add if paused else self._paused.discard)(port)
 
     def shift_clock(self, seconds: float) -> None:
-        """Let the sensor clock jump."""
+        """Make the sensor clock jump."""
         self._clock_shift_ns += round(seconds * 1e6) * 1000
 
     def set_sync_counts(self, sync_in: int, sync_in_time: int, sync_out: int) -> None:
@@ -125,7 +124,7 @@ class OutputStreams:
         if kind and rate:
             message = OUTPUT_TYPES[kind]
             length = len(self._sentences(message, None)[0])
-            encode = lambda measurements: self._sentences(message, measurements)  # noqa: E731
+            encode = partial(self._sentences, message)
             streams.append(OutputStream(LOOP_RATE // rate, length, message == "VNDTV", encode))
         for number in BINARY_OUTPUTS:
             mode, divisor, *words = registers.read(number)
@@ -150,22 +149,19 @@ class OutputStreams:
         protocol = self._registers.parse(PROTOCOL)
         kind: ChecksumKind = "crc" if protocol["serial_checksum"] == 3 else "xor"
         columns = self.columns(message, measurements)
-        rows = len(columns)
-        appended: list[list[str]] = []
-        count, status = protocol["serial_count"], protocol["serial_status"]
-        if count:
-            name = "syncOutCnt" if count == 3 else "syncInCnt" if count == 1 else ""
-            numbers = measurements[name][:, 0] if measurements is not None else np.zeros(rows)
-            appended.append([f"T{int(number):010d}" for number in numbers])
-        if status:
-            numbers = np.zeros(rows)
-            if measurements is not None and status == 1:
-                numbers = measurements["vpeStatus"][:, 0]
-            appended.append([f"S{int(number):04X}" for number in numbers])
-        extra = list(zip(*appended, strict=True)) if appended else [()] * rows
+
+        def appended(name: str | None, form: str) -> list[str]:
+            values = measurements[name][:, 0] if measurements and name else np.zeros(len(columns))
+            return [form.format(int(value)) for value in values]
+
+        extra = []
+        if count := protocol["serial_count"]:
+            extra.append(appended({1: "syncInCnt", 3: "syncOutCnt"}.get(int(count)), "T{:010d}"))
+        if status := protocol["serial_status"]:
+            extra.append(appended("vpeStatus" if status == 1 else None, "S{:04X}"))
         return [
             ascii.encode(ascii.sentence(message, row, *more), kind)
-            for row, more in zip(columns.tolist(), extra, strict=True)
+            for row, *more in zip(columns.tolist(), *extra, strict=True)
         ]
 
     def columns(self, message: str, measurements: MeasurementOutput | None) -> Floats:
@@ -187,12 +183,11 @@ class OutputStreams:
         """Run to tick `upto`; return the messages in order, none of them when `silent`."""
         messages: list[Message] = []
         while self.tick < upto:
-            stop = min(upto, self._model.end)
-            if stop > self.tick:
-                messages += self._run(self.tick, stop, silent)
-                self.tick = stop
-            else:
+            if self._model.end <= self.tick:
                 self._model.extend(max(LOOP_RATE, min(upto - self.tick, _EXTEND_TICKS)))
+            stop = min(upto, self._model.end)
+            messages += self._run(self.tick, stop, silent)
+            self.tick = stop
         return messages
 
     def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
@@ -209,9 +204,7 @@ class OutputStreams:
                 rows = increments[np.searchsorted(reset_ticks, ticks)] if stream.deltas else None
                 encoded = stream.encode(self._measure(ticks, rows))
                 messages += zip(ticks.tolist(), encoded, strict=True)
-        if len(self._streams) > 1:
-            messages.sort(key=lambda message: message[0])
-        return messages
+        return sorted(messages, key=itemgetter(0)) if len(self._streams) > 1 else messages
 
     def _increments(self, reset_ticks: Ints) -> Floats:
         """Return time and integrals from each reset of the increments to the next, (n, 7) s and unit * s."""
@@ -228,17 +221,16 @@ class OutputStreams:
     def _measure(self, ticks: Ints, increments: Floats | None) -> MeasurementOutput:
         age = (ticks - self._start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
         time_ns = np.rint(age * 1e6).astype(np.int64) * 1000 + self._clock_shift_ns
+        rows = len(ticks)
         sync = self._registers.parse(SYNC_CONTROL)
         # one pulse per loop: at its start, when its data are ready, or with the attitude at half the rate
         divisor = {1: 1, 2: 1, 3: 2}.get(int(sync["out_mode"]), 0) * (int(sync["out_skip"]) + 1)
-        pulses = np.zeros(len(ticks), np.int64)
-        if divisor:
-            pulses = ticks // divisor - (self._sync_tick - 1) // divisor
+        pulses = ticks // divisor - (self._sync_tick - 1) // divisor if divisor else np.zeros(rows, np.int64)
         counts: Mapping[str, Floats | Ints] = {
             "timeStartup": np.maximum(time_ns, 0)[:, None],
-            "vpeStatus": np.full((len(ticks), 1), self.vpe_status, np.int64),
-            "syncInCnt": np.full((len(ticks), 1), self._sync_counts[0], np.int64),
-            "syncInTime": np.full((len(ticks), 1), self._sync_counts[1], np.int64),
+            "vpeStatus": np.full((rows, 1), self.vpe_status, np.int64),
+            "syncInCnt": np.full((rows, 1), self._sync_counts[0], np.int64),
+            "syncInTime": np.full((rows, 1), self._sync_counts[1], np.int64),
             "syncOutCnt": (pulses + self._sync_counts[2])[:, None],
         }
         return MeasurementOutput(self._model, self._configuration, self.estimator, ticks, increments, counts)
@@ -265,8 +257,7 @@ def binary_layout(words: Sequence[str]) -> binary.BinaryLayout:
 
     Raises
     ------
-    RegisterError
-        A field that no VN-100 sends.
+    RegisterError : a field that no VN-100 sends.
     """
     groups = [group for group in range(1, 8) if int(words[0], 16) >> (group - 1) & 1]
     try:

@@ -30,8 +30,7 @@ class EmulatorProcess:
 
     Raises
     ------
-    InvalidOption
-        The emulator did not start.
+    InvalidOption : the emulator did not start.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -40,8 +39,10 @@ class EmulatorProcess:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         self.pid = self._process.pid
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self.path = self._process.stdout.readline().strip()
+        self._input, self._output = self._process.stdin, self._process.stdout
+        self.path = self._output.readline().strip()
         if not self.path:
             self.close()
             raise InvalidOption("emulator_not_started", "the emulator did not start", "see its own message")
@@ -51,16 +52,12 @@ class EmulatorProcess:
 
         Raises
         ------
-        ValueError
-            The emulator does not know the command.
-        ConnectionError
-            The emulator has exited.
+        ValueError : the emulator does not know the command.
+        ConnectionError : the emulator has exited.
         """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(command + "\n")
-        self._process.stdin.flush()
-        line = self._process.stdout.readline()
+        self._input.write(command + "\n")
+        self._input.flush()
+        line = self._output.readline()
         if not line:
             raise ConnectionError("the emulator has exited")
         answer: dict[str, Any] = json.loads(line)
@@ -70,9 +67,8 @@ class EmulatorProcess:
 
     def close(self) -> None:
         """Stop the emulator and wait for its exit."""
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        self._input.close()
+        self._output.close()
         try:
             self._process.wait(_STOP_S)
         except subprocess.TimeoutExpired:

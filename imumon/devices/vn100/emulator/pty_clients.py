@@ -1,8 +1,8 @@
 """Clients of a pseudo-terminal: whether any process has it open.
 
-Bytes on a serial line without a reader are lost; a pseudo-terminal keeps kilobytes of them, and delivers
-them to the next client as if they were new. Linux reports every opening and closing of a file, also of a terminal
-(inotify(7)). Where that is not available, a client is always assumed.
+Bytes on a serial line without a reader are lost; a pseudo-terminal keeps kilobytes of them for the next client.
+Linux reports every opening and closing of a file, also of a terminal (inotify(7)). Where that is not available,
+a client is always assumed.
 """
 
 from __future__ import annotations
@@ -40,21 +40,19 @@ class PtyClients:
     def any(self) -> bool:
         return self.descriptor is None or self._clients > 0
 
-    def changes(self) -> list[bool]:
-        """Return `any` after each opening and closing since the last call."""
+    def update(self) -> bool:
+        """Return whether the terminal was without a client since the last call."""
         if self.descriptor is None:
-            return []
-        states = []
+            return False
         try:
             events = os.read(self.descriptor, 4096)
         except BlockingIOError:
-            return []
-        while events:
-            _, mask, _, length = _EVENT.unpack_from(events)
-            events = events[_EVENT.size + length :]
+            return False
+        left = False
+        for _, mask, _, _ in _EVENT.iter_unpack(events):  # without names: the path is a file, no directory
             self._clients = max(0, self._clients + bool(mask & _OPEN) - bool(mask & _CLOSE))
-            states.append(self._clients > 0)
-        return states
+            left |= self._clients == 0
+        return left
 
     def close(self) -> None:
         if self.descriptor is not None:

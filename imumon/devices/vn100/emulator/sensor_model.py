@@ -73,7 +73,7 @@ class SensorModel:
         self.extend(HISTORY)
 
     def extend(self, ticks: int) -> None:
-        """Compute `ticks` more ticks, and drop what no output can use any more."""
+        """Compute `ticks` more ticks; drop those before the history."""
         at = np.arange(self.end, self.end + ticks)
         new = np.empty((len(CONSTANT), ticks))
         warm = self._settings.warm_up * -np.exp(-np.maximum(at, 0) / (self._settings.warm_up_s * LOOP_RATE))
@@ -82,13 +82,11 @@ class SensorModel:
         new[MAG] = self._magnetic(at)
         new[TEMPERATURE] = warm + 0.02 * self._thermometer.standard_normal(ticks)
         new[PRESSURE] = 0.003 * self._barometer.standard_normal(ticks)
-        keep = self._sums[:, -(HISTORY + 1) :]
-        self._sums = np.concatenate((keep, new), axis=1)
+        self._sums = np.concatenate((self._sums[:, -(HISTORY + 1) :], new), axis=1)
         sums = self._sums[:, HISTORY:]
         np.cumsum(sums, axis=1, out=sums)
-        self._jitter = np.concatenate(
-            (self._jitter[-HISTORY:], JITTER_S * self._clock.standard_normal(ticks))
-        )
+        jitter = JITTER_S * self._clock.standard_normal(ticks)
+        self._jitter = np.concatenate((self._jitter[-HISTORY:], jitter))
         self._first = self.end - HISTORY
         self.end += ticks
 
@@ -123,11 +121,9 @@ class SensorModel:
             return np.asarray(sums[:, end - delay] - sums[:, end - delay - width])
 
         tap = _TAPS.get(columns.start)
-        total = (
-            moving_sum(0)
-            if tap is None
-            else tap * (moving_sum(0) + moving_sum(2)) + (1.0 - 2.0 * tap) * moving_sum(1)
-        )
+        total = moving_sum(0)
+        if tap is not None:
+            total = tap * (total + moving_sum(2)) + (1.0 - 2.0 * tap) * moving_sum(1)
         return np.asarray(total.T / width + CONSTANT[columns])
 
     def jitter(self, ticks: Ints) -> Floats:

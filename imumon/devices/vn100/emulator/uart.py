@@ -1,10 +1,9 @@
 """Serial line of the emulator: transmitter timing, and the pseudo-terminal that clients open.
 
 `Uart` queues messages as a transmitter does: ten bits per byte at the baud, one message after the other.
-`PseudoTerminal` is raw, its master never blocks, and its slave stays open so that a client that closes it
-has no effect. Messages sent while there is no client are lost, as on a real line; the next client finds
-neither old bytes nor the exclusive mode (TIOCEXCL) of the previous one. A client at another baud than the
-sensor's reads garbage.
+`PseudoTerminal` is raw, its master never blocks, and its slave stays open so that a client that closes it has no
+effect. Messages without a client are lost, as on a real line; the next client gets neither old bytes nor the
+exclusive mode (TIOCEXCL) of the previous one. A client at another baud rate reads garbage.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ import numpy as np
 
 from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.pty_clients import PtyClients
+from imumon.devices.vn100.registers import BAUDS
 
 OUTPUT_BUFFER = 2048
 """bytes that the sensor buffers while the line is busy."""
@@ -29,11 +29,7 @@ OUTPUT_BUFFER = 2048
 PENDING, PENDING_TIME_LAPSE = 4096, 1 << 17
 """bytes held for a full terminal; beyond, messages are dropped, or in time-lapse the sensor waits."""
 
-_SPEEDS = {
-    getattr(termios, f"B{baud}"): baud
-    for baud in (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
-    if hasattr(termios, f"B{baud}")
-}
+_SPEEDS = {getattr(termios, f"B{baud}"): baud for baud in BAUDS if hasattr(termios, f"B{baud}")}
 _CODES = {baud: code for code, baud in _SPEEDS.items()}
 
 
@@ -69,11 +65,10 @@ class Uart:
         self._queue.append((self._free_at, message, self.baud))
 
     def transmitted(self, now: float) -> list[tuple[bytes, int]]:
-        """Return the messages whose last byte has left by `now` (s), each with the baud it was sent at."""
+        """Return the messages whose last byte has left by `now` (s), each with its baud."""
         messages = []
         while self._queue and self._queue[0][0] <= now:
-            _, message, baud = self._queue.popleft()
-            messages.append((message, baud))
+            messages.append(self._queue.popleft()[1:])
         return messages
 
     def next_transmitted(self) -> float | None:
@@ -106,16 +101,14 @@ class PseudoTerminal:
         self._limit = PENDING if drop else PENDING_TIME_LAPSE
         self.sent = self.dropped = self.unheard = self.sent_bytes = 0
         self._pending = bytearray()
-        self._open(baud)
+        self.replug(baud)
 
-    def _open(self, baud: int) -> None:
+    def replug(self, baud: int) -> None:
+        """Open a terminal; it has another name if a client still has the old one open."""
         link = Path(self._link) if self._link else None
         if link is not None and link.exists():  # checked first: openpty may return the name it points to
-            if link.is_symlink():
-                problem, cure = f"{link.readlink()} is in use", "end its emulator, or give another path"
-            else:
-                problem, cure = "another file has this name", "give another path"
-            raise InvalidOption("link_in_use", f"--link {link}: {problem}", cure)
+            problem = f"{link.readlink()} is in use" if link.is_symlink() else "another file has this name"
+            raise InvalidOption("link_in_use", f"--link {link}: {problem}", "give another path")
         self.master, self._slave = os.openpty()
         os.set_blocking(self.master, False)
         tty.setraw(self._slave)
@@ -144,8 +137,8 @@ class PseudoTerminal:
         return [self.master, *([] if self._clients.descriptor is None else [self._clients.descriptor])]
 
     def update_clients(self) -> None:
-        """Look for clients that have left, and discard what they left behind."""
-        if not all(self._clients.changes()):
+        """Discard the bytes and modes of a client that has closed the terminal."""
+        if self._clients.update():
             self._pending.clear()
             termios.tcflush(self._slave, termios.TCIFLUSH)
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
@@ -162,25 +155,21 @@ class PseudoTerminal:
     def write(self, messages: list[tuple[bytes, int]]) -> None:
         """Write messages, garbled if the baud of the client is not theirs.
 
-        A message that finds the terminal full is lost whole, since a serial line has no flow control; without
-        `drop` it waits.
+        A message for a full terminal is lost whole, since a serial line has no flow control; without `drop` it
+        waits.
         """
         if not self.has_client:
             self.unheard += len(messages)
         elif messages:
             client_baud = self._client_baud()
-            if not self._drop:
-                self._pending += b"".join(self._as_received(m, baud, client_baud) for m, baud in messages)
-                self.sent += len(messages)
-            else:
-                for message, baud in messages:
-                    if self.full:
-                        self.flush()
-                    if self.full:
-                        self.dropped += 1
-                    else:
-                        self._pending += self._as_received(message, baud, client_baud)
-                        self.sent += 1
+            for message, baud in messages:
+                if self._drop and self.full:
+                    self.flush()
+                if self._drop and self.full:
+                    self.dropped += 1
+                else:
+                    self._pending += self._as_received(message, baud, client_baud)
+                    self.sent += 1
         self.flush()
 
     def flush(self) -> None:
@@ -194,28 +183,23 @@ class PseudoTerminal:
             del self._pending[:count]
 
     def _as_received(self, message: bytes, baud: int, client_baud: int | None) -> bytes:
-        if client_baud == baud or (client_baud is None and baud not in _CODES):
+        if _same_baud(client_baud, baud):
             return message
         count = max(1, round(len(message) * min(1.0, (client_baud or baud) / baud)))
         return self._rng.integers(0, 256, count, dtype=np.uint8).tobytes()
 
     def read(self, baud: int) -> bytes:
-        """Return what the client has written; nothing if its baud is not `baud`."""
+        """Return the bytes that the client has written; none if its baud is not `baud`."""
         try:
             data = os.read(self.master, 4096)
         except BlockingIOError:
             return b""
-        client_baud = self._client_baud()
-        return data if client_baud == baud or (client_baud is None and baud not in _CODES) else b""
+        return data if _same_baud(self._client_baud(), baud) else b""
 
     def unplug(self) -> None:
         """Hang up the terminal, as a pulled cable does."""
         self.close()
         self._pending.clear()
-
-    def replug(self, baud: int) -> None:
-        """Open a terminal again; it has another name if a client still holds the old one."""
-        self._open(baud)
 
     def close(self) -> None:
         if self._link:
@@ -225,3 +209,8 @@ class PseudoTerminal:
         self._clients.close()
         os.close(self.master)
         os.close(self._slave)
+
+
+def _same_baud(client_baud: int | None, baud: int) -> bool:
+    """Return whether a client reads at `baud`; None is any baud without a constant in termios."""
+    return client_baud == baud or (client_baud is None and baud not in _CODES)
