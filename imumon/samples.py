@@ -82,7 +82,7 @@ class Stream:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What must be said of the stream where nobody knows the sensor's settings.
+        """Return the caveats of the stream if the settings of the sensor are unknown.
 
         >>> Stream("deltas", ("gyro/x",), "binary", "startup").caveats
         ('unknown_compensation',)
@@ -162,7 +162,7 @@ class DeviceInfo:
     kind : noun for the device in messages, such as "VN-100".
     port : path or URL that it was opened by.
     baud : bit/s; None for devices without a baud rate.
-    stream : kind of the samples; None before the first one if the device cannot tell.
+    stream : kind of the samples; None before the first one if the device does not say.
     source : message that the samples are taken from.
     clock : see `Stream.clock`.
     sample_rate_hz : Hz, nominal.

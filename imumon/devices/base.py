@@ -101,14 +101,14 @@ class Device(ABC):
 
     @abstractmethod
     def read(self, timeout_s: float) -> list[Item]:
-        """Return what came, in order; wait up to `timeout_s` for the first item.
+        """Return what has arrived, in order; wait up to `timeout_s` for the first item.
 
         This includes health checks of the device: what they find is a `Notice`, and a `Gap` where the stream
         has no clock that shows its length. `RawBytes` come before the samples that were decoded from them.
 
         Raises
         ------
-        DeviceLost : it is gone. What came before has been returned.
+        DeviceLost : it is gone. What arrived before that has been returned.
         """
 
     @property

@@ -2,7 +2,7 @@
 
 The thread opens the device, waits for `begin`, starts it, reads it, finds it again after a loss, and at the end
 restores and closes it. Its only connection to the daemon is the queue, so a device that waits for an answer
-delays nobody. The queue blocks when it is full: the device then waits, or drops and counts.
+delays nothing else. The queue blocks when it is full: the device then waits, or drops and counts.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class DeviceReader:
 
         Parameters
         ----------
-        discard : nobody takes events any more.
+        discard : the events are not read any more.
         """
         self._discarding |= discard
         if not self._stopping.is_set():  # a second interrupt would end the restoring
