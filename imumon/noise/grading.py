@@ -158,10 +158,10 @@ def _candidates(
         known = coefficients.get(name)
         if known is None or known.status == "pending":
             continue
-        size = known.value if known.status == "measured" else known.high
+        measured = known.status == "measured"
+        size = known.value if measured else known.high
         if size is None:
             continue
-        measured = known.status == "measured"
         nearest = _nearest(table, size)
         low = known.low if known.low is not None else (size if measured else 0.0)
         high = known.high if known.high is not None else size
