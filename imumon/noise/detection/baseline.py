@@ -255,12 +255,14 @@ class NoiseBaseline(ArrayState):
         if not k:
             return
         self._update_step(quiet)
-        rms, parts = np.log(np.maximum((quiet.rms, quiet.parts), np.finfo(np.float64).tiny))
-        distance = np.abs(quiet.mean - self._levels(quiet.mean))
+        tiny = np.finfo(np.float64).tiny
+        ring, at = self._ring, (self.frames + np.arange(k)) % BASELINE_FRAMES
+        ring[at, 0] = quiet.mean
+        ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
+        ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
+        ring[at, 3] = np.abs(quiet.mean - self._levels(quiet.mean))
         if not self.frames:
-            distance[0] = np.nan
-        at = (self.frames + np.arange(k)) % BASELINE_FRAMES
-        self._ring[at] = np.stack((quiet.mean, rms, parts, distance), axis=1)
+            ring[0, 3] = np.nan
         newest = quiet.mean[::-1][:LEVEL_FRAMES]
         self._recent_means = np.concatenate((newest, self._recent_means))[:LEVEL_FRAMES]
         self.stale = 0
