@@ -1,9 +1,8 @@
 """Terminal UI: draws reports, computes nothing.
 
-tui            entry: `run` on a terminal
+tui            entry: `run` on a terminal, and the source of its reports
 app            the application: polls the source, owns the state, handles keys
 view_state     everything that the screen shows at one moment
-report_source  where the reports come from
 views          the five views and the dialog windows
 widgets        widgets that draw lines in the colours of the theme
 panels         status line, headline grades, selected channel, welcome
@@ -18,7 +17,6 @@ svg_export     a screenshot that looks the same everywhere
 terminal       what the screen needs of the terminal
 """
 
-from imumon.tui.report_source import ReportSource
-from imumon.tui.tui import run, themes
+from imumon.tui.tui import ReportSource, run, themes
 
 __all__ = ["ReportSource", "run", "themes"]

@@ -24,8 +24,8 @@ from imumon.samples import sensor_of
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, length, padded, with_background
 from imumon.tui.panels import status, welcome
-from imumon.tui.report_source import ReportSource
 from imumon.tui.svg_export import portable_svg
+from imumon.tui.tui import ReportSource
 from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 from imumon.tui.views import (
     DeviceView,
