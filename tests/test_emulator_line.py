@@ -342,7 +342,7 @@ def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tm
         control.sendall(b"counters\nnonsense\n")
         answers = _lines(control, 2)
         assert answers[0]["path"] == path
-        assert "no command" in answers[1]["error"]
+        assert "error" in answers[1]
     process.send_signal(number)
     assert process.wait(5) == code
     assert not link.is_symlink()

@@ -90,12 +90,12 @@ def with_wrong_checksum(message: bytes) -> bytes:
     """Return the message with another checksum.
 
     >>> with_wrong_checksum(b"$VNRRG,01*72" + bytes((13, 10)))
-    b'$VNRRG,01*73\\r\\n'
+    b'$VNRRG,01*70\\r\\n'
     """
     if message[:1] != b"$":
         return message[:-1] + bytes((message[-1] ^ 0x01,))
     at = len(message.rstrip()) - 1
-    return message[:at] + bytes((message[at] ^ 0x01,)) + message[at + 1 :]
+    return message[:at] + (b"1" if message[at : at + 1] == b"0" else b"0") + message[at + 1 :]
 
 
 def corrupted(message: bytes, probability: float, rng: np.random.Generator) -> bytes:
