@@ -78,13 +78,13 @@ class NotifySocket:
         self._socket.bind(str(self.path))
         self._socket.settimeout(0.1)
 
-    def until(self, text: str, within_s: float = 20.0) -> int:
-        """Return the index of the first message that starts with the text."""
+    def until(self, text: str, within_s: float = 20.0, count: int = 1) -> int:
+        """Return the index of the `count`-th message that starts with the text."""
         deadline = time.monotonic() + within_s
         while time.monotonic() < deadline:
-            for place, message in enumerate(self.messages):
-                if message.startswith(text):
-                    return place
+            places = [k for k, message in enumerate(self.messages) if message.startswith(text)]
+            if len(places) >= count:
+                return places[count - 1]
             try:
                 self.messages.append(self._socket.recv(4096).decode())
             except TimeoutError:
@@ -116,7 +116,7 @@ def test_ready_comes_with_the_first_sample_and_the_grade_with_the_status(tmp_pat
             )
             manager.until("STATUS=running, gyro industrial, accel industrial")
             assert manager.messages.count("READY=1") == 1
-            assert manager.messages.count("WATCHDOG=1") > 2
+            manager.until("WATCHDOG=1", count=3)
         finally:
             daemon.terminate()
             daemon.communicate(timeout=20)

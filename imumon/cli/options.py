@@ -111,13 +111,6 @@ def share(text: str) -> float:
     return value
 
 
-def baud(text: str) -> str:
-    """Return ``auto`` or a baud rate, as text."""
-    if text != "auto" and not (text.isdigit() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number")
-    return text
-
-
 def theme(text: str) -> str:
     """Return the name of a theme of the terminal UI."""
     from imumon.tui import themes

@@ -57,10 +57,26 @@ def run(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     if settings.device.port == "sim":
         return _run_emulated(arguments, settings)
+    _check_options(arguments, settings.device.port)
     if arguments.speed != 1.0 or arguments.seed is not None:
         message = "--speed and --seed are for --port sim"
         raise CommandError("option_needs_sim", message, "leave them out", USAGE)
     return _run_daemon(arguments, settings, settings.device.port, options.state_directory(settings))
+
+
+def _check_options(arguments: argparse.Namespace, url: str) -> None:
+    """Refuse options of the default device for another one: it would ignore them, also --listen-only."""
+    from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of
+
+    given = [name for name, value in driver().run_overrides(arguments).items() if value is not None]
+    if scheme_of(url) != DEFAULT_SCHEME and given:
+        names = ", ".join(name.partition(".")[2] for name in given)
+        raise CommandError(
+            "option_not_for_device",
+            f"{url} has no option for {names}",
+            "leave it out, or put parameters into the URL",
+            USAGE,
+        )
 
 
 def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:

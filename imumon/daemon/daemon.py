@@ -34,6 +34,7 @@ from imumon.devices.device_reader import (
     Progress,
     ReaderEvent,
     Started,
+    create_device,
 )
 from imumon.devices.registry import driver_of
 from imumon.pipeline import Monitor, MonitorOptions
@@ -51,10 +52,14 @@ from imumon.samples import (
 
 WAIT_S = 0.1
 """s that the loop waits for the device before it looks at signals and duties. Not critical."""
-END_S = 5.0
+HANG_S = 60.0
+"""s without activity of the device's thread after which the watchdog is not answered any more: a device must not wait
+so long in one call. The service manager then restarts the daemon. Not critical."""
+END_S = 3.0
 """s that the device may take at the end to deliver what has arrived. Not critical."""
-RESTORE_S = 20.0
-"""s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries."""
+RESTORE_S = 6.0
+"""s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries. With
+`END_S` it is below the 10 s after which the service manager kills the daemon."""
 
 log = logging.getLogger(__name__)
 
@@ -99,13 +104,14 @@ class Daemon:
         driver = driver_of(options.url)
         self._scheme = driver.scheme
         self._reader = DeviceReader(
-            driver.create(
+            create_device(
+                driver,
                 DeviceOptions(
                     url=options.url,
                     settings=settings.device,
                     state_directory=options.state_directory,
                     speed=options.speed,
-                )
+                ),
             )
         )
         precision = settings.report
@@ -215,7 +221,7 @@ class Daemon:
         text = str(error)
         if again:
             if text != self._last_open_error and error.code != "port_not_found":
-                self._event("waiting", f"the device is there again, but {text}", "warning")
+                self._event("waiting", f"the device cannot be opened again yet: {text}", "warning")
             self._last_open_error = text
             return
         if not self._notifier.enabled:
@@ -291,9 +297,13 @@ class Daemon:
         if samples:
             self._on_running()
         recorder = self._recorder
+        raw = any(isinstance(item, RawBytes) for item in items)
+        if samples and recorder.needs_header and not raw and not self._counters.received_bytes:
+            recorder.needs_header = False
+            self._event("recording", "nothing is recorded: this device has no raw bytes", "error")
         if recorder.needs_header and (self._monitor.samples or recorder.full):
             self._start_recording()
-        data = any(isinstance(item, RawBytes | SampleBlock) for item in items)
+        data = raw or any(isinstance(item, SampleBlock) for item in items)
         self._check_timeout(data=data, samples=samples)
 
     def _on_samples(self, block: SampleBlock) -> None:
@@ -356,7 +366,8 @@ class Daemon:
     # ------------------------------------------------------------------ duties
 
     def _do_duties(self, now: float) -> None:
-        if self._notifier.watchdog_s is not None and now >= self._next_watchdog:
+        hangs = now - self._reader.active_at > HANG_S
+        if self._notifier.watchdog_s is not None and now >= self._next_watchdog and not hangs:
             self._notifier.watchdog()
             self._next_watchdog = now + self._notifier.watchdog_s
         if self._bus is not None and now >= self._next_report:
@@ -442,10 +453,10 @@ class Daemon:
             self._persistence.close(self._session(), self._started)
             if problem := self._persistence.problem():
                 self._log(problem[0], problem[1])
-        self._wait_for_restore()
         self._recorder.close()
         for text in self._recorder.problems():
             self._log(text, "error")
+        self._wait_for_restore()
         if self._bus is not None:
             self._bus.close()
         return final
@@ -453,7 +464,7 @@ class Daemon:
     def _wait_for_restore(self) -> None:
         self._reader.join(RESTORE_S)
         if self._reader.restored is False:
-            text = "the sensor did not accept its own settings again; the next run restores them at its end"
+            text = "the sensor does not have its own settings back; the next run restores them at its end"
             self._log(text, "warning")
 
     def _abort(self) -> None:
@@ -461,4 +472,4 @@ class Daemon:
         self._notifier.stopping()
         with suppress(Exception):
             self._reader.stop(discard=True)
-            self._reader.join(RESTORE_S)
+            self._wait_for_restore()

@@ -17,20 +17,22 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from logging.handlers import QueueHandler, QueueListener
 from queue import Full, Queue
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 from imumon.report import stamp
 
-Level: TypeAlias = Literal["error", "warning", "info", "debug"]
 LEVELS: dict[str, int] = {
     "error": logging.ERROR,
     "warning": logging.WARNING,
+    "notice": logging.INFO + 5,
     "info": logging.INFO,
     "debug": logging.DEBUG,
 }
 """Levels of the settings and events as those of `logging`."""
 
-PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}
+logging.addLevelName(logging.INFO + 5, "NOTICE")
+
+PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO + 5: 5, logging.INFO: 6, logging.DEBUG: 7}
 """Levels as priorities of the journal (sd-daemon(3))."""
 
 QUEUE_RECORDS = 1000

@@ -14,7 +14,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from imumon.devices.base import Device, DeviceError, DeviceLost, Interrupted
+from imumon.devices.base import Device, DeviceDriver, DeviceError, DeviceOptions, Interrupted
+from imumon.errors import ImumonError
 from imumon.samples import DeviceInfo, Item
 
 BATCHES = 32
@@ -25,6 +26,8 @@ RETRY_S = 0.5
 """s between two attempts to open a device that was lost. Not critical."""
 FIRST_RETRY_S = 2.0
 """s between two attempts to open a device that was never there. Not critical."""
+END_S = 1.0
+"""s between the interrupt and the stop request, at most. Not critical."""
 REST_S = 0.1
 """s at the end in which samples that have arrived are still taken; more may arrive all the time."""
 
@@ -93,10 +96,12 @@ class DeviceReader:
     Attributes
     ----------
     restored : after `join`: whether the device has its own settings back; None: it was never started.
+    active_at : s, monotonic, when the thread last did something: it hangs if that is long ago.
     """
 
     def __init__(self, device: Device) -> None:
         self.restored: bool | None = None
+        self.active_at = time.monotonic()
         self._device = device
         self._queue: queue.Queue[ReaderEvent] = queue.Queue(BATCHES)
         self._begin = threading.Event()
@@ -131,8 +136,8 @@ class DeviceReader:
         """
         self._discarding |= discard
         if not self._stopping.is_set():  # a second interrupt would end the restoring
-            self._stopping.set()
             self._device.interrupt()
+            self._stopping.set()
 
     def join(self, timeout_s: float) -> bool:
         """Wait for the end of the thread; return whether it has ended."""
@@ -145,21 +150,25 @@ class DeviceReader:
     def _run(self) -> None:
         error: BaseException | None = None
         try:
-            self._connect_first()
-            while True:
-                lost = self._read_until_lost()
-                self._streaming = False
-                self._device.close()
-                self._put(Disconnected(lost))
-                self._connect_again()
-        except Interrupted:
-            pass
-        except Exception as unexpected:  # a defect, or no memory: the daemon has to know
-            error = unexpected
+            try:
+                self._connect_first()
+                while True:
+                    lost = self._read_until_lost()
+                    self._streaming = False
+                    self._device.close()
+                    self._put(Disconnected(lost))
+                    self._connect_again()
+            except Interrupted:
+                self._stopping.wait(END_S)  # `stop` is about to set it
+                self._device.interrupted.clear()
+                if self._streaming:
+                    self._take_rest()
+        except (DeviceError, MemoryError) as known:
+            error = known
+        except Exception as unexpected:
+            error = device_failed(unexpected)
+        self._stopping.set()  # from now on `stop` does not interrupt: that would end the restoring
         self._device.interrupted.clear()
-        if self._streaming and error is None:
-            with suppress(DeviceError):
-                self._take_rest()
         self._put(EndOfStream(error))
         self._leave()
 
@@ -175,8 +184,7 @@ class DeviceReader:
                 self._streaming = True
                 return
             except DeviceError as error:
-                with suppress(DeviceError):
-                    self._device.close()
+                self._leave()
                 self._changed = False
                 self._put(OpenFailed(error, again=False))
             self._wait(FIRST_RETRY_S)
@@ -189,8 +197,7 @@ class DeviceReader:
                 self._streaming = True
                 return
             except DeviceError as error:
-                with suppress(DeviceError):
-                    self._device.close()
+                self._leave()
                 self._put(OpenFailed(error, again=True))
             self._wait(RETRY_S)
 
@@ -199,12 +206,14 @@ class DeviceReader:
             while not self._stopping.is_set():
                 if items := self._device.read(READ_S):
                     self._put(Items(items))
+                self.active_at = time.monotonic()
         except DeviceError as error:
             return error
         raise Interrupted
 
     def _wait(self, seconds: float | None) -> None:
         """Wait so long, or for `begin`; raise `Interrupted` at the stop."""
+        self.active_at = time.monotonic()
         if seconds is None:
             while not self._begin.wait(0.2) and not self._stopping.is_set():
                 pass
@@ -214,26 +223,53 @@ class DeviceReader:
             raise Interrupted
 
     def _take_rest(self) -> None:
+        """Deliver what has arrived, and what the device holds back."""
         end = time.monotonic() + REST_S
-        try:
+        with suppress(DeviceError):
             while time.monotonic() < end and (items := self._device.read(0.0)):
+                before = time.monotonic()
                 self._put(Items(items))
-        except DeviceLost:
-            pass
+                end += time.monotonic() - before  # a full queue takes no time from the device
         if items := self._device.finish():
             self._put(Items(items))
 
     def _leave(self) -> None:
-        with suppress(DeviceError, Interrupted):
+        """Restore what `start` changed, and close the device; whatever happens, the thread continues."""
+        with suppress(Exception):
             if self._changed:
                 self.restored = False
                 self.restored = self._device.restore()
-        with suppress(DeviceError):
+        with suppress(Exception):
             self._device.close()
 
     def _put(self, event: ReaderEvent) -> None:
         """Put an event; wait while the queue is full."""
+        self.active_at = time.monotonic()
         while not self._discarding:
             with suppress(queue.Full):
                 self._queue.put(event, timeout=0.2)
                 return
+
+
+def device_failed(error: Exception) -> DeviceError:
+    """Return the error of a device that raised something else than a `DeviceError`: a defect of its driver."""
+    return DeviceError(
+        "device_failed",
+        f"the device failed ({type(error).__name__}: {error})",
+        "report it to the author of its driver",
+    )
+
+
+def create_device(driver: DeviceDriver, options: DeviceOptions) -> Device:
+    """Return a device of a driver.
+
+    Raises
+    ------
+    DeviceError : the URL is wrong, or the driver has a defect.
+    """
+    try:
+        return driver.create(options)
+    except ImumonError:
+        raise
+    except Exception as error:
+        raise device_failed(error) from error

@@ -89,11 +89,11 @@ def _entry_points() -> dict[str, EntryPoint]:
 def _load(scheme: str) -> DeviceDriver:
     point = _entry_points().get(scheme)
     if point is None:
-        known = ", ".join(f"{name}:" for name in schemes())
+        known = ", ".join(f"{name}:..." for name in schemes())
         raise DeviceError(
             "unknown_device_scheme",
             f"no device driver is named {scheme!r}",
-            f"use a serial port, sim, or one of {known}",
+            f"write the path of a serial port, sim, or one of {known}",
         )
     try:
         made = point.load()()
@@ -103,10 +103,10 @@ def _load(scheme: str) -> DeviceDriver:
             f"the device driver {scheme!r} ({point.value}) cannot be imported ({type(error).__name__}: {error})",
             "repair or uninstall its package",
         ) from error
-    if not isinstance(made, DeviceDriver):
+    if not isinstance(made, DeviceDriver) or made.scheme != scheme:
         raise DeviceError(
             "driver_invalid",
-            f"the entry point {scheme!r} ({point.value}) is no DeviceDriver",
+            f"the entry point {scheme!r} ({point.value}) is no DeviceDriver of this scheme",
             "repair or uninstall its package",
         )
     return made

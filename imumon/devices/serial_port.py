@@ -383,7 +383,7 @@ def _actual_baud(fd: int | None) -> int | None:
 def _open_url(url: str, baud: int) -> Any:
     network = re.match(r"(socket|rfc2217)://", url)
     if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
-        raise DeviceError("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
+        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
     except (OSError, ValueError) as error:
@@ -432,7 +432,7 @@ def _open_error(path: str, error: Exception) -> DeviceError:
         return DeviceError("port_busy", f"{path} is in use{used_by}", "end that program first")
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
         text = f"{path} vanished while it was being opened"
-        return DeviceError("port_vanished", text, "plug it in again, and check the cable")
+        return DeviceNotFound("port_vanished", text, "plug it in again, and check the cable")
     if isinstance(error, termios.error) or number == errno.ENOTTY or _is_no_terminal(path):
         return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
     return DeviceError("port_unusable", f"cannot open {path} ({error})", "check the port with imumon doctor")

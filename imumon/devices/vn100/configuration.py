@@ -84,6 +84,7 @@ class Configuration:
         self._channel, self._port, self._clock = channel, channel.port, clock
         self._kind, self._baud = kind, baud
         self._originals: dict[int, str] | None = None
+        self._paused = False
 
     def save_originals(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return the settings to restore at the end, in a form to keep on disk.
@@ -111,6 +112,7 @@ class Configuration:
         self.remarks.clear()
         if self._originals is None:
             self.save_originals()
+        self._paused = True
         if self._channel.request("VNASY,0") is None:
             text = f"the sensor on {self._port.name} has stopped replying"
             raise DeviceNotFound("device_stopped_replying", text, "check the cable")
@@ -121,13 +123,14 @@ class Configuration:
             self._use_ascii()
         elif stream.divisor != divisors(self._kind, self._port.baud)[0]:
             self.remarks.append("the sensor refused a higher rate at this baud rate")
+        self._paused = False
         return stream
 
     def revert(self) -> bool:
         """Restore the original settings; return whether the sensor has confirmed each."""
         channel, before = self._channel, self._originals or {}
         changed = [r for r, text in before.items() if r in channel.written or channel.settings.get(r) != text]
-        if not changed:
+        if not changed and not self._paused:
             return True
         done = channel.request("VNASY,0", tries=3) is not None
         if not done and BAUD in channel.written:  # interrupted while the baud rate was being changed
@@ -143,6 +146,7 @@ class Configuration:
             done = channel.request("VNASY,1") is not None
         if done:
             channel.written.clear()
+            self._paused = False
         return done
 
     def _change_baud(self, baud: int) -> bool:

@@ -88,7 +88,8 @@ class Vn100Device(Device):
     def __init__(self, options: DeviceOptions) -> None:
         super().__init__()
         settings = options.settings
-        self._path = options.url.removeprefix("vn100:")
+        self._given_path = options.url.removeprefix("vn100:")
+        self._path = self._given_path
         self._request = StreamRequest(
             stream=settings.stream,
             listen_only=settings.listen_only,
@@ -104,7 +105,7 @@ class Vn100Device(Device):
         self._earlier = DeviceCounters()  # of earlier connections
         self._ports: list[PortInfo] = []  # when the sensor was found
         self._serial: str | None = None
-        self._identified = self._streaming = self._configuring = False
+        self._identified = self._streaming = self._started = False
         self._info: DeviceInfo | None = None
         self._counters_sent = DeviceCounters()
         self._saved_settings: Path | None = None
@@ -119,8 +120,9 @@ class Vn100Device(Device):
         DeviceNotFound : there is no such port, or nothing on it replies like a VN-100.
         DeviceError : the port cannot be used, or another sensor is on it.
         """
-        if not self._path:
-            self._path = self._search()
+        if not self._identified:  # until it was started, another sensor may take its place
+            self._serial = None
+            self._path = self._given_path or self._search()
         paths = find_again(self._path, self._ports, find_ports()) if self._identified else [self._path]
         error: DeviceError = DeviceNotFound(
             "port_not_found", f"no port {self._path}", "plug the sensor in again"
@@ -131,20 +133,20 @@ class Vn100Device(Device):
             except DeviceError as problem:
                 error = problem
                 continue
-            self._identified = True
             return info
         raise error
 
     def start(self) -> DeviceInfo:
         session = self._connected()
         self._save_settings(session)
-        self._configuring = True
+        self._started = True
         self._info = session.configure()
+        self._identified = True
         return self._info
 
     def restore(self) -> bool:
         if self._session is None:
-            return True  # it is gone: the saved settings stay for the next run
+            return self._saved_settings is None  # it is gone: the saved settings stay for the next run
         if not self._session.restore():
             return False
         if self._saved_settings is not None:
@@ -157,7 +159,7 @@ class Vn100Device(Device):
             self._port.close()
             self._earlier = self.counters
         self._port = self._session = None
-        self._streaming = self._configuring = False
+        self._streaming = self._started = False
 
     def _open(self, path: str) -> DeviceInfo:
         limit = TIME_LAPSE_QUEUE_BYTES if self._time_lapse else QUEUE_BYTES
@@ -252,20 +254,20 @@ class Vn100Device(Device):
             while not port.waits and (left := end - time.monotonic()) > 0.0:
                 if self.interrupted.wait(min(left, SLICE_S)):
                     raise Interrupted
-        data = session.read(timeout_s)
         items: list[Item] = []
+        if self._started:  # without `start` nothing may be repaired: that writes to the sensor
+            for notice in session.check_health():  # before the read: it may raise, and no sample may be lost
+                items += _with_gap(notice)
+        data = session.read(timeout_s)
         if data:
             items.append(RawBytes(data))
             blocks = [item for item in session.decode(data) if isinstance(item, SampleBlock)]
             self._streaming |= bool(blocks)
             items += blocks
-        if self._configuring:  # without `start` nothing may be repaired: that writes to the sensor
-            for notice in session.check_health():
-                items += _with_gap(notice)
         if items:
             before = self._info
             if self.info() != before and self._info is not None:
-                items.insert(1 if data else 0, self._info)
+                items.insert(0, self._info)
         if (counters := self.counters) != self._counters_sent:
             self._counters_sent = counters
             items.append(counters)
