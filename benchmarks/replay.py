@@ -3,7 +3,8 @@
 A binary recording (62-byte packets: TimeStartup, ImuStatus, UncompMag, UncompAccel, UncompGyro, Temp, Pres,
 at 800 Hz) is made and replayed with `--json`; `allantools.oadev(taus="octave")` then works on the six
 axes, given as arrays. The goal is at most three times its time for two hours. Processor time
-is shown beside the elapsed time: on a busy machine it varies less. Peak memory is that of the replaying process, for the whole length and for a quarter of it: it must not depend on the length.
+is shown beside the elapsed time: on a busy machine it varies less. Peak memory is that of the replaying
+process, for the whole length and for a quarter of it: it must not depend on the length.
 
     python benchmarks/replay.py [--hours 2] [--sentences 200000]
 """

@@ -50,7 +50,7 @@ class Constant:
 
     @property
     def says_not_critical(self) -> bool:
-        return "not critical" in self.note.lower()
+        return "not critical" in " ".join(self.note.lower().split())
 
     @property
     def says_sensitivity(self) -> bool:

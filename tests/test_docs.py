@@ -2,7 +2,8 @@
 
 A block ```` ```sh ```` or ```` ```python ```` runs unchanged, next to a daemon on an emulated sensor, a recording
 and its report. A second word says why a block does not run: ``sensor`` (it needs a real one), ``service`` (a service
-manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/test_devices.py runs it), ``hook`` (git runs it). The
+manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/test_devices.py runs it), ``hook``
+(git runs it). The
 options in these are still checked against the command line.
 """
 

@@ -103,8 +103,9 @@ class Device(ABC):
     def read(self, timeout_s: float) -> list[Item]:
         """Return what has arrived, in order; wait up to `timeout_s` for the first item.
 
-        It also works without `start`: the device then sends what it sends. After `start` it includes health checks of the device: what they find is a `Notice`, and a `Gap` where the stream
-        has no clock that shows its length. `RawBytes` come before the samples that were decoded from them.
+        It also works without `start`: the device then sends what it sends. After `start` it includes health
+        checks of the device: what they find is a `Notice`, and a `Gap` where the stream has no clock that shows
+        its length. `RawBytes` come before the samples that were decoded from them.
 
         Raises
         ------

@@ -21,12 +21,13 @@ from imumon.report import Channel, SensorGrade
 from imumon.samples import UNITS, sensor_of
 
 YOUNG_GROWTH = 0.1
-"""Growth of a young record, as a share, after which it is analysed again: each result changes visibly."""
+"""Growth of a young record, as a share, after which it is analysed again: each result changes visibly. Not
+critical."""
 BASE_PAUSE_S = 5.0
 """s, with `OLD_GROWTH` the pause from one analysis to the next, for the processor time. Not critical."""
 OLD_GROWTH = 0.02
-"""Growth of an older record, as a share, after which it is analysed again. `Estimator` recomputes limits,
-its most expensive part, after the same growth."""
+"""Growth of an older record, as a share, after which it is analysed again. `Estimator` recomputes limits, its
+most expensive part, after the same growth. Not critical."""
 LONGEST_PAUSE_S = 60.0
 """s, longest pause, so that the end of the curve moves every minute. Not critical."""
 

@@ -20,15 +20,16 @@ from imumon.samples import sensor_of
 
 COARSE_STEP = 0.3
 """Quantisation step, as a share of the Allan deviation at the shortest tau, from which rounding may show in
-the curve: uniform rounding then adds 1 % to the deviation."""
+the curve: uniform rounding then adds 1 % to the deviation. Not critical."""
 STRONG_LINE = 0.05
-"""Share of the variance of a channel from which a spectral line bends the curve visibly."""
+"""Share of the variance of a channel from which a spectral line bends the curve visibly. Not critical."""
 DISTURBED_SHARE = 0.1
-"""Share of the samples excluded from which the record has the caveat ``disturbed``."""
+"""Share of the samples excluded from which the record has the caveat ``disturbed``. Not critical."""
 GAPS_SHARE = 0.1
-"""Share of the samples missing from which the record has the caveat ``gaps``."""
+"""Share of the samples missing from which the record has the caveat ``gaps``. Not critical."""
 UNGRADED_SHARE = 0.5
-"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
+"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative. Not
+critical."""
 
 
 def record_caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:

@@ -42,10 +42,12 @@ NO_CLOCK_S = 5.0
 """s, the same limit by the host clock, because 100 samples of a slow stream take long. Not critical."""
 
 SAME_INTERVAL = 1e-3
-"""Relative difference up to which a measured interval is that of the record: clocks agree to 1e-4."""
+"""Relative difference up to which a measured interval is that of the record: clocks agree to 1e-4. Not
+critical."""
 
 SAME_GIVEN_RATE = 1e-6
-"""Relative difference up to which two configured rates are the same: they are equal but for rounding."""
+"""Relative difference up to which two configured rates are the same: they are equal but for rounding. Not
+critical."""
 
 LIMIT_CURVES = limit_curves(LIMITS)
 

@@ -24,10 +24,10 @@ BACKLOG = 8 << 20
 """Bytes that wait for a slow disk; with more, the recording ends. Not critical."""
 
 FLUSH_S = 1.0
-"""s of data that a kill may cost."""
+"""s of data that a kill may cost. Not critical."""
 
 COMPRESSED_FLUSHES = 10
-"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression."""
+"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression. Not critical."""
 
 
 def check_place(path: str) -> None:

@@ -33,9 +33,10 @@ INVALID_ROWS = 10
 """Invalid rows that every table may have. Not critical."""
 
 QUOTED = 30
-"""Characters of a cell that are quoted in a message."""
+"""Characters of a cell that are quoted in a message. Not critical."""
 
 DAY_S = 86_400.0
+"""Not critical."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""

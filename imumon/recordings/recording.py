@@ -19,7 +19,8 @@ SNIFF_BYTES = 1 << 14
 """Bytes of a text that are searched for its header line. Not critical."""
 
 UTF_16_ZEROS = 50
-"""Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16."""
+"""Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16. Not
+critical."""
 
 
 class DecodedCapture(Recording):

@@ -27,16 +27,19 @@ ROWS = 1 << 15
 """Rows in one block. Not critical."""
 
 LARGEST = 1e100
-"""Size from which a number counts as missing: no instrument writes it, and its square overflows."""
+"""Size from which a number counts as missing: no instrument writes it, and its square overflows. Not
+critical."""
 
 RATE_SHARE = 0.02
 """Share by which a configured rate may differ from that of the stamps without a remark. Not critical."""
 
 FILLED = 0.9
-"""Share of the first rows in which a column of time or of a slow sensor must have a number. Not critical."""
+"""Share of the first rows in which a column of time or of a slow sensor must have a number. Sensitivity:
+halved 0 %, doubled changes which values appear ( tmp tmpp_noetcf.csv of the record "RateRequired")."""
 
 LONGEST_NS = 4e18
-"""ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
+"""ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits. Not
+critical."""
 
 ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
 """Word for a row of a table in messages."""
@@ -52,7 +55,7 @@ OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
 """Message and cure for a time that shows no rate."""
 
 ZERO_CELSIUS = 273.15
-"""K."""
+"""K. Not critical."""
 
 
 class Table(Recording):

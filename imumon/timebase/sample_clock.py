@@ -41,7 +41,8 @@ from imumon.timebase.interval import (
 )
 
 LEARN_STEPS = 32
-"""Steps from which an interval is learned at first; without a tick the number doubles until it is precise."""
+"""Steps from which an interval is learned at first; without a tick the number doubles until it is precise.
+Not critical."""
 
 LEARN_STEPS_MAX = 1024
 """Steps after which a learned interval is used however imprecise: 10 s at 100 Hz. Not critical."""
@@ -51,35 +52,37 @@ NOMINAL_STEPS = 3
 
 FAR_S = 60.0
 """s. A jump forward beyond this must be confirmed by the next sample: one damaged time stamp that passed its
-checksum must not put a year of missing samples into the record."""
+checksum must not put a year of missing samples into the record. Not critical."""
 
 LONGEST_GAP_S = 31 * 86400.0
-"""s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
+"""s. A gap longer than this, with no host clock to confirm it, is of unknown length. Not critical."""
 
 RATE_CHANGE_STEPS = 64
-"""Equal steps in a row that are not one interval, after which the rate of the device has changed."""
+"""Equal steps in a row that are not one interval, after which the rate of the device has changed. Not
+critical."""
 
 OTHER_STEP = 0.02
-"""Intervals by which a step must differ from one interval to count for a change of rate."""
+"""Intervals by which a step must differ from one interval to count for a change of rate. Not critical."""
 
 EQUAL_STEPS = 0.1
 """Intervals by which two equal steps may differ: 64 in a row that are all longer, or all shorter, are no
-jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25)."""
+jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25). Not critical."""
 
 BURST_STEP = 0.025
-"""Intervals; shorter steps are a burst and no change of rate."""
+"""Intervals; shorter steps are a burst and no change of rate. Not critical."""
 
 SPARSE_STEP = 100.0
-"""Intervals; longer steps are gaps and no change of rate."""
+"""Intervals; longer steps are gaps and no change of rate. Not critical."""
 
 GAP_SLACK_S = 10.0
-"""s by which the host clock may differ from the sample clock over a gap."""
+"""s by which the host clock may differ from the sample clock over a gap. Not critical."""
 
 GAP_SLACK_SHARE = 0.02
-"""Share of a gap by which the two clocks may differ in addition."""
+"""Share of a gap by which the two clocks may differ in addition. Not critical."""
 
 BREAK = -1
-"""Step of a sample behind a gap of unknown length."""
+"""Step of a sample behind a gap of unknown length. Sensitivity: halved or doubled, it changes which values
+appear (events restart of the record "clean")."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,8 @@ from imumon.samples import Bools, Floats, Ints
 
 __all__ = ["Window", "WindowSums", "WindowedCascade"]
 
-MAX_OCTAVES = 48  # Octaves that a window has space for: 2^47 samples are 5,000 years at 800 Hz. Not critical
+MAX_OCTAVES = 48
+"""Octaves that a window has space for: 2^47 samples are 5,000 years at 800 Hz. Not critical."""
 
 
 @dataclass(slots=True, eq=False)

@@ -22,71 +22,83 @@ import numpy as np
 from imumon.samples import Bools, Floats
 
 PARTS = 10
-"""Parts of a frame: of about 0.1 s, the shortest time that is excluded."""
+"""Parts of a frame: of about 0.1 s, the shortest time that is excluded. Sensitivity: halved or doubled, it
+changes which values appear (accel z readings B of the record "disturbed")."""
 BASELINE_FRAMES = 128
-"""Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes."""
+"""Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes.
+Not critical."""
 LEVEL_FRAMES = 8
-"""Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it."""
+"""Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it. Not
+critical."""
 SCHEDULE = (2, 3, 4, 6, 8, 12, 16, 32, 64, 128)
 """Quiet frames after which the scales change. Not critical."""
 KNOWN_SHARE = 0.25
 """Valid share of a frame from which it is assessed. Not critical."""
 
 SAMPLE_SIGMA = 7.0
-"""Standard deviations of a sample that are unusual: 3e-12, less than one in a month at 800 Hz."""
+"""Standard deviations of a sample that are unusual: 3e-12, less than one in a month at 800 Hz. Sensitivity:
+halved changes which values appear, doubled 0 % (events disturbance of the record "clean")."""
 PART_SIGMA = 7.0
-"""Standard deviations of the mean of a part that are unusual."""
+"""Standard deviations of the mean of a part that are unusual. Sensitivity: halved changes which values
+appear, doubled 0 % (events disturbance of the record "clean")."""
 MEAN_SIGMA = 7.0
-"""Standard deviations of the mean of a frame from the level that are unusual."""
+"""Standard deviations of the mean of a frame from the level that are unusual. Not critical."""
 SPREAD_SIGMA = 6.0
-"""Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`."""
+"""Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`. Not
+critical."""
 LEAST_RATIO = 1.5
-"""Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little."""
+"""Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little. Not
+critical."""
 
 REST_LIMIT_GYRO = 1.5e-3
-"""rad/s, Allan deviation at 1 s above which a gyroscope with a coloured spectrum is not at rest: two to three
-times the consumer grade. A parked car with its engine running stays below, a driven one does not."""
+"""Rad/s, Allan deviation at 1 s above which a gyroscope with a coloured spectrum is not at rest: two to three
+times the consumer grade. A parked car with its engine running stays below, a driven one does not. Not
+critical."""
 REST_LIMIT_ACCEL = 3e-2
-"""m/s^2, the same limit of an accelerometer."""
+"""M/s^2, the same limit of an accelerometer. Not critical."""
 WHITE_FACTOR = 20.0
 """Factor on these limits above which a sensor with a white spectrum is not at rest either: 100 deg/sqrt(h) is
-no sensor, but one that is shaken."""
+no sensor, but one that is shaken. Not critical."""
 TURN_RATE = 0.1
-"""rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest."""
+"""Rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest.
+Sensitivity: halved 0 %, doubled changes which values appear (gyro z allan used of the record "jittered")."""
 REST_FRAMES = 16
 """Frames by which rest is assessed, the last ones. Not critical."""
 LEAST_REST_FRAMES = 4
 """Frames below which the sensor is taken to be at rest. Not critical."""
 COLOURED_STEP = 2.0
-"""Ratio of the steps between frames to what white noise of the parts makes, above which noise is coloured."""
+"""Ratio of the steps between frames to what white noise of the parts makes, above which noise is coloured.
+Not critical."""
 COLOURED_PARTS = 1.5
-"""Ratio of the deviation of the parts to what white noise of the samples makes, above which it is
-coloured."""
+"""Ratio of the deviation of the parts to what white noise of the samples makes, above which it is coloured.
+Not critical."""
 FILTER_RATE_HZ = 200.0
 """Hz, rate above which samples are not independent: behind a sensor filter of 5 ms. Not critical."""
 
 MAD_SIGMA = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745."""
+"""Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745. Not critical."""
 MEDIAN_ERROR = 1.25
-"""Standard error of a median over that of a mean, sqrt(pi / 2)."""
+"""Standard error of a median over that of a mean, sqrt(pi / 2). Not critical."""
 SCALE_MARGIN = 4.0
 """Standard errors of a scale by which thresholds of samples and parts are wider. Not critical."""
 SHIFT_ERROR = 1.2
-"""Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
+"""Relative standard error of a deviation from n median absolute distances, times sqrt(n). Not critical."""
 SHIFT_MARGIN = 3.0
 """Standard errors of the scatter of the means by which its threshold is wider. Not critical."""
 MOST_SCATTER = 3.0
-"""Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
+"""Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it. Not
+critical."""
 
 COARSE_SIGMA = 0.3
-"""Deviation, in quantisation steps, below which a channel is mostly constant: one step is no knock."""
+"""Deviation, in quantisation steps, below which a channel is mostly constant: one step is no knock. Not
+critical."""
 COARSE_PEAK_STEPS = 3.0
-"""Quantisation steps that a sample of such a channel may be off."""
+"""Quantisation steps that a sample of such a channel may be off. Not critical."""
 COARSE_MEAN_STEPS = 2.0
-"""Quantisation steps that the mean of a part or a frame of such a channel may be off."""
+"""Quantisation steps that the mean of a part or a frame of such a channel may be off. Not critical."""
 
 ROUNDING = 1e-12
-"""Share of the level by which sums of equal numbers may differ."""
+"""Share of the level by which sums of equal numbers may differ. Not critical."""
 
 
 class ArrayState:

@@ -28,19 +28,25 @@ GLITCH, KNOCK, MOTION, CLIPPED, STUCK, MAGNETIC = range(1, 7)
 INERTIAL = ("gyro", "accel")
 
 WINDOW_FRAMES = 10
-"""Frames by which motion is recognised, the last ones. Not critical."""
+"""Frames by which motion is recognised, the last ones. Sensitivity: halved or doubled, it changes which
+values appear (excluded_by motion of the record "disturbed")."""
 MOTION_FRAMES = 8
-"""Unusual frames among them that mean motion: a knock and its echo take fewer."""
+"""Unusual frames among them that mean motion: a knock and its echo take fewer. Sensitivity: halved 1.7e+02 %,
+doubled changes which values appear (excluded_by motion of the record "disturbed")."""
 QUIET_FRAMES = 5
-"""Quiet frames in a row that end motion."""
+"""Quiet frames in a row that end motion. Sensitivity: halved 1.2e+02 %, doubled changes which values appear
+(accel z readings K of the record "disturbed")."""
 NEW_BASELINE_FRAMES = 16
-"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %."""
+"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %. Not
+critical."""
 MOST_UNUSUAL = 0.15
-"""Share of these frames that may be unusual by the baseline that was learned from them."""
+"""Share of these frames that may be unusual by the baseline that was learned from them. Not critical."""
 LARGEST_SHARE = 0.5
-"""Share of the parts of a frame up to which single parts explain it. Not critical."""
+"""Share of the parts of a frame up to which single parts explain it. Sensitivity: halved changes which values
+appear, doubled 1e+02 % (accel z readings B of the record "disturbed")."""
 ONE_AXIS = 0.5
-"""Repeats of the median axis over those of the most repeating one, below which that one alone is stuck."""
+"""Repeats of the median axis over those of the most repeating one, below which that one alone is stuck. Not
+critical."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,8 @@ _FLICKER_FLOOR = 2.0 * np.log(2.0) / np.pi  # Allan variance of averaged flicker
 
 FAR_OCTAVES = 7
 """Octaves. If two octaves are further apart, the shorter difference acts as a derivative on the longer one,
-which saves most of the lags. Not critical."""
+which saves most of the lags. Sensitivity: halved 7.9 %, doubled 0.8 % (accel y K high of the record
+"disturbed")."""
 
 TAIL_CLUSTERS = 8
 """Cluster lengths after which the covariance of two differences is neglected (of flicker it falls as lag^-2).
@@ -56,17 +57,18 @@ COARSE_LAGS = 16
 
 SCALED_FROM = 5
 """Octave. From here on octaves are scaled copies of one another. The tables then agree with the definition to
-2e-4. Not critical."""
+2e-4. Sensitivity: halved changes which values appear, doubled 0.1 % (a of the record "ValueError")."""
 
 SAMPLED_OCTAVES = 12
-"""Octaves whose flicker is computed for point samples; beyond, the difference is below 1e-7."""
+"""Octaves whose flicker is computed for point samples; beyond, the difference is below 1e-7. Not critical."""
 
 LINEAR_CLUSTERS = 16
-"""Cluster lengths of the longer octave from which on a pair's sums grow linearly with the record."""
+"""Cluster lengths of the longer octave from which on a pair's sums grow linearly with the record. Not
+critical."""
 
 SPAN_BITS = 6
-"""Bits to which the length of a record is rounded down for its tables: at most 3 % too short. Not critical:
-the covariance changes by as much, the estimates do not."""
+"""Bits to which the length of a record is rounded down for its tables: at most 3 % too short. Sensitivity:
+halved 74 %, doubled 4.2 % (gyro x K high of the record "disturbed")."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,13 +24,17 @@ from imumon.noise.fit.leastsquares import FitProblems
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
 
 PRECISION_N = 0.01
-"""1, requested 95 % half-width of N relative to its value, as in datasheets. Changes `time_to` only."""
+"""1, requested 95 % half-width of N relative to its value, as in datasheets. Changes `time_to` only. Not
+critical."""
 
-PRECISION_B = 0.20  # 1, requested 95 % half-width of B relative to its value. Changes `time_to` only
-PRECISION_K = 0.50  # 1, requested 95 % half-width of K relative to its value. Changes `time_to` only
+PRECISION_B = 0.20
+"""1, requested 95 % half-width of B relative to its value. Changes `time_to` only. Not critical."""
+PRECISION_K = 0.50
+"""1, requested 95 % half-width of K relative to its value. Changes `time_to` only. Not critical."""
 
 RENEWAL_GROWTH = 1.02
-"""1, growth of the record after which limits are computed again: they shrink by 1 % meanwhile."""
+"""1, growth of the record after which limits are computed again: they shrink by 1 % meanwhile. Not
+critical."""
 
 LEAST_VARIANCE = 1e-100
 """(channel unit)^2; below, squares of variances underflow and the channel is constant. Not critical."""
@@ -40,7 +44,7 @@ MAX_VARIANCE = 1e100
 
 HIDDEN_SHARE = 0.5
 """1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise. Rounding of
-larger noise adds a variance of 1/12 of its square."""
+larger noise adds a variance of 1/12 of its square. Not critical."""
 
 
 class Estimator:

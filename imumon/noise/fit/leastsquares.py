@@ -34,10 +34,12 @@ ROUNDING_VARIANCE = 1e-12
 """1, relative variance added to every octave, so that rounding leaves the covariance positive definite. Not
 critical."""
 
-MAX_ROUNDS = 25  # Rounds of weighting and solving, at most. Not critical
+MAX_ROUNDS = 25
+"""Rounds of weighting and solving, at most. Sensitivity: halved 1.5 %, doubled 0.3 % (gyro y time_to B of the
+record "clean")."""
 
 CONVERGED = 1e-5
-"""1, relative change of the model at which the rounds end. Not critical: far below the limits."""
+"""1, relative change of the model at which the rounds end. Not critical."""
 
 LEAST_MODEL = 0.01
 """1, share of the positive terms that must remain beside a negative term; with less the negative term is

@@ -42,50 +42,68 @@ from imumon.samples import Bools, Floats
 
 REJECTED_P = 1e-3
 """1, p-value below which a description is rejected. One record of a thousand that follows the model loses
-octaves needlessly."""
+octaves needlessly. Sensitivity: halved 0 %, doubled 1e+02 % (gyro z time_to K of the record
+"temperature")."""
 
 ACCEPTED_P = 0.1
-"""1, p-value that a description must reach in a search: the best of many tries passes more easily."""
+"""1, p-value that a description must reach in a search: the best of many tries passes more easily.
+Sensitivity: halved 0 %, doubled 63 % (gyro x drift steady_K high of the record "warm-up")."""
 
 REGAINED_P = 0.2
 """1, p-value that a cheaper description must reach to replace one in use. Above `ACCEPTED_P`, so that the
-selection does not alternate."""
+selection does not alternate. Not critical."""
 
 KEPT_SCORE = 2.0
 """Standard deviations; a term in use is dropped only where its score is below. Below `RAMP_SCORE`, so that
-the selection does not alternate."""
+the selection does not alternate. Not critical."""
 
 QUANTISATION_SCORE = 4.0
 """Standard deviations from which on quantisation is added. High, because the term costs N most of what the
-shortest octaves contribute."""
+shortest octaves contribute. Not critical."""
 
-RAMP_SCORE = 3.1  # Standard deviations from which on a ramp is added: one false alarm in a thousand records
+RAMP_SCORE = 3.1
+"""Standard deviations from which on a ramp is added: one false alarm in a thousand records. Not critical."""
 
 TOLERATED_ERROR = 2e-3
-"""1, relative error of the modelled Allan variance that is not tested: no sensor follows the model closer."""
+"""1, relative error of the modelled Allan variance that is not tested: no sensor follows the model closer.
+Not critical."""
 
-MAX_COST = 14  # Cost up to which descriptions are tried: more would leave fewer octaves than a fit needs
+MAX_COST = 14
+"""Cost up to which descriptions are tried: more would leave fewer octaves than a fit needs. Not critical."""
 
 SEARCH_GROWTH = 1.2
-"""1, growth of a record after which a search without result is repeated. It is the most expensive step."""
+"""1, growth of a record after which a search without result is repeated. It is the most expensive step. Not
+critical."""
 
-TERM_COST = 2  # Excluded octaves that cost as much as a term: it explains several octaves at once
-LONELY_BLOCK_COST = 3  # Excluded octaves by which a block costs more where a single octave stays below it
-BLOCK_COST = -1  # Excluded octaves by which a block costs more where several octaves stay below it
-MAX_SHORT = 2  # Octaves that may be excluded at the short end together with a block
+TERM_COST = 2
+"""Excluded octaves that cost as much as a term: it explains several octaves at once. Not critical."""
+LONELY_BLOCK_COST = 3
+"""Excluded octaves by which a block costs more where a single octave stays below it. Not critical."""
+BLOCK_COST = -1
+"""Excluded octaves by which a block costs more where several octaves stay below it. Not critical."""
+MAX_SHORT = 2
+"""Octaves that may be excluded at the short end together with a block. Not critical."""
 
 LEAST_BETWEEN = 3
-"""Octaves that must stay between the short end and a block, so that N rests on more than one."""
+"""Octaves that must stay between the short end and a block, so that N rests on more than one. Not
+critical."""
 
-LEAST_OCTAVES = 5  # Octaves that must stay for the three terms: two degrees of freedom are left to test
-FIT_ROUNDS = 8  # Rounds of weighting and solving for each description. Not critical
-SEARCH_ROUNDS = 5  # The same during a search, where only p-values are compared. Not critical
+LEAST_OCTAVES = 5
+"""Octaves that must stay for the three terms: two degrees of freedom are left to test. Sensitivity: halved 0
+%, doubled changes which values appear (gyro x drift steady_B value of the record "warm-up")."""
+FIT_ROUNDS = 8
+"""Rounds of weighting and solving for each description. Not critical."""
+SEARCH_ROUNDS = 5
+"""The same during a search, where only p-values are compared. Sensitivity: halved 63 %, doubled 0 % (gyro x
+drift steady_K high of the record "warm-up")."""
 
 LEAST_ERROR = 1e-5
-"""1, relative error of the model at which the search of rule 5 begins. Not critical: below the rounding."""
+"""1, relative error of the model at which the search of rule 5 begins. Not critical."""
 
-MAX_ERROR = 30.0  # 1, relative error of the model at which the search of rule 5 ends. Not critical
-ERROR_STEPS = 14  # Bisections between the two, on a logarithmic scale: 0.1 % of the error. Not critical
+MAX_ERROR = 30.0
+"""1, relative error of the model at which the search of rule 5 ends. Not critical."""
+ERROR_STEPS = 14
+"""Bisections between the two, on a logarithmic scale: 0.1 % of the error. Not critical."""
 QUANTISATION = SIGNED
 _BASE = np.arange(len(TERMS)) < 3
 

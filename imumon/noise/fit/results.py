@@ -23,13 +23,14 @@ from imumon.samples import Bools, Floats
 
 AGREEMENT = 5.0
 """Standard deviations by which excluded octaves may differ from the model and still count as agreeing with
-it. Decides between the caveats ``quantised``, ``correlated`` and ``vibration`` only."""
+it. Decides between the caveats ``quantised``, ``correlated`` and ``vibration`` only. Not critical."""
 
 SLOPE_TOLERANCE = 0.2
-"""1, difference from the nominal slope of log sigma over log tau up to which a slope is read. Not critical:
-it decides whether there is a reading."""
+"""1, difference from the nominal slope of log sigma over log tau up to which a slope is read. Sensitivity:
+halved or doubled, it changes which values appear (gyro y readings K of the record "disturbed")."""
 
-_FLICKER_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # sigma / B of flicker
+_FLICKER_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
+"""Sigma / B of flicker. Sensitivity: halved 50 %, doubled 50 % (gyro z readings B of the record "clean")."""
 _FEW_EDF = (1.0, 1.02, 1.06, 1.14, 1.24, 1.45, 1.8, 2.4, 3.0, 3.6, 4.7, 6.4, 8.7, 12.2, 18.0)
 _FEW_QUANTILE = (
     *(0.001, 0.0048, 0.0077, 0.0142, 0.02, 0.0305, 0.0475, 0.074),

@@ -22,21 +22,24 @@ from imumon.noise.fit.leastsquares import FitProblems
 from imumon.samples import Bools, Floats
 
 EXACT_DOUBLINGS = 6
-"""Doublings of the record that are computed with their own tables. Not critical: the rest is scaled."""
+"""Doublings of the record that are computed with their own tables. Sensitivity: halved 16 %, doubled 0 %
+(gyro x time_to N of the record "mixed")."""
 
 MAX_SECONDS = 3.15576e7
-"""s, one year: longer times are not reported, because no sensor stays the same that long."""
+"""s, one year: longer times are not reported, because no sensor stays the same that long. Not critical."""
 
 LEAST_OCTAVES_LEFT = 7
-"""Octaves that scaling leaves at least. Not critical: it sets the longest record considered."""
+"""Octaves that scaling leaves at least. Not critical."""
 
 LEAST_QUANTILE = 0.5
-"""1, least ratio of a half-width to the standard deviation. Not critical: it guards against odd limits."""
+"""1, least ratio of a half-width to the standard deviation. Not critical."""
 
 MAX_QUANTILE = 3.0
-"""1, largest ratio of a half-width to the standard deviation. Not critical, as `LEAST_QUANTILE`."""
+"""1, largest ratio of a half-width to the standard deviation. Sensitivity: halved 96 %, doubled 0 % (gyro z
+time_to B of the record "mixed")."""
 
-USUAL_QUANTILE = 2.0  # 1, the ratio where it is not known. Not critical
+USUAL_QUANTILE = 2.0
+"""1, the ratio where it is not known. Not critical."""
 
 
 def seconds_to(

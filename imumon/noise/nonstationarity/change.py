@@ -16,18 +16,22 @@ from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.report import Change, Coefficient
 
 CHANGE_SIGMA = 5.0
-"""Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
+"""Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years. Not
+critical."""
 LEAST_CHANGE_N = 0.05
-"""Relative change of N below which it does not matter to a user."""
+"""Relative change of N below which it does not matter to a user. Not critical."""
 LEAST_CHANGE_B = 0.5
-"""Relative change of B below which it does not matter: B of the same sensor varies by as much."""
+"""Relative change of B below which it does not matter: B of the same sensor varies by as much. Not
+critical."""
 MOST_SIGMA = 1e6
 """Most standard errors that are reported; more have no meaning. Not critical."""
 LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval."""
+"""Standard errors, half-width of a 95 % interval. Not critical."""
 
-_TINY = 1e-300  # least divisor
-_LEAST_ERROR = 1e-12  # relative, least divisor
+_TINY = 1e-300
+"""Least divisor. Not critical."""
+_LEAST_ERROR = 1e-12
+"""Relative, least divisor. Not critical."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,36 +22,46 @@ from imumon.report import Change
 from imumon.samples import Bools, Floats
 
 MEANS = 128
-"""Most means that are kept: their covariance is inverted, and twice as many take eight times as long."""
+"""Most means that are kept: their covariance is inverted, and twice as many take eight times as long.
+Sensitivity: halved changes which values appear, doubled 1.4e+02 % (gyro z drift steady_B value of the record
+"temperature")."""
 MEAN_S = 1.0
-"""s, shortest stretch of a mean. Not critical."""
+"""s, shortest stretch of a mean. Sensitivity: halved 1.3e+02 %, doubled 1.1e+02 % (accel x drift per_hour of
+the record "table")."""
 LEAST_SHARE = 0.5
-"""Valid share of a stretch from which its mean counts. Not critical."""
+"""Valid share of a stretch from which its mean counts. Sensitivity: halved 1.3 %, doubled 1.6e+02 % (gyro y
+drift per_hour of the record "disturbed")."""
 LEAST_MEANS = 8
-"""Fewest means behind a slope, and on each side of a step."""
+"""Fewest means behind a slope, and on each side of a step. Not critical."""
 LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval."""
+"""Standard errors, half-width of a 95 % interval. Sensitivity: halved 1.1e+02 %, doubled 90 % (gyro y drift
+per_hour_low of the record "temperature")."""
 SIGNIFICANT_SIGMA = 3.9
-"""Standard errors beyond which a slope is significant: 1e-4, because nine channels are tested every
-second."""
+"""Standard errors beyond which a slope is significant: 1e-4, because nine channels are tested every second.
+Sensitivity: halved 0 %, doubled changes which values appear (gyro x drift steady_N high of the record
+"temperature")."""
 STEP_SIGMA = 6.0
 """Standard errors of the size of a step against all the noise beyond which it is reported: 128 places are
-tested repeatedly."""
+tested repeatedly. Sensitivity: halved changes which values appear, doubled 0 % (gyro y changes now of the
+record "temperature")."""
 ABRUPT_SIGMA = 4.0
-"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift is
-as large only over several means."""
+"""Standard errors of the jump from one mean to the next but one beyond which a step is abrupt: a drift is as
+large only over several means. Not critical."""
 STEP_WALK = 0.5
-"""Share of the fitted K that is noise in a search for a step: a step raises the K that is fitted over it."""
+"""Share of the fitted K that is noise in a search for a step: a step raises the K that is fitted over it. Not
+critical."""
 LEAST_SPAN_DEGC = 0.3
-"""degC, least range of temperature from which its effect is estimated."""
+"""DegC, least range of temperature from which its effect is estimated. Not critical."""
 BEYOND_WHITE = 0.1
-"""Share of the variance of the means that must exceed white noise for `explained` to have a value."""
+"""Share of the variance of the means that must exceed white noise for `explained` to have a value. Not
+critical."""
 HIGHEST_SHARE = 0.1
 """Share of the range of means by which the last one may be below the highest. Not critical."""
 LEAST_LEFT = 1e-12
-"""Least share of the Allan variance that remains without the temperature, for its logarithm."""
+"""Least share of the Allan variance that remains without the temperature, for its logarithm. Not critical."""
 
-_TINY = 1e-300  # least divisor
+_TINY = 1e-300
+"""Least divisor. Not critical."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,17 +25,19 @@ from imumon.samples import Floats
 MOST_MEANS = 48
 """Most means that are compared; neighbours are joined. The cost grows with the cube. Not critical."""
 LEAST_MEANS = 16
-"""Fewest means that are compared: fewer do not distinguish an exponential from a walk."""
+"""Fewest means that are compared: fewer do not distinguish an exponential from a walk. Not critical."""
 FLICKER = (0.0, *(2.0**i for i in range(-1, 10)))
 """B sqrt(T) / N of the mixtures, T the length of the record. Not critical."""
 WALK = (0.0, *(2.0**i for i in range(13)))
 """K T / N of the mixtures. Not critical."""
 LEAST_EVIDENCE = 16.0
 """Twice the logarithm of the ratio of the likelihoods beyond which an exponential is significant. Of
-simulated series without one, one in a hundred reaches 10 and about one in ten thousand 16."""
+simulated series without one, one in a hundred reaches 10 and about one in ten thousand 16. Not critical."""
 
-_TINY = 1e-300  # least divisor
-_ROUNDING = 1e-12  # share of a sum of squares that rounding may leave
+_TINY = 1e-300
+"""Least divisor. Not critical."""
+_ROUNDING = 1e-12
+"""Share of a sum of squares that rounding may leave. Not critical."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,11 +24,11 @@ CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0)
 """s, possible ends of a warm-up: a finer grid would exclude little less."""
 DECISION_LENGTH = 2.5
 """Length of the record, as a multiple of a candidate, at which the candidate is decided: later, the slope
-after it is more precise, but the results include the warm-up for longer."""
+after it is more precise, but the results include the warm-up for longer. Not critical."""
 CHANGED_SIGMA = 5.0
-"""Standard errors by which the slopes before and after must differ."""
+"""Standard errors by which the slopes before and after must differ. Not critical."""
 SETTLED_SLOPE = 0.5
-"""Ratio of the slope after to the slope before, at most, for a warm-up that is over."""
+"""Ratio of the slope after to the slope before, at most, for a warm-up that is over. Not critical."""
 OVER_SHARES = (0.0625, 0.125, 0.25, 0.5)
 """Time constants of an exponential that is over at a candidate, as shares of its time: at most a seventh
 remains."""
@@ -37,7 +37,7 @@ LASTING_SHARES = (0.05, 0.1, 0.2, 0.35, 0.5)
 LEAST_WARMUP_S = 120.0
 """s, shortest record in which a warm-up is sought. Not critical."""
 WARMING_DEGC = 0.5
-"""degC, least rise of the temperature over the last tenth of the record during a warm-up."""
+"""DegC, least rise of the temperature over the last tenth of the record during a warm-up. Not critical."""
 WARMING_SHARE = 0.1
 """Share of the record over which the rise counts. Not critical."""
 WARMING_S = 60.0

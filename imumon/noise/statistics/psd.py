@@ -36,19 +36,22 @@ from imumon.samples import Bools, Floats, Ints
 STAGES = 30
 """Most stages: 2^37 samples are five years at 800 Hz. Not critical."""
 ALL_SEGMENTS = 1024
-"""Segments up to which a stage uses every one; a power of two."""
+"""Segments up to which a stage uses every one; a power of two. Not critical."""
 LEAST_VALID = 0.9
-"""Share of valid samples in each half of a segment that counts."""
+"""Share of valid samples in each half of a segment that counts. Not critical."""
 LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments. Not critical."""
 
 TAPS = np.array([-0.0026544081, 0.0082231405, -0.0198700275, 0.042431558, -0.0920067759, 0.3133644193])
 """Outer half of the half-band filter's taps other than the middle one, 0.5: equiripple, 23 taps,
 flat to 0.1 % up to 0.18 and down by 59 dB from 0.32 of its input rate."""
-_HISTORY = 22  # samples before a hop that the filter needs
+_HISTORY = 22
+"""Samples before a hop that the filter needs. Sensitivity: halved changes which values appear, doubled 0 %
+(operands of the record "ValueError")."""
 
 PASS_BAND = 0.36
-"""Share of its rate up to which a stage after the filter is used; the stage above begins at half of it."""
+"""Share of its rate up to which a stage after the filter is used; the stage above begins at half of it.
+Sensitivity: halved 0 %, doubled changes which values appear (index of the record "IndexError")."""
 LEAST_AVERAGES = 4
 """Averages from which a stage replaces the one above at low frequencies. Not critical."""
 FILTER_BLOCK = 4096

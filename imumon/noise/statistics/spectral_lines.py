@@ -16,39 +16,42 @@ from imumon.report import Line
 from imumon.samples import Floats
 
 SEGMENT = 256
-"""Samples of a periodogram: each stage of the cascade resolves two octaves."""
+"""Samples of a periodogram: each stage of the cascade resolves two octaves. Not critical."""
 HOP = SEGMENT // 2
 BINS = HOP + 1
 LINE_CHANCE = 1e-8
-"""Probability that noise alone makes a line of a bin: one line in a thousand reports of nine channels."""
+"""Probability that noise alone makes a line of a bin: one line in a thousand reports of nine channels. Not
+critical."""
 PROMINENCE = 2.0
-"""Least ratio of the bin of a line to the density beside it: less does not matter to a user."""
+"""Least ratio of the bin of a line to the density beside it: less does not matter to a user. Not critical."""
 SIDE = 11
-"""Bins on each side of a bin whose median is the level there."""
+"""Bins on each side of a bin whose median is the level there. Not critical."""
 GUARD = 3
-"""Bins between these and the bin, which the line may fill: the main lobe of the window is four wide."""
+"""Bins between these and the bin, which the line may fill: the main lobe of the window is four wide. Not
+critical."""
 _WINDOWS = np.add.outer(np.arange(BINS + 2 * GUARD + SIDE + 1), np.arange(SIDE))  # bins of each stretch
 LOWEST_BIN = 12
-"""First bin in which a line is sought: below, a drift exceeds the bins beside it."""
+"""First bin in which a line is sought: below, a drift exceeds the bins beside it. Not critical."""
 MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
 """Highest harmonic of the mains that is a candidate. Not critical."""
 MAINS_SPREAD = 0.002
 """Relative deviation of the mains frequency from its nominal value that is common. Not critical."""
 LINE_SPACING = 4.5
-"""Bins, least distance of two lines: the side lobes of a line are nearer."""
+"""Bins, least distance of two lines: the side lobes of a line are nearer. Not critical."""
 SAME_LINE = 0.03
 """Relative difference of frequency within which lines of two stages are the same. Not critical."""
 LINE_ERROR_BINS = 0.75
 """Bins by which the frequency of a line may be wrong, for its name. Not critical."""
 OVERLAP_DOF = 1.89
-"""Degrees of freedom of a bin per average: half overlap costs 1 + 2 (1/6)^2 (Welch 1967)."""
+"""Degrees of freedom of a bin per average: half overlap costs 1 + 2 (1/6)^2 (Welch 1967). Not critical."""
 LEVEL_ERRORS = 3.0
 """Standard errors of the median beside a bin by which the threshold is higher. Not critical."""
 MEDIAN_ERROR = 1.25
-"""Standard error of a median over that of a mean, sqrt(pi / 2)."""
+"""Standard error of a median over that of a mean, sqrt(pi / 2). Not critical."""
 LEAST_AMPLITUDE = 1e-10
-"""Amplitude of a line, as a share of the size of the values, below which it may be their rounding."""
+"""Amplitude of a line, as a share of the size of the values, below which it may be their rounding. Not
+critical."""
 
 
 def median_to_mean(averages: int) -> float:
