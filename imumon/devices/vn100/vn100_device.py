@@ -107,6 +107,7 @@ class Vn100Device(Device):
         self._serial: str | None = None
         self._identified = self._streaming = self._started = False
         self._info: DeviceInfo | None = None
+        self._pending: DeviceError | None = None
         self._counters_sent = DeviceCounters()
         self._saved_settings: Path | None = None
 
@@ -158,7 +159,7 @@ class Vn100Device(Device):
         if self._port is not None:
             self._port.close()
             self._earlier = self.counters
-        self._port = self._session = None
+        self._port = self._session = self._pending = None
         self._streaming = self._started = False
 
     def _open(self, path: str) -> DeviceInfo:
@@ -254,16 +255,18 @@ class Vn100Device(Device):
             while not port.waits and (left := end - time.monotonic()) > 0.0:
                 if self.interrupted.wait(min(left, SLICE_S)):
                     raise Interrupted
+        if self._pending is not None:
+            error, self._pending = self._pending, None
+            raise error
         items: list[Item] = []
-        if self._started:  # without `start` nothing may be repaired: that writes to the sensor
-            for notice in session.check_health():  # before the read: it may raise, and no sample may be lost
-                items += _with_gap(notice)
         data = session.read(timeout_s)
         if data:
             items.append(RawBytes(data))
             blocks = [item for item in session.decode(data) if isinstance(item, SampleBlock)]
             self._streaming |= bool(blocks)
             items += blocks
+        if self._started:  # without `start` nothing may be repaired: that writes to the sensor
+            items += self._health_items(session, keep=bool(items))
         if items:
             before = self._info
             if self.info() != before and self._info is not None:
@@ -272,6 +275,19 @@ class Vn100Device(Device):
             self._counters_sent = counters
             items.append(counters)
         return items
+
+    def _health_items(self, session: Vn100Session, keep: bool) -> list[Item]:
+        """Return what the health check finds; with samples to deliver first, an error waits for the next read."""
+        try:
+            return [item for notice in session.check_health() for item in _with_gap(notice)]
+        except DeviceError as error:
+            if not keep:
+                raise
+            self._pending = error
+        except Interrupted:  # the next read raises it again
+            if not keep:
+                raise
+        return []
 
     def finish(self) -> list[Item]:
         blocks: list[Item] = [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
