@@ -10,6 +10,8 @@ from scene import scene
 
 from imumon.devices.vn100.emulator.faults import Faults
 
+pytestmark = pytest.mark.slow
+
 
 def test_01_unplug_and_replug(tmp_path: Path) -> None:
     with scene(tmp_path, seed=1) as play:

@@ -14,6 +14,8 @@ import pytest
 from laws import Fault
 from scene import ID, scene
 
+pytestmark = pytest.mark.slow
+
 DAY_S = 86400
 
 

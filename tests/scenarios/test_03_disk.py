@@ -12,6 +12,8 @@ from scene import ID, Scene, scene
 
 from imumon.checkpoint import decode
 
+pytestmark = pytest.mark.slow
+
 NAMESPACE = ("unshare", "-m") if os.geteuid() == 0 else ("unshare", "-Urm")
 """A view of the file systems for one process; it goes with it."""
 

@@ -14,6 +14,8 @@ from daemons import free_endpoint
 from laws import Fault
 from scene import ID, scene
 
+pytestmark = pytest.mark.slow
+
 MEMORY_MAX_KB = 256 << 10
 """What the service unit grants."""
 

@@ -18,6 +18,8 @@ from scene import ID, STOP_S, Scene, scene
 from imumon.devices.serial_port import holders
 from imumon.report import Report, from_json
 
+pytestmark = pytest.mark.slow
+
 SLOW_DISK = Path(__file__).parents[2] / "benchmarks" / "slow_disk.c"
 
 

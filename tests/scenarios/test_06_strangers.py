@@ -12,6 +12,8 @@ from bus_actors import stage, until
 from laws import ON_THE_WAY, Fault
 from scene import ID, scene
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("count", [5_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_20_random_messages_and_questions(tmp_path: Path, count: int) -> None:
