@@ -1,7 +1,7 @@
 """Errors that a user may see: a stable code, a message and a cure.
 
 Programs and tests look at `code`, people read `message` (what is wrong) and `cure` (what to do about it). No
-code looks at the text: it may be reworded at any time. A subclass stands for one kind of situation that a
+code looks at the text: it may be reworded at any time. A subclass is one kind of situation that a
 caller distinguishes by type, such as "no device there"; it lives in the package that raises it, and here if
 several packages raise it.
 """

@@ -7,6 +7,7 @@ delays nothing else. The queue blocks when it is full: the device then waits, or
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
@@ -17,6 +18,8 @@ from typing import TypeAlias
 from imumon.devices.base import Device, DeviceDriver, DeviceError, DeviceOptions, Interrupted
 from imumon.errors import ImumonError
 from imumon.samples import DeviceInfo, Item
+
+log = logging.getLogger(__name__)
 
 BATCHES = 32
 """Batches in the queue; one holds what one `Device.read` returned. Not critical."""
@@ -235,12 +238,16 @@ class DeviceReader:
 
     def _leave(self) -> None:
         """Restore what `start` changed, and close the device; whatever happens, the thread continues."""
-        with suppress(Exception):
+        try:
             if self._changed:
                 self.restored = False
                 self.restored = self._device.restore()
-        with suppress(Exception):
+        except Exception as error:
+            log.warning("the device cannot be restored (%s)", error)
+        try:
             self._device.close()
+        except Exception as error:
+            log.warning("the device cannot be closed (%s)", error)
 
     def _put(self, event: ReaderEvent) -> None:
         """Put an event; wait while the queue is full."""
