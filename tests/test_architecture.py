@@ -83,7 +83,8 @@ def test_no_public_class_name_occurs_twice() -> None:
 @pytest.mark.parametrize("path", [p for p in TREES if p.name == "__init__.py"], ids=str)
 def test_an_init_only_reexports(path: Path) -> None:
     kinds = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    assert not [node.name for node in TREES[path].body if isinstance(node, kinds)]
+    lazy = {"__getattr__", "__dir__"}  # PEP 562: re-exports whose modules are imported at their first use
+    assert not [node.name for node in TREES[path].body if isinstance(node, kinds) and node.name not in lazy]
 
 
 SHORT = {"errors.py", "exit_codes.py", "datasheet.py", "report_source.py", "tui.py"}

@@ -87,7 +87,7 @@ def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() 
         assert counts["longest"] < 0.25  # longest call of `publish`, with a margin for a busy machine
         assert counts["error"] is None
         resumed.kill(signal.SIGCONT)
-        until(lambda: last_number(resumed) > counts["reports"])
+        until(lambda: last_number(resumed) > counts["reports"], 30.0)
         daemon.send("stop")
         assert until(lambda: daemon.messages[-1].get("closed_s")) < 1.6
         healthy.send("stop")

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import encode
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.devices.vn100.vn100_session import Vn100Session
-from imumon.report import Report, stamp
+from imumon.report import Report
 from imumon.samples import DeviceInfo
 
 ROOT = Path(__file__).parents[1]
@@ -163,14 +162,16 @@ def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
         daemon.samples(100)
         before = sensor.ask("stall 600")
-        time.sleep(1.0)  # all is read, and a report has it
-        begun = stamp(datetime.now(UTC))
-        first = daemon.wait(lambda r: r.time > begun)
+        first = daemon.wait(lambda r: r.session.samples >= 100)
+        while (
+            later := daemon.wait(lambda r, t=first.time: r.time > t)
+        ).session.samples > first.session.samples:
+            first = later  # a report has all samples when the next one has no more
         sensor.ask("stall 0")
         daemon.samples(first.session.samples + 150)
         time.sleep(0.3)  # more gathers, and is in no report yet
         after = sensor.ask("stall 600")
-        time.sleep(0.02)  # the thread that reads has it
+        time.sleep(0.1)  # the thread that reads has it
         daemon.process.send_signal(signal.SIGTERM)
         last = daemon.wait(lambda r: r.state == "stopped")
         sent = (after["sent"] - after["replies"]) - (before["sent"] - before["replies"])

@@ -62,13 +62,12 @@ def test_a_figure_without_a_curve_is_an_error() -> None:
     assert raised.value.code == "no_curve"
 
 
-@pytest.mark.parametrize("form", ["md", "html"])
-def test_published_values_are_those_of_the_device(form: str) -> None:
+def test_published_values_are_those_of_the_device() -> None:
     """Values of the VN-100 are shown for a VN-100 only; older reports do not name their driver."""
 
     def shown(**known: object) -> bool:
         report = make_report()
-        return "manufacturer" in text(replace(report, device=replace(report.device, **known)), form)  # type: ignore[arg-type]
+        return "manufacturer" in text(replace(report, device=replace(report.device, **known)), "md")  # type: ignore[arg-type]
 
     assert shown()
     assert shown(driver=None)

@@ -3,8 +3,8 @@
 A block ```` ```sh ```` or ```` ```python ```` runs unchanged, next to a daemon on an emulated sensor, a recording
 and its report. A second word says why a block does not run: ``sensor`` (it needs a real one), ``service`` (a service
 manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/test_devices.py runs it), ``hook``
-(git runs it). The
-options in these are still checked against the command line.
+(git runs it). A ``slow`` block runs with the slow tests. The options of all blocks are checked against the command
+line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from daemons import Daemon, free_endpoint
@@ -26,7 +26,7 @@ from imumon.cli import parsers
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 OWN_TESTS = {"ZENOH.md"}  # tests/test_bus_docs.py
-REASONS = {"", "sensor", "service", "root", "setup", "long", "example", "hook"}
+REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "hook"}
 
 
 class Block(NamedTuple):
@@ -47,7 +47,11 @@ def _blocks() -> list[Block]:
 
 
 BLOCKS = _blocks()
-RUN = [b for b in BLOCKS if not b.reason and b.name.partition(":")[0] not in OWN_TESTS]
+RUN = [b for b in BLOCKS if b.reason in ("", "slow") and b.name.partition(":")[0] not in OWN_TESTS]
+
+
+def _marked(block: Block) -> Any:
+    return pytest.param(block, marks=pytest.mark.slow) if block.reason == "slow" else block
 
 
 class Place(NamedTuple):
@@ -83,7 +87,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         yield Place(directory, endpoint, environment)
 
 
-@pytest.mark.parametrize("block", [b for b in RUN if b.language == "sh"], ids=lambda b: b.name)
+@pytest.mark.parametrize("block", [_marked(b) for b in RUN if b.language == "sh"], ids=lambda b: b.name)
 def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
     directory = place.directory
     if "imumon run" in block.text:  # it needs its own endpoint

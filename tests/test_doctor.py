@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -348,16 +349,22 @@ def test_a_wrong_sample_clock_is_a_warning(ratio: float, status: str) -> None:
 @pytest.mark.parametrize(
     ("zenoh", "status"),
     [
-        (ZenohObservation(free="tcp/127.0.0.1:7448"), "ok"),
-        (ZenohObservation(reports=(reports.report(),)), "ok"),
-        (ZenohObservation(error=ImumonError("address_in_use", "it is taken", "choose another")), "failed"),
-        (ZenohObservation(free="tcp/0.0.0.0:7448", exposed=("tcp/0.0.0.0:7448",)), "warning"),
-        (ZenohObservation(free="tcp/127.0.0.1:7448", unreachable=("tcp/10.0.0.9:7447",)), "warning"),
-        (ZenohObservation(free="tcp/127.0.0.1:7448", reports=(reports.report(state="waiting"),)), "warning"),
+        (lambda: ZenohObservation(free="tcp/127.0.0.1:7448"), "ok"),
+        (lambda: ZenohObservation(reports=(reports.report(),)), "ok"),
+        (
+            lambda: ZenohObservation(error=ImumonError("address_in_use", "it is taken", "choose another")),
+            "failed",
+        ),
+        (lambda: ZenohObservation(free="tcp/0.0.0.0:7448", exposed=("tcp/0.0.0.0:7448",)), "warning"),
+        (lambda: ZenohObservation(free="tcp/127.0.0.1:7448", unreachable=("tcp/10.0.0.9:7447",)), "warning"),
+        (
+            lambda: ZenohObservation(free="tcp/127.0.0.1:7448", reports=(reports.report(state="waiting"),)),
+            "warning",
+        ),
     ],
 )
-def test_zenoh(zenoh: ZenohObservation, status: str) -> None:
-    check = checks.zenoh(zenoh)
+def test_zenoh(zenoh: Callable[[], ZenohObservation], status: str) -> None:
+    check = checks.zenoh(zenoh())
     assert check.status == status
     assert (check.cure is None) == (status == "ok")
 

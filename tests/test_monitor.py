@@ -62,11 +62,12 @@ def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent
     assert stopped.channels["gyro/x"].N is not known  # the last report includes everything
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_record() -> None:
     monitor, n, held = Monitor(), 100 * 60 * 5, []
     tracemalloc.start()
     try:
-        for fives in range(8):
+        for fives in range(5):
             monitor.feed(block(n, fives * n, seed=fives))
             report(monitor)
             gc.collect()

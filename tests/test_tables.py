@@ -329,6 +329,7 @@ def test_a_truncated_last_line_is_left_out(tmp_path: Path) -> None:
     assert len(read(path)) == len(ROWS)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
     def peak(rows: int) -> int:
         path = tmp_path / f"{rows}.csv"
@@ -343,7 +344,7 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
         tracemalloc.stop()
         return top
 
-    assert peak(300_000) < 1.3 * peak(75_000)
+    assert peak(160_000) < 1.3 * peak(40_000)
 
 
 def test_archive_is_the_same_as_csv(tmp_path: Path) -> None:

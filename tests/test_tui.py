@@ -262,19 +262,21 @@ def status_of(source: reports.FakeSource) -> tuple[str, str, bool]:
 @pytest.mark.parametrize(
     ("source", "word", "dimmed"),
     [
-        (reports.FakeSource(reports.report()), "● live", False),
-        (reports.FakeSource(reports.warming_up()), "warming up", False),
-        (reports.FakeSource(reports.moving()), "not at rest", False),
-        (reports.FakeSource(reports.report(), age=14.0), "stale  no report for 14 s", True),
-        (reports.FakeSource(reports.report(), age=14.0, alive=False), "daemon gone  no report for", True),
-        (reports.FakeSource(reports.report(), age=14.0, alive=False, connected=False), "reconnecting", True),
-        (reports.FakeSource(reports.report(state="waiting")), "sensor gone  waiting for /dev/ttyUSB0", True),
-        (reports.FakeSource(reports.report(state="stopped"), age=60.0, alive=False), "finished", False),
-        (reports.FakeSource(reports.nothing_yet()), "starting", False),
+        (lambda: reports.FakeSource(reports.report()), "● live", False),
+        (lambda: reports.FakeSource(reports.warming_up()), "warming up", False),
+        (lambda: reports.FakeSource(reports.moving()), "not at rest", False),
+        (lambda: reports.FakeSource(reports.report(), age=14.0), "stale  no report for 14 s", True),
+        (lambda: reports.FakeSource(reports.report(), age=14.0, alive=False), "daemon gone  no report for", True),
+        (lambda: reports.FakeSource(reports.report(), age=14.0, alive=False, connected=False), "reconnecting", True),
+        (lambda: reports.FakeSource(reports.report(state="waiting")), "sensor gone  waiting for /dev/ttyUSB0", True),
+        (lambda: reports.FakeSource(reports.report(state="stopped"), age=60.0, alive=False), "finished", False),
+        (lambda: reports.FakeSource(reports.nothing_yet()), "starting", False),
     ],
 )  # fmt: skip
-def test_every_status_is_named_and_never_blank(source: reports.FakeSource, word: str, dimmed: bool) -> None:
-    line, text, stale = status_of(source)
+def test_every_status_is_named_and_never_blank(
+    source: Callable[[], reports.FakeSource], word: str, dimmed: bool
+) -> None:
+    line, text, stale = status_of(source())
     assert word in line
     assert stale is dimmed
     assert len(text.split()) > 15

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -24,16 +25,6 @@ from imumon.tui import (
 from imumon.tui.formatting import CELL, Line, Notation
 from imumon.tui.view_state import ViewState
 
-STATE = ViewState(
-    reports={reports.ID: reports.report()},
-    ages={reports.ID: 0.0},
-    alive=frozenset({reports.ID}),
-    connected=True,
-    id=reports.ID,
-    channel="gyro/y",
-    signal=reports.signal("gyro/y"),
-    events=tuple(reports.events()),
-)
 DRAWN = {
     "allan": charts.allan_chart,
     "strip": charts.signal_chart,
@@ -51,6 +42,21 @@ DRAWN = {
 }
 sizes = st.tuples(st.integers(12, 230), st.integers(3, 64))
 finite = st.floats(1e-12, 1e12, allow_nan=False)
+
+
+@cache
+def running() -> ViewState:
+    """Return the state of the screen beside a daemon that runs."""
+    return ViewState(
+        reports={reports.ID: reports.report()},
+        ages={reports.ID: 0.0},
+        alive=frozenset({reports.ID}),
+        connected=True,
+        id=reports.ID,
+        channel="gyro/y",
+        signal=reports.signal("gyro/y"),
+        events=tuple(reports.events()),
+    )
 
 
 def text_of(lines: list[Line]) -> str:
@@ -72,11 +78,11 @@ def test_every_part_draws_at_every_size(
 ) -> None:
     """No size fails, and no line differs from the given width."""
     width, height = size
-    state = STATE.updated(
+    state = running().updated(
         notation=Notation(si=si, ascii=ascii),
         show_limits=more,
         overlay=more,
-        baseline=STATE.report if more else None,
+        baseline=running().report if more else None,
     )
     lines = DRAWN[name](state, width, height)
     for line in lines:
@@ -89,7 +95,7 @@ def test_every_part_draws_at_every_size(
 def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
     report = reports.report(elapsed_s)
     for channel in ("gyro/x", "accel/z", "mag/y", "temperature"):
-        state = STATE.updated(reports={reports.ID: report}, channel=channel, signal=None)
+        state = running().updated(reports={reports.ID: report}, channel=channel, signal=None)
         for draw in DRAWN.values():
             draw(state, 80, 24)
 
@@ -132,7 +138,9 @@ def test_a_bias_is_shown_only_where_it_is_known() -> None:
             **report.channels,
             "accel/z": replace(report.channels["accel/z"], distribution=distribution),
         }
-        state = replace(STATE, channel="accel/z", reports={reports.ID: replace(report, channels=channels)})
+        state = replace(
+            running(), channel="accel/z", reports={reports.ID: replace(report, channels=channels)}
+        )
         text = "".join(part for part, _ in panels.detail(state, 150, 12)[0])
         assert expected in text
 
@@ -150,18 +158,19 @@ def test_headings_fit_their_columns(si: bool, ascii: bool) -> None:
 @pytest.mark.parametrize("width", range(21, 81))
 def test_a_narrow_table_omits_whole_columns(width: int) -> None:
     """No visible number is truncated."""
-    whole = set(text_of(channel_table.table(STATE, 80, 40)).split())
-    assert set(text_of(channel_table.table(STATE, width, 40)).split()) <= whole | {"…"}
-    lines = text_of(channel_table.table(STATE, width, 40)).splitlines()
+    whole = set(text_of(channel_table.table(running(), 80, 40)).split())
+    assert set(text_of(channel_table.table(running(), width, 40)).split()) <= whole | {"…"}
+    lines = text_of(channel_table.table(running(), width, 40)).splitlines()
     gyro = next(line for line in lines if line.lstrip("▌ ").startswith("x"))
     assert "…" not in gyro
 
 
 def test_the_selected_channel_is_visible_at_every_height() -> None:
-    for channel in STATE.channels:
+    for channel in running().channels:
         for height in (3, 5, 12, 30):
             assert any(
-                c == channel for _, c in channel_table.table_rows(STATE.updated(channel=channel), 80, height)
+                c == channel
+                for _, c in channel_table.table_rows(running().updated(channel=channel), 80, height)
             )
 
 
@@ -175,8 +184,8 @@ def test_wrapping_keeps_every_letter(text: str, width: int) -> None:
 
 def test_a_unit_in_brackets_is_not_markup() -> None:
     """No markup anywhere: [s] and [bold] are text."""
-    assert "τ [s]" in text_of(charts.allan_chart(STATE, 80, 20))
-    assert "[bold]not markup[/bold]" in text_of(text_panels.events(STATE, 150))
+    assert "τ [s]" in text_of(charts.allan_chart(running(), 80, 20))
+    assert "[bold]not markup[/bold]" in text_of(text_panels.events(running(), 150))
 
 
 def test_dots_of_crossing_lines_merge() -> None:
@@ -243,7 +252,7 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
     for age, letters in ((8.0, "N"), (reports.LENGTH_S, "NBK")):
         report = reports.report(age)
         text = text_of(
-            charts.allan_chart(STATE.updated(reports={reports.ID: report}, channel="gyro/x"), 100, 40)
+            charts.allan_chart(running().updated(reports={reports.ID: report}, channel="gyro/x"), 100, 40)
         )
         for letter in "NBK":
             part = getattr(report.channels["gyro/x"], letter)
@@ -255,10 +264,10 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
 
 
 def test_unused_octaves_are_dimmed() -> None:
-    lines = charts.allan_chart(STATE.updated(channel="accel/y"), 100, 40)
+    lines = charts.allan_chart(running().updated(channel="accel/y"), 100, 40)
     assert any(role.startswith("unused") for line in lines[1:] for _, role in line)
     assert not any(
-        role.startswith("unused") for line in charts.allan_chart(STATE, 100, 40) for _, role in line
+        role.startswith("unused") for line in charts.allan_chart(running(), 100, 40) for _, role in line
     )
 
 

@@ -803,7 +803,9 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
             running.ask("unplug")
             with pytest.raises(DeviceLost):
                 live(session, 5.0, 10**6)
-        keep = os.open("/dev/ptmx", os.O_RDWR | os.O_NOCTTY)  # so that the old name is taken
+        taken = []  # the old name must be taken: another process may have freed a lower one
+        while not os.path.exists(first):
+            taken.append(os.open("/dev/ptmx", os.O_RDWR | os.O_NOCTTY))
         running.ask("replug")
         assert os.path.realpath(link) != first
         with SerialPort(str(link)) as port:
@@ -815,7 +817,8 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
             again.configure()
             assert live(again, 3.0, 20) >= 20
             assert again.restore()
-        os.close(keep)
+        for terminal in taken:
+            os.close(terminal)
 
 
 def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:

@@ -41,17 +41,19 @@ def graded(report: Report, provisional: bool) -> Report:
     return replace(report, grade={"gyro": headline, "accel": headline})
 
 
-LONG = graded(reports.long_report(), False)
+@pytest.fixture(scope="module")
+def long() -> Report:
+    return graded(reports.long_report(), False)
 
 
-def test_a_final_grade_counts_for_itself_and_all_worse_ones() -> None:
-    assert WaitCondition(grade="industrial").unmet(LONG) is None
-    assert WaitCondition(grade="consumer").unmet(LONG) is None
-    assert "industrial" in str(WaitCondition(grade="tactical").unmet(LONG))
+def test_a_final_grade_counts_for_itself_and_all_worse_ones(long: Report) -> None:
+    assert WaitCondition(grade="industrial").unmet(long) is None
+    assert WaitCondition(grade="consumer").unmet(long) is None
+    assert "industrial" in str(WaitCondition(grade="tactical").unmet(long))
 
 
-def test_a_provisional_grade_counts_if_every_limit_has_it() -> None:
-    maybe = graded(LONG, True)
+def test_a_provisional_grade_counts_if_every_limit_has_it(long: Report) -> None:
+    maybe = graded(long, True)
     good = changed(maybe, "gyro/x", B=4.0e-5)  # 8 deg/h at most: industrial
     assert WaitCondition(grade="industrial").unmet(good) is None
     bad = changed(maybe, "gyro/x", B=4.0e-4)  # 82 deg/h: it may be consumer
@@ -63,52 +65,52 @@ def test_a_provisional_grade_counts_if_every_limit_has_it() -> None:
     assert "pending" in str(WaitCondition(grade="industrial").unmet(changed(maybe, "accel/y", B=None)))
 
 
-def test_a_provisional_grade_of_a_mostly_excluded_record_does_not_count() -> None:
-    maybe = graded(LONG, True)
+def test_a_provisional_grade_of_a_mostly_excluded_record_does_not_count(long: Report) -> None:
+    maybe = graded(long, True)
     session = replace(maybe.session, excluded_s=0.6 * maybe.session.elapsed_s)
     assert "not certain" in str(WaitCondition(grade="industrial").unmet(replace(maybe, session=session)))
 
 
-def test_a_missing_grade_has_its_reason() -> None:
-    none = replace(LONG, grade={"gyro": SensorGrade(reason="the sensor is not at rest")})
+def test_a_missing_grade_has_its_reason(long: Report) -> None:
+    none = replace(long, grade={"gyro": SensorGrade(reason="the sensor is not at rest")})
     assert WaitCondition(grade="consumer").unmet(none) == "gyro has no grade yet: the sensor is not at rest"
 
 
-def test_a_precision_needs_every_axis_measured() -> None:
-    assert WaitCondition(coefficient="N", precision=0.5).unmet(LONG) is None
-    assert "required 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).unmet(LONG))
-    bounded = changed(LONG, "accel/z", K=1.0)
+def test_a_precision_needs_every_axis_measured(long: Report) -> None:
+    assert WaitCondition(coefficient="N", precision=0.5).unmet(long) is None
+    assert "required 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).unmet(long))
+    bounded = changed(long, "accel/z", K=1.0)
     assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).unmet(bounded))
-    assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(LONG) is None
+    assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(long) is None
     condition = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
-    assert condition.unknown_channel(LONG) == "mag/q"
-    assert condition.unknown_channel(replace(LONG, channels={})) is None  # its channels are not known yet
-    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(LONG))
+    assert condition.unknown_channel(long) == "mag/q"
+    assert condition.unknown_channel(replace(long, channels={})) is None  # its channels are not known yet
+    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(long))
 
 
-def test_the_description_names_what_the_condition_asks_for() -> None:
+def test_the_description_names_what_the_condition_asks_for(long: Report) -> None:
     halves = {
         name: (n.high - n.low) / (2.0 * n.value)
-        for name, channel in LONG.channels.items()
+        for name, channel in long.channels.items()
         if name[:4] in ("gyro", "acce") and (n := channel.N) and n.value and n.high and n.low
     }
     worst = max(halves, key=lambda name: halves[name])
     text = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, required 5 %"
-    assert WaitCondition(coefficient="N", precision=0.05).description(LONG) == text
+    assert WaitCondition(coefficient="N", precision=0.05).description(long) == text
     grades = "gyro industrial, accel industrial"
-    assert WaitCondition(grade="consumer").description(LONG) == grades
-    assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(LONG) == "gyro industrial"
+    assert WaitCondition(grade="consumer").description(long) == grades
+    assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(long) == "gyro industrial"
     assert (
-        WaitCondition(grade="consumer", coefficient="N", precision=0.05).description(LONG)
+        WaitCondition(grade="consumer", coefficient="N", precision=0.05).description(long)
         == f"{text}, {grades}"
     )
-    assert WaitCondition().description(LONG) == grades
-    assert WaitCondition().description(replace(LONG, grade={})) == "running"
+    assert WaitCondition().description(long) == grades
+    assert WaitCondition().description(replace(long, grade={})) == "running"
 
 
-def test_an_empty_condition_is_the_first_sample() -> None:
-    assert WaitCondition().unmet(LONG) is None
-    assert "no sample yet" in str(WaitCondition().unmet(replace(LONG, session=SessionCounters())))
+def test_an_empty_condition_is_the_first_sample(long: Report) -> None:
+    assert WaitCondition().unmet(long) is None
+    assert "no sample yet" in str(WaitCondition().unmet(replace(long, session=SessionCounters())))
 
 
 @pytest.mark.parametrize("text", ["", "x", "5 parsecs", "-1", "0", "h", "1h x", "1e999"])

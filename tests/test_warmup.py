@@ -89,7 +89,7 @@ def falling(seconds: int, size: float, time_s: float) -> Floats:
     return size * np.exp(-(np.arange(seconds) + 0.5) / time_s)[:, None]
 
 
-@pytest.mark.parametrize("walk", [0.0, 1e-7, 1e-6, 3e-6])
+@pytest.mark.parametrize("walk", [0.0, 1e-6])
 @pytest.mark.parametrize("flicker", [0.0, 2.4e-5])
 def test_noise_does_not_settle(walk: float, flicker: float) -> None:
     values = synthesise(3000, 1.0, N=[6.1e-5] * 60, B=flicker, K=walk, seed=11)

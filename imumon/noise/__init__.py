@@ -44,9 +44,13 @@ restarts the estimator: it never returns limits of one record for another.
 | `synthesis` | noise of given N, B, K |
 """
 
-from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.noise.fit import ChannelFit, Estimator, FittedCoefficient, fit_curve, read_slopes
-from imumon.noise.synthesis import NoiseStream, synthesise
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from imumon.noise.allan import AllanCurve, OctaveCascade
+    from imumon.noise.fit import ChannelFit, Estimator, FittedCoefficient, fit_curve, read_slopes
+    from imumon.noise.synthesis import NoiseStream, synthesise
 
 __all__ = [
     "AllanCurve",
@@ -59,3 +63,16 @@ __all__ = [
     "read_slopes",
     "synthesise",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the module of a name at its first use: the fit needs scipy, the synthesis of noise does not."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    owner = "allan" if name in ("AllanCurve", "OctaveCascade") else "fit"
+    owner = "synthesis" if name in ("NoiseStream", "synthesise") else owner
+    return getattr(import_module(f"{__name__}.{owner}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
