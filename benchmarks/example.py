@@ -70,8 +70,8 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
     """Return the report of a run."""
     settings = EmulatorSettings(rate=RATE, baud=921600, seed=seed, gyro=GYRO, accel=ACCEL)
     sensor = Emulated(settings, SensorModel(settings))
-    sensor.set(6, "0")
-    sensor.set(75, *OUTPUT)
+    sensor.set_register(6, "0")
+    sensor.set_register(75, *OUTPUT)
     decoder, monitor = Vn100Decoder(), Monitor(rate_hz=RATE)
     rng = np.random.default_rng(seed)
     chunks = round(hours * 3600 / CHUNK_S)
@@ -90,8 +90,8 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
     monitor.flush()
     registers = {
         "75 binary output 1": ",".join(OUTPUT),
-        "82 delta theta and delta velocity": ",".join(sensor.memory.read(82)),
-        "85 IMU filtering": ",".join(sensor.memory.read(85)),
+        "82 delta theta and delta velocity": ",".join(sensor.registers.read(82)),
+        "85 IMU filtering": ",".join(sensor.registers.read(85)),
     }
     device = DeviceDescription(
         id=f"vn100-{settings.serial}",

@@ -25,7 +25,7 @@ def main() -> None:
         parser.add_argument(name, required=True)
     speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
     settings = load(None, {"zenoh.listen": [words.listen]})
-    Daemon(settings, RunOptions(path=words.port, state_directory=Path(words.state), speed=speed)).run()
+    Daemon(settings, RunOptions(url=words.port, state_directory=Path(words.state), speed=speed)).run()
 
 
 if __name__ == "__main__":

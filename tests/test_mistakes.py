@@ -41,7 +41,7 @@ from imumon.tui.view_state import ViewState
         (("config", "chekc"), "'show', 'check'"),
         (("completion",), "{bash,zsh,fish}"),
         (("run", "--conect", "x"), "did you mean --connect?"),
-        (("run", "--nonsense"), "--nonsense (try"),
+        (("run", "--nonsense"), "--nonsense: imumon run --help"),
     ],
 )
 def test_invalid_options(arguments: tuple[str, ...], text: str) -> None:
@@ -131,7 +131,11 @@ def test_the_screen_shows_that_the_emulator_starts_and_why_its_daemon_ended() ->
 @pytest.mark.parametrize(
     ("redirected", "code", "text"),
     [
-        (">/dev/full", 1, "imumon: cannot write the output: no space left on device\n"),
+        (
+            ">/dev/full",
+            1,
+            "imumon: cannot write the output: no space left on device: free space, or write elsewhere\n",
+        ),
         (">&-", 0, ""),
         ("<&- 2>&-", 0, ""),
     ],

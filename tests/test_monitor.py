@@ -210,7 +210,7 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     ]
     assert reported(EventLog(), range(1000, 1600), 300) == [
         "gyro: meets nothing, nearest industrial, provisional",
-        "gyro: meets nothing, nearest consumer, provisional (was industrial)",
+        "gyro: meets nothing, nearest consumer, provisional (before: meets nothing, nearest industrial, provisional)",
     ]
     lost = EventLog()
     for k in range(100):
@@ -221,7 +221,7 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     again.record_restored(cast(Accumulators, SimpleNamespace(gaps=0, missing=0)))
     assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
     assert reported(again, range(2000, 3000), 500) == [
-        "gyro: meets nothing, nearest consumer, provisional (was industrial)"
+        "gyro: meets nothing, nearest consumer, provisional (before: meets nothing, nearest industrial, provisional)"
     ]
 
 

@@ -103,7 +103,7 @@ def test_a_pipe_without_a_reader_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_an_error() -> None:
-    with pytest.raises(RecordingError, match="no space left on device") as error:
+    with pytest.raises(RecordingError) as error:
         CaptureWriter("/dev/full", {})
     assert error.value.code == "not_writable"
 

@@ -158,10 +158,10 @@ def test_unplugged_port_is_lost_after_its_last_byte(line: Line) -> None:
         line.unplug()
         wait_for(lambda: port.gone)
         assert port.read(0.1) == b"last"
-        with pytest.raises(DeviceLost, match="unplugged"):
-            port.read(1.0)
-        with pytest.raises(DeviceLost, match="unplugged"):
-            port.write(b"x")
+        for use in (lambda: port.read(1.0), lambda: port.write(b"x")):
+            with pytest.raises(DeviceLost) as error:
+                use()
+            assert error.value.code == "device_lost"
         with pytest.raises(DeviceLost):
             port.set_baud(9600)
         with pytest.raises(DeviceLost):
@@ -285,8 +285,9 @@ def test_port_that_vanishes_while_opening_has_its_own_message(
         return opened
 
     monkeypatch.setattr(port_module.pyserial, "Serial", unplugged)
-    with pytest.raises(DeviceError, match="while it was being opened"):
+    with pytest.raises(DeviceError) as error:
         SerialPort(line.path)
+    assert error.value.code == "device_lost"
 
 
 def test_port_in_use_names_who_has_it(line: Line) -> None:

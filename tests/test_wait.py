@@ -97,12 +97,12 @@ def test_the_description_names_what_the_condition_asks_for(long: Report) -> None
     worst = max(halves, key=lambda name: halves[name])
     text = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, required 5 %"
     assert WaitCondition(coefficient="N", precision=0.05).description(long) == text
-    grades = "gyro industrial, accel industrial"
+    grades = "gyro meets industrial, nearest industrial; accel meets industrial, nearest industrial"
     assert WaitCondition(grade="consumer").description(long) == grades
-    assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(long) == "gyro industrial"
+    assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(long) == grades.partition(";")[0]
     assert (
         WaitCondition(grade="consumer", coefficient="N", precision=0.05).description(long)
-        == f"{text}, {grades}"
+        == f"{text}; {grades}"
     )
     assert WaitCondition().description(long) == grades
     assert WaitCondition().description(replace(long, grade={})) == "running"

@@ -316,8 +316,14 @@ _KEY_INVALID = "zenoh.key is not the private key of zenoh.certificate in PEM for
 _CERTIFICATE_INVALID = "zenoh.certificate or zenoh.ca is not a certificate in PEM format"
 _PRIVILEGE = "choose a port above 1023, or a directory that you may write to"
 _ANOTHER = "choose another with --listen"
+_UNREACHABLE = "check that a daemon or router listens there, and the password or certificate"
 _KNOWN_ERRORS = (
-    ("unable to connect to any", "unreachable", "no answer, or a wrong password or certificate", ""),
+    (
+        "unable to connect to any",
+        "unreachable",
+        "no answer, or a wrong password or certificate",
+        _UNREACHABLE,
+    ),
     ("address already in use", "address_in_use", "in use by another daemon or program", _ANOTHER),
     ("cannot assign requested address", "address_not_local", "not an address of this machine", _ANOTHER),
     ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
@@ -343,7 +349,7 @@ def classify(error: zenoh.ZError, endpoints: Sequence[str]) -> BusError:
         if pattern in text.lower():
             kind = Unreachable if code == "unreachable" else BusError
             return kind(code, f"{where}: {message}", cure)
-    return BusError("session_failed", f"{where}: {_readable(text)}")
+    return BusError("session_failed", f"{where}: {_readable(text)}", "check the settings of [zenoh]")
 
 
 def _readable(text: str) -> str:

@@ -20,7 +20,7 @@ NOT_REACHED = 4
 INTERRUPTED = 130
 """Interrupted from the keyboard."""
 
-_USAGE_CODES = ("invalid_settings", "invalid_device_name")
+_USAGE_CODES = ("invalid_settings", "endpoint_invalid", "id_invalid")
 """Codes of wrong usage, where the type of the error does not decide."""
 
 

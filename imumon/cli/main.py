@@ -62,9 +62,10 @@ def _run(argv: Sequence[str] | None) -> int:
     prepare_streams()
     if completion.VARIABLE in os.environ:
         completion.complete(parsers)
-    arguments = argparse.Namespace()
+    words = list(sys.argv[1:] if argv is None else argv)
+    arguments = argparse.Namespace(json="--json" in words)
     try:
-        handler = _parse(list(sys.argv[1:] if argv is None else argv), arguments)
+        handler = _parse(words, arguments)
         code = handler(arguments)
         sys.stdout.flush()
         return code
@@ -80,7 +81,9 @@ def _run(argv: Sequence[str] | None) -> int:
             raise
         discard_stdout()
         message = f"cannot write {error.filename or 'the output'}: {os.strerror(error.errno).lower()}"
-        return _fail(CommandError("output_not_writable", message), arguments)
+        return _fail(
+            CommandError("output_not_writable", message, "free space, or write elsewhere"), arguments
+        )
     except ImumonError as error:
         return _fail(error, arguments)
 

@@ -29,7 +29,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         text = message.replace("\n", " ")
-        self.exit(USAGE, f"{self.prog}: {text} (try {self.prog} --help)\n")
+        raise CommandError("invalid_arguments", text, f"{self.prog} --help lists the options", USAGE)
 
     def suggestion(self, argument: str) -> str:
         """Return ``; did you mean --port?`` if an option of this parser is similar, else empty text."""

@@ -121,7 +121,7 @@ def wait(arguments: argparse.Namespace) -> int:
                 print_status(unmet)
                 if time.monotonic() >= end_s:
                     message = f"not reached in {duration(arguments.timeout)}: {unmet}"
-                    raise CommandError("not_reached", message, exit_code=NOT_REACHED)
+                    raise CommandError("not_reached", message, "give a longer --timeout", NOT_REACHED)
                 report = _next_report(subscriber, report, end_s)
         finally:
             print_status("")

@@ -17,6 +17,7 @@ from imumon.cli.query import ANSWER_S
 from imumon.cli.replay_command import FILES, add_read_options, replay_options
 
 STATE_MAGIC = b"imumon-state "
+REPORT_CURE = "make one with imumon report --format json"
 """First bytes of a saved state."""
 
 
@@ -60,7 +61,7 @@ def report(arguments: argparse.Namespace) -> int:
         Path(arguments.output).write_bytes(data)
     except OSError as error:
         message = f"cannot write {arguments.output}: {_reason(error)}"
-        raise CommandError("output_not_writable", message) from None
+        raise CommandError("output_not_writable", message, "name another file with -o") from None
     return SUCCESS
 
 
@@ -105,7 +106,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
             pass  # a bag of several files
         except OSError as error:
             message = f"cannot read {arguments.file}: {_reason(error)}"
-            raise CommandError("file_unreadable", message) from None
+            raise CommandError("file_unreadable", message, "check the path and its permissions") from None
     if head.startswith(STATE_MAGIC):
         return _from_state(Path(arguments.file))
     if head.lstrip().startswith(b"{"):
@@ -121,7 +122,7 @@ def _from_report(path: Path) -> Any:
     try:
         return from_json(Report, path.read_bytes())
     except ValueError as error:
-        raise CommandError("not_a_report", f"{path} is not a saved report: {error}") from None
+        raise CommandError("not_a_report", f"{path} is not a saved report: {error}", REPORT_CURE) from None
 
 
 def _from_state(path: Path) -> Any:
@@ -152,4 +153,4 @@ def _from_state(path: Path) -> Any:
         return monitor.report(saved, device, "stopped", session, device_caveats=caveats)
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
         message = f"the state {path} is of another version of imumon"
-        raise CommandError("state_of_another_version", message) from None
+        raise CommandError("state_of_another_version", message, "use the version that saved it") from None

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from imumon.messages import grade_text
 from imumon.report import Channel, Coefficient, GradeName, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
@@ -67,8 +68,8 @@ class WaitCondition:
             parts.append(f"{known}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
             sensors = {sensor_of(name) for name in chosen}
-            parts += [f"{s} {g.nearest}" for s, g in report.grade.items() if s in sensors and g.nearest]
-        return ", ".join(parts) or report.state
+            parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.nearest]
+        return "; ".join(parts) or report.state
 
     def _chosen(self, report: Report) -> dict[str, Channel]:
         names = self.channels or GRADED_SENSORS
@@ -87,7 +88,7 @@ class WaitCondition:
             if GRADES.index(headline.nearest) > GRADES.index(self.grade):
                 by = headline.decided_by
                 decided = f" by {by.coefficient} of {by.axis}" if by else ""
-                return f"{sensor} is {headline.nearest}{decided}"
+                return f"{sensor} {grade_text(headline)}{decided}"
             if not headline.provisional:
                 continue
             if report.session.excluded_s > EXCLUDED_SHARE * report.session.elapsed_s:

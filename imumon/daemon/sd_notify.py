@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import socket
 
+from imumon.messages import grade_text
 from imumon.report import Report
 
 
@@ -64,5 +65,5 @@ def status_line(report: Report) -> str:
     """Return the status line of a report: state, grades and samples."""
     if report.state != "running":
         return f"{report.state}"
-    grades = [f"{sensor} {grade.nearest}" for sensor, grade in report.grade.items() if grade.nearest]
-    return f"running, {', '.join(grades) or 'no grade yet'}, {report.session.samples} samples"
+    grades = "; ".join(f"{sensor}: {grade_text(grade)}" for sensor, grade in report.grade.items())
+    return f"running; {grades or 'no grade yet'}; {report.session.samples} samples"

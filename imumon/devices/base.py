@@ -318,7 +318,7 @@ class DeviceDriver(ABC):
         DeviceError : there is no emulator.
         InvalidOption : the emulator cannot run at this speed or with this seed.
         """
-        raise DeviceError("no_emulator", f"there is no emulator of {self.title}")
+        raise DeviceError("no_emulator", f"there is no emulator of {self.title}", "use a real one")
 
     def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:  # noqa: B027
         """Add the options of `imumon sim`."""
@@ -331,4 +331,4 @@ class DeviceDriver(ABC):
         DeviceError : there is no emulator.
         InvalidOption : an option has an invalid value.
         """
-        raise DeviceError("no_emulator", f"there is no emulator of {self.title}")
+        raise DeviceError("no_emulator", f"there is no emulator of {self.title}", "use a real one")

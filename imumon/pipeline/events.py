@@ -55,8 +55,8 @@ class EventLog:
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
         self._changes: set[tuple[int, str, str]] = set()
-        self._grades: dict[str, str | None] = {}  # as reported
-        self._candidates: dict[str, tuple[str | None, float]] = {}  # other grades, and since when, s
+        self._grades: dict[str, SensorGrade] = {}  # as reported
+        self._candidates: dict[str, tuple[SensorGrade, float]] = {}  # other grades, and since when, s
         self._first_grades_known = False
 
     def drain(self) -> list[DetectedEvent]:
@@ -146,17 +146,22 @@ class EventLog:
         """Add a headline grade that differs from the reported one and has held for `GRADE_HOLD`."""
         elapsed = record.elapsed_s
         for sensor, grade in grades.items():
-            now, before = grade.nearest, self._grades.get(sensor)
-            if now == before:
+            before = self._grades.get(sensor, SensorGrade())
+            if sensor in self._grades and _same(grade, before):
                 self._candidates.pop(sensor, None)
                 continue
-            candidate, since = self._candidates.get(sensor, (None, elapsed))
-            if candidate != now or elapsed < since:  # a shorter record is another one
+            candidate, since = self._candidates.get(sensor, (grade, elapsed))
+            if not _same(candidate, grade) or elapsed < since:  # a shorter record is another one
                 since = elapsed
-            self._candidates[sensor] = (now, since)
+            self._candidates[sensor] = (grade, since)
             if sensor not in self._grades or elapsed >= since * GRADE_HOLD:
-                self._grades[sensor] = now
+                self._grades[sensor] = grade
                 if not self._first_grades_known:
-                    was = f" (was {before})" if before else ""
+                    was = f" (before: {grade_text(before)})" if before.nearest else ""
                     self.add("grade", f"{sensor}: {grade_text(grade)}{was}", record)
         self._first_grades_known &= not grades
+
+
+def _same(one: SensorGrade, other: SensorGrade) -> bool:
+    """Return whether two grades differ at most in being provisional."""
+    return (one.nearest, one.meets) == (other.nearest, other.meets)

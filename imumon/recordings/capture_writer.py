@@ -88,7 +88,9 @@ class CaptureWriter:
             self._begin_part()
         except OSError as error:
             why = (error.strerror or str(error)).lower()
-            raise RecordingError("not_writable", f"cannot record to {path}: {why}") from None
+            raise RecordingError(
+                "not_writable", f"cannot record to {path}: {why}", "give another --record"
+            ) from None
         self._thread = threading.Thread(target=self._run, name=f"record {path}", daemon=True)
         self._thread.start()
 

@@ -23,6 +23,8 @@ from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.samples import Floats, SampleBlock
 
+COMPLETE = "check that it is complete"
+"""Cure for a table without rows."""
 PREAMBLE = 30
 """Lines before which the header must come. Not critical."""
 
@@ -99,7 +101,7 @@ class CsvFile(Table):
         if at is None:
             header, begin = "", next((k for k, line in enumerate(seen) if _has_cells(line)), None)
             if begin is None:
-                raise RecordingError("no_rows", f"{self.path} has no rows")
+                raise RecordingError("no_rows", f"{self.path} has no rows", COMPLETE)
             separator = separator_of(seen[begin])
             names = [str(k + 1) for k in range(len(split(seen[begin], separator)))]
             if not self._options.columns:
@@ -141,7 +143,7 @@ class CsvFile(Table):
         return replace(found, times=tuple(times))
 
     def no_samples(self) -> RecordingError:
-        return RecordingError("no_rows", f"{self.path} has a header and no row of numbers behind it")
+        return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
 
 
 def _decoded(line: bytes) -> str:
@@ -305,7 +307,7 @@ class _RowParser:
         self.read += len(found)
         if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
             text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
-            raise RecordingError("too_many_invalid_rows", text)
+            raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
         return found, places
 
     def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:

@@ -29,7 +29,9 @@ class NpzFile(Table):
             with np.load(path, allow_pickle=False) as archive:
                 whole = {name: archive[name] for name in archive.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-            raise RecordingError("no_npz", f"{path} is no NumPy archive of plain arrays") from None
+            raise RecordingError(
+                "no_npz", f"{path} is no NumPy archive of plain arrays", "save it with numpy.savez"
+            ) from None
         try:
             names, arrays = _flattened(whole)
             found = layout(names, options.kind, options.columns)
@@ -39,7 +41,11 @@ class NpzFile(Table):
         columns = [arrays[k] for k in self._rows.columns]
         if len({len(column) for column in columns}) != 1:
             lengths = ", ".join(f"{length:,}" for length in sorted({len(c) for c in columns}))
-            raise RecordingError("array_lengths", f"{path}: its arrays have different lengths, {lengths}")
+            raise RecordingError(
+                "array_lengths",
+                f"{path}: its arrays have different lengths, {lengths}",
+                "save arrays of one length",
+            )
         self._columns = columns
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
@@ -52,7 +58,7 @@ class NpzFile(Table):
         yield self._finish()
 
     def no_samples(self) -> RecordingError:
-        return RecordingError("no_rows", f"{self.path} has arrays without a sample")
+        return RecordingError("no_rows", f"{self.path} has arrays without a sample", "save it again")
 
 
 def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:

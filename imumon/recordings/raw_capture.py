@@ -28,16 +28,19 @@ LONGEST_LINE = 1 << 16
 CHUNK = 256 << 10
 """Bytes that are read at once. Not critical."""
 
+ACCESS = "check the path and its permissions"
+"""Cure for a file that cannot be opened."""
+_OTHER = "name another file"
 _FOREIGN = {
     b"PK\x03\x04": ("zip", "a ZIP archive", "unpack it first"),
     b"\xfd7zXZ": ("xz", "an xz archive", "unpack it first"),
     b"BZh": ("bzip2", "a bzip2 archive", "unpack it first"),
     b"\x28\xb5\x2f\xfd": ("zstd", "a zstd archive", "unpack it first"),
-    b"\x89PNG": ("png", "an image", ""),
-    b"%PDF": ("pdf", "a PDF document", ""),
-    b"\x7fELF": ("elf", "a program", ""),
+    b"\x89PNG": ("png", "an image", _OTHER),
+    b"%PDF": ("pdf", "a PDF document", _OTHER),
+    b"\x7fELF": ("elf", "a program", _OTHER),
     b"\x93NUMPY": ("npy", "a NumPy array", "save it in an .npz archive"),
-    b"SQLite format 3": ("sqlite", "an SQLite database", ""),
+    b"SQLite format 3": ("sqlite", "an SQLite database", "name the folder of the bag, or another file"),
 }
 """First bytes of other formats: end of the code, what it is, what to do."""
 
@@ -145,9 +148,9 @@ class _Part:
             head = self._file.read(CHUNK)
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)
-            raise RecordingError("not_readable", f"cannot read {path}: {why.lower()}") from None
+            raise RecordingError("not_readable", f"cannot read {path}: {why.lower()}", ACCESS) from None
         if not head:
-            raise RecordingError("empty", f"{path} is empty: nothing was recorded")
+            raise RecordingError("empty", f"{path} is empty: nothing was recorded", "record again")
         for magic, (name, what, cure) in _FOREIGN.items():
             if head.startswith(magic):
                 raise RecordingError(f"format_{name}", f"{path} is not a recording but {what}", cure)

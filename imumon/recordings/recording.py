@@ -48,7 +48,11 @@ class DecodedCapture(Recording):
             raise RecordingError(error.code, f"{capture.path}: {error.message}", cure) from None
         decoder = self._driver.decoder()
         if decoder is None:
-            raise RecordingError("no_decoder", f"{capture.path}: the driver {scheme!r} decodes no captures")
+            raise RecordingError(
+                "no_decoder",
+                f"{capture.path}: the driver {scheme!r} decodes no captures",
+                "use its own program",
+            )
         self._decoder: RawDecoder = decoder
 
     def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
@@ -69,9 +73,9 @@ class DecodedCapture(Recording):
         path, decoder = self._capture.path, self._decoder
         if decoder.messages:
             text = f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
-            return RecordingError("no_inertial_messages", text)
+            return RecordingError("no_inertial_messages", text, "let the sensor send one of them")
         text = f"{path} has not one valid message of a {self._driver.title} in {decoder.fed} bytes"
-        return RecordingError("no_messages", text)
+        return RecordingError("no_messages", text, "check that it is a recording of this sensor")
 
 
 def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]:

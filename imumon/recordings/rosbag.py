@@ -22,6 +22,8 @@ from imumon.report import plain
 from imumon.samples import ACCEL, AXES, GYRO, SampleBlock
 
 IMU = "sensor_msgs/msg/Imu"
+REPAIR = "repair it with ros2 bag reindex, or record it again"
+"""Cure for a bag that cannot be read."""
 FIELDS = (("angular_velocity", "gyro", "rad/s"), ("linear_acceleration", "accel", "m/s2"))
 """Fields of a message, with the units of its definition."""
 
@@ -52,7 +54,9 @@ class RosbagFile(Table):
             self._reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
         except Exception as error:  # the package has many of its own
-            raise RecordingError("bag_corrupt", f"{path} cannot be read as a bag: {_text(error)}") from None
+            raise RecordingError(
+                "bag_corrupt", f"{path} cannot be read as a bag: {_text(error)}", REPAIR
+            ) from None
         self._connections = self._choose(options.topic)
         kind = options.kind or "uncompensated"
         if kind == "deltas":
@@ -75,7 +79,7 @@ class RosbagFile(Table):
         if not topics:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in self._reader.connections}))
             text = f"{self.path} has no {IMU}; there are {others or 'no messages'}"
-            raise RecordingError("no_imu_topic", text)
+            raise RecordingError("no_imu_topic", text, f"record a topic of type {IMU}")
         if topic is None and len(topics) > 1:
             text = f"{self.path} has several topics with {IMU}"
             raise RecordingError("several_topics", text, cure)
@@ -107,7 +111,7 @@ class RosbagFile(Table):
         except ImumonError:
             raise
         except Exception as error:
-            raise RecordingError("bag_corrupt", f"{self.path} is corrupt: {_text(error)}") from None
+            raise RecordingError("bag_corrupt", f"{self.path} is corrupt: {_text(error)}", REPAIR) from None
         finally:
             self._reader.close()
         if rows:
@@ -116,7 +120,7 @@ class RosbagFile(Table):
         yield self._finish()
 
     def no_samples(self) -> RecordingError:
-        return RecordingError("no_rows", f"{self.path} has no message on {self._topic}")
+        return RecordingError("no_rows", f"{self.path} has no message on {self._topic}", "record it again")
 
 
 def _text(error: Exception) -> str:

@@ -82,7 +82,11 @@ def check_magnitudes(path: str, what: str, found: ColumnLayout, rows: Floats) ->
         names = ", ".join(column.name for column in columns)
         valid = rows[np.isfinite(rows[:, indices]).all(axis=1)][:, indices]
         if not len(valid):
-            raise RecordingError("no_complete_row", f"{path}: no row has numbers for all of {names}")
+            raise RecordingError(
+                "no_complete_row",
+                f"{path}: no row has numbers for all of {names}",
+                "check that it is complete",
+            )
         # the median: a few wrong numbers say nothing of the unit
         size = float(np.median(np.linalg.norm(valid * [column.factor for column in columns], axis=1)))
         bare = [column for column in columns if column.unit is None]

@@ -1,0 +1,85 @@
+"""docs/ERRORS.md lists the code of every error, and no other."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from imumon.errors import ImumonError
+
+ROOT = Path(__file__).parents[1]
+TREES = [ast.parse(path.read_text("utf-8")) for path in (ROOT / "imumon").rglob("*.py")]
+DOCUMENT = (ROOT / "docs" / "ERRORS.md").read_text("utf-8")
+LISTED = [
+    code
+    for line in DOCUMENT.splitlines()
+    if line.startswith("| `")
+    for code in re.findall(r"`(\w+)`", line.split("|")[1])
+]
+NO_ERRORS = {"bash", "zsh", "fish"}
+"""Words with the shape of a code in calls that are no errors."""
+
+
+def _error_classes() -> set[str]:
+    """Return the names of `ImumonError` and its subclasses, and of `ConfigFault`, which has a code too."""
+    found = {"ImumonError", "ConfigFault"}
+    classes = [node for tree in TREES for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    while more := {c.name for c in classes if any(ast.unparse(base) in found for base in c.bases)} - found:
+        found |= more
+    return found
+
+
+ERRORS = _error_classes()
+CALLS = [
+    node
+    for tree in TREES
+    for node in ast.walk(tree)
+    if isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in ERRORS
+]
+LITERAL = {node.args[0].value for node in CALLS if isinstance(node.args[0], ast.Constant)}
+WORDS = {
+    node.value
+    for tree in TREES
+    for node in ast.walk(tree)
+    if isinstance(node, ast.Constant) and isinstance(node.value, str)
+}
+COMPOSED = ("format_", "_invalid")
+"""Parts of codes that are made from a word of a table or the name of an option."""
+
+
+def test_every_code_is_listed() -> None:
+    assert len(LITERAL) > 80
+    assert not LITERAL - set(LISTED)
+
+
+def test_every_listed_code_exists() -> None:
+    composed = {code for code in LISTED if code.startswith(COMPOSED[0]) or code.endswith(COMPOSED[1])}
+    assert not set(LISTED) - WORDS - composed
+    for code in composed - WORDS:
+        assert code.replace(COMPOSED[0], "").replace(COMPOSED[1], "") in WORDS, code
+
+
+def test_a_code_is_listed_once_or_in_two_places_where_both_apply() -> None:
+    twice = {code for code in LISTED if LISTED.count(code) > 1}
+    assert twice <= {"rate_invalid"}
+
+
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: f"{ast.unparse(call.func)}:{call.lineno}")
+def test_an_error_has_a_cure(call: ast.Call) -> None:
+    """Faults in settings say in their message what is valid; a state that is not usable is renamed without a user."""
+    kind = ast.unparse(call.func)
+    if kind in ("ConfigFault", "ConfigError", "StateError", "StateVersionError", "RecordMismatch"):
+        return
+    starred = any(isinstance(argument, ast.Starred) for argument in call.args)
+    assert starred or len(call.args) >= 3
+    if not starred:
+        assert not (isinstance(call.args[2], ast.Constant) and call.args[2].value == "")
+
+
+def test_the_text_of_an_error_is_message_and_cure() -> None:
+    error = ImumonError("port_busy", "it is in use", "end that program")
+    assert str(error) == "it is in use: end that program"
+    assert "\n" not in str(error)
