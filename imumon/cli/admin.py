@@ -20,7 +20,9 @@ NAME_COLUMNS = 13
 
 
 def add_doctor(parser: Parser) -> None:
-    parser.add_argument("--port", metavar="PORT", help="device path, URL, or sim; default: the one found")
+    parser.add_argument(
+        "--port", metavar="PORT", help="device path, URL, or sim; default: the only sensor found"
+    )
     options.add_config(parser)
     parser.add_argument("--json", action="store_true", help="print the checks as JSON")
     options.add_endpoints(parser)

@@ -20,7 +20,14 @@ NOT_REACHED = 4
 INTERRUPTED = 130
 """Interrupted from the keyboard."""
 
-_USAGE_CODES = ("invalid_settings", "endpoint_invalid", "id_invalid")
+_USAGE_CODES = (
+    "invalid_settings",
+    "endpoint_invalid",
+    "id_invalid",
+    "listen_insecure",
+    "certificate_missing",
+    "users_file_invalid",
+)
 """Codes of wrong usage, where the type of the error does not decide."""
 
 

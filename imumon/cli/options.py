@@ -187,9 +187,11 @@ def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -
     """
     report = subscriber.wait_report(id, timeout_s)
     if report is None:
-        name = f" as {id}" if id else ""
+        if id and (known := sorted({*subscriber.alive(), *subscriber.reports()})):
+            cure = f"give one of these with --id: {', '.join(known)}"
+            raise CommandError("no_daemon", f"no daemon has the name {id}", cure, NOT_FOUND)
         cure = f"start one with imumon run, or {cure}"
-        raise CommandError("no_daemon", f"no daemon answers{name}", cure, NOT_FOUND)
+        raise CommandError("no_daemon", "no daemon answers", cure, NOT_FOUND)
     if id is None:
         time.sleep(GATHER_S)
         others = sorted({*subscriber.alive(), *subscriber.reports()} - {report.device.id})

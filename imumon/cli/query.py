@@ -31,7 +31,7 @@ def _add_connection(parser: Parser) -> None:
 def add_tui(parser: Parser) -> None:
     _add_connection(parser)
     parser.add_argument("--id", metavar="NAME", help="device to show first")
-    parser.add_argument("--baseline", metavar="FILE", help="a saved report (JSON) behind the live curve")
+    parser.add_argument("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     options.add_appearance(parser)
 
 
@@ -45,14 +45,16 @@ def add_wait(parser: Parser) -> None:
     add = parser.add_argument
     _add_connection(parser)
     add("--id", metavar="NAME", help="device; default: the first that answers")
-    text = "until gyroscope and accelerometer have this grade or better with certainty; default: from the settings"
+    text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
+    text += "from the settings"
     add("--grade", choices=options.GRADES, help=text)
-    add("--coefficient", choices=("N", "B", "K"), help="until this has the precision on every axis")
+    text = "wait until the precision of this coefficient is reached on every axis"
+    add("--coefficient", choices=("N", "B", "K"), help=text)
     text = "half-width of the 95 %% interval as a share of the value, 0.05 or 5%%; default: from the settings"
     add("--precision", type=options.share, metavar="P", help=text)
     text = "consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel"
     add("--channel", action="append", metavar="NAME", help=text)
-    text = "give up after T (90, 90s, 10m, 2h); also how long to wait for a daemon, else 2 s"
+    text = "give up after T (90, 90s, 10m, 2h); without it, wait 2 s for a daemon and then without limit"
     add("--timeout", type=options.seconds, metavar="T", help=text)
 
 
@@ -99,7 +101,7 @@ def wait(arguments: argparse.Namespace) -> int:
     from imumon.units import duration
 
     if arguments.precision is not None and arguments.coefficient is None:
-        message, cure = "--precision has no coefficient", "add --coefficient N, B or K"
+        message, cure = "--precision needs a coefficient", "add --coefficient N, B or K"
         raise CommandError("coefficient_required", message, cure, USAGE)
     configured = options.settings(arguments).report
     precisions = {"N": configured.precision_n, "B": configured.precision_b, "K": configured.precision_k}
@@ -118,6 +120,9 @@ def wait(arguments: argparse.Namespace) -> int:
             while unmet := condition.unmet(report):
                 if condition.unknown_channel(report):
                     raise CommandError("unknown_channel", f"--channel: {unmet}", "name one of these", USAGE)
+                if condition.without_grade(report):
+                    cure = "name gyro or accel with --channel, or give --coefficient"
+                    raise CommandError("no_graded_channel", f"--grade: {unmet}", cure, USAGE)
                 print_status(unmet)
                 if time.monotonic() >= end_s:
                     message = f"not reached in {duration(arguments.timeout)}: {unmet}"

@@ -17,12 +17,16 @@ FILES = "raw capture (ASCII, binary, mixed), --record file, CSV, all also .gz; .
 def add_read_options(parser: argparse._ActionsContainer) -> None:
     """Add the options that say how to read a recording."""
     add = parser.add_argument
-    add("--rate", type=options.rate, metavar="HZ", help="sample rate of a stream without a clock")
-    add("--no-guards", action="store_true", help="exclude nothing: every valid sample counts")
-    add("--stream", choices=options.STREAMS, help="of a table that has several; default: the best")
+    add("--rate", type=options.rate, metavar="HZ", help="sample rate of samples without time stamps")
+    add("--no-guards", action="store_true", help="exclude no sample: every valid sample counts")
+    add(
+        "--stream",
+        choices=options.STREAMS,
+        help="stream to use if the file has several; default: the first of these that it has",
+    )
     text = "columns of a table: gyro/x=COLUMN:UNIT,...; COLUMN is a name or a number from 1; also t and dt"
     add("--map", metavar="MAP", help=text)
-    add("--topic", metavar="NAME", help="of a bag that has several IMUs")
+    add("--topic", metavar="NAME", help="topic to read if a bag has several IMUs")
 
 
 def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
@@ -48,11 +52,11 @@ def add_replay(parser: Parser) -> None:
     add = parser.add_argument
     add("file", metavar="FILE", help=f"{FILES}; - is standard input")
     add_read_options(parser)
-    add("--speed", default="max", metavar="X|max", help="times real time; default max")
+    add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     options.add_config(parser)
-    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): report what has changed")
+    add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     options.add_endpoints(parser, listen=True)
 
 

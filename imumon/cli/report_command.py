@@ -42,7 +42,9 @@ def report(arguments: argparse.Namespace) -> int:
 
     form = _form(arguments)
     if form == "png" and arguments.output is None and sys.stdout.isatty():
-        raise CommandError("binary_to_terminal", "a PNG is not for a terminal", "name a file with -o", USAGE)
+        raise CommandError(
+            "binary_to_terminal", "a PNG cannot be shown in a terminal", "name a file with -o", USAGE
+        )
     if arguments.file and arguments.id:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
@@ -121,8 +123,10 @@ def _from_report(path: Path) -> Any:
 
     try:
         return from_json(Report, path.read_bytes())
-    except ValueError as error:
-        raise CommandError("not_a_report", f"{path} is not a saved report: {error}", REPORT_CURE) from None
+    except ValueError:
+        raise CommandError(
+            "not_a_report", f"{path} is JSON but not a report of imumon", REPORT_CURE
+        ) from None
 
 
 def _from_state(path: Path) -> Any:

@@ -25,7 +25,7 @@ def add_run(parser: Parser) -> None:
     text = "device path, pyserial URL, sim, or NAME:... of another device; default: the only VN-100 found"
     add("--port", metavar="PORT", help=text)
     driver().add_run_options(parser)
-    add("--id", metavar="NAME", help="name in the keys; default vn100-<serial number>")
+    add("--id", metavar="NAME", help="name in the Zenoh keys; default vn100-<serial number>")
     text = "directory of the accumulated statistics; --port sim keeps nothing without it"
     add("--state", metavar="DIR", help=text)
     add("--fresh", action="store_true", help="start a new record; the old state is kept under another name")
@@ -33,16 +33,22 @@ def add_run(parser: Parser) -> None:
     options.add_config(parser)
     add("--duration", type=positive, metavar="S", help="stop after S seconds and print the final report")
     add("--json", action="store_true", help="print the final report as JSON")
-    add("--no-guards", action="store_true", default=None, help="exclude nothing")
-    add("--baseline", metavar="FILE", help="an earlier report of this sensor (JSON): report what changed")
-    add("--speed", type=positive, default=1.0, metavar="X", help="time-lapse, with --port sim only")
-    add("--seed", type=int, metavar="N", help="noise of the emulator, with --port sim only")
+    add("--no-guards", action="store_true", default=None, help="exclude no sample")
+    add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
+    add("--speed", type=positive, default=1.0, metavar="X", help="run the emulator X times faster")
+    add("--seed", type=int, metavar="N", help="seed of the random noise of the emulator")
     options.add_endpoints(parser, listen=True)
 
 
 def add_demo(parser: Parser) -> None:
-    parser.add_argument("--speed", type=positive, default=60.0, metavar="X", help="time-lapse; default 60")
-    parser.add_argument("--seed", type=int, metavar="N", help="noise of the emulator")
+    parser.add_argument(
+        "--speed",
+        type=positive,
+        default=60.0,
+        metavar="X",
+        help="run the emulator X times faster; default 60",
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the random noise")
     options.add_appearance(parser)
 
 
@@ -60,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(arguments, settings.device.port)
     if arguments.speed != 1.0 or arguments.seed is not None:
         message = "--speed and --seed are for --port sim"
-        raise CommandError("option_needs_sim", message, "leave them out", USAGE)
+        raise CommandError("option_needs_sim", message, "add --port sim, or leave them out", USAGE)
     return _run_daemon(arguments, settings, settings.device.port, options.state_directory(settings))
 
 

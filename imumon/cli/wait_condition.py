@@ -71,6 +71,15 @@ class WaitCondition:
             parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.nearest]
         return "; ".join(parts) or report.state
 
+    def without_grade(self, report: Report) -> bool:
+        """Return whether a grade is required of channels that have none, such as those of a magnetometer."""
+        chosen = self._chosen(report)
+        return (
+            self.grade is not None
+            and bool(chosen)
+            and not any(sensor_of(c) in GRADED_SENSORS for c in chosen)
+        )
+
     def _chosen(self, report: Report) -> dict[str, Channel]:
         names = self.channels or GRADED_SENSORS
         return {n: c for n, c in report.channels.items() if n in names or sensor_of(n) in names}

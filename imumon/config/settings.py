@@ -61,9 +61,9 @@ class DeviceSettings(Section):
     set_baud: NewBaud = 0
     """change the baud rate of the sensor until its next power-up; 0: never"""
     rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
-    """sample rate of a stream without a clock; 0: not given"""
+    """sample rate of samples without time stamps, in Hz; 0: not given"""
     listen_only: bool = False
-    """write nothing to the sensor; characterize the stream that it already sends"""
+    """write nothing to the sensor; measure the stream that it already sends"""
     stream: Literal["deltas", "uncompensated", "compensated"] = "deltas"
     """stream to request from the sensor: deltas, uncompensated or compensated"""
     id: str = Field("", max_length=64)
@@ -76,21 +76,21 @@ class ZenohSettings(Section):
     listen: TextList = ()
     """endpoints; empty: first free of tcp/127.0.0.1:7448 to 7463"""
     connect: TextList = ()
-    """endpoints of routers to publish through as well; they may come and go"""
+    """endpoints of routers to publish through as well; they may disconnect and reconnect"""
     mode: Literal["peer", "router"] = "peer"
-    """peer; or router: others may connect as to one"""
+    """peer, or router: other programs can connect to it as to a router"""
     user: str = ""
     """name to log in with; others who connect must give it too"""
     password: str = ""
     """its password; protect this file (of a service: group dialout, mode 0640)"""
     users_file: str = ""
-    """who else may connect: file of lines user:password; empty, and no user: everybody"""
+    """who else may connect: file of lines user:password; if this and user are empty, everybody may connect"""
     certificate: str = ""
     """own TLS certificate, PEM"""
     key: str = ""
     """its private key, PEM"""
     ca: str = ""
-    """authority that must have signed the certificate of the other side, PEM"""
+    """certificate of the authority that signs the certificates of others, PEM"""
     verify_name: bool = True
     """the certificate must also name the host of the connection"""
     read_only: bool = True
@@ -109,7 +109,7 @@ class StateSettings(Section):
     directory: str = ""
     """directory; empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/imumon, else ~/.local/state/imumon"""
     save_period_s: float = Field(30.0, ge=1.0, le=3600.0)
-    """time between two saves, which a power failure may lose, in seconds"""
+    """time between two saves, in seconds; a power failure loses at most this time"""
 
 
 class RecordSettings(Section):
@@ -135,7 +135,7 @@ class ReportSettings(Section):
     precision_k: float = Field(0.5, gt=0.0, lt=1.0)
     """the same for K"""
     grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = ""
-    """grade that imumon wait waits for: navigation, tactical, industrial or consumer; empty: the first sample"""
+    """grade for imumon wait: navigation, tactical, industrial or consumer; empty: it ends at the first sample"""
 
 
 class GuardSettings(Section):

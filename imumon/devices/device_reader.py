@@ -262,7 +262,7 @@ def device_failed(error: Exception) -> DeviceError:
     """Return the error of a device that raised something else than a `DeviceError`: a defect of its driver."""
     return DeviceError(
         "device_failed",
-        f"the device failed ({type(error).__name__}: {error})",
+        f"the driver failed ({type(error).__name__}: {error})",
         "report it to the author of its driver",
     )
 

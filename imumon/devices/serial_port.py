@@ -432,7 +432,7 @@ def _open_error(path: str, error: Exception) -> DeviceError:
         return DeviceError("port_busy", f"{path} is in use{used_by}", "end that program first")
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
         text = f"{path} vanished while it was being opened"
-        return DeviceNotFound("port_vanished", text, "plug it in again, and check the cable")
+        return DeviceNotFound("port_vanished", text, "plug the adapter in again, and check the cable")
     if isinstance(error, termios.error) or number == errno.ENOTTY or _is_no_terminal(path):
         return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
     return DeviceError("port_unusable", f"cannot open {path} ({error})", "check the port with imumon doctor")

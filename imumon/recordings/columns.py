@@ -242,8 +242,8 @@ def parse_map(text: str) -> dict[str, str]:
 def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> RecordingError:
     """Return the error that names what is missing and the similar columns."""
     if kind and any(_stream(columns, other) for other in KINDS):
-        text = f"there is no {kind} stream in it"
-        return RecordingError("no_stream", text, "leave --stream out for the best")
+        text = f"the recording has no {kind} stream"
+        return RecordingError("no_stream", text, "leave --stream out to use the best stream")
     incomplete = [c.name for c in columns if c.quantity in SENSORS and c.quantity != "mag"]
     if incomplete:
         text = f"only {_list(incomplete)} of gyroscope and accelerometer"

@@ -74,7 +74,7 @@ class DecodedCapture(Recording):
         if decoder.messages:
             text = f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
             return RecordingError("no_inertial_messages", text, "let the sensor send one of them")
-        text = f"{path} has not one valid message of a {self._driver.title} in {decoder.fed} bytes"
+        text = f"{path} has no valid message of a {self._driver.title} in {decoder.fed} bytes"
         return RecordingError("no_messages", text, "check that it is a recording of this sensor")
 
 
@@ -112,7 +112,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     archive = head.startswith(b"PK\x03\x04") and path.endswith(".npz")
     opened = NpzFile(path, options) if archive else RawCapture(path)
     if options.topic is not None:
-        text = f"--topic is for bags, and {path} is none"
+        text = f"--topic is for bags, and {path} is not a bag"
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
     if isinstance(opened, NpzFile):
         return opened

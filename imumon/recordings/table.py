@@ -47,7 +47,7 @@ ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
 RATE_CURE = "give the sample rate with --rate"
 
 OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
-    "single_row": ("is of one row, and two are needed for a rate", RATE_CURE),
+    "single_row": ("has one row, and a rate needs two", RATE_CURE),
     "time_descending": ("runs backwards", f"sort the rows by it, or {RATE_CURE}"),
     "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
     "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),
@@ -308,7 +308,7 @@ class TableRows:
             text = f"the time in {found[0].name} {what}"
             if self._rate is None:
                 raise RecordingError(obstacle, f"{self._path}: {text}", cure)
-            self._remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples do not show")
+            self._remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples cannot be detected")
             return "none", 1.0 / self._rate
         if len(found) == 1:
             unit, remark = time_unit(self._path, self._what, found[0], raw, self._rate)
@@ -323,7 +323,7 @@ class TableRows:
         text = "its time stamps are late or in batches, as those of a host: "
         text += "only their mean rate is used" if self._rate is None else "they only show what was lost"
         if self._host.rough:
-            text += ", and single lost samples do not show"
+            text += ", and single lost samples cannot be detected"
         self._remarks.append(text)
         return "none", interval * 1e-9 if self._rate is None else 1.0 / self._rate
 

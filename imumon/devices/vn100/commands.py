@@ -210,14 +210,14 @@ class _Evidence:
             text = f"{port} sends NMEA sentences (${self.nmea}), as a GNSS receiver does"
             return NotAVn100("device_sends_nmea", text, other_port)
         if not self.count:
-            cure = "check its power, that transmit and receive are not swapped, and that this is its port"
+            cure = "check its power, that transmit and receive are not swapped, and that the port is correct"
             return NotAVn100("device_silent", f"{port} sends nothing {where}", cure)
         if b"$VN" in self._text:
             text = f"{port} sends messages of a VN-100, but all are damaged {where}"
             return NotAVn100("device_damaged_messages", text, "check the cable and its ground")
         if self._text:
             shown = self._text.splitlines()[0][:40].decode("ascii")
-            text = f"{port} sends text that no VN-100 sends ({shown!r})"
+            text = f"{port} sends text that is not from a VN-100 ({shown!r})"
             return NotAVn100("device_sends_text", text, other_port)
         text = f"{port} sends bytes ({self.count} received) but no valid message {where}"
         cure = "choose another --port or --baud, or a cable of other levels (RS-232, 3 V)"

@@ -63,9 +63,19 @@ class Vn100Driver(DeviceDriver):
 
     def add_run_options(self, parser: argparse.ArgumentParser) -> None:
         add = parser.add_argument
-        add("--baud", type=_baud, metavar="auto|N", help="baud rate; default auto: detect it, never raise it")
-        add("--set-baud", type=int, metavar="N", help="change the baud rate of the sensor to N (volatile)")
-        add("--rate", type=_rate, metavar="HZ", help="sample rate of a stream without a clock")
+        add(
+            "--baud",
+            type=_baud,
+            metavar="auto|N",
+            help="baud rate; default auto: detect it and do not change it",
+        )
+        add(
+            "--set-baud",
+            type=int,
+            metavar="N",
+            help="change the baud rate of the sensor to N until its power-off",
+        )
+        add("--rate", type=_rate, metavar="HZ", help="sample rate of samples without time stamps")
         text = "write nothing to the sensor; a stream without a clock then needs --rate"
         add("--listen-only", action="store_true", default=None, help=text)
         add("--stream", choices=STREAMS, help="stream to request from the sensor; default deltas")

@@ -170,7 +170,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = f"default {FACTORY_BAUD}, or the next one that carries the rate"
     line.add_argument("--baud", type=int, choices=BAUDS, metavar="N", help=text)
     number(line, "speed", "X", "time-lapse: the sensor clock runs X times faster and waits for the reader")
-    line.add_argument("--link", metavar="PATH", help="maintain a symbolic link to the pseudo-terminal")
+    line.add_argument("--link", metavar="PATH", help="create a symbolic link to the pseudo-terminal")
     text = "port of the sensor (default 1)"
     line.add_argument("--serial-port", type=int, choices=(1, 2), default=1, help=text)
     for sensor, unit in _UNITS.items():
