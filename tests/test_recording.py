@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from commands import imumon
-from daemons import Daemon
+from daemons import Daemon, free_endpoint
 
 from imumon.config import RecordSettings
 from imumon.daemon.recorder import Recorder
@@ -167,6 +167,7 @@ def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) 
     )
     with spawn(EmulatorSettings(seed=14)) as sensor:
         options = ["--record", str(path), "--duration", "4", "--json", "--state", str(tmp_path / "state")]
+        options += ["--listen", free_endpoint()]
         done = subprocess.run(
             [sys.executable, "-c", program, "run", "--port", sensor.path, *options],
             capture_output=True,

@@ -37,8 +37,9 @@ MOST_SIGMAS = 7.0
 """No value of a Gaussian noise lies farther out in a scenario's samples."""
 CLOCK_S = 5.0
 """A report, and the answer of the emulator that belongs to it, are so far apart on a busy machine."""
-YOUNG_S, YOUNG_KB, MEMORY_KB = 10.0, 8_000, 2_000
-"""What memory may grow by: a record younger than this gets its octaves, and what is imported late."""
+YOUNG_S, YOUNG_KB, MEMORY_KB = 10.0, 8_000, 4_000
+"""s and kB, allowed growth of memory: a record younger than this gets its octaves, and modules are imported late.
+For an older record, half of the 8 MB that a week may add: freed pages may stay with the allocator."""
 
 
 @dataclass(frozen=True, slots=True)
