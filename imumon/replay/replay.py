@@ -194,8 +194,9 @@ class _Run:
         return replace(current, device=replace(current.device, remarks=remarks))
 
 
-def progress_bar(stream: TextIO = sys.stderr) -> Callable[[float | None, float], None] | None:
-    """Return a function that draws a progress bar on a terminal; None for a pipe."""
+def progress_bar(stream: TextIO | None = None) -> Callable[[float | None, float], None] | None:
+    """Return a function that draws a progress bar on a terminal, default standard error; None for a pipe."""
+    stream = stream or sys.stderr
     if not stream.isatty():
         return None
     shown = 0.0

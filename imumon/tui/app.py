@@ -117,8 +117,8 @@ class ImumonApp(App[int]):
         Binding("tab", "turn(1)", "next view", priority=True),
         Binding("shift+tab", "turn(-1)", "previous view", priority=True),
         Binding("n", "device(1)", "next sensor"),
-        Binding("u", "units", "readable units or SI"),
-        Binding("f", "freeze", "freeze, continue"),
+        Binding("u", "units", "usual units or SI units"),
+        Binding("f", "freeze", "stop the display, or resume"),
         Binding("s", "save", "save this view"),
         Binding("t", "dark", "light or dark"),
         Binding("ctrl+p", "command_palette", "command palette"),
@@ -376,7 +376,7 @@ class ImumonApp(App[int]):
         for k, name in enumerate(VIEWS, 1):
             yield SystemCommand(f"View: {name}", f"key {k}", partial(self.action_view, name))
         yield SystemCommand("Units", "readable or SI", self.action_units)
-        yield SystemCommand("Freeze", "freeze the view, and continue", self.action_freeze)
+        yield SystemCommand("Freeze", "stop the display, or resume it; the record continues", self.action_freeze)
         yield SystemCommand("Save", "this view as SVG, PNG, CSV or JSON", self.action_save)
         yield SystemCommand("Help", "keys of this view", self.action_help)
         yield SystemCommand("Theme", "choose another theme", self.action_change_theme)

@@ -57,12 +57,12 @@ class Overview(ChannelView):
 
     title = "overview"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("right,l", "app.sensor(1)", "next group: gyro, accel, mag"),
-        Binding("left,h", "app.sensor(-1)", "previous group"),
-        Binding("z,enter", "app.switch('zoomed')", "the chart alone, and back"),
+        Binding("right,l", "app.sensor(1)", "next quantity: gyro, accel, mag"),
+        Binding("left,h", "app.sensor(-1)", "previous quantity"),
+        Binding("z,enter", "app.switch('zoomed')", "only the chart, or all"),
         Binding("o", "app.switch('overlay')", "all three axes in one chart"),
-        Binding("g", "app.switch('show_limits')", "curves at the limits of each grade"),
-        Binding("b", "app.baseline", "keep this curve behind the live one"),
+        Binding("g", "app.switch('show_limits')", "limits of the grades"),
+        Binding("b", "app.baseline", "keep this curve for comparison"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -132,7 +132,7 @@ _LINE_KEYS: list[BindingType] = [
 
 
 class DeviceView(ScrolledView):
-    """Identity and settings of the sensor, what its numbers describe, transmission."""
+    """Identity and settings of the sensor, and the quality of its transmission."""
 
     title = "device"
     BINDINGS: ClassVar[list[BindingType]] = _LINE_KEYS
@@ -147,13 +147,13 @@ class EventsView(ScrolledView):
     title = "events"
     BINDINGS: ClassVar[list[BindingType]] = [
         *_LINE_KEYS,
-        Binding("slash", "filter", "filter by words", key_display="/"),
+        Binding("slash", "filter", "show only events with these words", key_display="/"),
         Binding("escape", "clear", "remove the filter"),
     ]
 
     def compose(self) -> ComposeResult:
         yield ScrolledPanel(text_panels.events, id="events-sheet")
-        yield Input(placeholder="words that must occur: gap gyro/x …", id="filter")
+        yield Input(placeholder="only events with these words: gap gyro/x …", id="filter")
 
     def action_filter(self) -> None:
         box = self.query_one("#filter", Input)
@@ -181,9 +181,9 @@ class SensorsView(ScrolledView):
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "app.device(1)", "next sensor"),
-        Binding("up,k", "app.device(-1)", "previous sensor"),
-        Binding("enter", "app.view('overview')", "its numbers"),
-        Binding("c", "app.compare", "compare with the next one, then none"),
+        Binding("up,k", "app.device(-1)", "previous quantity"),
+        Binding("enter", "app.view('overview')", "open its overview"),
+        Binding("c", "app.compare", "compare with the next, or stop"),
     ]
 
     def compose(self) -> ComposeResult:
