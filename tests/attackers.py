@@ -14,14 +14,18 @@ import socket
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import zenoh
+from zenoh.handlers import RingChannel
 
 ADDRESS_SPACE = 4 << 30  # bytes; an attacker must not take the memory of the machine
 BIG = 10_000_000  # bytes
+OPEN: deque[Any] = deque(maxlen=1000)  # handlers of queries, which stay open
 
 
 def session(endpoint: str, **settings: object) -> zenoh.Session:
@@ -52,52 +56,57 @@ def repeat(endpoint: str, seconds: float, pause_s: float, act: Callable[[zenoh.S
     return count
 
 
-def ignore(reply: object) -> None:
+def ignore(sample: object) -> None:
     pass
+
+
+def query(open_session: zenoh.Session, selector: str, **options: Any) -> None:
+    """Send a query and take no replies. A callback would start a thread for each query."""
+    OPEN.append(open_session.get(selector, RingChannel(1), **options))
 
 
 def payload(endpoint: str, id: str, seconds: float) -> int:
     """Queries for a signal that does not exist, with 10 MB each."""
     data = bytes(BIG)
     key = f"imumon/{id}/signal/x"
-    return repeat(endpoint, seconds, 0.005, lambda s, n: s.get(key, ignore, payload=data, timeout=60))
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, payload=data, timeout=60))
 
 
 def attachment(endpoint: str, id: str, seconds: float) -> int:
     """The same with the data in the attachment."""
     data = bytes(BIG)
     key = f"imumon/{id}/signal/x"
-    return repeat(endpoint, seconds, 0.005, lambda s, n: s.get(key, ignore, attachment=data, timeout=60))
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, attachment=data, timeout=60))
 
 
 def parameters(endpoint: str, id: str, seconds: float) -> int:
     """Queries with parameters of 1 MB."""
     key = f"imumon/{id}/signal/x?{'a' * 1_000_000}"
-    return repeat(endpoint, seconds, 0.005, lambda s, n: s.get(key, ignore, timeout=60))
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, timeout=60))
 
 
 def small_payload(endpoint: str, id: str, seconds: float) -> int:
     """Queries whose payload is just below the largest message that the daemon accepts."""
     data = bytes(60_000)
     key = f"imumon/{id}/signal/x"
-    return repeat(endpoint, seconds, 0.001, lambda s, n: s.get(key, ignore, payload=data, timeout=60))
+    return repeat(endpoint, seconds, 0.001, lambda s, n: query(s, key, payload=data, timeout=60))
 
 
 def names(endpoint: str, id: str, seconds: float) -> int:
     """Queries for signals of channels with long names, each another one."""
     key = f"imumon/{id}/signal/" + "x" * 60_000
-    return repeat(endpoint, seconds, 0.001, lambda s, n: s.get(f"{key}{n}", ignore, timeout=60))
+    return repeat(endpoint, seconds, 0.001, lambda s, n: query(s, f"{key}{n}", timeout=60))
 
 
 def many(endpoint: str, id: str, seconds: float) -> int:
     """Queries without a payload that wait for an hour, as many as possible."""
     key = f"imumon/{id}/signal/x"
-    return repeat(endpoint, seconds, 0.0, lambda s, n: s.get(f"{key}{n}", ignore, timeout=3600))
+    return repeat(endpoint, seconds, 0.0, lambda s, n: query(s, f"{key}{n}", timeout=3600))
 
 
 def storm(endpoint: str, id: str, seconds: float) -> int:
     """Queries for everything, 200 a second."""
-    return repeat(endpoint, seconds, 0.005, lambda s, n: s.get(f"imumon/{id}/**", ignore, timeout=60))
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, f"imumon/{id}/**", timeout=60))
 
 
 def forge(endpoint: str, id: str, seconds: float) -> int:
@@ -152,9 +161,9 @@ def stopped(endpoint: str, id: str, seconds: float) -> int:
         end, count = time.monotonic() + 1.0, 0
         while time.monotonic() < end:
             for _ in range(20):
-                open_session.get(
+                query(
+                    open_session,
                     f"imumon/{id}/signal/**",
-                    ignore,
                     timeout=60,
                     congestion_control=zenoh.CongestionControl.BLOCK,
                     priority=zenoh.Priority.REAL_TIME,

@@ -5,7 +5,10 @@ Every attack was tried against an earlier version; tests/attackers.py has them.
 
 from __future__ import annotations
 
+import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,9 +18,11 @@ from pathlib import Path
 import attackers
 import pytest
 from attackers import attacking, resident_mb
-from bus_actors import Actor, free_endpoint, stage
+from bus_actors import Actor, free_endpoint, stage, until
+from daemons import Daemon
 
 from imumon.bus import Subscriber
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 
@@ -91,3 +96,56 @@ def test_idle_connections_do_not_keep_a_subscriber_out() -> None:
         time.sleep(0.2)
         with Subscriber([address]) as subscriber:
             assert subscriber.wait_report("a", timeout=4.0) is not None
+
+
+@pytest.mark.slow
+def test_1500_idle_connections_do_not_keep_a_subscriber_out(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, "--id", "a") as daemon:
+        daemon.samples(100)
+        with attacking(daemon.endpoint, "a", 8.0, attackers.half_open):
+            time.sleep(2.0)
+            with Subscriber([daemon.endpoint]) as subscriber:
+                assert subscriber.wait_report("a", timeout=6.0) is not None
+        assert daemon.samples(1000).session.missing == 0
+        assert daemon.stop()[0] == 0
+
+
+def _attack_together(tmp_path: Path, seconds: float) -> None:
+    """Attack in every way at once; no sample is lost, memory is bounded, and viewers work."""
+    ways = (*attackers.WAYS, attackers.stopped, attackers.stopped)
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, "--id", "a") as daemon:
+        daemon.samples(100)
+        counted = sensor.ask(
+            "stall 2500"
+        )  # samples wait in the emulator, so that all sent ones can be counted
+        time.sleep(2.2)
+        first = daemon.samples()
+        most = 0.0
+        with attacking(daemon.endpoint, "a", seconds, *ways) as done:
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                most = max(most, resident_mb(daemon.process.pid))
+                time.sleep(0.1)
+        print(dict(zip((way.__name__ for way in ways), done, strict=True)), f"{most:.0f} MB")
+        assert min(done) > 0
+        assert most < 150.0
+        before = daemon.viewer.version
+        until(lambda: daemon.viewer.version > before)
+        command = [sys.executable, "-m", "imumon", "status", "--json", "--connect", daemon.endpoint]
+        status = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+        assert status.returncode == 0, status.stderr
+        with Subscriber([daemon.endpoint]) as subscriber:
+            assert subscriber.wait_report("a", timeout=6.0) is not None
+        after = sensor.ask("stall 3000")
+        time.sleep(0.2)
+        daemon.process.send_signal(signal.SIGTERM)
+        last = daemon.wait(lambda r: r.state == "stopped")
+        sent = (after["sent"] - after["replies"]) - (counted["sent"] - counted["replies"])
+        assert last.session.samples - first.session.samples == sent
+        assert last.session.missing == last.session.bad_checksums == 0
+        assert daemon.stop()[0] == 0
+
+
+@pytest.mark.slow
+def test_everything_at_once_for_a_minute(tmp_path: Path) -> None:
+    _attack_together(tmp_path, 60.0)

@@ -239,8 +239,8 @@ def _zenoh_config(
         "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if only_queries else _MAX_MESSAGE_BYTES,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
         "transport/unicast/accept_timeout": round(accept_s * 1000),
-        "transport/unicast/accept_pending": _accept_pending(),
-        "transport/unicast/max_sessions": _MAX_SESSIONS,
+        "transport/unicast/accept_pending": _within_files(_ACCEPT_PENDING),
+        "transport/unicast/max_sessions": _within_files(_MAX_SESSIONS),
         "timestamping/enabled": True,
         tls + "enable_mtls": bool(options.ca and options.certificate),
         tls + "verify_name_on_connect": options.verify_name,
@@ -266,10 +266,10 @@ def _zenoh_config(
     return config
 
 
-def _accept_pending() -> int:
-    """Return how many unfinished connections are accepted: at most a quarter of the file descriptors."""
+def _within_files(count: int) -> int:
+    """Return a number of connections, but at most a quarter of the file descriptors."""
     files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return _ACCEPT_PENDING if files == resource.RLIM_INFINITY else min(_ACCEPT_PENDING, max(1, files // 4))
+    return count if files == resource.RLIM_INFINITY else min(count, max(1, files // 4))
 
 
 def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:
