@@ -72,8 +72,8 @@ def event(id: str, number: int) -> Event:
     return Event(time=TIME, kind="gap", text=f"gap {number}", device=id)
 
 
-def make_signal(channel: str, number: int) -> Signal:
-    strip = Strip(start_s=0.0, column_s=1.0, low=(0.0,), high=(float(number),))
+def make_signal(channel: str, number: int, columns: int = 1) -> Signal:
+    strip = Strip(start_s=0.0, column_s=1.0, low=(0.0,) * columns, high=(float(number),) * columns)
     return Signal(channel=channel, unit=UNIT[channel.partition("/")[0]], minute=strip)
 
 
@@ -82,7 +82,13 @@ def emit(**values: Any) -> None:
 
 
 def daemon(
-    id: str, listen: list[str], connect: list[str], period: float, octaves: int, **settings: Any
+    id: str,
+    listen: list[str],
+    connect: list[str],
+    period: float,
+    octaves: int,
+    columns: int = 1,
+    **settings: Any,
 ) -> None:
     """Publishes a report every `period` seconds, or one alone (0), until it reads `stop`."""
     from imumon.bus import BusError, Publisher, SessionOptions
@@ -98,7 +104,10 @@ def daemon(
     def publish() -> None:
         nonlocal longest, number
         number += 1
-        data, signals = report(id, number, octaves=octaves), {"gyro/x": make_signal("gyro/x", number)}
+        data, signals = (
+            report(id, number, octaves=octaves),
+            {"gyro/x": make_signal("gyro/x", number, columns)},
+        )
         start = time.perf_counter()
         publisher.publish(data, signals)
         longest = max(longest, time.perf_counter() - start)

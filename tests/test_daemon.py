@@ -266,3 +266,50 @@ def test_readmes_subscriber_reads_what_the_daemon_says(tmp_path: Path) -> None:
         reader.communicate()
         assert "deg/sqrt(h)" in line
         daemon.stop()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_that_ends_the_daemon_restores_the_sensor(tmp_path: Path, number: signal.Signals) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(100)
+        code, _, _ = daemon.stop(number)
+        assert code == (130 if number == signal.SIGINT else 0)
+        assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
+
+
+def test_signals_without_a_meaning_are_logged_and_ignored(tmp_path: Path) -> None:
+    names = [
+        "SIGUSR1",
+        "SIGUSR2",
+        "SIGALRM",
+        "SIGVTALRM",
+        "SIGPROF",
+        "SIGIO",
+        "SIGPWR",
+        "SIGSTKFLT",
+        "SIGXCPU",
+        "SIGTRAP",
+        "SIGSYS",
+    ]
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    numbers += [signal.SIGRTMIN, signal.SIGRTMAX] if hasattr(signal, "SIGRTMIN") else []
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        report = daemon.samples(100)
+        for number in numbers:
+            daemon.process.send_signal(number)
+            time.sleep(0.15)
+        assert daemon.samples(report.session.samples + 100).session.missing == 0
+        code, _, errors = daemon.stop()
+        assert code == 0
+        assert f"signal {int(signal.SIGUSR1)} ignored: SIGTERM ends the daemon" in errors
+        assert not list(tmp_path.glob("*.found.json"))
+
+
+def test_too_few_file_descriptors_are_an_error_of_one_line() -> None:
+    words = [sys.executable, "-m", "imumon", "run", "--port", "sim", "--duration", "1"]
+    command = ["sh", "-c", 'ulimit -n 20; exec "$@"', "sh", *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=40, check=False)
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines() == [
+        "imumon: only 20 open files are allowed, 64 are needed: raise the limit with ulimit -n"
+    ]

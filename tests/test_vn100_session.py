@@ -21,6 +21,7 @@ import pytest
 
 from imumon.devices.base import DeviceLost, DeviceNotFound
 from imumon.devices.serial_port import SerialPort
+from imumon.devices.vn100.ascii import ERRORS, encode
 from imumon.devices.vn100.commands import BAUD_RATES, NotAVn100, OtherSensor
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
@@ -583,6 +584,15 @@ def test_repeated_sensor_error_gives_one_notice_a_minute(monkeypatch: pytest.Mon
         notices += bench.run(session, 0.1)[1]
     assert kinds(notices) == ["sensor_error"] * 2
     assert re.search(r"\d+ more", notices[1].text)
+
+
+def test_unknown_sensor_errors_count_as_one() -> None:
+    bench = Bench()
+    session, notices = bench.streaming(), []
+    for code in sorted(set(range(256)) - set(ERRORS)):
+        bench._queue += encode(f"VNERR,{code:02X}")
+        notices += bench.run(session, 0.04)[1]
+    assert kinds(notices) == ["sensor_error"]
 
 
 def test_another_sensor_on_the_same_port_is_refused() -> None:

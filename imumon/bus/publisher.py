@@ -85,7 +85,6 @@ class Publisher:
         self._events: deque[Event] = deque()
         self._closing = False
         self._counts = PublisherCounts()
-        self._last_values = LastValues(self._root)
         self._last_grade: str | None = None
         self._stop_connecting = threading.Event()
         self._connect_errors: dict[str, str] = {}
@@ -94,6 +93,7 @@ class Publisher:
         self._reported_errors: set[str] = set()
         router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
+        self._last_values = LastValues(self._root)
         self._timestamp = self._session.new_timestamp
         self._sending = threading.Lock()  # a new uplink gets every message exactly once
         self._links = [Uplink(self._session, self._root, self._reply)]
@@ -183,6 +183,7 @@ class Publisher:
             link.undeclare_token()
         for link in links:
             link.close()
+        self._last_values.close()
 
     def __enter__(self) -> Publisher:
         return self

@@ -1,7 +1,8 @@
 """Last value of every key of a device, as the reply to a ``get``.
 
 Signals are large, so the publisher computes only those that were requested lately: the first query for one
-waits for the next report.
+waits for the next report. A thread of its own replies to the queries that waited: a querier may ask for replies that
+wait for its congested link.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from queue import Full, Queue
 
 import zenoh
 
+from imumon.bus.zenoh_session import start_listener
 from imumon.report import Signal, to_json
 
 JSON = "application/json"
@@ -21,7 +24,9 @@ EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
 _SIGNAL_WAIT_S = 3.0  # s; a query for a signal that is not published by then gets no reply. Not critical
-_MAX_PENDING = 256  # queries that wait for a signal; the oldest gets no reply. Not critical
+_MAX_PENDING = 64  # queries that wait for a signal; the oldest gets no reply. Not critical
+_CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks. Not critical
+_MAX_NAME = 64  # characters of a channel that no report had yet; a longer one is not requested. Not critical
 
 
 class LastValues:
@@ -35,6 +40,8 @@ class LastValues:
         self._signals: Mapping[str, Signal] = {}
         self._requests: dict[str, float] = {}  # monotonic time of the last query for its signal, by channel
         self._pending: deque[tuple[zenoh.Query, float]] = deque(maxlen=_MAX_PENDING)
+        self._due: Queue[zenoh.Query | None] = Queue(_MAX_PENDING)
+        self._replier = start_listener(iter(self._due.get, None), self._reply_due)
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
         """Store a message that is being published under `name`."""
@@ -65,15 +72,14 @@ class LastValues:
         now = time.monotonic()
         with self._lock:
             self._signals = dict(signals)
-            pending = list(self._pending)
+            waiting = list(self._pending)
             self._pending.clear()
-            for query, since in pending:
-                if not self._has_signal(query) and now - since < _SIGNAL_WAIT_S:
+            for query, since in waiting:
+                if self._has_signal(query) or now - since >= _SIGNAL_WAIT_S:
+                    with suppress(Full):
+                        self._due.put_nowait(query)
+                else:
                     self._pending.append((query, since))
-                    continue
-                with suppress(zenoh.ZError):  # the querier may have gone
-                    self._reply_signals(query)
-                query.drop()
 
     def reply(self, query: zenoh.Query) -> None:
         """Reply to a query for any key, also with wildcards."""
@@ -83,18 +89,25 @@ class LastValues:
                 query.reply(key, text, encoding=JSON, timestamp=timestamp)
         with self._lock:
             self._record_request(query)
-            if self._has_signal(query):
-                self._reply_signals(query)
-                query.drop()
-            else:
+            if not self._has_signal(query):
                 self._pending.append((query, time.monotonic()))
+                return
+        self._reply_signals(query)
+
+    def close(self) -> None:
+        """End the thread that replies; the sessions are closed by then, so it waits for no link."""
+        with suppress(Full):
+            self._due.put(None, timeout=_CLOSE_S)
+        self._replier.join(_CLOSE_S)
 
     def _record_request(self, query: zenoh.Query) -> None:
         """Record the channels whose signal is requested; a wildcard for all keys is no request."""
         prefix, expression = f"{self._root}/signal/", str(query.key_expr)
         if "/signal/" in expression:
             name = expression.removeprefix(prefix)
-            channels = [n for n in self._last if query.key_expr.intersects(prefix + n)] or [name]
+            channels = [n for n in self._last if query.key_expr.intersects(prefix + n)]
+            if not channels and len(name) <= _MAX_NAME and len(self._requests) < _MAX_PENDING:
+                channels = [name]  # no report had it yet; anyone may write any name, so these are bounded
             self._requests.update(dict.fromkeys(channels, time.monotonic()))
 
     def _has_signal(self, query: zenoh.Query) -> bool:
@@ -102,8 +115,16 @@ class LastValues:
         prefix, is_signal = f"{self._root}/signal/", "/signal/" in str(query.key_expr)
         return not is_signal or any(query.key_expr.intersects(prefix + name) for name in self._signals)
 
+    def _reply_due(self, query: zenoh.Query) -> None:
+        with suppress(zenoh.ZError):  # the querier may have gone
+            self._reply_signals(query)
+
     def _reply_signals(self, query: zenoh.Query) -> None:
-        for name, signal in self._signals.items():
+        """Send the signals. The lock is free: a congested link may block, and the publisher must not wait for it."""
+        with self._lock:
+            signals = self._signals
+        for name, signal in signals.items():
             key = f"{self._root}/signal/{name}"
             if query.key_expr.intersects(key):
                 query.reply(key, to_json(signal), encoding=JSON)
+        query.drop()

@@ -12,6 +12,7 @@ import ipaddress
 import json
 import os
 import re
+import resource
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,7 +30,18 @@ LEASE_S = 2.0  # s; a link without traffic for this time is closed. Not critical
 RETRY_S = 2.0  # s; longest interval between two attempts to connect. Not critical
 _RETRY_FIRST_S = 0.5  # s; the first interval, which grows to RETRY_S. Not critical
 _RETRY_SOCKET_S = 0.1  # s; an attempt at a Unix socket costs next to nothing. Not critical
-_MAX_MESSAGE_BYTES = 16 * 1024 * 1024  # a report has less than 100 kB. Not critical
+_MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB. Not critical
+_MAX_QUERY_BYTES = 1 << 16
+"""Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
+Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries. Not critical."""
+_BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other queries wait. Not critical
+_MAX_SESSIONS = 100  # peers; Zenoh may keep 16 unfinished messages, so 1 MB, for each. Not critical
+_ACCEPT_PENDING = (
+    2000  # connections that have not finished their handshake; further ones are closed. Not critical
+)
+_ACCEPT_LOCAL_S, _ACCEPT_NETWORK_S = 0.5, 3.0
+"""s that a handshake may take on this machine, and from another one: idle connections must not use up
+`_ACCEPT_PENDING`. Not critical."""
 _RESERVED_RAW = ("mode", "listen", "connect", "access_control")  # top-level keys with settings of their own
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _NETWORK_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
@@ -206,6 +218,8 @@ def _zenoh_config(
     sockets_only = bool(connect) and all(endpoint.startswith(_LOCAL_PROTOCOLS) for endpoint in connect)
     local_only = bool(connect) and all(map(is_local, connect))
     retry_s = _RETRY_SOCKET_S if sockets_only else _RETRY_FIRST_S
+    accept_s = _ACCEPT_LOCAL_S if all(map(is_local, listen)) else _ACCEPT_NETWORK_S
+    only_queries = access_control and options.read_only
     values: dict[str, Any] = {
         "mode": options.mode,
         "listen/endpoints": list(listen),
@@ -222,7 +236,11 @@ def _zenoh_config(
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": round(LEASE_S * 1000),
-        "transport/link/rx/max_message_size": _MAX_MESSAGE_BYTES,
+        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if only_queries else _MAX_MESSAGE_BYTES,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
+        "transport/unicast/accept_timeout": round(accept_s * 1000),
+        "transport/unicast/accept_pending": _within_files(_ACCEPT_PENDING),
+        "transport/unicast/max_sessions": _within_files(_MAX_SESSIONS),
         "timestamping/enabled": True,
         tls + "enable_mtls": bool(options.ca and options.certificate),
         tls + "verify_name_on_connect": options.verify_name,
@@ -246,6 +264,12 @@ def _zenoh_config(
     for path, value in options.raw.items():
         _insert_raw(config, path, value)
     return config
+
+
+def _within_files(count: int) -> int:
+    """Return a number of connections, but at most a quarter of the file descriptors."""
+    files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return count if files == resource.RLIM_INFINITY else min(count, max(1, files // 4))
 
 
 def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:

@@ -11,9 +11,11 @@ import argparse
 import difflib
 import errno
 import os
+import resource
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TypeAlias
 
 from imumon import __version__
@@ -42,6 +44,11 @@ COMMANDS: dict[str, tuple[Handler, Callable[[Parser], None], str]] = {
 }
 """Function, options and help text of each command."""
 
+_FILES = 8192
+"""File descriptors that the limit of the process is raised to, as far as it may be: each connection to the daemon
+takes one. Not critical."""
+_MIN_FILES = 64
+"""File descriptors without which no command runs: Zenoh alone opens 20. Not critical."""
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
@@ -66,6 +73,7 @@ def _run(argv: Sequence[str] | None) -> int:
     arguments = argparse.Namespace(json="--json" in words)
     try:
         handler = _parse(words, arguments)
+        _raise_file_limit()
         code = handler(arguments)
         sys.stdout.flush()
         return code
@@ -86,6 +94,18 @@ def _run(argv: Sequence[str] | None) -> int:
         )
     except ImumonError as error:
         return _fail(error, arguments)
+
+
+def _raise_file_limit() -> None:
+    """Raise the limit of open files; raise `CommandError` if it stays too low to run."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != resource.RLIM_INFINITY and soft < _FILES:
+        soft = _FILES if hard == resource.RLIM_INFINITY else min(_FILES, hard)
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        if soft < _MIN_FILES:
+            message = f"only {soft} open files are allowed, {_MIN_FILES} are needed"
+            raise CommandError("too_few_files", message, "raise the limit with ulimit -n")
 
 
 def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:

@@ -60,6 +60,8 @@ END_S = 3.0
 RESTORE_S = 6.0
 """s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries. With
 `END_S` it is below the 10 s after which the service manager kills the daemon."""
+IGNORED_LOG_S = 1.0
+"""s between two log lines on ignored signals. Not critical."""
 
 log = logging.getLogger(__name__)
 
@@ -137,7 +139,7 @@ class Daemon:
         self._lost_at: float | None = None  # `uptime_s` of the loss
         self._known_remarks: set[str] = set()
         self._last_open_error = ""
-        self._next_report = self._next_save = self._next_watchdog = 0.0
+        self._next_report = self._next_save = self._next_watchdog = self._next_ignored = 0.0
 
     def run(self) -> RunResult:
         """Read until a signal arrives or the duration is over.
@@ -366,6 +368,10 @@ class Daemon:
     # ------------------------------------------------------------------ duties
 
     def _do_duties(self, now: float) -> None:
+        ignored, self._shutdown.ignored = self._shutdown.ignored, None
+        if ignored is not None and now >= self._next_ignored:
+            self._next_ignored = now + IGNORED_LOG_S
+            self._log(f"signal {ignored} ignored: SIGTERM ends the daemon", "notice")
         hangs = now - self._reader.active_at > HANG_S
         if self._notifier.watchdog_s is not None and now >= self._next_watchdog and not hangs:
             self._notifier.watchdog()

@@ -8,7 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
+"""Signals that end the run."""
+IGNORED = tuple(
+    getattr(signal, name)
+    for name in ("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGIO", "SIGPWR", "SIGSTKFLT", "SIGXCPU",
+                 "SIGTRAP", "SIGSYS")
+    if hasattr(signal, name)
+) + tuple(range(getattr(signal, "SIGRTMIN", 0), getattr(signal, "SIGRTMAX", -1) + 1))  # fmt: skip
+"""Signals that would end the process without restoring the device, and that mean nothing here. Those of a defect
+(SIGSEGV, SIGABRT, ...) end it at once."""
 
 TIMEOUT_S = 2.0
 """s without data after which a device counts as silent. Not critical."""
@@ -28,10 +37,12 @@ class Shutdown:
     Attributes
     ----------
     signal : the last signal that was received, None before.
+    ignored : the last signal that was received and ignored, None if it was logged or there is none.
     """
 
     def __init__(self, duration_s: float | None) -> None:
         self.signal: int | None = None
+        self.ignored: int | None = None
         self._deadline = time.monotonic() + duration_s if duration_s else None
 
     @property
@@ -41,14 +52,18 @@ class Shutdown:
 
     @contextmanager
     def handling_signals(self) -> Iterator[None]:
-        """Let signals end the run instead of the process."""
+        """Let signals end the run instead of the process, and ignore those without a meaning."""
 
         def handle(number: int, frame: FrameType | None) -> None:
             self.signal = number
 
+        def ignore(number: int, frame: FrameType | None) -> None:
+            self.ignored = number
+
         # what was started with nohup ignores that its terminal closes
-        handled = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+        handled = [n for n in ENDING if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
         before = {number: signal.signal(number, handle) for number in handled}
+        before |= {number: signal.signal(number, ignore) for number in IGNORED}
         try:
             yield
         finally:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from imumon.devices.base import DeviceNotFound
-from imumon.devices.vn100.ascii import SensorError
+from imumon.devices.vn100.ascii import ERRORS, SensorError
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
@@ -158,7 +158,9 @@ class Vn100Session:
         self._unread = b""
         self._newest_ns, self._garbage, self._silences, self._restarted = 0, 0, 0, False
         self._troubles: set[str] = set()
-        self._errors: dict[int, tuple[float, int]] = {}  # by code: when to report next, how many were not
+        self._errors: dict[
+            int | None, tuple[float, int]
+        ] = {}  # by code: when to report next, how many were not
         self._reset_health(clock())
 
     # ------------------------------------------------------------------ start and end
@@ -371,14 +373,15 @@ class Vn100Session:
             self._reconnect("found", "the sensor replies again")
 
     def _on_sensor_error(self, error: SensorError, now: float) -> None:
-        """Report an error of the sensor, at most once per `ERROR_NOTICE_S`."""
-        due, unreported = self._errors.get(error.code, (now, 0))
+        """Report an error of the sensor, at most once per `ERROR_NOTICE_S`; all unknown codes count as one."""
+        code = error.code if error.code in ERRORS else None
+        due, unreported = self._errors.get(code, (now, 0))
         if now < due:
-            self._errors[error.code] = due, unreported + 1
+            self._errors[code] = due, unreported + 1
             return
         before = f" ({unreported} more since the last notice)" if unreported else ""
         self._notices.append(Notice("sensor_error", f"the sensor reports an error: {error.text}{before}"))
-        self._errors[error.code] = now + ERROR_NOTICE_S, 0
+        self._errors[code] = now + ERROR_NOTICE_S, 0
 
     def _reconnect(self, kind: str, text: str) -> None:
         """Connect and configure again; if that fails, a later check tries again."""

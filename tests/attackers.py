@@ -1,0 +1,229 @@
+"""Processes that attack a daemon on its endpoint, each in one way, for a number of seconds.
+
+Run as ``python attackers.py WAY ENDPOINT ID SECONDS``. An attacker prints what it did as its last line. It uses
+Zenoh or sockets alone, without code of imumon.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+ADDRESS_SPACE = 4 << 30  # bytes; an attacker must not take the memory of the machine
+BIG = 10_000_000  # bytes
+OPEN: deque[Any] = deque(maxlen=1000)  # handlers of queries, which stay open
+
+
+def session(endpoint: str, **settings: object) -> zenoh.Session:
+    config = zenoh.Config()
+    values = {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
+        **settings,
+    }
+    for path, value in values.items():
+        config.insert_json5(path, json.dumps(value))
+    return zenoh.open(config)
+
+
+def repeat(endpoint: str, seconds: float, pause_s: float, act: Callable[[zenoh.Session, int], object]) -> int:
+    """Do something again and again; open another session when the daemon has closed one."""
+    end, count, open_session = time.monotonic() + seconds, 0, session(endpoint)
+    while time.monotonic() < end:
+        try:
+            act(open_session, count)
+            count += 1
+        except zenoh.ZError:
+            with suppress(zenoh.ZError):
+                open_session = session(endpoint)
+        time.sleep(pause_s)
+    return count
+
+
+def ignore(sample: object) -> None:
+    pass
+
+
+def query(open_session: zenoh.Session, selector: str, **options: Any) -> None:
+    """Send a query and take no replies. A callback would start a thread for each query."""
+    OPEN.append(open_session.get(selector, RingChannel(1), **options))
+
+
+def payload(endpoint: str, id: str, seconds: float) -> int:
+    """Queries for a signal that does not exist, with 10 MB each."""
+    data = bytes(BIG)
+    key = f"imumon/{id}/signal/x"
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, payload=data, timeout=60))
+
+
+def attachment(endpoint: str, id: str, seconds: float) -> int:
+    """The same with the data in the attachment."""
+    data = bytes(BIG)
+    key = f"imumon/{id}/signal/x"
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, attachment=data, timeout=60))
+
+
+def parameters(endpoint: str, id: str, seconds: float) -> int:
+    """Queries with parameters of 1 MB."""
+    key = f"imumon/{id}/signal/x?{'a' * 1_000_000}"
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, timeout=60))
+
+
+def small_payload(endpoint: str, id: str, seconds: float) -> int:
+    """Queries whose payload is just below the largest message that the daemon accepts."""
+    data = bytes(60_000)
+    key = f"imumon/{id}/signal/x"
+    return repeat(endpoint, seconds, 0.001, lambda s, n: query(s, key, payload=data, timeout=60))
+
+
+def names(endpoint: str, id: str, seconds: float) -> int:
+    """Queries for signals of channels with long names, each another one."""
+    key = f"imumon/{id}/signal/" + "x" * 60_000
+    return repeat(endpoint, seconds, 0.001, lambda s, n: query(s, f"{key}{n}", timeout=60))
+
+
+def many(endpoint: str, id: str, seconds: float) -> int:
+    """Queries without a payload that wait for an hour, as many as possible."""
+    key = f"imumon/{id}/signal/x"
+    return repeat(endpoint, seconds, 0.0, lambda s, n: query(s, f"{key}{n}", timeout=3600))
+
+
+def storm(endpoint: str, id: str, seconds: float) -> int:
+    """Queries for everything, 200 a second."""
+    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, f"imumon/{id}/**", timeout=60))
+
+
+def forge(endpoint: str, id: str, seconds: float) -> int:
+    """Messages on the keys of the daemon: small ones, and 50 MB now and then."""
+    big = bytes(5 * BIG)
+
+    def put(open_session: zenoh.Session, number: int) -> None:
+        for name in ("report", "event", "grade", "gyro/x", "alive"):
+            open_session.put(f"imumon/{id}/{name}", '{"schema": "imumon.report/1"}')
+        if number % 100 == 0:
+            open_session.put(f"imumon/{id}/report", big)
+
+    return repeat(endpoint, seconds, 0.005, put)
+
+
+def sessions(endpoint: str, id: str, seconds: float) -> int:
+    """Sessions that are opened, subscribe and are closed: 500 at the least in a minute."""
+    end, count = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        with suppress(zenoh.ZError):
+            opened = [session(endpoint) for _ in range(5)]
+            for one in opened:
+                one.declare_subscriber("imumon/**", ignore)
+            for one in opened:
+                one.close()
+            count += len(opened)
+        time.sleep(0.2)
+    return count
+
+
+def half_open(endpoint: str, id: str, seconds: float) -> int:
+    """1,500 connections that send nothing; those that the daemon closes are opened again."""
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    end, count, opened = time.monotonic() + seconds, 0, []
+    while time.monotonic() < end:
+        for connection in opened:
+            connection.close()
+        opened = [socket.socket() for _ in range(1500)]
+        for connection in opened:
+            connection.setblocking(False)
+            connection.connect_ex((host, int(port)))
+        count += len(opened)
+        time.sleep(1.0)
+    return count
+
+
+def stopped(endpoint: str, id: str, seconds: float) -> int:
+    """A subscriber that queries signals, with replies that must not be dropped, and then stops."""
+    lease = {"transport/link/tx/lease": 60_000}
+    with session(endpoint, **lease) as open_session:
+        open_session.declare_subscriber("imumon/**", ignore)
+        end, count = time.monotonic() + 1.0, 0
+        while time.monotonic() < end:
+            for _ in range(20):
+                query(
+                    open_session,
+                    f"imumon/{id}/signal/**",
+                    timeout=60,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    priority=zenoh.Priority.REAL_TIME,
+                )
+                count += 1
+            time.sleep(0.01)
+        print(count, flush=True)
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return count
+
+
+WAYS = (
+    payload,
+    attachment,
+    parameters,
+    small_payload,
+    names,
+    many,
+    storm,
+    forge,
+    sessions,
+    half_open,
+    stopped,
+)
+
+
+@contextmanager
+def attacking(endpoint: str, id: str, seconds: float, *ways: Callable[..., int]) -> Iterator[list[int]]:
+    """Attack in these ways at the same time; the yielded list has what each did after the end."""
+    command = [sys.executable, str(Path(__file__))]
+    processes = [
+        subprocess.Popen(
+            [*command, way.__name__, endpoint, id, str(seconds)], stdout=subprocess.PIPE, text=True
+        )
+        for way in ways
+    ]
+    done: list[int] = []
+    try:
+        yield done
+        for way, process in zip(ways, processes, strict=True):
+            if way is stopped:
+                process.kill()
+            output, _ = process.communicate(timeout=seconds + 30.0)
+            done.append(int(output.split()[-1]) if output.strip() else 0)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait(10)
+
+
+def resident_mb(pid: int) -> float:
+    """Return the resident memory of a process in MB."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+if __name__ == "__main__":
+    name, at, device, duration = sys.argv[1:]
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    print(globals()[name](at, device, float(duration)), flush=True)
+    os._exit(0)  # the end of a session with open queries may take long
