@@ -108,7 +108,15 @@ def decode(data: bytes, name: str = "the state") -> SavedState:
         raise StateError("state_damaged", f"{name} is damaged (its checksum does not match)")
     try:
         return _unpack(_decompressed(body))
-    except (zlib.error, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+    except (
+        zlib.error,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
         raise StateError("state_damaged", f"{name} is damaged ({plain(str(error))})") from None
 
 
@@ -129,7 +137,11 @@ def _unpack(content: bytes) -> SavedState:
     arrays, begin = {}, 0
     for name, kind, shape in description["arrays"]:
         dtype = np.dtype(str(kind))
-        if dtype.kind not in _KINDS or not dtype.itemsize or not all(type(n) is int and n >= 0 for n in shape):
+        if (
+            dtype.kind not in _KINDS
+            or not dtype.itemsize
+            or not all(type(n) is int and n >= 0 for n in shape)
+        ):
             raise ValueError("an array has no valid type or shape")
         count = math.prod(shape)
         end = begin + count * dtype.itemsize

@@ -18,7 +18,9 @@ _PIECE = 1 << 20
 """Bytes that are read at once from a file without a size, such as a pipe. Not critical."""
 
 
-def open_regular(path: Path | str, flags: int = os.O_RDONLY, *, follow: bool = False, mode: int = 0o666) -> int:
+def open_regular(
+    path: Path | str, flags: int = os.O_RDONLY, *, follow: bool = False, mode: int = 0o666
+) -> int:
     """Return the descriptor of a regular file.
 
     Parameters
