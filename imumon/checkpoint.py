@@ -3,8 +3,9 @@
 There is one file per device. A save writes a new file and renames it over the old one, so a reader finds
 either the old state or the new one. The previous generation is kept and is used if the newest file is
 damaged. A file that cannot be used is renamed to a name that contains the reason; it is never overwritten or
-merged. Another user may have written it: it is a regular file of bounded size, or it is not read (`files`). If nothing can be written, the existing state is still read, every save tries again, and
-`Checkpoint.failed` gives the reason.
+merged. Another user may have written it: it is a regular file of bounded size, or it is not read (`files`).
+If nothing can be written, the existing state is still read, every save tries again, and `Checkpoint.failed`
+gives the reason.
 
 File format: one line ``imumon-state 2 CRC32 LENGTH`` and LENGTH bytes of zlib data. These contain one line of
 JSON (``meta``, and name, type and shape of each array), and the arrays. The bytes of an array are transposed

@@ -216,9 +216,10 @@ def continued(place: Path, data: bytes) -> tuple[str, str | None]:
         kept.set_aside_rejected()
         now, device = datetime.now(UTC), DeviceDescription(id="lab")
         to_json(monitor.report(now, device, "running", SessionCounters()))
+        kept.close(SessionCounters(), None)
     except Exception as later:
         error = repr(later)
-    kept.close(SessionCounters(), None)
+        kept._checkpoint.close()
     return decided[0][0], error
 
 

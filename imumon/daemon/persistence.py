@@ -89,7 +89,7 @@ class Persistence:
         try:
             if changed := differing(meta.get("settings", {}), self._settings):
                 return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
-            counted = {name: _count(meta["session"].get(name, 0)) for name in COUNTERS}
+            counted: dict[str, Any] = {name: _count(meta["session"].get(name, 0)) for name in COUNTERS}
             started, saved = (_time(meta[name]) for name in ("started", "saved"))
             away_s = max(0.0, _since(meta) + float(meta.get("age_s", 0.0))) * self._speed
             self._try_out(state, away_s)
@@ -122,7 +122,8 @@ class Persistence:
             trial.flush()
             device = DeviceDescription(id="trial")
             to_json(trial.report(datetime.now(UTC), device, "running", SessionCounters()))
-            encode(SavedState(*trial.save()))
+            saved_meta, saved_arrays = trial.save()
+            encode(SavedState(saved_meta, dict(saved_arrays)))
 
     def _set_aside(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
