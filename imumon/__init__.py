@@ -22,6 +22,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   samples.py     what devices and recordings deliver
   units.py       SI to readable units
   errors.py      errors with code, message and cure
+  files.py       files that other users may have prepared
 """
 
 __version__ = "0.1.0"

@@ -3,8 +3,9 @@
 There is one file per device. A save writes a new file and renames it over the old one, so a reader finds
 either the old state or the new one. The previous generation is kept and is used if the newest file is
 damaged. A file that cannot be used is renamed to a name that contains the reason; it is never overwritten or
-merged. If nothing can be written, the existing state is still read, every save tries again, and
-`Checkpoint.failed` gives the reason.
+merged. Another user may have written it: it is a regular file of bounded size, or it is not read (`files`).
+If nothing can be written, the existing state is still read, every save tries again, and `Checkpoint.failed`
+gives the reason.
 
 File format: one line ``imumon-state 2 CRC32 LENGTH`` and LENGTH bytes of zlib data. These contain one line of
 JSON (``meta``, and name, type and shape of each array), and the arrays. The bytes of an array are transposed
@@ -21,6 +22,7 @@ import json
 import math
 import os
 import re
+import stat
 import threading
 import zlib
 from collections.abc import Mapping
@@ -33,10 +35,21 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import ImumonError
+from imumon.files import open_regular, read_bounded, write_new
+from imumon.report import plain
 
 FORMAT = 2
 LEVEL = 1
 """Compression level of zlib. Higher levels take twice the time for 3 % less. Not critical."""
+
+FILE_BYTES = 1 << 26
+"""Bytes of the largest file that is read as a state; a record of a year has less than 1 MB. Not critical."""
+
+PLAIN_BYTES = 1 << 28
+"""Bytes of the largest state after decompression. Not critical."""
+
+_KINDS = "biufcSU"
+"""Kinds of the arrays: numbers and texts, no objects."""
 
 _MAGIC = "imumon-state"
 _OUT_OF_MEMORY = "out of memory: grant more"
@@ -65,8 +78,8 @@ def encode(state: SavedState) -> bytes:
     arrays = {name: np.asarray(array) for name, array in state.arrays.items()}
     index = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
     head = json.dumps({"meta": state.meta, "arrays": index}, allow_nan=False).encode()
-    plain = b"".join((head, b"\n", *map(_transposed_bytes, arrays.values())))
-    data = zlib.compress(plain, LEVEL)
+    content = b"".join((head, b"\n", *map(_transposed_bytes, arrays.values())))
+    data = zlib.compress(content, LEVEL)
     return f"{_MAGIC} {FORMAT} {zlib.crc32(data):08x} {len(data)}\n".encode() + data
 
 
@@ -95,17 +108,43 @@ def decode(data: bytes, name: str = "the state") -> SavedState:
     if len(body) != int(header[3]) or f"{zlib.crc32(body):08x}" != header[2]:
         raise StateError("state_damaged", f"{name} is damaged (its checksum does not match)")
     try:
-        return _unpack(zlib.decompress(body))
-    except (zlib.error, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise StateError("state_damaged", f"{name} is damaged ({error})") from None
+        return _unpack(_decompressed(body))
+    except (
+        zlib.error,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
+        raise StateError("state_damaged", f"{name} is damaged ({plain(str(error))})") from None
 
 
-def _unpack(plain: bytes) -> SavedState:
-    head, _, rest = plain.partition(b"\n")
+def _decompressed(body: bytes) -> bytes:
+    """Return the content of zlib data; raise ValueError if it is too large."""
+    stream = zlib.decompressobj()
+    content = stream.decompress(body, PLAIN_BYTES)
+    if not stream.eof:
+        raise ValueError(f"it is truncated or larger than {PLAIN_BYTES >> 20} MB")
+    return content
+
+
+def _unpack(content: bytes) -> SavedState:
+    head, _, rest = content.partition(b"\n")
     description = json.loads(head)
+    if not isinstance(description["meta"], dict):
+        raise ValueError("its description is no object")
     arrays, begin = {}, 0
     for name, kind, shape in description["arrays"]:
-        dtype, count = np.dtype(kind), math.prod(shape)
+        dtype = np.dtype(str(kind))
+        if (
+            dtype.kind not in _KINDS
+            or not dtype.itemsize
+            or not all(type(n) is int and n >= 0 for n in shape)
+        ):
+            raise ValueError("an array has no valid type or shape")
+        count = math.prod(shape)
         end = begin + count * dtype.itemsize
         numbers = np.frombuffer(rest[begin:end], np.uint8).reshape(dtype.itemsize, count).T
         arrays[name] = np.ascontiguousarray(numbers).reshape(-1).view(dtype).reshape(shape)
@@ -150,7 +189,7 @@ class Checkpoint:
         """Create the directory and lock the state of the device; raise OSError or StateError if impossible."""
         directory = self.path.parent
         directory.mkdir(parents=True, exist_ok=True)
-        lock = os.open(directory / f"{self._device}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        lock = self._open_lock(directory / f"{self._device}.lock")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -163,6 +202,16 @@ class Checkpoint:
             raise StateError("state_not_lockable", text, "choose another --state") from None
         self._lock = lock
 
+    def _open_lock(self, path: Path) -> int:
+        """Return the descriptor of the lock file, which only its owner may open: any reader could lock it."""
+        with suppress(FileNotFoundError):
+            if not stat.S_ISREG(path.lstat().st_mode):  # a link or a pipe: nobody has locked it
+                self._move("not-a-lock", path)
+        lock = open_regular(path, os.O_RDWR | os.O_CREAT, mode=0o600)
+        with suppress(OSError):  # of an earlier version
+            os.fchmod(lock, 0o600)
+        return lock
+
     def _has_lock(self) -> bool:
         """Return whether this process has the lock and the locked file still exists under its name."""
         with suppress(FileNotFoundError):
@@ -173,16 +222,18 @@ class Checkpoint:
     @property
     def exists(self) -> bool:
         """Whether there is a state of either generation."""
-        return self.path.exists() or self.previous.exists()
+        return os.path.lexists(self.path) or os.path.lexists(self.previous)
 
     def load(self) -> tuple[SavedState | None, list[str]]:
         """Return the newest state that can be read, and a message for each file that was set aside."""
         messages: list[str] = []
         for path in (self.path, self.previous):
             try:
-                return decode(path.read_bytes(), f"state {path.name}"), messages
+                return decode(read_bounded(path, FILE_BYTES), f"state {path.name}"), messages
             except FileNotFoundError:
                 continue
+            except MemoryError:
+                reason, message = "damaged", f"state {path.name} needs more memory than there is"
             except OSError as error:
                 message = f"state {path.name} cannot be read ({_system_message(error)})"
                 reason = "unreadable"
@@ -208,13 +259,13 @@ class Checkpoint:
 
     @property
     def _newest(self) -> Path:
-        return self.path if self.path.exists() else self.previous
+        return self.path if os.path.lexists(self.path) else self.previous
 
     def _move(self, reason: str, path: Path | None) -> Path:
         source, stem = path or self._newest, self.path.name.removesuffix(".state")
         names = (self.path.with_name(f"{stem}.{reason}-{number}.state") for number in itertools.count(1))
-        aside = next(name for name in names if not name.exists())
-        if source.exists():
+        aside = next(name for name in names if not os.path.lexists(name))
+        if os.path.lexists(source):
             source.rename(aside)
         if path is None:
             self.previous.unlink(missing_ok=True)
@@ -294,15 +345,8 @@ class Checkpoint:
 
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")
-        try:
-            with open(new, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError:
-            new.unlink(missing_ok=True)  # frees the space on a full disk
-            raise
-        if self.path.exists():
+        write_new(new, data)
+        if os.path.lexists(self.path):
             os.replace(self.path, self.previous)
         os.replace(new, self.path)
         directory = os.open(self.path.parent, os.O_RDONLY)

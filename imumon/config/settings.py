@@ -37,6 +37,8 @@ TextList: TypeAlias = Annotated[tuple[str, ...], Field(strict=False)]
 
 SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
 """Limits of a sample rate, Hz."""
+MOST_FAULTS = 100
+"""Faults that are reported of a file. Not critical."""
 SHOWN_CHARACTERS = 40
 """Longest value in a message, characters."""
 SECTION_CUTOFF, SETTING_CUTOFF = 0.5, 0.6
@@ -232,9 +234,11 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
             sections[section] = _check_section(section, table, places)
         except ConfigError as error:
             faults += error.faults
+        if len(faults) >= MOST_FAULTS:
+            break
     faults += _contradictions(sections, places)
     if faults:
-        raise ConfigError(*sorted(faults, key=places.order))
+        raise ConfigError(*sorted(faults, key=places.order)[:MOST_FAULTS])
     present = {f"{section}.{name}" for section, table in values.items() for name in table}
     origins = {name: places.of(name) if name in present else "default" for name in NAMES}
     return Settings(**cast(Any, sections), path=found, ignored=ignored, origins=origins)
@@ -284,7 +288,8 @@ def _check_section(section: str, table: Any, places: Places) -> Section:
     except ValidationError as error:
         # a list has a fault for each of its items: the first is enough
         first = {str(found["loc"][0]): found for found in reversed(error.errors())}
-        faults += [_fault(section, name, found, table, places) for name, found in first.items()]
+        shown = list(first.items())[:MOST_FAULTS]
+        faults += [_fault(section, name, found, table, places) for name, found in shown]
     if faults:
         raise ConfigError(*faults)
     return checked

@@ -11,6 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from imumon.errors import ImumonError
+from imumon.files import read_at_most
+from imumon.report import plain
+
+FILE_BYTES = 1 << 16
+"""Bytes of the largest settings file; config.toml has 8 kB. The time to read it is bounded by this. Not critical."""
+
+LONGEST_LINE = 1000
+"""Characters of a line: the time for a dotted name grows with the square of its length. Not critical."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +42,7 @@ class ConfigFault:
 
     def __str__(self) -> str:
         text = ": ".join(filter(None, (self.place, self.setting, self.message)))
-        return f"{text}; {self.cure}" if self.cure else text
+        return plain(f"{text}; {self.cure}" if self.cure else text)
 
 
 class ConfigError(ImumonError):
@@ -51,11 +59,12 @@ class ConfigError(ImumonError):
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file; raise `ConfigError` if it cannot be read."""
+    """Return the text of a file or a pipe; raise `ConfigError` if it cannot be read."""
     try:
-        return path.read_text("utf-8-sig")
+        with path.open("rb") as file:
+            return read_at_most(file, FILE_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
-        fault = ConfigFault("file_unreadable", str(path), "", f"cannot be read: {error.strerror}")
+        fault = ConfigFault("file_unreadable", str(path), "", f"cannot be read: {error.strerror or error}")
     except UnicodeDecodeError as error:
         fault = ConfigFault("not_utf8", str(path), "", f"is not UTF-8 text (byte {error.start})")
     raise ConfigError(fault)
@@ -63,6 +72,9 @@ def read_text(path: Path) -> str:
 
 def parse(text: str, file: str) -> dict[str, Any]:
     """Return the values of a TOML text; raise `ConfigError` if it is not TOML."""
+    if (longest := max(map(len, text.split("\n")))) > LONGEST_LINE:
+        message = f"has a line of {longest:,} characters, more than {LONGEST_LINE:,}"
+        raise ConfigError(ConfigFault("not_toml", file, "", message))
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -78,7 +90,9 @@ def line_numbers(text: str) -> dict[str, int]:
     table = ""
     name = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
     for number, line in enumerate(text.splitlines(), 1):
-        if header := re.match(r"\s*\[\s*([^\[\]]+?)\s*\]", line):
+        if len(line) > LONGEST_LINE:
+            continue
+        if header := re.match(r"\s*\[([^\[\]]+)\]", line):
             table = _unquoted(header[1])
             full = table
         elif key := re.match(rf"\s*({name}(?:\s*\.\s*{name})*)\s*=", line):

@@ -13,14 +13,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from imumon import __version__
-from imumon.checkpoint import Checkpoint, SavedState
+from imumon.checkpoint import Checkpoint, SavedState, encode
 from imumon.daemon.metadata import saved_description
 from imumon.pipeline import Monitor, RecordMismatch
-from imumon.report import SessionCounters, stamp
-from imumon.samples import DeviceInfo, Level
+from imumon.report import DeviceDescription, SessionCounters, plain, stamp, to_json
+from imumon.samples import DeviceInfo, Level, SampleBlock
 
 COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
+TRIAL_SAMPLES = 2000
+"""Samples with which a saved record is tried out before it continues. Not critical."""
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -81,23 +85,45 @@ class Persistence:
     def _restore(self, state: SavedState) -> str:
         meta = state.meta
         if meta.get("serial") != self._serial:
-            return self._set_aside("other-sensor", f"of another sensor, {meta.get('serial')}")
-        if changed := differing(meta.get("settings", {}), self._settings):
-            return self._set_aside("other-settings", f"of other settings, {'; '.join(changed)}")
+            return self._set_aside("other-sensor", f"of another sensor, {_quoted(meta.get('serial'))}")
         try:
-            counted: dict[str, Any] = {name: int(meta["session"].get(name, 0)) for name in COUNTERS}
-            away, saved = _since(meta) + float(meta.get("age_s", 0.0)), meta["saved"]
-            self._monitor.restore(meta["monitor"], state.arrays, max(0.0, away) * self._speed)
+            if changed := differing(meta.get("settings", {}), self._settings):
+                return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
+            counted: dict[str, Any] = {name: _count(meta["session"].get(name, 0)) for name in COUNTERS}
+            started, saved = (_time(meta[name]) for name in ("started", "saved"))
+            away_s = max(0.0, _since(meta) + float(meta.get("age_s", 0.0))) * self._speed
+            self._try_out(state, away_s)
+            self._monitor.restore(meta["monitor"], state.arrays, away_s)
         except RecordMismatch as error:
-            return self._set_aside("other-settings", error.message)
-        except (KeyError, ValueError, TypeError, AttributeError, IndexError, AssertionError):
-            return self._set_aside(
-                "unreadable", f"of imumon {meta.get('version')} and cannot be read by {__version__}"
-            )
-        self.started = meta.get("started")
+            return self._set_aside("other-settings", plain(error.message))
+        except Exception:  # a file may be forged: whatever it breaks, the daemon starts
+            version = _quoted(meta.get("version"))
+            return self._set_aside("unreadable", f"of imumon {version} and cannot be read by {__version__}")
+        self.started = started
         counted["restarts"] += 1
         self._before = SessionCounters(**counted)
         return f"the record that began {self.started} continues, saved {saved}"
+
+    def _try_out(self, state: SavedState, away_s: float) -> None:
+        """Continue a copy of a record, report and save it; raise the error that the record causes later."""
+        interval_ns = float(state.meta["monitor"]["clock"]["interval_s"]) * 1e9
+        trial = Monitor(self._monitor.options, rate_hz=1e9 / interval_ns)
+        arrays = {name: array.copy() for name, array in state.arrays.items()}
+        trial.restore(state.meta["monitor"], arrays, away_s)
+        trial.accept_restored()
+        if trial.stream is None or any(a.ndim != 1 for name, a in arrays.items() if name.endswith("groups")):
+            raise ValueError("the record has no stream, or no channels")
+        steps = np.ones(TRIAL_SAMPLES) if trial.stream.clock == "dt" else np.arange(TRIAL_SAMPLES)
+        times, lost = (steps * interval_ns).astype(np.int64), np.zeros(TRIAL_SAMPLES, dtype=np.int64)
+        values = np.random.default_rng(0).normal(0.0, 1e-3, (TRIAL_SAMPLES, len(trial.stream.channels)))
+        with np.errstate(all="ignore"):
+            for k in np.array_split(np.arange(TRIAL_SAMPLES), 7):
+                trial.feed(SampleBlock(trial.stream, values[k], times[k], lost[k]))
+            trial.flush()
+            device = DeviceDescription(id="trial")
+            to_json(trial.report(datetime.now(UTC), device, "running", SessionCounters()))
+            saved_meta, saved_arrays = trial.save()
+            encode(SavedState(saved_meta, dict(saved_arrays)))
 
     def _set_aside(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
@@ -175,6 +201,23 @@ def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
     ['85 IMU filtering 0, now 4']
     """
     return [f"{k} {one[k]}, now {other[k]}" for k in one if k in other and one[k] != other[k]]
+
+
+def _quoted(value: Any) -> str:
+    """Return a value of a state for a message."""
+    return plain(str(value))[:40]
+
+
+def _count(value: Any) -> int:
+    """Return a counter of a state; raise ValueError if it is none."""
+    if type(value) is not int or not 0 <= value < 1 << 62:
+        raise ValueError("not a counter")
+    return value
+
+
+def _time(value: Any) -> str | None:
+    """Return a time of a state; raise ValueError if it is none."""
+    return None if value is None else stamp(datetime.fromisoformat(value))
 
 
 def _boot_id() -> str | None:

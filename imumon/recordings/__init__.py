@@ -6,6 +6,7 @@ raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 recording_header  description of the device in a capture
 csv, npz, rosbag  tables and bags
+bag_process       program that reads a bag, with limits
 table             rows of numbers as samples
 columns           columns of a table that form a stream
 column_names      quantity, axis and unit in the name of a column

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from imumon.errors import ImumonError
+from imumon.report import plain
 from imumon.samples import Gap, Kind, SampleBlock
 
 BLOCK_BYTES = 1 << 20
@@ -15,7 +16,13 @@ critical."""
 
 
 class RecordingError(ImumonError):
-    """A recording cannot be read, holds nothing that can be characterised, or cannot be written."""
+    """A recording cannot be read, holds nothing that can be characterised, or cannot be written.
+
+    The texts may quote the file: they have no control characters.
+    """
+
+    def __init__(self, code: str, message: str, cure: str = "") -> None:
+        super().__init__(code, plain(message), plain(cure))
 
     def of(self, path: str) -> RecordingError:
         """Return the same error with the path of the recording in front of its message."""

@@ -196,5 +196,8 @@ def _open_pipe(path: str) -> BinaryIO:
             text = f"cannot record to {path}: no program reads that pipe"
             raise RecordingError("pipe_without_reader", text, "start its reader first") from None
         raise
+    if stat.S_ISREG(os.fstat(file).st_mode):  # it was a pipe a moment ago
+        os.close(file)
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), path)
     os.set_blocking(file, True)
     return os.fdopen(file, "wb")

@@ -36,6 +36,9 @@ INERTIAL = {"gyro", "accel"}
 SIMILAR = 0.3
 """Similarity of names (difflib ratio) from which one is suggested for another. Not critical."""
 
+MOST_COLUMNS = 2000
+"""Columns of the widest table: logs have some hundreds. Not critical."""
+
 LISTED = 8
 """Column names that a message lists. Not critical."""
 
@@ -79,6 +82,9 @@ def layout(
     ------
     RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream.
     """
+    if len(names) > MOST_COLUMNS:
+        text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
+        raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
     named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
     used = {column.index for column in assigned.values()}

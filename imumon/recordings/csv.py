@@ -21,6 +21,7 @@ from imumon.recordings.column_names import UNITS, unit_of
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.table import ROWS, Table, TableRows
+from imumon.report import plain
 from imumon.samples import Floats, SampleBlock
 
 COMPLETE = "check that it is complete"
@@ -33,6 +34,15 @@ INVALID_SHARE = 0.1
 
 INVALID_ROWS = 10
 """Invalid rows that every table may have. Not critical."""
+
+LONGEST_LINE = 1 << 16
+"""Bytes of a line; a longer one is an invalid row. Not critical."""
+
+_TOO_LONG = "\udfff"
+"""Line in place of one that is too long; no text in UTF-8 or Latin-1 has this character."""
+
+TIME_ROWS = 1000
+"""Rows that show whether a column of time is readable. Not critical."""
 
 QUOTED = 30
 """Characters of a cell that are quoted in a message. Not critical."""
@@ -77,18 +87,26 @@ class CsvFile(Table):
         return blocks
 
     def _lines(self) -> Iterator[list[str]]:
-        """Yield the lines that end in each chunk of the file."""
-        rest = b""
+        """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
+        rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
         for chunk in self._capture:
             self.fed += len(chunk)
             self.problem, self.progress = self._capture.problem, self._capture.progress
             if b"\r" in chunk:
                 chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            *whole, rest = (rest + chunk).split(b"\n")
-            yield [_decoded(line) for line in whole]
+            first, end, more = chunk.partition(b"\n")
+            if not skipping:
+                rest += first
+            skipping = skipping or len(rest) > LONGEST_LINE
+            if not end:
+                rest = b"" if skipping else rest
+                continue
+            *whole, last = more.split(b"\n")
+            yield [_TOO_LONG if skipping else _decoded(rest), *map(_decoded, whole)]
+            rest, skipping = last, False
         self.problem = self._capture.problem
-        if rest.strip():
-            yield [_decoded(rest)]
+        if skipping or rest.strip():
+            yield [_TOO_LONG if skipping else _decoded(rest)]
 
     def _read_head(self, lines: Iterator[list[str]]) -> tuple[list[str], int]:
         """Find the header and the columns; return the lines read behind them, and how many are before."""
@@ -97,6 +115,9 @@ class CsvFile(Table):
             seen += some
             if len(seen) > PREAMBLE:
                 break
+        if _TOO_LONG in seen[:PREAMBLE]:
+            text = f"{self.path} line {seen.index(_TOO_LONG) + 1} is longer than {LONGEST_LINE:,} bytes"
+            raise RecordingError("line_too_long", text, "check that it is a table with one row per line")
         at = header_line(seen)
         if at is None:
             header, begin = "", next((k for k, line in enumerate(seen) if _has_cells(line)), None)
@@ -109,14 +130,14 @@ class CsvFile(Table):
                 raise RecordingError("no_header", text, "add one, or --map gyro/x=2:rad/s,... by number")
         else:
             header, begin, separator = seen[at], at + 1, separator_of(seen[at])
-            names = split(header, separator)
-            if begin < len(seen) and (united := with_units(names, seen[begin], separator)) is not None:
+            names = [plain(name) for name in split(header, separator)]
+            if begin < len(seen) and (united := with_units(names, plain(seen[begin]), separator)) is not None:
                 names, begin = united, begin + 1
         try:
             found = layout(names, self._options.kind, self._options.columns)
         except RecordingError as error:
             raise error.of(self.path) from None
-        found = self._with_readable_times(found, seen[begin:], separator)
+        found = self._with_readable_times(found, seen[begin : begin + TIME_ROWS], separator)
         self._rows = TableRows(self.path, found, "csv", self._options.rate_hz, names)
         self._parser = _RowParser(self.path, header, separator, self._rows.columns, self._dates)
         return seen[begin:], begin
@@ -148,6 +169,8 @@ class CsvFile(Table):
 
 def _decoded(line: bytes) -> str:
     """Return a line in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
+    if len(line) > LONGEST_LINE:
+        return _TOO_LONG
     try:
         return line.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -322,7 +345,8 @@ class _RowParser:
                 if last:  # truncated
                     return [], number
                 self.invalid += 1
-                self._first_invalid = self._first_invalid or f"line {number} {self._fault(cells, column)}"
+                fault = "is too long" if line == _TOO_LONG else self._fault(cells, column)
+                self._first_invalid = self._first_invalid or f"line {number} {fault}"
                 return [math.nan] * len(self._columns), 0
             row.append(value)
         return row, number

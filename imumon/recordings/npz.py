@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import math
+import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 
+from imumon.errors import ImumonError
+from imumon.files import open_regular
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.column_names import parse_name
 from imumon.recordings.columns import SENSORS, layout
+from imumon.recordings.raw_capture import ACCESS
 from imumon.recordings.table import ROWS, Table, TableRows
+from imumon.report import plain
 from imumon.samples import AXES, Floats, SampleBlock
+
+MOST_RATIO = 100
+"""Bytes per byte of the file to which an archive may decompress: numbers of a sensor reach 10. Not critical."""
+
+FREE_BYTES = 1 << 28
+"""Bytes to which every archive may decompress. Not critical."""
 
 
 class NpzFile(Table):
@@ -25,13 +38,7 @@ class NpzFile(Table):
 
     def __init__(self, path: str, options: ReadOptions) -> None:
         self.path = path
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                whole = {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-            raise RecordingError(
-                "no_npz", f"{path} is no NumPy archive of plain arrays", "save it with numpy.savez"
-            ) from None
+        whole = _arrays(path)
         try:
             names, arrays = _flattened(whole)
             found = layout(names, options.kind, options.columns)
@@ -61,6 +68,54 @@ class NpzFile(Table):
         return RecordingError("no_rows", f"{self.path} has arrays without a sample", "save it again")
 
 
+def _arrays(path: str) -> dict[str, Any]:
+    """Return the arrays of numbers in an archive, by name.
+
+    Raises
+    ------
+    RecordingError : it is no archive, or claims more than it holds, or decompresses to far more than its size.
+    """
+    try:
+        with open(open_regular(path, follow=True), "rb") as file, zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            total = sum(member.file_size for member in members)
+            if total > FREE_BYTES + MOST_RATIO * os.path.getsize(path):
+                text = f"{path} is corrupt: it claims to hold {total:,} bytes, far more than its size allows"
+                raise RecordingError("npz_corrupt", text, "save it again with numpy.savez")
+            found = {m.filename.removesuffix(".npy"): _array(archive, m, path) for m in members}
+    except ImumonError:
+        raise
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise RecordingError("not_readable", f"cannot read {path}: {why}", ACCESS) from None
+    except Exception:  # zipfile and numpy raise many kinds on a corrupt file
+        raise RecordingError(
+            "no_npz", f"{path} is no NumPy archive of plain arrays", "save it with numpy.savez"
+        ) from None
+    return {plain(name): array for name, array in found.items() if array is not None}
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: str) -> Any:
+    """Return an array of an archive; None if it has no numbers. Raise an exception if it is corrupt."""
+    with archive.open(member) as file:
+        version = npy.read_magic(file)
+        if version not in ((1, 0), (2, 0)):  # of fields with names
+            return None
+        read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, columns_first, dtype = read(file)
+        if dtype.hasobject:
+            raise ValueError("objects")
+        size = math.prod(shape) * dtype.itemsize
+        held = member.file_size - file.tell()
+        if size != held:
+            text = f"{path}: the array {member.filename} claims {size:,} bytes and has {held:,}"
+            raise RecordingError("npz_corrupt", text, "save it again with numpy.savez")
+        if dtype.kind not in "iuf":
+            return None
+        content = np.frombuffer(file.read(size), dtype)
+        return content.reshape(shape, order="F" if columns_first else "C")
+
+
 def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:
     """Return names and columns; of an array with three columns one for each axis.
 
@@ -71,8 +126,6 @@ def _flattened(arrays: Mapping[str, Any]) -> tuple[list[str], list[Floats]]:
     names: list[str] = []
     columns: list[Floats] = []
     for name, array in arrays.items():
-        if array.dtype.kind not in "iuf":
-            continue
         stem, _, suffix = name.rpartition("_")
         unit = f" [{suffix}]" if stem and suffix in _ARRAY_UNITS else ""
         bare = stem if unit else name

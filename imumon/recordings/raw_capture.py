@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import sys
 import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO
 
+from imumon.files import open_regular
 from imumon.recordings.base import RecordingError
 from imumon.recordings.recording_header import read_header
 from imumon.samples import Gap
@@ -27,6 +29,12 @@ LONGEST_LINE = 1 << 16
 
 CHUNK = 256 << 10
 """Bytes that are read at once. Not critical."""
+
+INFLATED_AT_ONCE = 1 << 12
+"""Bytes of a gzip file that are decompressed at once: a file of tiny members is copied for each. Not critical."""
+
+MOST_PARTS = 10_000
+"""Parts of which a capture is not read twice; memory does not grow with their number. Not critical."""
 
 ACCESS = "check the path and its permissions"
 """Cure for a file that cannot be opened."""
@@ -43,6 +51,18 @@ _FOREIGN = {
     b"SQLite format 3": ("sqlite", "an SQLite database", "name the folder of the bag, or another file"),
 }
 """First bytes of other formats: end of the code, what it is, what to do."""
+
+
+def open_input(path: str, *, pipe: bool = True) -> BinaryIO:
+    """Open a file that the user names, or a pipe; raise OSError if it is a device, which may have no end.
+
+    Parameters
+    ----------
+    pipe : whether it may be a pipe, whose opening waits for its writer.
+    """
+    if pipe and stat.S_ISFIFO(os.stat(path).st_mode):
+        return open(path, "rb")
+    return open(open_regular(path, follow=True), "rb")
 
 
 def part_path(path: str, part: int) -> str:
@@ -107,7 +127,7 @@ class RawCapture:
         yield from self._read_part()
         for path in self._later:
             self._behind += self._part.consumed
-            before, self._part = self._part, _Part(path)
+            before, self._part = self._part, _Part(path, later=True)
             if _key(self._part.header) in self._read:  # its bytes are in an earlier file as well
                 self._part.close()
                 continue
@@ -122,7 +142,8 @@ class RawCapture:
             if isinstance(item, bytes):
                 yield item
                 continue
-            self._read.add(_key(item))
+            if len(self._read) < MOST_PARTS:
+                self._read.add(_key(item))
             if "run" not in item or item["run"] != run:  # else: parts of one run, joined in one file
                 run = item.get("run", run)
                 yield Gap(item.get("away_s"))
@@ -138,13 +159,13 @@ def _key(header: Mapping[str, Any] | None) -> tuple[Any, Any]:
 class _Part:
     """One file of a capture: decompressed, without its header."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, *, later: bool = False) -> None:
         self.path = path
         self.consumed = 0  # bytes on disk read so far
         self.problem: str | None = None
         self.header: dict[str, Any] | None = None
         try:
-            self._file: BinaryIO = sys.stdin.buffer if path == "-" else open(path, "rb")  # noqa: SIM115
+            self._file = sys.stdin.buffer if path == "-" else open_input(path, pipe=not later)
             head = self._file.read(CHUNK)
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)
@@ -191,7 +212,8 @@ class _Part:
     def _decompressed(self, chunks: Iterator[bytes]) -> Iterator[bytes]:
         """Yield the contents of all gzip members; of a corrupt file, the part before the corruption."""
         member = zlib.decompressobj(wbits=31)
-        for rest in chunks:
+        pieces = (c[k : k + INFLATED_AT_ONCE] for c in chunks for k in range(0, len(c), INFLATED_AT_ONCE))
+        for rest in pieces:
             while rest:
                 if member.eof:
                     if not rest.strip(b"\0"):  # padding
@@ -220,25 +242,26 @@ def split_lines(chunks: Iterator[bytes]) -> Iterator[bytes | dict[str, Any]]:
     waiting = b""
     for chunk in chunks:
         waiting += chunk
-        while (at := waiting.find(MARK)) >= 0:
-            end = waiting.find(b"\n", at, at + LONGEST_LINE)
-            if end < 0 and len(waiting) - at < LONGEST_LINE:
+        begin, search, end = 0, 0, -1  # first byte not yielded, where to look for a line, and its end
+        while (at := waiting.find(MARK, search)) >= 0:
+            if end < at:
+                end = waiting.find(b"\n", at)
+                end = len(waiting) if end < 0 else end
+            if end == len(waiting) and len(waiting) - at < LONGEST_LINE:
                 break  # the line continues in the next chunk
-            if end < 0:
-                at += len(MARK)  # data
-                yield waiting[:at]
-                waiting = waiting[at:]
-                continue
-            if at:
-                yield waiting[:at]
-            yield read_header(waiting[at + len(MARK) : end]) or {}
-            waiting = waiting[end + 1 :]
+            search = at + len(MARK)
+            if end - at >= LONGEST_LINE:
+                continue  # data
+            if at > begin:
+                yield waiting[begin:at]
+            yield read_header(waiting[search:end]) or {}
+            begin = search = end + 1
         if at < 0:
-            at = waiting.rfind(MARK[:1], -len(MARK))
+            at = waiting.rfind(MARK[:1], max(search, len(waiting) - len(MARK)))
             at = at if at >= 0 and MARK.startswith(waiting[at:]) else len(waiting)
-        if at:
-            yield waiting[:at]
-            waiting = waiting[at:]
+        if at > begin:
+            yield waiting[begin:at]
+        waiting = waiting[at:]
     if waiting:
         yield waiting
 
@@ -265,7 +288,7 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
         number += 1
         following = part_path(os.path.join(folder, base), number)
         try:
-            part = _Part(following)
+            part = _Part(following, later=True)
         except RecordingError:
             return found
         part.close()

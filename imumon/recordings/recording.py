@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from imumon.devices.base import DeviceError, RawDecoder, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver
+from imumon.files import open_regular
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
 from imumon.recordings.csv import CsvFile, header_line, separator_of, split
@@ -81,17 +82,19 @@ class DecodedCapture(Recording):
 def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]:
     """Yield the same bytes in blocks of about a size, none across a gap."""
     waiting: list[bytes] = []
+    length = 0
     for item in items:
         if isinstance(item, Gap):
             yield b"".join(waiting)
             yield item
-            waiting = []
+            waiting, length = [], 0
             continue
         for at in range(0, len(item), size):
             waiting.append(item[at : at + size])
-            if sum(map(len, waiting)) >= size:
+            length += len(waiting[-1])
+            if length >= size:
                 yield b"".join(waiting)
-                waiting = []
+                waiting, length = [], 0
     yield b"".join(waiting)
 
 
@@ -105,7 +108,8 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     """
     head = b""
     if path != "-":
-        with contextlib.suppress(OSError), open(path, "rb") as file:
+        # not of a pipe, which can be read only once
+        with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
             head = file.read(16)
     if is_bag(path, head):
         return RosbagFile(path, options)

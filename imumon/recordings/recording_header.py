@@ -6,6 +6,7 @@ Any program may have written it: a field that does not have the form that `Captu
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -36,12 +37,13 @@ def _text(value: Any) -> str | None:
     return plain(value)[:MAX_CHARACTERS] if isinstance(value, str) else None
 
 
-def _path(value: Any) -> str | None:
-    return value if isinstance(value, str) and "\0" not in value else None
+def _name(value: Any) -> str | None:
+    """Return the name of a file; a path would lead out of the folder of the recording."""
+    return value if isinstance(value, str) and not re.search(r"[\0/]", value) else None
 
 
 def _count(value: Any) -> int | None:
-    return value if type(value) is int and value >= 0 else None
+    return value if type(value) is int and 0 <= value < 1e9 else None
 
 
 def _number(low: float, high: float) -> Callable[[Any], float | None]:
@@ -74,8 +76,8 @@ _FIELDS: Mapping[str, Callable[[Any], Any]] = {
     "caveats": _texts,
     "settings": _text_by_name,
     "away_s": _number(0.0, 1e10),
-    "run": _path,
+    "run": _text,
     "part": _count,
-    "base": _path,
+    "base": _name,
 }
 """Check of each field that is read: the value, or None if it does not have the right form."""

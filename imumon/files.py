@@ -1,0 +1,82 @@
+"""Files that another user may have prepared: opened without following a link, waiting, or reading without end.
+
+A directory may be writable for others. A name in it may then be a symbolic link to another file, a pipe whose
+opening waits for ever, a device without an end, or a file larger than the memory. `open_regular` opens
+regular files only, and `read_bounded` reads at most a given number of bytes. `write_new` never writes through
+something that exists. The type is checked after opening, because a name may change between a check and its use.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+_PIECE = 1 << 20
+"""Bytes that are read at once from a file without a size, such as a pipe. Not critical."""
+
+
+def open_regular(
+    path: Path | str, flags: int = os.O_RDONLY, *, follow: bool = False, mode: int = 0o666
+) -> int:
+    """Return the descriptor of a regular file.
+
+    Parameters
+    ----------
+    flags, mode : of `os.open`.
+    follow : whether the last part of the path may be a symbolic link.
+
+    Raises
+    ------
+    OSError : it cannot be opened, or is something else.
+    """
+    link = 0 if follow else os.O_NOFOLLOW
+    file = os.open(path, flags | link | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    return file
+
+
+def read_bounded(path: Path | str, limit: int) -> bytes:
+    """Return the content of a regular file that is not a symbolic link.
+
+    Raises
+    ------
+    OSError : it cannot be read, is something else, or has more than `limit` bytes.
+    """
+    with open(open_regular(path), "rb") as file:
+        return read_at_most(file, limit)
+
+
+def read_at_most(file: BinaryIO, limit: int) -> bytes:
+    """Return what a file holds; raise OSError if these are more than `limit` bytes."""
+    pieces: list[bytes] = []
+    size = 0
+    while piece := file.read(min(_PIECE, limit + 1 - size)):
+        pieces.append(piece)
+        size += len(piece)
+        if size > limit:
+            raise OSError(errno.EFBIG, f"it is larger than {limit:,} bytes")
+    return b"".join(pieces)
+
+
+def write_new(path: Path, data: bytes) -> None:
+    """Write a new file and force it to disk; what had its name is removed, and a link is not followed.
+
+    Raises
+    ------
+    OSError : it cannot be written; then there is no such file.
+    """
+    path.unlink(missing_ok=True)
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    try:
+        with open(file, "wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+    except OSError:
+        path.unlink(missing_ok=True)  # frees the space on a full disk
+        raise

@@ -1,0 +1,244 @@
+"""A state directory that others may write: links, pipes, devices and forged states do no harm and end nothing."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import random
+import subprocess
+import sys
+import warnings
+import zlib
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imumon.checkpoint import (
+    FILE_BYTES,
+    Checkpoint,
+    SavedState,
+    StateError,
+    _transposed_bytes,
+    decode,
+    encode,
+)  # fmt: skip
+from imumon.daemon.persistence import Persistence
+from imumon.pipeline import Monitor
+from imumon.report import DeviceDescription, SessionCounters, to_json
+from imumon.samples import DeviceInfo, SampleBlock, Stream
+
+STATE = SavedState({"serial": "7", "samples": 7}, {"sum": np.arange(5.0)})
+STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "gyro/z"))
+
+
+def forged(content: bytes) -> bytes:
+    """Return the content of a state file with the right checksum."""
+    data = zlib.compress(content, 1)
+    return f"imumon-state 2 {zlib.crc32(data):08x} {len(data)}\n".encode() + data
+
+
+def link(path: Path) -> None:
+    path.symlink_to(path.with_name("target"))
+
+
+def huge(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(FILE_BYTES + 1)
+
+
+OBSTACLES: dict[str, Callable[[Path], Any]] = {
+    "link": link,
+    "dangling link": lambda path: path.symlink_to(path.with_name("nothing")),
+    "endless device": lambda path: path.symlink_to("/dev/zero"),
+    "pipe": os.mkfifo,
+    "directory": Path.mkdir,
+    "larger than any state": huge,
+    "nested": lambda path: path.write_bytes(forged(b"[" * 100_000 + b"]" * 100_000 + b"\n")),
+    "bomb": lambda path: path.write_bytes(forged(bytes(300 << 20))),
+    "no object": lambda path: path.write_bytes(forged(b'{"meta": [], "arrays": []}\n')),
+    "huge array": lambda path: path.write_bytes(
+        forged(b'{"meta": {}, "arrays": [["a", "<f8", [1000000, 10000000000000]]]}\n')
+    ),
+    "empty items": lambda path: path.write_bytes(
+        forged(b'{"meta": {}, "arrays": [["a", "<U0", [1000000, 10000000000000]]]}\n')
+    ),
+    "objects": lambda path: path.write_bytes(
+        forged(b'{"meta": {}, "arrays": [["a", "|O", [1]]]}\n' + bytes(8))
+    ),
+    "negative": lambda path: path.write_bytes(forged(b'{"meta": {}, "arrays": [["a", "<f8", [-1, -1]]]}\n')),
+    "escapes": lambda path: path.write_bytes(
+        forged(b'{"meta": {}, "arrays": [["a", "\\u001b]0;x\\u0007", [1]]]}\n')
+    ),
+}
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("obstacle", OBSTACLES)
+@pytest.mark.parametrize("name", ["d.state", "d.state.1"])
+def test_what_cannot_be_read_is_set_aside_with_one_message(tmp_path: Path, name: str, obstacle: str) -> None:
+    (tmp_path / "target").write_bytes(encode(STATE))
+    OBSTACLES[obstacle](tmp_path / name)
+    checkpoint = Checkpoint(tmp_path, "d")
+    state, messages = checkpoint.load()
+    assert state is None
+    assert len(messages) == 1
+    assert messages[0].isprintable()
+    assert not os.path.lexists(tmp_path / name)
+    assert [path.name for path in tmp_path.glob("d.*-1.state")]
+    checkpoint.close(STATE)
+    assert checkpoint.failed is None
+    assert Checkpoint(tmp_path, "d").load()[0] is not None
+    assert (tmp_path / "target").read_bytes() == encode(STATE)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "obstacle", ["link", "dangling link", "endless device", "pipe", "larger than any state"]
+)
+@pytest.mark.parametrize("name", ["d.state.new", "d.state", "d.state.1", "d.lock"])
+def test_a_save_writes_through_nothing_that_is_there(tmp_path: Path, name: str, obstacle: str) -> None:
+    target = tmp_path / "target"
+    target.write_bytes(b"of somebody")
+    OBSTACLES[obstacle](tmp_path / name)
+    for _ in range(2):
+        checkpoint = Checkpoint(tmp_path, "d")
+        checkpoint.close(STATE)
+        assert checkpoint.failed is None
+    assert target.read_bytes() == b"of somebody"
+    assert not (tmp_path / "nothing").exists()
+    assert decode((tmp_path / "d.state").read_bytes()).meta == STATE.meta
+
+
+def test_only_the_owner_can_lock_the_state(tmp_path: Path) -> None:
+    """Who may read a lock file may lock it, and the daemon would not start."""
+    (tmp_path / "d.lock").touch(0o644)
+    checkpoint = Checkpoint(tmp_path, "d")
+    assert (tmp_path / "d.lock").stat().st_mode & 0o077 == 0
+    with pytest.raises(StateError, match="another imumon"):
+        Checkpoint(tmp_path, "d")
+    checkpoint.close()
+    with open(tmp_path / "d.lock") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def test_a_start_with_little_memory_sets_a_bomb_aside(tmp_path: Path) -> None:
+    (tmp_path / "d.state").write_bytes(forged(bytes(250 << 20)))
+    code = f"from imumon.checkpoint import Checkpoint; from pathlib import Path; c = Checkpoint(Path({str(tmp_path)!r}), 'd'); print(c.load()); c.close()"  # noqa: E501
+    done = subprocess.run(
+        ["bash", "-c", 'ulimit -v 400000; exec "$0" -c "$1"', sys.executable, code],
+        capture_output=True, text=True, timeout=30, check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "d.damaged-1.state").exists()
+
+
+# ---------------------------------------------------------------- a forged state, valid as a file
+
+
+def block(first: int, n: int) -> SampleBlock:
+    values = np.random.default_rng(first).normal(size=(n, 3)) * 1e-3
+    return SampleBlock(STREAM, values, (first + np.arange(n)) * 10_000_000, np.zeros(n, dtype=np.int64), None)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> SavedState:
+    place = tmp_path_factory.mktemp("state")
+    monitor = Monitor(rate_hz=100.0)
+    kept = Persistence(place, "lab", monitor)
+    kept.restore(DeviceInfo(id="lab", serial="7"))
+    monitor.feed(block(0, 3000))
+    kept.close(SessionCounters(), "2026-01-01T00:00:00.000Z")
+    return decode((place / "lab.state").read_bytes())
+
+
+VALUES: list[Any] = [
+    None, True, -1, 0, 10**9, 10**30, 10**400, 1e308, -1e308, 1e-320, float("inf"), float("nan"), "", "\x1b[2J",
+    "x" * 5000, [], [[]], {}, {"a": {}}, [1, "a"],
+]  # fmt: skip
+
+
+def mutated(rng: random.Random, state: SavedState) -> bytes:
+    """Return a state file with one or two values replaced, and the right checksum."""
+    meta = json.loads(json.dumps(state.meta))
+    arrays = {name: array.copy() for name, array in state.arrays.items()}
+    for _ in range(rng.choice((1, 1, 2))):
+        if rng.random() < 0.5:
+            node: Any = meta
+            while True:
+                key = rng.choice(list(node) if isinstance(node, dict) else range(len(node)))
+                if not isinstance(node[key], dict | list) or not node[key] or rng.random() < 0.1:
+                    break
+                node = node[key]
+            node[key] = json.loads(json.dumps(rng.choice(VALUES)))
+        else:
+            name = rng.choice(list(arrays))
+            array = arrays[name]
+            match rng.randrange(5):
+                case 0:
+                    del arrays[name]
+                    continue
+                case 1:
+                    array = array.reshape(-1)[: array.size // 2]
+                case 2:
+                    array = array[None]
+                case 3 if array.dtype.kind != "U":
+                    array = array.astype(rng.choice(("<f4", "<i2", "<U5", "|b1")))
+                case _ if array.size and array.dtype.kind in "biuf":
+                    array = array.reshape(-1).astype(float)
+                    array[rng.randrange(array.size)] = rng.choice((np.nan, np.inf, -1.0, 1e300, 1e18, -1e18))
+                    with np.errstate(invalid="ignore", over="ignore"):
+                        array = array.astype(arrays[name].dtype).reshape(arrays[name].shape)
+            arrays[name] = array
+    index = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+    head = json.dumps({"meta": meta, "arrays": index}).encode()
+    return forged(b"".join((head, b"\n", *map(_transposed_bytes, arrays.values()))))
+
+
+def continued(place: Path, data: bytes) -> tuple[str, str | None]:
+    """Start a daemon's record with a state; return what was decided, and the error that samples cause later."""
+    for old in place.iterdir():
+        old.unlink()
+    (place / "lab.state").write_bytes(data)
+    monitor = Monitor(rate_hz=100.0)
+    kept = Persistence(place, "lab", monitor)
+    decided = kept.restore(DeviceInfo(id="lab", serial="7"))
+    assert len(decided) == 1
+    assert decided[0][0].isprintable()
+    error = None
+    try:
+        monitor.feed(block(3100, 300))
+        kept.set_aside_rejected()
+        now, device = datetime.now(UTC), DeviceDescription(id="lab")
+        to_json(monitor.report(now, device, "running", SessionCounters()))
+        kept.close(SessionCounters(), None)
+    except Exception as later:
+        error = repr(later)
+        kept._checkpoint.close()
+    return decided[0][0], error
+
+
+def fuzz(place: Path, saved: SavedState, seeds: range) -> list[str]:
+    """Return the errors after a start that succeeded; a start that fails fails the test."""
+    text, error = continued(place, encode(saved))
+    assert "continues" in text
+    assert error is None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        errors = (continued(place, mutated(random.Random(seed), saved))[1] for seed in seeds)
+        return [error for error in errors if error]
+
+
+def test_a_forged_state_never_prevents_a_start(tmp_path: Path, saved: SavedState) -> None:
+    assert not fuzz(tmp_path, saved, range(40))
+
+
+@pytest.mark.slow
+def test_hardly_any_forged_state_ends_the_daemon_later(tmp_path: Path, saved: SavedState) -> None:
+    """What passes the trial at the start may still be a record that no run of imumon writes."""
+    assert len(fuzz(tmp_path, saved, range(40, 1040))) <= 10
