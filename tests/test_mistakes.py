@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -217,3 +218,30 @@ def test_the_config_toml_of_another_program_is_mentioned_once(tmp_path: Path) ->
     ignored, error = done.stderr.splitlines()
     assert "config.toml" in ignored
     assert "no daemon" in error
+
+
+def test_nothing_of_the_demo_outlives_it() -> None:
+    """Also if it is killed: its daemon stops when the pipe from the demo ends."""
+    seed = str(os.getpid() + 10**6)
+
+    def running() -> list[str]:
+        lines = []
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):  # it has ended
+                words = path.read_bytes().split(b"\0")
+                lines += [str(path)] if seed.encode() in words else []
+        return lines
+
+    screen, terminal = os.openpty()
+    command = [sys.executable, "-m", "imumon", "demo", "--seed", seed]
+    demo = subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal)
+    os.close(terminal)
+    deadline = time.monotonic() + 20.0
+    while len(running()) < 3 and time.monotonic() < deadline:  # demo, daemon and emulator
+        time.sleep(0.05)
+    demo.kill()
+    demo.wait(10)
+    while running() and time.monotonic() < deadline + 10.0:
+        time.sleep(0.05)
+    os.close(screen)
+    assert running() == []

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,6 +39,7 @@ def add_run(parser: Parser) -> None:
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     add("--speed", type=positive, default=1.0, metavar="X", help="run the emulator X times faster")
     add("--seed", type=int, metavar="N", help="seed of the random noise of the emulator")
+    add("--stop-with-stdin", action="store_true", help=argparse.SUPPRESS)  # for `demo`
     options.add_endpoints(parser, listen=True)
 
 
@@ -60,6 +63,8 @@ def add_sim(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the daemon."""
+    if arguments.stop_with_stdin:
+        threading.Thread(target=_stop_with_stdin, daemon=True).start()
     settings = _settings(arguments)
     if settings.device.port == "sim":
         return _run_emulated(arguments, settings)
@@ -68,6 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
         message = "--speed and --seed are for --port sim"
         raise CommandError("option_needs_sim", message, "add --port sim, or leave them out", USAGE)
     return _run_daemon(arguments, settings, settings.device.port, options.state_directory(settings))
+
+
+def _stop_with_stdin() -> None:
+    """Stop this process when standard input ends: the program that started it has ended, however that was."""
+    while os.read(0, 4096):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _check_options(arguments: argparse.Namespace, url: str) -> None:
@@ -158,10 +170,11 @@ def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tupl
     # -P: a folder named imumon in the current directory is not the package
     command = [sys.executable, "-P", "-m", "imumon", "run", "--port", "sim"]
     command += ["--speed", f"{arguments.speed:g}", "--listen", endpoint, "--state", directory, "--id", "demo"]
+    command += ["--stop-with-stdin"]
     command += [] if arguments.seed is None else ["--seed", str(arguments.seed)]
     with open(f"{directory}/log", "w+") as log:
         daemon = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
         )
 
         def last_line() -> str | None:

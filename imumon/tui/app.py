@@ -376,7 +376,9 @@ class ImumonApp(App[int]):
         for k, name in enumerate(VIEWS, 1):
             yield SystemCommand(f"View: {name}", f"key {k}", partial(self.action_view, name))
         yield SystemCommand("Units", "readable or SI", self.action_units)
-        yield SystemCommand("Freeze", "stop the display, or resume it; the record continues", self.action_freeze)
+        yield SystemCommand(
+            "Freeze", "stop the display, or resume it; the record continues", self.action_freeze
+        )
         yield SystemCommand("Save", "this view as SVG, PNG, CSV or JSON", self.action_save)
         yield SystemCommand("Help", "keys of this view", self.action_help)
         yield SystemCommand("Theme", "choose another theme", self.action_change_theme)
