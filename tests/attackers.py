@@ -133,7 +133,7 @@ def sessions(endpoint: str, id: str, seconds: float) -> int:
             for one in opened:
                 one.close()
             count += len(opened)
-        time.sleep(0.2)
+        time.sleep(0.05)
     return count
 
 
