@@ -496,7 +496,30 @@ def _check_channels(names: Collection[str]) -> None:
         raise TypeError("a name that is no name of a channel")
 
 
+def _check_coefficient(part: Coefficient | Readable) -> None:
+    _check(all(size is None or size >= 0.0 for size in (part.value, part.low, part.high)), "a negative size")
+
+
+def _check_curve(curve: Allan | LimitCurve) -> None:
+    _check(all(tau > 0.0 for tau in curve.tau_s), "an averaging time that is not positive")
+    if isinstance(curve, LimitCurve):
+        _check(
+            bool(curve.tau_s) and all(sigma > 0.0 for sigma in curve.sigma), "a limit that is not positive"
+        )
+
+
+def _check(holds: bool, fault: str) -> None:
+    if not holds:
+        raise TypeError(fault)
+
+
+def _check_session(session: SessionCounters) -> None:
+    counts = [getattr(session, f.name) for f in fields(session) if f.name not in ("started", "excluded_by")]
+    _check(all(count is None or count >= 0 for count in counts), "a negative count")
+
+
 def _check_report(report: Report) -> None:
+    _check(report.period_s > 0.0 and report.speed > 0.0, "a period or speed that is not positive")
     _check_channels(report.channels)
     _check_channels(report.grade)
     _check_channels(report.limits)
@@ -505,6 +528,13 @@ def _check_report(report: Report) -> None:
 
 _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Report: _check_report,
+    SessionCounters: _check_session,
+    Coefficient: _check_coefficient,
+    Readable: _check_coefficient,
+    Allan: _check_curve,
+    LimitCurve: _check_curve,
+    Histogram: lambda histogram: _check(histogram.width > 0.0, "a bin without width"),
+    Strip: lambda strip: _check(strip.column_s > 0.0, "a column without length"),
     Signal: lambda signal: _check_channels([signal.channel]),
     Event: lambda event: _check_channels([event.channel] if event.channel is not None else []),
 }

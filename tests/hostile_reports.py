@@ -7,6 +7,7 @@ into the viewers, or one that is drawn from the JSON Schema as a whole.
 from __future__ import annotations
 
 import json
+import random
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -14,18 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import reports
-from hypothesis import strategies as st
 
 from imumon.cli.wait_condition import WaitCondition
 from imumon.datasheet import FORMS, NoCurve, document
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
 from imumon.datasheet.tables import report_table
-from imumon.report import Event, Report, Signal, to_json
+from imumon.report import Event, Report, Signal, from_json, to_json
 from imumon.tui import channel_table, charts, export, panels, text_panels
 from imumon.tui.formatting import Notation
 from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 
-SCHEMA = json.loads((Path(__file__).parents[1] / "docs" / "report.schema.json").read_text("utf-8"))["$defs"]
+DOCS = Path(__file__).parents[1] / "docs"
+SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
 DRAWN_FORMS = ("html", "png")
 """Forms with figures of matplotlib, which take a second each."""
@@ -38,59 +39,74 @@ PANELS: tuple[Callable[[ViewState, int, int], Any], ...] = (
 EXTREME = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e-160, 1e-9, 0.5, 1e9, 1e100, 9e149, -9e149)
 FORBIDDEN = (1e150, 1e308, -1e308, 10**400, float("nan"), float("inf"))
 WHOLE = (0, 1, -1, 7, 2**31, 2**63, -(2**70), 10**149)
-TEXTS = ("", " ", "x", "gyro/x", "\x1b]0;owned\x07", "a\nb", "=1+1", "|`<script>", "\u202eabc", "é" * 300, "[s]")
+TEXTS = (
+    "",
+    " ",
+    "x",
+    "gyro/x",
+    "\x1b]0;owned\x07",
+    "a\nb",
+    "=1+1",
+    "|`<script>",
+    "\u202eabc",
+    "é" * 300,
+    "[s]",
+)
 NAMES = ("gyro/x", "gyro/y", "accel/z", "mag/x", "temperature", "other", "other/w", "gyro", "N", "gyro/q")
 
-numbers = st.sampled_from(EXTREME) | st.floats(-9e149, 9e149, allow_nan=False)
-integers = st.sampled_from(WHOLE)
-texts = st.sampled_from(TEXTS)
-anything = st.one_of(
-    st.none(), st.booleans(), numbers, integers, texts, st.sampled_from(FORBIDDEN), st.just([]), st.just({}),
-    st.sampled_from(NAMES), st.sampled_from(("measured", "upper_bound", "pending", "constant", "navigation")),
+ANYTHING = (
+    None, True, *EXTREME, *WHOLE, *TEXTS, *FORBIDDEN, *NAMES, [], {}, "measured", "upper_bound", "pending",
+    "constant", "navigation",
 )  # fmt: skip
 
 
-def from_schema(rule: dict[str, Any]) -> st.SearchStrategy[Any]:
-    """Return JSON data that match a rule of the schema, with hostile values."""
-    if "$ref" in rule:
-        return _definition(rule["$ref"].rpartition("/")[2])
-    if "anyOf" in rule:
-        return st.one_of([from_schema(one) for one in rule["anyOf"]])
-    if "enum" in rule:
-        return st.sampled_from(rule["enum"])
-    kinds = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
-    return st.one_of([_of_kind(kind, rule) for kind in kinds])
+class Generator:
+    """Random JSON data that match the schema, with hostile values.
 
+    Strategies of hypothesis for a whole report draw thousands of values and are too slow, so hypothesis draws
+    the seed.
+    """
 
-def _of_kind(kind: str, rule: dict[str, Any]) -> st.SearchStrategy[Any]:
-    if kind == "array":
-        return st.lists(from_schema(rule["items"]), max_size=3)
-    if kind == "object" and "additionalProperties" in rule:
-        return st.dictionaries(st.sampled_from(NAMES), from_schema(rule["additionalProperties"]), max_size=3)
-    if kind == "object":
-        return _object(rule)
-    simple: dict[str, st.SearchStrategy[Any]] = {
-        "string": texts, "number": numbers, "integer": integers, "boolean": st.booleans(), "null": st.none(),
-    }  # fmt: skip
-    return simple[kind]
+    def __init__(self, seed: int) -> None:
+        self._random = random.Random(seed)
+        self._valid = self._random.random() < 0.9  # obey also the rules that the schema does not state
 
+    def message(self, name: str) -> str:
+        """Return a message of a definition of the schema as JSON."""
+        return json.dumps(self._value({"$ref": f"#/$defs/{name}"}))
 
-def _object(rule: dict[str, Any]) -> st.SearchStrategy[Any]:
-    """Return objects whose arrays have one length."""
-    properties = rule["properties"]
-    lists = {n: r["items"] for n, r in properties.items() if r.get("type") == "array" and "type" in r["items"]}
-    rest = {n: from_schema(r) for n, r in properties.items() if n not in lists}
+    def _value(self, rule: dict[str, Any], length: int | None = None) -> Any:
+        draw = self._random
+        if "$ref" in rule:
+            return self._value(SCHEMA[rule["$ref"].rpartition("/")[2]])
+        if "anyOf" in rule:
+            return self._value(draw.choice(rule["anyOf"][: 2 if draw.random() < 0.2 else 1]))
+        if "enum" in rule:
+            return draw.choice(rule["enum"])
+        kinds = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
+        kind = "null" if "null" in kinds and draw.random() < 0.2 else kinds[0]
+        if kind == "array":
+            count = draw.randint(0, 3) if length is None else length
+            return [self._value(rule["items"]) for _ in range(count)]
+        if kind == "object" and "additionalProperties" in rule:
+            names = draw.sample(NAMES, draw.randint(0, 4))
+            return {name: self._value(rule["additionalProperties"]) for name in names}
+        if kind == "object":  # arrays of one object mostly have one length
+            common = draw.choice((1, 2, 3, 12)) if self._valid else None
+            return {name: self._value(inner, common) for name, inner in rule["properties"].items()}
+        simple: dict[str, Callable[[], Any]] = {
+            "string": lambda: draw.choice(TEXTS),
+            "number": self._number,
+            "integer": lambda: abs(draw.choice(WHOLE)) if self._valid else draw.choice(WHOLE),
+            "boolean": lambda: draw.random() < 0.5,
+            "null": lambda: None,
+        }
+        return simple[kind]()
 
-    def with_arrays(length: int) -> st.SearchStrategy[Any]:
-        arrays = {n: st.lists(from_schema(i), min_size=length, max_size=length) for n, i in lists.items()}
-        return st.fixed_dictionaries(rest | arrays)
-
-    return st.integers(0, 3).flatmap(with_arrays)
-
-
-@cache
-def _definition(name: str) -> st.SearchStrategy[Any]:
-    return st.deferred(lambda: from_schema(SCHEMA[name]))
+    def _number(self) -> float:
+        draw = self._random
+        value = draw.choice(EXTREME) if draw.random() < 0.5 else draw.lognormvariate(0.0, 5.0)
+        return abs(value) or 1e-3 if self._valid else value
 
 
 def _places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -105,26 +121,31 @@ def _places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 @cache
+def real_report() -> Report:
+    """Return the report of the documentation: of a long record, so that every part is there."""
+    return from_json(Report, (DOCS / "example" / "report.json").read_bytes())
+
+
+@cache
 def bases() -> tuple[tuple[str, tuple[tuple[Any, ...], ...]], ...]:
     """Return real reports as JSON, each with the paths of its values."""
-    whole = (reports.long_report(), reports.report(60.0), reports.nothing_yet())
-    texts = [to_json(each) for each in whole]
+    texts = [to_json(each) for each in (real_report(), reports.moving(), reports.nothing_yet())]
     return tuple((text, tuple(_places(json.loads(text)))[1:]) for text in texts)
 
 
-@st.composite
-def mutated(draw: st.DrawFn) -> str:
-    """Return a real report of which some values are exchanged."""
-    text, places = draw(st.sampled_from(bases()))
+def mutated(seed: int) -> str:
+    """Return a real report of which some values are exchanged, as JSON."""
+    draw = random.Random(seed)
+    text, places = draw.choice(bases())
     data = json.loads(text)
-    for _ in range(draw(st.integers(1, 6))):
-        *way, last = draw(st.sampled_from(places))
-        value = draw(anything)
+    for _ in range(draw.randint(1, 8)):
+        *way, last = draw.choice(places)
         part: Any = data
         try:
             for key in way:
                 part = part[key]
-            if isinstance(part, list):
+            value = _exchanged(draw, part[last])
+            if isinstance(part, list) and draw.random() < 0.5:
                 part[:] = [value] * len(part)
             else:
                 part[last] = value
@@ -133,12 +154,35 @@ def mutated(draw: st.DrawFn) -> str:
     return json.dumps(data)
 
 
+def _exchanged(draw: random.Random, value: Any) -> Any:
+    """Return another value, mostly of the same type."""
+    if draw.random() < 0.05:
+        return draw.choice(ANYTHING)
+    if draw.random() < 0.05:
+        return None
+    match value:
+        case bool():
+            return not value
+        case int():
+            return draw.choice(WHOLE)
+        case float():
+            return draw.choice(EXTREME)
+        case str():
+            return draw.choice(TEXTS)
+        case dict():
+            names = draw.sample(list(value), len(value) // 2)
+            return {name: value[name] for name in names} | {draw.choice(NAMES): value[n] for n in names[:1]}
+        case list():
+            return value[: draw.randint(0, 1)]
+    return draw.choice((*EXTREME, *TEXTS))
+
+
 def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, ...], drawn: bool) -> None:
     """Show a report in every viewer; `drawn`: with the figures of matplotlib too."""
     for width in (None, 20, 80):
         report_table(report, width)
         signal_lines(report, width)
-    baseline_summary(report, reports.long_report())
+    baseline_summary(report, real_report())
     to_json(report)
     for condition in (
         WaitCondition(),
@@ -162,7 +206,7 @@ def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, .
     """Draw every panel of every channel, in both notations, and save every view."""
     other = replace(report, device=replace(report.device, id="other"))
     state = ViewState(
-        reports={report.device.id: report, "other": other, "real": reports.long_report()},
+        reports={report.device.id: report, "other": other, "real": real_report()},
         ages={report.device.id: 1.0}, id=report.device.id, signal=signal, events=events, compared_id="real",
         baseline=other, connected=True,
     )  # fmt: skip
