@@ -39,6 +39,7 @@ class Source:
     def alive(self): return {{reports.ID}}
     def events(self, id): return reports.events()
     def watch(self, id, channel): pass
+    def rivals(self): return {}
     def signal(self): return SIGNAL, time.monotonic()
     def connected(self): return True
 

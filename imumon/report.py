@@ -8,10 +8,9 @@ never 0 and never NaN. Units are SI unless a name says otherwise.
 from __future__ import annotations
 
 import json
-import math
 import re
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -22,7 +21,16 @@ SCHEMA = "imumon.report/1"
 State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
 Status: TypeAlias = Literal["measured", "upper_bound", "pending"]
 GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer"]
+Axis: TypeAlias = Literal["x", "y", "z"]
 COEFFICIENTS = ("N", "B", "K")
+
+MAX_NUMBER = 1e150
+"""Numbers from outside are smaller: their squares and their values in any unit are finite. Not critical."""
+MAX_BYTES = 4_000_000  # bytes of JSON that is read; 64 channels with line breaks have 0.7 MB. Not critical
+MAX_CHANNELS = 64  # channels of a report; a sensor has about 11. Not critical
+MAX_POINTS = 4096  # numbers in an array; the longest has 225. Not critical
+MAX_ITEMS = 256  # entries of a mapping, and lines or parts in a list. Not critical
+MAX_TEXT = 4096  # characters of a text: the longest path of Linux. Not critical
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,8 +124,8 @@ class ChannelGrade:
 class DecidedBy:
     """The coefficient that decides a headline."""
 
-    axis: str  # "x", "y" or "z"
-    coefficient: str  # "N" or "B"
+    axis: Axis  # axis of the sensor
+    coefficient: Literal["N", "B"]  # coefficient of that axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -362,11 +370,17 @@ def _members(part: Any) -> dict[str, Any]:
 
 
 T = typing.TypeVar("T")
-_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_CONTROL = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff\U000e0000-\U000e007f]"
+)
+_DEVICE_NAME = re.compile("[a-z0-9_-]{1,64}")
+_CHANNEL_NAME = re.compile("[A-Za-z0-9_-]{1,32}(/[A-Za-z0-9_-]{1,32})?")
 
 
 def plain(text: str) -> str:
-    """Return text without control characters and changes of the writing direction.
+    """Return text without control characters, invisible ones and changes of the writing direction.
+
+    Every text from outside passes through here before it is printed: from keys, reports, files and errors.
 
     >>> plain("VN-100\\x1b[2J T\\u202e")
     'VN-100[2J T'
@@ -374,15 +388,33 @@ def plain(text: str) -> str:
     return text if text.isascii() and text.isprintable() else _CONTROL.sub("", text)
 
 
+def is_device_name(text: str) -> bool:
+    """Return whether a text can be the name of a device in a key.
+
+    >>> is_device_name("vn100-0100056785"), is_device_name("VN\\x1b"), is_device_name("")
+    (True, False, False)
+    """
+    return _DEVICE_NAME.fullmatch(text) is not None
+
+
 def from_json(cls: type[T], text: str | bytes) -> T:
     """Read JSON as `cls`, such as `Report`; raise ValueError if it is something else.
 
-    Unknown fields are ignored. Text is made `plain`, because a report may come from any program.
+    Unknown fields are ignored. A report may come from any program, so everything that is read is bounded:
+    numbers by `MAX_NUMBER`, lengths by the constants beside it. Words of a `Literal` are those listed there,
+    names of channels have no special characters, and text is made `plain`.
     """
     try:
-        return typing.cast(T, _reader(typing.cast(Any, cls))(json.loads(text)))
+        if len(text) > MAX_BYTES:
+            raise TypeError(f"more than {MAX_BYTES} bytes")
+        data = json.loads(text, parse_constant=_reject_constant)
+        return typing.cast(T, _reader(typing.cast(Any, cls))(data))
     except (TypeError, AttributeError, KeyError, RecursionError) as error:
-        raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {error}") from None
+        raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {plain(str(error))}") from None
+
+
+def _reject_constant(name: str) -> None:
+    raise TypeError(f"{name} is not a number of JSON")
 
 
 @cache
@@ -392,30 +424,38 @@ def _reader(hint: Any) -> Callable[[Any], Any]:
         return _dataclass_reader(hint)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is Mapping:
-        inner = _reader(arguments[1])
-        return lambda data: {plain(key): inner(value) for key, value in data.items()}
-    if hint is str or origin is Literal:
-        return lambda data: plain(_checked(data, str))
+        inner, word = _reader(arguments[1]), _reader(str)
+        return lambda data: {word(k): inner(v) for k, v in _bounded(_checked(data, dict), MAX_ITEMS).items()}
+    if hint is str:
+        return lambda data: plain(_bounded(_checked(data, str), MAX_TEXT))
+    if origin is Literal:
+        return lambda data: _listed(data, arguments)
     if origin is None:
         return lambda data: _checked(data, hint)
     inner = _reader(arguments[0])
     if origin is tuple:
-        return lambda data: tuple(map(inner, _checked(data, list)))
+        most = MAX_POINTS if arguments[0] in _NUMBERS else MAX_ITEMS
+        return lambda data: tuple(map(inner, _bounded(_checked(data, list), most)))
     return lambda data: None if data is None else inner(data)
 
 
+_NUMBERS = {float, int, bool, float | None}
+
+
 def _dataclass_reader(cls: Any) -> Callable[[Any], Any]:
-    """Return the function that makes a `cls`: its arrays of numbers have equal lengths, or are empty."""
+    """Return the function that makes a `cls`: its arrays of numbers have equal lengths."""
     hints = typing.get_type_hints(cls)
     readers = {name: _reader(hint) for name, hint in hints.items()}
-    numbers = {float, int, bool, float | None}
     tuples = {name: typing.get_args(hint) for name, hint in hints.items() if typing.get_origin(hint) is tuple}
-    arrays = [name for name, arguments in tuples.items() if arguments[0] in numbers]
+    arrays = [name for name, arguments in tuples.items() if arguments[0] in _NUMBERS]
+    check = _CHECKS.get(cls)
 
     def read(data: Any) -> Any:
         part = cls(**{name: readers[name](value) for name, value in data.items() if name in readers})
-        if len({len(getattr(part, name)) for name in arrays} - {0}) > 1:
+        if len({len(getattr(part, name)) for name in arrays}) > 1:
             raise TypeError(f"arrays of different lengths in {cls.__name__}")
+        if check is not None:
+            check(part)
         return part
 
     return read
@@ -423,10 +463,79 @@ def _dataclass_reader(cls: Any) -> Callable[[Any], Any]:
 
 def _checked(data: Any, kind: Any) -> Any:
     """Return data of type `kind`: an integer is a valid float, an integral float a valid integer."""
-    if (type(data) is kind and (kind is not float or math.isfinite(data))) or (
-        kind is float and type(data) is int
-    ):
+    number = type(data) in (int, float)
+    if number and not abs(data) < MAX_NUMBER:  # NaN too
+        raise TypeError(f"a number that is not below {MAX_NUMBER:g}")
+    if type(data) is kind or (kind is float and number):
         return data
     if kind is int and type(data) is float and data.is_integer():
         return int(data)
-    raise TypeError(f"{str(data)[:40]!r} instead of {kind.__name__}")
+    shown = data[:40] if isinstance(data, str) else type(data).__name__
+    raise TypeError(f"{shown!r} instead of {kind.__name__}")
+
+
+def _bounded(data: Any, most: int) -> Any:
+    """Return a text, list or mapping that is not too long."""
+    if len(data) > most:
+        raise TypeError(f"{len(data)} entries or characters, more than {most}")
+    return data
+
+
+def _listed(data: Any, words: tuple[str, ...]) -> Any:
+    """Return a word that is one of `words`."""
+    if data not in words:
+        raise TypeError(f"{_checked(data, str)[:40]!r} is not one of {', '.join(words)}")
+    return data
+
+
+def _check_channels(names: Collection[str]) -> None:
+    """Raise TypeError if there are too many channels, or names that are no names of channels."""
+    if len(names) > MAX_CHANNELS:
+        raise TypeError(f"{len(names)} channels, more than {MAX_CHANNELS}")
+    if any(not _CHANNEL_NAME.fullmatch(name) for name in names):
+        raise TypeError("a name that is no name of a channel")
+
+
+def _check_coefficient(part: Coefficient | Readable) -> None:
+    _check(all(size is None or size >= 0.0 for size in (part.value, part.low, part.high)), "a negative size")
+
+
+def _check_curve(curve: Allan | LimitCurve) -> None:
+    _check(all(tau > 0.0 for tau in curve.tau_s), "an averaging time that is not positive")
+    if isinstance(curve, LimitCurve):
+        _check(
+            bool(curve.tau_s) and all(sigma > 0.0 for sigma in curve.sigma), "a limit that is not positive"
+        )
+
+
+def _check(holds: bool, fault: str) -> None:
+    if not holds:
+        raise TypeError(fault)
+
+
+def _check_session(session: SessionCounters) -> None:
+    counts = [getattr(session, f.name) for f in fields(session) if f.name not in ("started", "excluded_by")]
+    _check(all(count is None or count >= 0 for count in counts), "a negative count")
+
+
+def _check_report(report: Report) -> None:
+    _check(report.period_s > 0.0 and report.speed > 0.0, "a period or speed that is not positive")
+    _check_channels(report.channels)
+    _check_channels(report.grade)
+    _check_channels(report.limits)
+    _check_channels(report.limit_curves)
+
+
+_CHECKS: Mapping[Any, Callable[[Any], None]] = {
+    Report: _check_report,
+    SessionCounters: _check_session,
+    Coefficient: _check_coefficient,
+    Readable: _check_coefficient,
+    Allan: _check_curve,
+    LimitCurve: _check_curve,
+    Histogram: lambda histogram: _check(histogram.width > 0.0, "a bin without width"),
+    Strip: lambda strip: _check(strip.column_s > 0.0, "a column without length"),
+    Signal: lambda signal: _check_channels([signal.channel]),
+    Event: lambda event: _check_channels([event.channel] if event.channel is not None else []),
+}
+"""Checks beside those of the types, by class."""

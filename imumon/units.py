@@ -49,6 +49,15 @@ READABLE = {
 """Readable unit of a coefficient by (sensor, coefficient)."""
 
 
+def readable_unit(sensor: str, letter: str, unit: str = "") -> ReadableUnit:
+    """Return the readable unit of a coefficient; for a sensor without one its SI unit.
+
+    >>> readable_unit("accel", "N"), readable_unit("other", "N", "V")
+    (ReadableUnit(factor=60.0, unit='m/s/sqrt(h)'), ReadableUnit(factor=1.0, unit='V'))
+    """
+    return READABLE.get((sensor, letter), ReadableUnit(1.0, unit))
+
+
 def pretty(unit: str) -> str:
     """Return a unit for a screen.
 

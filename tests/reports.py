@@ -276,6 +276,9 @@ class FakeSource:
     def events(self, id: str) -> list[Event]:
         return self.log if id in self._reports else []
 
+    def rivals(self) -> dict[str, tuple[str, ...]]:
+        return {}
+
     def watch(self, id: str, channel: str | None) -> None:
         self.watched.append((id, channel))
 

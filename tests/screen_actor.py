@@ -39,6 +39,9 @@ class GrowingSource:
     def events(self, id: str) -> list[Event]:
         return reports.events()
 
+    def rivals(self) -> dict[str, tuple[str, ...]]:
+        return {}
+
     def watch(self, id: str, channel: str | None) -> None:
         pass
 

@@ -3,8 +3,13 @@
 It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself,
 and keeps the newest report of each device, its last events, which daemons are alive, and the signal of one
 selected channel. Reports are stored as bytes and parsed when they are read, so a display that reads twice a
-second parses twice a second. Any peer may publish on these keys: messages that are invalid are counted and
-ignored, and the number of devices is bounded.
+second parses twice a second.
+
+Any peer may publish on these keys. Messages that are invalid or too long, names that are no device names, and
+reports of another device than their key are counted and ignored; the number of devices and the bytes of their
+reports are bounded. If several sessions publish one device, the first with a valid report is shown until it
+ends or is silent for `GONE_S`; `rivals` names them. A session is known by its Zenoh id, which a hostile
+program can forge: this prevents mistakes, not attacks.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import zenoh
@@ -23,14 +28,44 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.zenoh_session import SessionOptions, local_endpoints, open_session, start_listener
-from imumon.report import Event, Report, Signal, from_json
+from imumon.report import Event, Report, Signal, from_json, is_device_name
+
+GONE_S = 5.0
+"""Time without a report after which a daemon counts as ended, s; three periods if that is longer. Not critical."""
 
 _MAX_EVENTS = 100  # events of a device. Not critical
-_MAX_DEVICES = 1000  # devices; bounds the memory that invented names can take. Not critical
-_MAX_QUEUED = 1024  # messages in a queue; the oldest is dropped. Not critical
+_MAX_DEVICES = 256  # devices; bounds the time that invented names can take. Not critical
+_MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB. Not critical
+_MAX_KEPT = 32_000_000  # bytes of the newest reports of all devices. Not critical
+_MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters. Not critical
+_MAX_RIVALS = 8  # sessions that are named of one device. Not critical
+_MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped. Not critical
+_MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes. Not critical
 _SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal. Not critical
+_NO_ID = "a program that hides its session"
 
 T = TypeVar("T", Report, Event, Signal)
+
+
+@dataclass(slots=True)
+class _DeviceState:
+    """What is known of a device; `session` is the Zenoh id of the session whose reports are shown."""
+
+    seen_s: float  # s of the monotonic clock, last message
+    alive: bool = False
+    session: str | None = None
+    clock: str = ""  # id in the timestamps of that session: the same on all routes of a daemon
+    rivals: list[str] = field(default_factory=list)  # all sessions that publish it, if there are several
+    data: bytes | None = None  # newest report while it is not parsed
+    size: int = 0  # bytes of the newest report
+    report: tuple[Report, float] | None = None
+    arrived_s: float = 0.0  # s of the monotonic clock, newest report
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=_MAX_EVENTS))
+
+    def silent(self, now: float) -> bool:
+        """Return whether its session counts as ended."""
+        period_s = self.report[0].period_s if self.report is not None else 0.0
+        return now - self.arrived_s > max(GONE_S, min(3.0 * period_s, 60.0))
 
 
 class Subscriber:
@@ -40,6 +75,7 @@ class Subscriber:
     ----------
     connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the local defaults.
     settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
+    id : the only device to subscribe to; None: all.
 
     Attributes
     ----------
@@ -47,39 +83,43 @@ class Subscriber:
     malformed : number of invalid messages.
     """
 
-    def __init__(self, connect: Sequence[str] | None = None, *, settings: object | None = None) -> None:
+    def __init__(
+        self,
+        connect: Sequence[str] | None = None,
+        *,
+        settings: object | None = None,
+        id: str | None = None,
+    ) -> None:
         options = SessionOptions.of(settings)
         options = replace(options, mode="peer", users_file="")
         configured = tuple(connect or ()) or options.connect or tuple(map(_loopback, options.listen))
         self.endpoints = configured or local_endpoints()
         self.version = 0
         self.malformed = 0
+        self._root = f"imumon/{id or '*'}"
         self._changed = threading.Condition()
-        self._unread: dict[str, tuple[bytes, float]] = {}  # not yet parsed
-        self._reports: dict[str, tuple[Report, float]] = {}
-        self._alive: set[str] = set()
-        self._events: dict[str, deque[Event]] = {}
+        self._devices: dict[str, _DeviceState] = {}
         self._selected: tuple[str, str] | None = None
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
         self._signal_due = threading.Event()
         self._session = open_session(options, (), self.endpoints, access_control=False)
         queue: RingChannel[Any] = RingChannel(_MAX_QUEUED)
-        alive = self._session.liveliness().declare_subscriber("imumon/*/alive", queue, history=True)
+        alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
         self._threads = (
             start_listener(alive, self._on_alive),
-            start_listener(self._subscribe("report", 1), self._on_report),
-            start_listener(self._subscribe("event", _MAX_EVENTS), self._on_event),
+            start_listener(self._subscribe("report", 1, _MAX_QUEUED_REPORTS), self._on_report),
+            start_listener(self._subscribe("event", _MAX_EVENTS, _MAX_QUEUED), self._on_event),
             threading.Thread(target=self._request_signals, name="imumon-signal", daemon=True),
         )
         self._threads[-1].start()
         atexit.register(self.close)
 
-    def _subscribe(self, name: str, kept: int) -> Any:
+    def _subscribe(self, name: str, kept: int, queued: int) -> Any:
         """Subscribe to one key of all devices, with its last `kept` messages from the cache."""
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=kept)
-        key = f"imumon/*/{name}"
-        channel: RingChannel[Any] = RingChannel(_MAX_QUEUED)
+        key = f"{self._root}/{name}"
+        channel: RingChannel[Any] = RingChannel(queued)
         return ext.declare_advanced_subscriber(
             self._session, key, channel, history=history, allowed_origin=zenoh.Locality.REMOTE
         )
@@ -87,21 +127,40 @@ class Subscriber:
     def reports(self) -> dict[str, tuple[Report, float]]:
         """Return the newest report of each device by its name, with its arrival, s of the monotonic clock."""
         with self._changed:
-            unread, self._unread = self._unread, {}
-        parsed = {id: (self._parse(Report, data), arrival) for id, (data, arrival) in unread.items()}
+            names = list(self._devices)
+        reports = {id: self.report(id) for id in names}
+        return {id: report for id, report in reports.items() if report is not None}
+
+    def report(self, id: str) -> tuple[Report, float] | None:
+        """Return the newest report of a device with its arrival, s of the monotonic clock; None: none."""
         with self._changed:
-            self._reports |= {id: (report, at) for id, (report, at) in parsed.items() if report is not None}
-            return dict(self._reports)
+            device = self._devices.get(id)
+            if device is None or device.data is None:
+                return device.report if device is not None else None
+            data, arrival, session = device.data, device.arrived_s, device.session
+            device.data = None
+        report = self._parse_report(id, data)
+        with self._changed:
+            if report is not None:
+                device.report = (report, arrival)
+            elif device.session == session:
+                device.session = None  # another session may have valid reports
+            return device.report
 
     def alive(self) -> set[str]:
         """Return the names of the devices whose daemon is running; `reports` shows the age of the data."""
         with self._changed:
-            return set(self._alive)
+            return {id for id, device in self._devices.items() if device.alive}
 
     def events(self, id: str) -> list[Event]:
         """Return the last events of a device, newest last."""
         with self._changed:
-            return list(self._events.get(id, ()))
+            return list(self._devices[id].events) if id in self._devices else []
+
+    def rivals(self) -> dict[str, tuple[str, ...]]:
+        """Return the devices that several sessions publish, with their Zenoh ids, the first that was seen first."""
+        with self._changed:
+            return {id: tuple(device.rivals) for id, device in self._devices.items() if device.rivals}
 
     def watch(self, id: str, channel: str | None) -> None:
         """Select the channel whose signal is requested with every report; None: no channel."""
@@ -125,10 +184,12 @@ class Subscriber:
         """Return the newest report of this device (None: of any); None after `timeout` seconds without one."""
         end = time.monotonic() + timeout
         while True:
-            version, reports = self.version, self.reports()
-            newest = next(iter(reports.values()), None) if id is None else reports.get(id)
-            if newest:
-                return newest[0]
+            version = self.version
+            with self._changed:
+                names = list(self._devices) if id is None else [id]
+            for name in names:
+                if (newest := self.report(name)) is not None:
+                    return newest[0]
             remaining = end - time.monotonic()
             if remaining <= 0:
                 return None
@@ -154,44 +215,99 @@ class Subscriber:
         try:
             return from_json(cls, data)
         except ValueError:
-            with self._changed:
-                self.malformed += 1
+            self._reject()
             return None
+
+    def _parse_report(self, id: str, data: bytes) -> Report | None:
+        """Return a report of this device; None if it is invalid or of another device."""
+        report = self._parse(Report, data)
+        if report is not None and report.device.id != id:
+            self._reject()
+            return None
+        return report
+
+    def _reject(self) -> None:
+        with self._changed:
+            self.malformed += 1
 
     def _notify(self) -> None:
         self.version += 1
         self._changed.notify_all()
 
+    def _device(self, sample: zenoh.Sample, most: int) -> tuple[str, _DeviceState] | None:
+        """Return the device of a message with its name; None if the message is to be ignored.
+
+        A name that is seen for the first time takes the place of the device that is gone for the longest
+        time if there are too many. Call it with the lock.
+        """
+        id, now = str(sample.key_expr).split("/")[1], time.monotonic()
+        if not is_device_name(id) or len(sample.payload) > most:
+            self.malformed += 1
+            return None
+        device = self._devices.get(id)
+        if device is None:
+            if len(self._devices) >= _MAX_DEVICES:
+                gone = {name: each.seen_s for name, each in self._devices.items() if not each.alive}
+                oldest = min(gone, key=gone.__getitem__, default=None)
+                if oldest is None or now - gone[oldest] < GONE_S:
+                    self.malformed += 1
+                    return None
+                del self._devices[oldest]
+            device = self._devices[id] = _DeviceState(now)
+        device.seen_s = now
+        return id, device
+
     def _on_alive(self, sample: zenoh.Sample) -> None:
-        id = _device(sample)
         with self._changed:
-            if sample.kind == zenoh.SampleKind.DELETE:
-                self._alive.discard(id)
-            elif len(self._alive) < _MAX_DEVICES:
-                self._alive.add(id)
+            if (found := self._device(sample, _MAX_EVENT)) is None:
+                return
+            _, device = found
+            device.alive = sample.kind != zenoh.SampleKind.DELETE
+            if not device.alive:
+                device.session = None  # the token of the last session of this name has ended
             self._notify()
 
     def _on_report(self, sample: zenoh.Sample) -> None:
-        id = _device(sample)
         with self._changed:
-            known = self._reports.keys() | self._unread.keys()
-            if id not in known and len(known) >= _MAX_DEVICES:
+            if (found := self._device(sample, _MAX_MESSAGE)) is None:
                 return
-            self._unread[id] = (sample.payload.to_bytes(), time.monotonic())
+            id, device = found
+            session, clock, now = *_origin(sample), time.monotonic()
+            claimed = device.session == session
+            if not claimed and device.session is not None:
+                _add_rival(device, session, clock)
+                if not device.silent(now):
+                    return
+        data = sample.payload.to_bytes()
+        if not claimed and self._parse_report(id, data) is None:
+            return  # only a session with valid reports may claim a device
+        with self._changed:
+            kept = sum(each.size for each in self._devices.values()) - device.size
+            if kept + len(data) > _MAX_KEPT:
+                self.malformed += 1
+                return
+            device.session, device.clock = session, clock
+            device.data, device.size, device.arrived_s = data, len(data), now
             selected = self._selected is not None and self._selected[0] == id
             self._notify()
         if selected:
             self._signal_due.set()
 
     def _on_event(self, sample: zenoh.Sample) -> None:
-        id = _device(sample)
+        with self._changed:
+            if (found := self._device(sample, _MAX_EVENT)) is None:
+                return
+            id, device = found
+            if device.session not in (None, _origin(sample)[0]):
+                return
         event = self._parse(Event, sample.payload.to_bytes())
         with self._changed:
-            if event is None or (id not in self._events and len(self._events) >= _MAX_DEVICES):
+            if event is None:
                 return
-            kept = self._events.setdefault(id, deque(maxlen=_MAX_EVENTS))
-            if event not in kept:  # a reconnection repeats the cached events
-                kept.append(event)
+            if event.device != id:
+                self.malformed += 1
+            elif event not in device.events:  # a reconnection repeats the cached events
+                device.events.append(event)
                 self._notify()
 
     def _request_signals(self) -> None:
@@ -210,16 +326,35 @@ class Subscriber:
                         self._on_signal(selected, reply)
 
     def _on_signal(self, selected: tuple[str, str], reply: zenoh.Reply) -> None:
-        signal = self._parse(Signal, reply.ok.payload.to_bytes()) if reply.ok else None
+        if reply.ok is None or len(reply.ok.payload) > _MAX_MESSAGE:
+            return
+        replier = str(reply.replier_id.zid) if reply.replier_id is not None else None
         with self._changed:
-            if signal is not None and selected == self._selected:
+            device = self._devices.get(selected[0])
+            shown = device.session if device is not None else None
+        if None not in (shown, replier) and shown != replier:
+            return
+        signal = self._parse(Signal, reply.ok.payload.to_bytes())
+        with self._changed:
+            if signal is not None and signal.channel == selected[1] and selected == self._selected:
                 self._signal = (signal, time.monotonic())
                 self._notify()
 
 
-def _device(sample: zenoh.Sample) -> str:
-    """Return the name of the device in a key."""
-    return str(sample.key_expr).split("/")[1]
+def _origin(sample: zenoh.Sample) -> tuple[str, str]:
+    """Return the ids of the session that published a message and of the clock of its timestamp, or empty texts."""
+    source, timestamp = sample.source_info, sample.timestamp
+    session = str(source.source_id.zid) if source is not None else ""
+    return session, str(timestamp.get_id()) if timestamp is not None else ""
+
+
+def _add_rival(device: _DeviceState, session: str, clock: str) -> None:
+    """Record a second session of a device, unless it is another route of the same daemon."""
+    if clock and clock == device.clock:
+        return
+    for each in (device.session or _NO_ID, session or _NO_ID):
+        if each not in device.rivals and len(device.rivals) < _MAX_RIVALS:
+            device.rivals.append(each)
 
 
 def _loopback(endpoint: str) -> str:

@@ -33,6 +33,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     from imumon.config import ConfigError, Settings
     from imumon.devices.registry import driver
     from imumon.doctor import Case, examine
+    from imumon.report import plain
 
     faults: tuple[str, ...] = ()
     settings = Settings()
@@ -51,7 +52,8 @@ def doctor(arguments: argparse.Namespace) -> int:
             checks.append(check)
             if not arguments.json:
                 cure = f" -> {check.cure}" if check.cure else ""
-                print(f"{check.status:<8}{check.name:<{NAME_COLUMNS}}{check.text}{cure}", flush=True)
+                line = f"{check.status:<8}{check.name:<{NAME_COLUMNS}}{check.text}{cure}"
+                print(plain(line), flush=True)
     if arguments.json:
         _print_checks(checks)
     return FAILURE if any(check.status == "failed" for check in checks) else SUCCESS

@@ -16,7 +16,7 @@ from imumon.cli.output import print_message, print_message_once
 GRADES = ("navigation", "tactical", "industrial", "consumer")
 STREAMS = ("deltas", "uncompensated", "compensated")
 GATHER_S = 0.3
-"""How much longer to wait for other daemons after the first has answered, s."""
+"""How much longer to wait for other daemons, or others of the same name, after the first has answered, s."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -159,10 +159,14 @@ def state_directory(settings: Any) -> Path:
     return Path(home) / "imumon"
 
 
-def subscriber(arguments: argparse.Namespace) -> Any:
+def subscriber(arguments: argparse.Namespace, *, others: bool = False) -> Any:
     """Return a subscriber to the daemons of ``--connect`` or of the settings, as a context manager.
 
     ``--id`` becomes the name that the daemon uses in its keys.
+
+    Parameters
+    ----------
+    others : subscribe to all devices also with ``--id``.
     """
     from imumon.bus import BusError, Subscriber, clean_id
 
@@ -173,7 +177,7 @@ def subscriber(arguments: argparse.Namespace) -> Any:
         except BusError as error:
             raise CommandError(error.code, error.message, error.cure, USAGE) from None
     try:
-        return Subscriber(arguments.connect, settings=loaded.zenoh)
+        return Subscriber(arguments.connect, settings=loaded.zenoh, id=None if others else arguments.id)
     except BusError as error:
         raise with_origin(error, loaded) from None
 
@@ -192,12 +196,19 @@ def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -
             raise CommandError("no_daemon", f"no daemon has the name {id}", cure, NOT_FOUND)
         cure = f"start one with imumon run, or {cure}"
         raise CommandError("no_daemon", "no daemon answers", cure, NOT_FOUND)
+    time.sleep(GATHER_S)
+    warn_of_rivals(subscriber, report.device.id)
     if id is None:
-        time.sleep(GATHER_S)
         others = sorted({*subscriber.alive(), *subscriber.reports()} - {report.device.id})
         if others:
             print_message(f"this is {report.device.id}; --id shows the others: {', '.join(others)}")
     return report
+
+
+def warn_of_rivals(subscriber: Any, id: str) -> None:
+    """Print a message, once, if several programs publish a device."""
+    if id in subscriber.rivals():
+        print_message_once(f"two programs publish {id}; the first is shown; imumon doctor names both")
 
 
 def with_origin(error: Any, settings: Any) -> Any:

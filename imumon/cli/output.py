@@ -18,6 +18,7 @@ from functools import cache
 from typing import Any
 
 from imumon.errors import ImumonError
+from imumon.report import plain
 
 STATUS_COLUMNS = 120
 """Longest status line, characters."""
@@ -64,8 +65,8 @@ def discard_stdout() -> None:
 
 
 def print_message(text: str) -> None:
-    """Print one line on standard error."""
-    print(f"imumon: {text}", file=sys.stderr)
+    """Print one line on standard error; the text may hold names from files, keys and other programs."""
+    print(f"imumon: {plain(text)}", file=sys.stderr)
 
 
 print_message_once = cache(print_message)
@@ -85,7 +86,7 @@ def print_error(error: ImumonError, as_json: bool = False) -> None:
 def print_status(text: str) -> None:
     """Overwrite the status line of a terminal; print nothing where standard error is not one."""
     if sys.stderr.isatty():
-        print(f"\r\x1b[K{text[:STATUS_COLUMNS]}", end="", file=sys.stderr, flush=True)
+        print(f"\r\x1b[K{plain(text)[:STATUS_COLUMNS]}", end="", file=sys.stderr, flush=True)
 
 
 def print_json(text: str) -> None:

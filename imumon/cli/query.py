@@ -16,9 +16,6 @@ from imumon.cli.output import print_report, print_status
 ANSWER_S = 2.0
 """How long to wait for a daemon, s."""
 
-GONE_S = 5.0
-"""Time without a report after which a daemon without liveliness token counts as ended, s."""
-
 POLL_S = 0.1
 """Time between two checks for the next report, s."""
 
@@ -74,7 +71,7 @@ def tui(
     from imumon.tui import run
 
     baseline = options.baseline(arguments.baseline)
-    with options.subscriber(arguments) as subscriber:
+    with options.subscriber(arguments, others=True) as subscriber:
         endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
         shown = {name: getattr(arguments, name) for name in ("id", "ascii", "theme")}
         return run(subscriber, **shown, baseline=baseline, endpoint=endpoint, starting=starting, ended=ended)
@@ -136,8 +133,11 @@ def wait(arguments: argparse.Namespace) -> int:
 
 def _next_report(subscriber: Any, report: Any, end_s: float) -> Any:
     """Return the next report of the same device, or the same one at the end of the time (monotonic, s)."""
+    from imumon.bus.subscriber import GONE_S
+
     while (left_s := end_s - time.monotonic()) > 0:
-        newest, arrived_s = subscriber.reports()[report.device.id]
+        newest, arrived_s = subscriber.report(report.device.id) or (report, 0.0)
+        options.warn_of_rivals(subscriber, report.device.id)
         if newest is not report:
             return newest
         late = time.monotonic() - arrived_s > max(GONE_S, 3.0 * report.period_s)

@@ -49,6 +49,8 @@ class WaitCondition:
         if unknown := self.unknown_channel(report):
             return f"the report has no {unknown}; it has {', '.join(report.channels)}"
         chosen = self._chosen(report)
+        if not chosen and (self.grade or self.coefficient):
+            return "the report has neither gyroscope nor accelerometer"
         unmet = self._unmet_grade(report, chosen) if self.grade else None
         return unmet or self._unmet_precision(chosen)
 

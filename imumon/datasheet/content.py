@@ -100,7 +100,8 @@ def _grade_summaries(report: Report) -> Iterator[Block]:
 def _grade_reason(sensor: str, grade: SensorGrade) -> str:
     parts = [grade.reason] if grade.reason else []
     if grade.decided_by is not None:
-        name = COEFFICIENT_NAMES[sensor][grade.decided_by.coefficient]
+        letter = grade.decided_by.coefficient
+        name = COEFFICIENT_NAMES.get(sensor, {}).get(letter, letter)
         parts.insert(0, f"decided by {name} of axis {grade.decided_by.axis}")
     return "; ".join(parts or ["nothing is known yet"]) + "."
 
@@ -224,10 +225,7 @@ def _grade_limits(report: Report) -> Iterator[Block]:
         return
     order = ("navigation", "tactical", "industrial", "consumer")
     columns = [(s, c) for s in ("gyro", "accel") for c in ("N", "B") if c in report.limits.get(s, {})]
-    rows = tuple(
-        (name, *(figures(report.limits[s][c][name] * READABLE[s, c].factor, 2) for s, c in columns))
-        for name in order
-    )
+    rows = tuple((name, *(_limit_text(report, s, c, name) for s, c in columns)) for name in order)
     units = (f"{SENSOR_TITLES[s].lower()} {c}, {pretty(READABLE[s, c].unit)}" for s, c in columns)
     own = {grade.nearest for grade in report.grade.values()}
     yield Heading("Limits of the grades")
@@ -238,6 +236,11 @@ def _grade_limits(report: Report) -> Iterator[Block]:
         "logarithmic scale, the worst over N and B and over the axes. A sensor meets the best grade whose "
         "limits no value exceeds."
     )
+
+
+def _limit_text(report: Report, sensor: str, letter: str, grade: str) -> str:
+    limit = report.limits[sensor][letter].get(grade)
+    return "–" if limit is None else figures(limit * READABLE[sensor, letter].factor, 2)
 
 
 # ---------------------------------------------------------------- the record

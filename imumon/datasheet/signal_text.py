@@ -14,7 +14,7 @@ from imumon.datasheet.tables import coefficient_text
 from imumon.messages import follows_temperature
 from imumon.report import COEFFICIENTS, Channel, Report
 from imumon.samples import sensor_of
-from imumon.units import READABLE, ReadableUnit, figures, pretty
+from imumon.units import figures, pretty, readable_unit
 
 MOST_LINES = 4  # spectral lines shown per channel, the strongest. Not critical
 CORRELATED = 0.3  # correlation from which two axes are reported as moving together
@@ -93,7 +93,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
         share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
         steady = ", ".join(
-            f"{letter} {coefficient_text(part)} {pretty(READABLE[sensor_of(name), letter].unit)}"
+            f"{letter} {coefficient_text(part)} {pretty(part.readable.unit)}"
             for letter in COEFFICIENTS
             if (part := getattr(drift, f"steady_{letter}")) is not None
         )
@@ -102,7 +102,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
             f"without that (the table includes it) {steady}"
         )
     for change in channel.changes:
-        scale = READABLE.get((sensor_of(name), change.quantity), ReadableUnit(1.0, channel.unit))
+        scale = readable_unit(sensor_of(name), change.quantity, channel.unit)
         before, now = (figures(value * scale.factor) for value in (change.before, change.now))
         yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} (against the {change.against})"
 

@@ -132,9 +132,10 @@ def significant_digits(value: float, width: float) -> int:
     >>> significant_digits(0.21, 0.02), significant_digits(0.21, 0.0004), significant_digits(0.21, 0.0)
     (3, 4, 4)
     """
-    if width <= 0.0 or value <= 0.0:
+    ratio = width / value if value > 0.0 else 0.0
+    if ratio <= 0.0:
         return 4
-    return min(max(3, 1 - math.floor(math.log10(width / value))), 4)
+    return 3 if ratio > 1.0 else min(max(3, 1 - math.floor(math.log10(ratio))), 4)
 
 
 def _header(report: Report) -> list[str]:

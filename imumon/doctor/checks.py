@@ -256,6 +256,11 @@ def _clock(observation: Observation) -> Iterator[Check]:
 def zenoh(zenoh: ZenohObservation) -> Check:
     """Check which daemons answer, and whether another one could listen."""
     ids = ", ".join(report.device.id for report in zenoh.reports)
+    if zenoh.rivals:
+        id, sessions = next(iter(zenoh.rivals.items()))
+        text = f"{len(sessions)} programs publish {id}: the Zenoh sessions {' and '.join(sessions)}"
+        cure = "the first is shown; end the other, or use a Unix socket: see docs/ZENOH.md"
+        return Check("zenoh", "warning", text, cure)
     if zenoh.exposed:
         text = f"{zenoh.exposed[0]} is open to every host on the network"
         return Check("zenoh", "warning", text, "use tls/ with certificates: see docs/ZENOH.md")

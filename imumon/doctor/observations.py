@@ -6,7 +6,8 @@ The observation of a device is `imumon.devices.base.Observation`.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from imumon.errors import ImumonError
@@ -47,6 +48,8 @@ class ZenohObservation:
     """Daemons on Zenoh, and whether another one could listen."""
 
     reports: tuple[Report, ...] = ()  # newest of each daemon that answers
+    # Zenoh ids of the sessions of each device that several publish, the one that is shown first
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     free: str | None = None  # endpoint on which a daemon could listen now; None: none
     error: ImumonError | None = None  # why there is none, or what is wrong with the settings
     exposed: tuple[str, ...] = ()  # configured endpoints that are open to the network without encryption

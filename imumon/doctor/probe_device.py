@@ -112,7 +112,7 @@ def observe_daemon(subscriber: Subscriber, report: Report, seconds: float) -> Ob
     start, last = time.monotonic(), report
     while (time.monotonic() < start + seconds or last is report) and time.monotonic() < start + 2 * seconds:
         time.sleep(READ_S)
-        last = subscriber.reports()[report.device.id][0]
+        last, _ = subscriber.report(report.device.id) or (last, 0.0)
     a, b, device = report.session, last.session, last.device
     elapsed = b.elapsed_s - a.elapsed_s
     shared = {f.name: getattr(device, f.name) for f in fields(DeviceInfo) if hasattr(device, f.name)}

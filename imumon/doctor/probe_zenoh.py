@@ -42,7 +42,8 @@ class ZenohProbe:
             time.sleep(OTHERS_S)
         free, error = self._free_endpoint()
         reports = tuple(report for report, _ in self.subscriber.reports().values())
-        observation = ZenohObservation(reports=reports, free=free, error=error)
+        rivals = self.subscriber.rivals()
+        observation = ZenohObservation(reports=reports, rivals=rivals, free=free, error=error)
         with suppress(BusError):  # an invalid endpoint is the error above
             listen = self._options.listen
             exposed = tuple(e for e in listen if not is_local(e) and not e.startswith(("tls/", "quic/")))

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, cast
 
 from imumon.report import ChannelGrade, DecidedBy, GradeName, Grading, SensorGrade, Status
 from imumon.units import READABLE
@@ -124,7 +124,7 @@ def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, GradedCoefficient 
     return SensorGrade(
         nearest=deciding.nearest,
         meets=_worst_meets(candidates),
-        decided_by=DecidedBy(axis=deciding.axis, coefficient=deciding.coefficient),
+        decided_by=DecidedBy(axis=cast(Any, deciding.axis), coefficient=cast(Any, deciding.coefficient)),
         provisional=reason is not None,
         reason=reason,
     )

@@ -158,6 +158,7 @@ class ImumonApp(App[int]):
         self._built = False
         self._watched: tuple[str, str | None] | None = None
         self._seen: tuple[int, tuple[object, ...]] | None = None
+        self._warned: set[str] = set()
 
     # ------------------------------------------------------------------ start
 
@@ -202,6 +203,7 @@ class ImumonApp(App[int]):
         if seen == self._seen:
             return
         self._seen = seen
+        self._warn_of_rivals(self.view_state.id)
         state = self.view_state.updated(
             reports={name: reports[name][0] for name in sorted(reports)},
             ages=ages,
@@ -212,6 +214,13 @@ class ImumonApp(App[int]):
         self._show(_with_existing_selection(state))
         if self.view_state.channels:
             self._first_poll.stop()
+
+    def _warn_of_rivals(self, id: str | None) -> None:
+        """Notify once if several programs publish a device."""
+        if id is not None and id in self.source.rivals() and id not in self._warned:
+            self._warned.add(id)
+            text = f"two programs publish {id}; the first is shown; imumon doctor names both"
+            self.notify(text, severity="warning", markup=False)
 
     def _show(self, state: ViewState) -> None:
         """Add signal and events of the selected device and channel, then draw."""

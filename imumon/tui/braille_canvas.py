@@ -21,6 +21,8 @@ from imumon.tui.formatting import Line
 Floats = npt.NDArray[np.float64]
 
 _DOT = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
+RESOLUTION = 1e-12
+"""Length of an axis relative to its values, below which floating-point numbers do not resolve it. Not critical."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
@@ -173,10 +175,12 @@ class AxisScale:
         return list(range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1))
 
     def ticks(self, count: int) -> list[float]:
-        """Return about `count` round values on a linear axis."""
+        """Return about `count` round values on a linear axis; none if it has no length."""
         step = (self.high - self.low) / max(count, 1)
+        if not step > RESOLUTION * max(abs(self.low), abs(self.high)):
+            return []
         power = 10.0 ** math.floor(math.log10(step))
-        step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= step * 0.999)
+        step = next((m * power for m in (1.0, 2.0, 5.0) if m * power >= step * 0.999), 10.0 * power)
         first = math.ceil(self.low / step - 1e-9)
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 

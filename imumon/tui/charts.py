@@ -266,7 +266,8 @@ def _times(span: float) -> list[float]:
     """Return about five round times before now, s."""
     minutes, hours = (60, 120, 300, 600, 900, 1800), (3600, 7200, 14400, 21600, 43200, 86400, 172800)
     steps = (1, 2, 5, 10, 15, 30, *minutes, *hours)
-    step = next((s for s in steps if span / s <= 6.0), 604800)
+    weeks = max(span / 6.0 / 604800, 1.0)
+    step = next((s for s in steps if span / s <= 6.0), 604800.0 * 10.0 ** math.ceil(math.log10(weeks)))
     return [float(k * step) for k in range(int(span / step + 1e-9) + 1)]
 
 

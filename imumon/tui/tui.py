@@ -38,6 +38,9 @@ class ReportSource(Protocol):
     def events(self, id: str) -> list[Event]:
         """Return the events of a device, newest last, at most 100."""
 
+    def rivals(self) -> dict[str, tuple[str, ...]]:
+        """Return the devices that several programs publish, with the sessions of these."""
+
     def watch(self, id: str, channel: str | None) -> None:
         """Choose the channel whose signal is requested from now on; None: none."""
 

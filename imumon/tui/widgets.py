@@ -18,6 +18,7 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
 
+from imumon.report import plain
 from imumon.tui.formatting import Line, to_ascii
 from imumon.tui.view_state import ViewState
 
@@ -89,7 +90,7 @@ class StyledWidget(Widget):
             self._page = self.rich_style.bgcolor
         page, ascii = self._page, self._view_state.notation.ascii
         segments = [
-            Segment(to_ascii(text) if ascii else text, styles.style(role, page))
+            Segment(to_ascii(plain(text)) if ascii else plain(text), styles.style(role, page))
             for text, role in line
             if text
         ]
