@@ -205,11 +205,13 @@ def test_an_archive_that_claims_more_than_it_holds_is_corrupt(tmp_path: Path, sh
 
 
 def test_an_archive_of_zeros_is_no_bomb_for_the_memory(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("gyro.npy", "w", force_zip64=True) as file:
-            file.write(npz_header((25 << 20, 3)))
-            for _ in range(600):
-                file.write(bytes(1 << 20))
+    with (
+        zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("gyro.npy", "w", force_zip64=True) as file,
+    ):
+        file.write(npz_header((25 << 20, 3)))
+        for _ in range(600):
+            file.write(bytes(1 << 20))
     with little_memory(400 << 20):
         assert code_of(tmp_path / "a.npz") == "npz_corrupt"
 
@@ -230,7 +232,8 @@ def test_a_gzip_bomb_needs_no_memory(tmp_path: Path) -> None:
 def test_a_capture_header_has_no_power(tmp_path: Path) -> None:
     for fields in (
         b'{"part": %s, "base": "a.bin"}' % (b"9" * 4200), b"[" * 60_000, b'{"rate_hz": 1e400, "alias_factor": NaN}',
-        b'{"base": "/etc/passwd", "part": 0}', b'{"base": "a\\u0000", "part": 0}', b'{"time": "0001-01-01T00:00+14:00"}',
+        b'{"base": "/etc/passwd", "part": 0}', b'{"base": "a\\u0000", "part": 0}',
+        b'{"time": "0001-01-01T00:00+14:00"}',
         b'{"caveats": {"a": 1}, "settings": [1], "id": {}}', b'{"away_s": 1e999}', b"\xff\xfe",
     ):  # fmt: skip
         (tmp_path / "a.bin").write_bytes(b"#imumon-recording " + fields + b"\nabc")
@@ -396,7 +399,7 @@ def fuzz(path: Path, seeds: range) -> None:
                 pass
             recording.no_samples()
         except ImumonError as error:
-            assert str(error).isprintable(), seed
+            assert str(error).isprintable(), seed  # noqa: PT017
         except BaseException as error:
             raise AssertionError(seed) from error
         assert time.monotonic() - begin < 10.0, seed
@@ -458,4 +461,4 @@ def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
         try:
             load(path)
         except ConfigError as error:
-            assert all(line.isprintable() for line in str(error).split("\n")), seed
+            assert all(line.isprintable() for line in str(error).split("\n")), seed  # noqa: PT017

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import time
 from typing import Any
 
 import pytest
-import reports
-from hostile_reports import FORBIDDEN, Generator, bases, mutated, show_everywhere
+from hostile_reports import Generator, mutated, show_everywhere
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from imumon.report import MAX_CHANNELS, Event, Report, Signal, from_json, is_device_name, plain, to_json
+from imumon.report import Event, Report, Signal, from_json
 
 LONGEST_S = 10.0
 """s that all viewers together may take for one report on a busy machine."""
