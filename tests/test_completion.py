@@ -78,7 +78,12 @@ def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
     commands = parsers()[1]
     assert complete("imumon ", tmp_path) == set(commands)
     for name in ("run", "replay"):
-        options = {option for action in commands[name]._actions for option in action.option_strings}
+        options = {
+            option
+            for action in commands[name]._actions
+            if action.help != "==SUPPRESS=="
+            for option in action.option_strings
+        }
         assert complete(f"imumon {name} -", tmp_path) == options
 
 

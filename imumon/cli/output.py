@@ -66,7 +66,8 @@ def discard_stdout() -> None:
 
 def print_message(text: str) -> None:
     """Print one line on standard error; the text may hold names from files, keys and other programs."""
-    print(f"imumon: {plain(text)}", file=sys.stderr)
+    lines = "\n".join(map(plain, text.split("\n")))  # faults of settings are one line each
+    print(f"imumon: {lines}", file=sys.stderr)
 
 
 print_message_once = cache(print_message)
