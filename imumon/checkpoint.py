@@ -205,7 +205,7 @@ class Checkpoint:
     def _open_lock(self, path: Path) -> int:
         """Return the descriptor of the lock file, which only its owner may open: any reader could lock it."""
         with suppress(FileNotFoundError):
-            if not stat.S_ISREG(path.lstat().st_mode):  # a link or a pipe: nobody has locked it
+            if not stat.S_ISREG(path.lstat().st_mode):  # a link or a pipe: no imumon has locked it
                 self._move("not-a-lock", path)
         lock = open_regular(path, os.O_RDWR | os.O_CREAT, mode=0o600)
         with suppress(OSError):  # of an earlier version
