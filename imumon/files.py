@@ -1,7 +1,7 @@
 """Files that another user may have prepared: opened without following a link, waiting, or reading without end.
 
 A directory may be writable for others. A name in it may then be a symbolic link to another file, a pipe whose
-opening waits for ever, a device without an end, or a file larger than the memory. `open_regular` opens
+opening never returns, a device without an end, or a file larger than the memory. `open_regular` opens
 regular files only, and `read_bounded` reads at most a given number of bytes. `write_new` never writes through
 something that exists. The type is checked after opening, because a name may change between a check and its use.
 """

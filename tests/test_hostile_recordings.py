@@ -299,10 +299,7 @@ def mcap_bomb(path: Path) -> Path:
 def test_a_bag_that_expands_ends_its_own_process_only(tmp_path: Path, bomb: Callable[[Path], Path]) -> None:
     path = bomb(tmp_path / "bag")
     with little_memory():
-        assert code_of(path) == "bag_corrupt"
-    assert "corrupt" in imumon("replay", path, code=1) or "cannot be read as a bag" in imumon(
-        "replay", path, code=1
-    )
+        assert "cannot be read as a bag" in imumon("replay", path, code=1)
 
 
 def test_a_bag_cannot_have_more_memory_than_its_limit(

@@ -86,7 +86,7 @@ class RosbagFile(Table):
         )
 
     def _check_files(self) -> None:
-        """Check that a bag has regular files only: opening a pipe in it would wait for ever."""
+        """Check that a bag has regular files only: opening a pipe in it would never return."""
         path = Path(self.path)
         try:
             files = list(path.iterdir()) if path.is_dir() else [path]
