@@ -28,6 +28,7 @@ from imumon.checkpoint import (
     encode,
 )  # fmt: skip
 from imumon.daemon.persistence import Persistence
+from imumon.devices.vn100.vn100_device import _saved_settings
 from imumon.pipeline import Monitor
 from imumon.report import DeviceDescription, SessionCounters, to_json
 from imumon.samples import DeviceInfo, SampleBlock, Stream
@@ -136,6 +137,29 @@ def test_a_start_with_little_memory_sets_a_bomb_aside(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "d.damaged-1.state").exists()
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'{"75": "2,8,01,0001\\r\\n$VNWNV*57"}', b'{"\xc2\xb2": "1"}', b'{"5": 115200}', b'{"5": "\\u001b"}',
+        b"[" * 60_000, b'{"5": "1"' + b" " * 70_000 + b"}", b"[]", b"\xff", b"link", b"pipe", b"device",
+    ],
+)  # fmt: skip
+def test_settings_that_somebody_else_wrote_do_not_reach_the_sensor(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "vn100-7.found.json"
+    if content in (b"link", b"device"):
+        (tmp_path / "target").write_text('{"5": "9600"}')
+        path.symlink_to(tmp_path / "target" if content == b"link" else "/dev/zero")
+    elif content == b"pipe":
+        os.mkfifo(path)
+    else:
+        path.write_bytes(content)
+    assert _saved_settings(path) is None
+    path.unlink()
+    path.write_text('{"5": "9600", "75": "2,8,01,0001", "new baud": "115200"}')
+    assert _saved_settings(path) == json.loads(path.read_text())
 
 
 # ---------------------------------------------------------------- a forged state, valid as a file

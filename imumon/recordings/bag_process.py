@@ -33,7 +33,7 @@ BASE_BYTES = 1 << 30
 SIZE_FACTOR = 4
 """Bytes of memory per byte of the bag. Not critical."""
 
-BASE_S = 60.0
+BASE_S = 20.0
 """s of processor time beside a share of the size of the bag. Not critical."""
 
 BYTES_PER_S = 100e3

@@ -24,7 +24,7 @@ from imumon.samples import AXES, Floats, SampleBlock
 MOST_RATIO = 100
 """Bytes per byte of the file to which an archive may decompress: numbers of a sensor reach 10. Not critical."""
 
-FREE_BYTES = 1 << 28
+FREE_BYTES = 1 << 26
 """Bytes to which every archive may decompress. Not critical."""
 
 
@@ -83,7 +83,7 @@ def _arrays(path: str) -> dict[str, Any]:
                 text = f"{path} is corrupt: it claims to hold {total:,} bytes, far more than its size allows"
                 raise RecordingError("npz_corrupt", text, "save it again with numpy.savez")
             found = {m.filename.removesuffix(".npy"): _array(archive, m, path) for m in members}
-    except ImumonError:
+    except (ImumonError, MemoryError):
         raise
     except OSError as error:
         why = (error.strerror or str(error)).lower()
@@ -108,7 +108,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: str) -> Any:
         size = math.prod(shape) * dtype.itemsize
         held = member.file_size - file.tell()
         if size != held:
-            text = f"{path}: the array {member.filename} claims {size:,} bytes and has {held:,}"
+            text = f"{path} is corrupt: {member.filename} claims {size:,} bytes and has {held:,}"
             raise RecordingError("npz_corrupt", text, "save it again with numpy.savez")
         if dtype.kind not in "iuf":
             return None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -24,12 +25,15 @@ from imumon.devices.serial_port import (
 from imumon.devices.vn100.commands import NotAVn100
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
+from imumon.files import read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
 
 FIRST_BAUD = 115200
 """bit/s, the factory value."""
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway. Not critical."""
+SETTINGS_BYTES = 1 << 16
+"""Bytes of the largest file of original settings. Not critical."""
 SLICE_S = 0.1
 """s after which a wait looks whether it was interrupted. Not critical."""
 BATCH_S = 0.25
@@ -230,7 +234,7 @@ class Vn100Device(Device):
         if settings:  # nothing with listen-only: what an earlier run saved stays
             with suppress(OSError):
                 new = path.with_suffix(".new")
-                new.write_text(json.dumps(settings))
+                write_new(new, json.dumps(settings).encode())
                 os.replace(new, path)
             self._saved_settings = path
 
@@ -313,14 +317,21 @@ def _with_gap(notice: Notice) -> list[Item]:
 
 
 def _saved_settings(path: Path) -> dict[str, str] | None:
-    """Return the settings that a killed run saved; None if there are none that can be read."""
+    """Return the settings that a killed run saved; None if there are none that can be read.
+
+    They are written to the sensor at the end: a value has the characters of a register, and no other command.
+    """
     try:
-        saved = json.loads(path.read_text())
+        saved = json.loads(read_bounded(path, SETTINGS_BYTES))
     except (OSError, ValueError, RecursionError):
         return None
-    if not isinstance(saved, dict) or not all(isinstance(text, str) for text in saved.values()):
+    if not isinstance(saved, dict):
         return None
-    return saved
+    valid = all(
+        re.fullmatch(r"[0-9]{1,3}|[a-z ]+", name) and re.fullmatch(r"[A-Za-z0-9.,+-]{0,200}", str(text))
+        for name, text in saved.items()
+    )
+    return saved if valid and all(isinstance(text, str) for text in saved.values()) else None
 
 
 def _other_readers(path: str) -> str:
