@@ -117,10 +117,8 @@ def _from_file(arguments: argparse.Namespace) -> Any:
 
 
 def _from_report(path: Path) -> Any:
-    from imumon.report import Report, from_json
-
     try:
-        return from_json(Report, path.read_bytes())
+        return options.saved_report(path)
     except ValueError as error:
         raise CommandError("not_a_report", f"{path} is not a saved report: {error}", REPORT_CURE) from None
 
