@@ -160,6 +160,18 @@ def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
     return (*parts, *([f"{text(alone)} of the magnetometer alone"] if alone else []))
 
 
+def spreadsheet_cell(value: object) -> object:
+    """Return a cell of a CSV file: a spreadsheet would execute text that begins like a formula.
+
+    >>> spreadsheet_cell("=HYPERLINK(1)"), spreadsheet_cell("gyro/x"), spreadsheet_cell(-1.5)
+    ("'=HYPERLINK(1)", 'gyro/x', -1.5)
+    """
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
 def caveats(report: Report) -> dict[str, list[str]]:
     """Return the channels by caveat; empty for a caveat of the whole record."""
     by_caveat: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}

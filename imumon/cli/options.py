@@ -219,14 +219,20 @@ def with_origin(error: Any, settings: Any) -> Any:
     return CommandError(error.code, f"{origin}: {error.message}", error.cure, USAGE)
 
 
+def saved_report(path: Path) -> Any:
+    """Return the report of a JSON file; raise ValueError if it is none."""
+    from imumon.report import MAX_BYTES, Report, from_json
+
+    with path.open("rb") as file:
+        return from_json(Report, file.read(MAX_BYTES + 1))
+
+
 def baseline(path: str | None) -> Any:
     """Return a saved report; None without a path."""
     if path is None:
         return None
-    from imumon.report import Report, from_json
-
     try:
-        return from_json(Report, Path(path).read_bytes())
+        return saved_report(Path(path))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         message = f"baseline {path}: {reason}"

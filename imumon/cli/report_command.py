@@ -119,14 +119,10 @@ def _from_file(arguments: argparse.Namespace) -> Any:
 
 
 def _from_report(path: Path) -> Any:
-    from imumon.report import Report, from_json
-
     try:
-        return from_json(Report, path.read_bytes())
-    except ValueError:
-        raise CommandError(
-            "not_a_report", f"{path} is JSON but not a report of imumon", REPORT_CURE
-        ) from None
+        return options.saved_report(path)
+    except ValueError as error:
+        raise CommandError("not_a_report", f"{path} is not a saved report: {error}", REPORT_CURE) from None
 
 
 def _from_state(path: Path) -> Any:

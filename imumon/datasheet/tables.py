@@ -17,6 +17,7 @@ from imumon.messages import (
     joined,
     line,
     no_value_text,
+    spreadsheet_cell,
     uncertainty,
 )
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, DeviceDescription, Report
@@ -241,12 +242,12 @@ def csv_tables(report: Report) -> str:
     for name, channel in report.channels.items():
         if (a := channel.allan) is not None:
             for row in zip(a.tau_s, a.sigma, a.low, a.high, a.edf, a.model, a.used, strict=True):
-                write((name, channel.unit, *row[:-1], int(row[-1])))
+                write(map(spreadsheet_cell, (name, channel.unit, *row[:-1], int(row[-1]))))
     write(())
     write(COEFFICIENT_COLUMNS)
     for name, channel in report.channels.items():
         for letter in COEFFICIENTS:
             c: Coefficient | None = getattr(channel, letter)
             if c is not None:
-                write((name, letter, c.unit, c.value, c.low, c.high, c.status))
+                write(map(spreadsheet_cell, (name, letter, c.unit, c.value, c.low, c.high, c.status)))
     return out.getvalue()

@@ -167,6 +167,8 @@ class AxisScale:
             low, high = math.log10(self.low), math.log10(self.high)
         else:
             low, high = self.low, self.high
+        if not high > low:
+            return np.full(len(values), np.nan)
         return np.asarray((values - low) / (high - low), dtype=np.float64)
 
     def decades(self) -> list[int]:
@@ -336,8 +338,8 @@ class PlotFrame:
 
     def grid(self, across: Sequence[float], down: Sequence[float]) -> None:
         """Draw faint lines at values of the two axes."""
-        columns = [int(c) // 2 for c in self.across(np.array(across, dtype=np.float64)) if not math.isnan(c)]
-        rows = [int(r) // 4 for r in self.down(np.array(down, dtype=np.float64)) if not math.isnan(r)]
+        columns = {int(c) // 2 for c in self.across(np.array(across, dtype=np.float64)) if not math.isnan(c)}
+        rows = {int(r) // 4 for r in self.down(np.array(down, dtype=np.float64)) if not math.isnan(r)}
         for row in rows:
             for column in range(self.left, self.left + self.width):
                 self.canvas.put(column, row, "─", "grid")

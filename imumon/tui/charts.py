@@ -22,6 +22,9 @@ from imumon.units import number
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Ratio of the flat part of an Allan deviation to B."""
 
+EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+"""A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""
+
 GUTTER = 7
 """Cells to the left of a frame, for its labels."""
 
@@ -39,6 +42,7 @@ def centred_text(text: Sequence[str], width: int, height: int, role: str = "mute
     return [padded(line, width) for line in lines + [[] for _ in range(height)]][:height]
 
 
+@EXTREME_VALUES
 def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the Allan deviation of the selected channel, or of all axes of its sensor."""
     selected, channel = state.selected, state.channel
@@ -214,6 +218,7 @@ def _lowest(allan: Allan) -> float:
     return min(known)[1] if known else 1.0
 
 
+@EXTREME_VALUES
 def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return minimum and maximum of the selected channel over time."""
     channel = state.channel or ""
@@ -279,6 +284,7 @@ def _tick(value: float, ticks: Sequence[float]) -> str:
     return text if len(text) <= GUTTER + 1 and decimals < 7 else f"{value:.1e}"
 
 
+@EXTREME_VALUES
 def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the distribution of the values, with the Gaussian of the same mean and standard deviation."""
     channel = state.channel or ""
@@ -306,6 +312,7 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     return [title, *canvas.rows()]
 
 
+@EXTREME_VALUES
 def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the amplitude spectral density over frequency, log-log, with its lines marked."""
     channel = state.channel or ""

@@ -10,6 +10,7 @@ import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
+from imumon.messages import spreadsheet_cell
 from imumon.report import SensorGrade, Strip, to_json
 from imumon.tui.channel_table import GRADED
 from imumon.tui.text_panels import filtered_events
@@ -54,7 +55,7 @@ def exported_text(state: ViewState, form: str) -> str:
     if form == "json":
         return to_json(state.report, indent=1) + "\n"
     out = io.StringIO()
-    csv.writer(out).writerows(table_rows(state))
+    csv.writer(out).writerows(map(spreadsheet_cell, row) for row in table_rows(state))
     return out.getvalue()
 
 
