@@ -3,7 +3,8 @@
 A directory may be writable for others. A name in it may then be a symbolic link to another file, a pipe whose
 opening never returns, a device without an end, or a file larger than the memory. `open_regular` opens
 regular files only, and `read_bounded` reads at most a given number of bytes. `write_new` never writes through
-something that exists. The type is checked after opening, because a name may change between a check and its use.
+something that exists. The type is checked before opening, because opening has effects, and after it, because a
+name may change between a check and its use.
 """
 
 from __future__ import annotations
@@ -32,12 +33,22 @@ def open_regular(
     ------
     OSError : it cannot be opened, or is something else.
     """
+    try:  # opening has effects: the writer of a pipe goes on, and a serial port resets its device
+        regular = stat.S_ISREG(os.stat(path, follow_symlinks=follow).st_mode)
+    except FileNotFoundError:
+        regular = True  # it may be created
+    if not regular:
+        raise _not_regular(path)
     link = 0 if follow else os.O_NOFOLLOW
     file = os.open(path, flags | link | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
-        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+        raise _not_regular(path)
     return file
+
+
+def _not_regular(path: Path | str) -> OSError:
+    return OSError(errno.EINVAL, "it is not a regular file", str(path))
 
 
 def read_bounded(path: Path | str, limit: int) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 import shutil
@@ -24,6 +25,8 @@ def test_it_has_every_command_and_option(page: str) -> None:
     for name, parser in parsers()[1].items():
         assert rf".SS \fBimumon {name}\fR" in plain
         for action in parser._actions:
+            if action.help == argparse.SUPPRESS:
+                continue
             names = [option for option in action.option_strings if option not in ("-h", "--help")]
             assert all(rf"\fB{option}\fR" in plain for option in names)
     for section in ("COMMANDS", "EXIT STATUS", "ENVIRONMENT", "FILES", "EXAMPLES"):
