@@ -33,7 +33,7 @@ def open_regular(
     ------
     OSError : it cannot be opened, or is something else.
     """
-    try:  # opening has effects: the writer of a pipe goes on, and a serial port resets its device
+    try:  # before opening, which starts the writer of a pipe and can reset the device at a serial port
         regular = stat.S_ISREG(os.stat(path, follow_symlinks=follow).st_mode)
     except FileNotFoundError:
         regular = True  # it may be created
