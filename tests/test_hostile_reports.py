@@ -52,7 +52,7 @@ def drawn_messages(seed: int) -> tuple[str, str, tuple[str, ...]]:
 seeds = st.integers(0, 2**32)
 
 
-@settings(FAST, max_examples=30)
+@settings(FAST, max_examples=20)
 @given(seeds)
 def test_a_hostile_report_is_rejected_or_shown(seed: int) -> None:
     holds(*drawn_messages(seed))

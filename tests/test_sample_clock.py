@@ -359,8 +359,8 @@ def test_a_clock_with_a_tick_has_a_multiple_of_it(rate: float) -> None:
 
 
 @pytest.mark.parametrize("jitter", JITTER)
-def test_hours_of_jitter_and_drift_do_not_change_the_grid(jitter: str) -> None:
-    n = 2 * 3600 * 101
+def test_an_hour_of_jitter_and_drift_does_not_change_the_grid(jitter: str) -> None:
+    n = 3600 * 101
     rng = np.random.default_rng(7)
     kept = rng.random(n) > 0.001
     kept[[0, -1]] = True
