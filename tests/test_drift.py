@@ -98,6 +98,29 @@ def test_the_curve_without_temperature_equals_that_at_constant_temperature() -> 
     assert drift.without_temperature(curves[0], drift.result([noise_model] * 3 + [None])) is None
 
 
+def test_blocks_are_the_means_of_what_is_valid() -> None:
+    rng = np.random.default_rng(5)
+    values = rng.standard_normal((2000, 3)) + 9.8
+    valid = np.ones((2000, 2), dtype=bool)
+    valid[300:900, 0] = False
+    drift = DriftAccumulator((0, 0, 1), RATE, temperature=2)
+    drift.update(values, valid)
+    blocks = drift.blocks(2, begin_s=20.0)
+    width = round(blocks.length_s * RATE)
+    first = 200 // width
+    assert len(blocks.means) == -(-2000 // width) - first
+    assert blocks.temperature is not None
+    whole = (
+        values[first * width :][: 2000 // width * width - first * width].reshape(-1, width, 3).mean(axis=1)
+    )
+    ok = np.isfinite(blocks.means[: len(whole), 0])
+    assert not ok.all()
+    spread = blocks.means[: len(whole)] - whole[:, :2]
+    np.testing.assert_allclose(spread[ok], spread[ok][0] * np.ones((ok.sum(), 1)), atol=1e-12)
+    np.testing.assert_allclose(np.diff(blocks.temperature[: len(whole)] - whole[:, 2]), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(blocks.share[: len(whole)][ok], 1.0)
+
+
 def test_a_constant_temperature_gives_no_slope() -> None:
     values = synthesise(20_000, RATE, N=[1e-4], seed=3)
     degrees = 25.0 + 0.1 * (np.arange(len(values)) % 2)

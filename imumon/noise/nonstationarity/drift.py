@@ -120,6 +120,24 @@ class Trend:
     explained: float | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockMeans:
+    """Means of the first channels over neighbouring stretches, as `fit_slow_terms` takes them.
+
+    Attributes
+    ----------
+    means : (n, c) channel unit, about an offset; NaN: too few samples.
+    share : (n, c) valid share of each stretch.
+    temperature : (n,) degC, about an offset; None: there is none.
+    length_s : s, of a stretch.
+    """
+
+    means: Floats
+    share: Floats
+    temperature: Floats | None
+    length_s: float
+
+
 class DriftAccumulator:
     """Means over stretches of the record, and their slopes.
 
@@ -255,6 +273,16 @@ class DriftAccumulator:
         share = np.exp(np.interp(np.log(tau), np.log(times), np.log(np.maximum(shares, LEAST_LEFT))))
         # Below the shortest stretch temperature is a ramp, whose share of white noise grows with tau^3.
         return np.where(tau < times[0], 1.0 - (1.0 - shares[0]) * (tau / times[0]) ** 3, share)
+
+    def blocks(self, channels: int, begin_s: float = 0.0) -> BlockMeans:
+        """Return the means of the first channels from a time on, s since the first sample."""
+        width = self._width / self._rate
+        places = slice(min(MEANS, math.ceil(begin_s / width - 0.5)), -(-self._n // self._width))
+        counts, sums = self._counts[places], self._sums[places]
+        means = np.where(counts >= LEAST_SHARE * self._width, sums / np.maximum(counts, 1.0), np.nan)
+        degrees = None if self._temperature is None else means[:, self._temperature]
+        share = counts[:, :channels] / self._width
+        return BlockMeans(means[:, :channels], share, degrees, width)
 
     def slope(
         self, c: int, noise: MeanCovariance, begin_s: float = 0.0, end_s: float = math.inf

@@ -1,0 +1,341 @@
+"""Random walk beside a straight drift and a temperature, by the restricted likelihood of block means.
+
+A straight drift, a warm-up or a temperature bends the Allan deviation at long tau as a random walk does. Means
+over equal stretches of the record (blocks) distinguish them. The model of the means is
+
+    y = constant + drift t + c temperature + noise,    covariance N^2 W + B^2 F + K^2 R,
+
+with W, F and R the covariances of block means under white noise, flicker and random walk (`unit_covariances`).
+Restricted likelihood (Patterson & Thompson, Biometrika 58, 1971) uses only combinations of the means that are
+free of constant, drift and temperature, so these cost nothing but their degrees of freedom. In the
+combinations that diagonalise W and R together, F is diagonal within 0.12 of a row's own variance, and products
+of correlations enter only squared. So the combinations z_i count as independent, with variances
+
+    v_i = N^2 + B^2 f_i + K^2 r_i,
+
+and all channels with the same missing samples share one decomposition.
+
+The test of a value of K^2 is the efficient score (Rao; Cox & Hinkley 1974, section 9.3) with B^2 at its best
+value for this K^2. The score is a weighted sum of chi-squares of one degree of freedom. Its tails come from
+the chi-square with the same three cumulants (Hall 1983; Buckley & Eagleson 1988), so they hold where one
+combination decides. Limits of K^2 are the values that the test does not reject, with equal tails. Limits of
+the slopes average the normal distribution over the distribution of K^2 that these tails define.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.special import gammainc, gammaincc, ndtr
+
+from imumon.samples import Floats
+
+TAIL = 0.025
+"""Probability of each tail of a 95 % interval. Not critical."""
+NODES = np.array([0.03, 0.15, 0.325, 0.5, 0.675, 0.85, 0.97])
+"""Probabilities of the K^2 over which the limits of the slopes are averaged. Not critical."""
+NODE_WEIGHTS = np.array([0.06, 0.18, 0.17, 0.18, 0.17, 0.18, 0.06])
+"""Widths of the intervals of probability whose centres are `NODES`. Not critical."""
+LEAST_BLOCKS = 12
+"""Fewest blocks: fewer leave too few combinations for N, B and K. Not critical."""
+LEAST_SPAN_DEGC = 0.3
+"""DegC, least range of temperature from which its effect is estimated. Not critical."""
+COLLINEAR = 0.95
+"""Correlation of the estimates of both slopes from which they count as not separable: each is then more than
+three times less certain than alone. Not critical."""
+TEMPERATURE_SNR = 3.0
+"""Least ratio of the deviation of the temperature from a straight line to its own noise. Not critical."""
+HALVINGS = 36
+"""Bisections of a root, in log K^2 or between two limits: the last step is below 1e-9 of the range. Not
+critical."""
+FIRST_STEPS, NEXT_STEPS = 10, 3
+"""Steps of Fisher scoring of B^2, at the first K^2 of a search and at each one after it. Not critical."""
+LOWEST_K2, HIGHEST_K2 = 1e-4, 1e3
+"""Range of the search: shares of the standard deviation of K^2 without a walk, and of the largest K^2 that one
+combination of the means suggests. Not critical."""
+
+INSEPARABLE = "not separable from time"
+_TINY = 1e-300
+"""Least divisor. Not critical."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlowTerms:
+    """Slow terms of each channel, (c,) arrays; NaN: unknown.
+
+    Attributes
+    ----------
+    K2, K2_low, K2_high : (channel unit)^2/s, restricted likelihood estimate and 95 % limits. A low limit of 0
+        means that drift, temperature, N and B alone explain the means.
+    score : standard deviations, efficient score of K^2 at zero.
+    p_value : probability of a score at least as high without a random walk.
+    B2 : (channel unit)^2, best value beside `K2`.
+    drift, drift_low, drift_high, drift_error : channel unit per s. Estimated together with the temperature
+        slope if that has a value.
+    temperature, temperature_low, temperature_high, temperature_error : channel unit per degC; NaN: no
+        temperature, its range is too small, or not separable from time.
+    correlation : of the estimates of both slopes; NaN without a temperature.
+    reasons : (c,) why there is no temperature slope: "", "no temperature", "range too small" or "not
+        separable from time". The last one applies to the drift, too: it includes what follows the temperature.
+    """
+
+    K2: Floats
+    K2_low: Floats
+    K2_high: Floats
+    score: Floats
+    p_value: Floats
+    B2: Floats
+    drift: Floats
+    drift_low: Floats
+    drift_high: Floats
+    drift_error: Floats
+    temperature: Floats
+    temperature_low: Floats
+    temperature_high: Floats
+    temperature_error: Floats
+    correlation: Floats
+    reasons: tuple[str, ...]
+
+
+def unit_covariances(n: int) -> tuple[Floats, Floats]:
+    """Return (n, n) covariances of means over n neighbouring stretches of unit length, for B = 1 and K = 1.
+
+    From the generalised autocovariance G of the phase (Greenhall 1991), t^2 ln|t| / (2 pi) and |t|^3 / 12, as
+    2 G(l) - G(l-1) - G(l+1) at lag l. They have a meaning only in contrasts; their mean is removed.
+    """
+    lag = np.arange(n + 1.0)
+    near = np.abs(np.arange(n)[:, None] - np.arange(n))
+    out = []
+    for g in (lag**2 * np.log(np.maximum(lag, 1.0)) / (2.0 * np.pi), lag**3 / 12.0):
+        by_lag = 2.0 * g[:-1] - g[np.abs(np.arange(n) - 1)] - g[1:]
+        out.append((by_lag - by_lag.mean())[near])
+    return out[0], out[1]
+
+
+def fit_slow_terms(
+    means: Floats,
+    length_s: float,
+    N2: Floats,
+    B2: Floats,
+    *,
+    B2_error: Floats | None = None,
+    share: Floats | None = None,
+    temperature: Floats | None = None,
+) -> SlowTerms:
+    """Return random walk, drift and temperature slope of channels from their block means.
+
+    Parameters
+    ----------
+    means : (n, c) channel unit, means over neighbouring stretches; NaN: missing.
+    length_s : s, length of a stretch.
+    N2 : (c,) (channel unit)^2 s, of the fit; taken as known.
+    B2, B2_error : (c,) (channel unit)^2, of the fit with its standard error. An error of 0 takes B^2 as known,
+        of infinity, or None, estimates it from the blocks alone.
+    share : (n,) or (n, c) valid share of each stretch, above 0 and at most 1; None: all.
+    temperature : (n,) degC; None: there is none. NaN: missing, and the stretch does not count.
+
+    Returns
+    -------
+    SlowTerms
+        In the units of the arguments. All values are NaN for channels with fewer than `LEAST_BLOCKS` means.
+    """
+    n, c = means.shape
+    weights = np.ones((n, c)) if share is None else np.broadcast_to(share.reshape(n, -1), (n, c))
+    usable = np.isfinite(means) & (weights > 0.0)
+    reason = _why_no_slope(temperature, np.asarray(usable.any(axis=1)))
+    heat = temperature if not reason else None
+    if heat is not None:
+        usable &= np.isfinite(heat)[:, None]
+    flicker, walk = unit_covariances(n)
+    error = np.full(c, np.inf) if B2_error is None else np.asarray(B2_error, dtype=np.float64)
+    out = np.full((15, c), np.nan)
+    kinds, member = np.unique(np.where(usable, weights, 0.0), axis=1, return_inverse=True)
+    for kind, own in enumerate(kinds.T):
+        columns, rows = np.flatnonzero(member.ravel() == kind), np.flatnonzero(own)
+        if len(rows) < LEAST_BLOCKS:
+            continue
+        y = means[np.ix_(rows, columns)]
+        white, grid = np.diag(1.0 / own[rows]), np.ix_(rows, rows)
+        slopes = [(rows - rows.mean()) / n]
+        if heat is not None:
+            slopes.append(heat[rows] - heat[rows].mean())
+        x = np.stack(slopes, axis=1)
+        # in units of the stretch: N^2 / s, B^2, K^2 s
+        n2, b2 = N2[columns] / length_s, B2[columns]
+        free = _Combinations.of(np.column_stack((np.ones(len(rows)), x)), white, flicker[grid], walk[grid])
+        search = _WalkSearch(free, free.basis @ y, n2, b2, error[columns])
+        contrasts = _Combinations.of(np.ones((len(rows), 1)), white, flicker[grid], walk[grid])
+        k2, at_b2, score, p_value = search.result()
+        lines = _slopes(contrasts, y, x, n2, at_b2, k2)
+        out[:, columns] = np.concatenate((k2[:3], np.stack((score, p_value)), at_b2[:1], lines))
+    out[:3] /= length_s
+    out[6:10] /= n * length_s
+    reasons = tuple(reason or (INSEPARABLE if np.isfinite(v[14]) and np.isnan(v[10]) else "") for v in out.T)
+    names = [each.name for each in fields(SlowTerms)]
+    return SlowTerms(**dict(zip(names, out, strict=False)), reasons=reasons)
+
+
+def _why_no_slope(temperature: Floats | None, usable: np.ndarray) -> str:
+    """Return why the temperature has no slope of its own; empty: it may have one."""
+    if temperature is None:
+        return "no temperature"
+    at = np.flatnonzero(usable & np.isfinite(temperature))
+    if len(at) < LEAST_BLOCKS or np.ptp(temperature[at]) < LEAST_SPAN_DEGC:
+        return "range too small"
+    bend = temperature[at] - np.polyval(np.polyfit(at - at.mean(), temperature[at], 1), at - at.mean())
+    noise = np.sqrt(np.mean(np.diff(bend, 2) ** 2) / 6.0)
+    slow = np.convolve(bend, np.full(4, 0.25), mode="valid")
+    return "" if np.std(slow) > TEMPERATURE_SNR * noise / 2.0 else INSEPARABLE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Combinations:
+    """Combinations of k means that are free of some regressors and nearly independent.
+
+    Attributes
+    ----------
+    basis : (m, k) the combinations; of variance 1 under white noise.
+    flicker, walk : (m,) their variances for B = 1 and K = 1.
+    """
+
+    basis: Floats
+    flicker: Floats
+    walk: Floats
+
+    @classmethod
+    def of(cls, without: Floats, white: Floats, flicker: Floats, walk: Floats) -> _Combinations:
+        """Return the combinations that are free of the columns of `without`, (k, p)."""
+        free = np.linalg.qr(without, mode="complete")[0][:, without.shape[1] :]
+        root = np.linalg.inv(np.linalg.cholesky(free.T @ white @ free))
+        free = root @ free.T
+        power, turn = np.linalg.eigh(free @ walk @ free.T)
+        basis = turn.T @ free
+        return cls(
+            basis, np.einsum("mk,kl,ml->m", basis, flicker, basis, optimize=True), np.maximum(power, 0)
+        )
+
+
+class _WalkSearch:
+    """Roots of the distribution of K^2, of several channels at once; units of the stretch."""
+
+    def __init__(self, free: _Combinations, z: Floats, n2: Floats, b2: Floats, b2_error: Floats) -> None:
+        self._f, self._r = free.flicker[:, None, None], free.walk[:, None, None]
+        self._square = (z**2)[:, None, :]  # (m, 1, c)
+        self._n2, self._b2 = np.maximum(n2, _TINY), b2
+        self._known = b2_error == 0.0
+        self._weight = 1.0 / np.where(self._known, 1.0, b2_error) ** 2
+
+    def result(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return K^2, B^2, (3 + nodes, c): estimate, limits, nodes; score and its probability at zero, (c,)."""
+        c = len(self._n2)
+        own = self._square
+        levels = np.concatenate(([0.5, TAIL, 1.0 - TAIL], NODES))[:, None]
+        shape = (len(levels), c)
+        below, total, score, b2_zero = self._test(np.zeros((1, c)), self._b2[None], FIRST_STEPS)
+        # means as they are typically without a walk: no bound is lower than theirs
+        usual = np.where(self._weight > 0.0, np.maximum(b2_zero, self._b2), b2_zero)
+        variance = self._n2 + usual * self._f
+        zero = np.concatenate((np.broadcast_to(below, shape) >= levels, np.zeros((1, c), dtype=bool)))
+        zero[0] = total[0] <= 0.0  # the estimate is the root of the score, not of its median
+        levels = np.concatenate((levels, [[1.0 - TAIL]]))
+        sigma = 1.0 / np.sqrt(0.5 * np.sum((self._r / variance) ** 2, axis=0))
+        largest = np.max(own / self._r, axis=0)
+        self._square = np.concatenate((np.broadcast_to(own, (len(own), *shape)), variance), axis=1)
+        low = np.repeat(np.log(LOWEST_K2 * sigma), len(levels), axis=0)
+        high = np.repeat(np.log(HIGHEST_K2 * np.maximum(sigma, largest)), len(levels), axis=0)
+        b2 = np.repeat(b2_zero, len(levels), axis=0)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            confidence, slope, _, b2 = self._test(np.exp(middle), b2, NEXT_STEPS)
+            beyond = confidence >= levels
+            beyond[0] = slope[0] <= 0.0
+            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+        k2, b2 = np.where(zero, 0.0, np.exp(high)), np.where(zero, b2_zero, b2)
+        k2[2] = np.maximum(k2[2], k2[-1])
+        return k2[:-1], b2[:-1], score[0], below[0]
+
+    def _test(self, k2: Floats, b2: Floats, steps: int) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return the test of K^2, (q, c), with B^2 at its best value from `b2` on.
+
+        Returns
+        -------
+        Probability of a score at least as high, score, score in standard deviations, and B^2.
+        """
+        f, r = self._f, self._r
+        fixed = self._n2 + k2 * r
+        for _ in range(steps):
+            v = fixed + b2 * f
+            g = f / v
+            slope = 0.5 * np.sum(g * (self._square / v - 1.0), axis=0) + self._weight * (self._b2 - b2)
+            information = 0.5 * np.sum(g * g, axis=0) + self._weight
+            b2 = np.where(self._known, b2, np.maximum(b2 + slope / information, 0.0))
+        v = fixed + b2 * f
+        g, h, excess = f / v, r / v, self._square / v - 1.0
+        information = 0.5 * np.sum(g * g, axis=0) + self._weight
+        share = np.where(self._known | (b2 <= 0.0), 0.0, 0.5 * np.sum(g * h, axis=0) / information)
+        weights = 0.5 * (h - share * g)
+        total = np.sum(weights * excess, axis=0) - share * self._weight * (self._b2 - b2)
+        second = 2.0 * np.sum(weights**2, axis=0) + share**2 * self._weight
+        third = 8.0 * np.sum(weights**3, axis=0)
+        score = total / np.sqrt(second)
+        # chi-square of the same skewness
+        freedom = np.minimum(8.0 * second**3 / np.maximum(third**2, _TINY), 1e6)
+        x = np.maximum(freedom + np.sign(third) * score * np.sqrt(2.0 * freedom), 0.0)
+        tail = np.where(third > 0.0, gammaincc(freedom / 2.0, x / 2.0), gammainc(freedom / 2.0, x / 2.0))
+        return tail, total, score, b2
+
+
+def _slopes(blocks: _Combinations, y: Floats, x: Floats, n2: Floats, b2: Floats, k2: Floats) -> Floats:
+    """Return value, low, high, error of drift and temperature slope, and their correlation, (9, c).
+
+    Parameters
+    ----------
+    y, x : (k, c) means; (k, s) regressors.
+    n2 : (c,) units of the stretch.
+    b2, k2 : (3 + nodes, c) as `_WalkSearch.result` returns them.
+    """
+    z, regressors = blocks.basis @ y, blocks.basis @ x
+    variance = n2 + b2[3:] * blocks.flicker[:, None, None] + k2[3:] * blocks.walk[:, None, None]
+    both = _averaged_slopes(z, regressors, variance)
+    if x.shape[1] == 1:
+        return np.concatenate((both[:4], np.full((5, y.shape[1]), np.nan)))
+    alone = np.concatenate(
+        (_averaged_slopes(z, regressors[:, :1], variance)[:4], np.full((4, y.shape[1]), np.nan))
+    )
+    separable = np.abs(both[8]) < COLLINEAR
+    return np.concatenate((np.where(separable, both[:8], alone), both[8:]))
+
+
+def _averaged_slopes(z: Floats, x: Floats, variance: Floats) -> Floats:
+    """Return value, low, high and error of each slope in turn, then the correlation of the first two.
+
+    Parameters
+    ----------
+    z, x : (m, c) and (m, s) combinations of means and regressors.
+    variance : (m, q, c) of the combinations, for each of `NODES`.
+    """
+    inverse = np.linalg.inv(np.einsum("mi,mqc,mj->qcij", x, 1.0 / variance, x, optimize=True))
+    product = np.einsum("mi,mqc,mc->qci", x, 1.0 / variance, z, optimize=True)
+    values = np.einsum("qcij,qcj->qci", inverse, product)
+    errors = np.sqrt(np.diagonal(inverse, axis1=2, axis2=3))
+    weights = NODE_WEIGHTS[:, None]
+    out = []
+    for value, error in zip(np.moveaxis(values, 2, 0), np.moveaxis(errors, 2, 0), strict=True):
+        mean = np.sum(weights * value, axis=0)
+        total = np.sqrt(np.sum(weights * (error**2 + (value - mean) ** 2), axis=0))
+        limits = []
+        for tail in (TAIL, 1.0 - TAIL):
+            low, high = (
+                np.broadcast_to(mean + sign * 12.0 * error.max(axis=0), mean.shape) for sign in (-1, 1)
+            )
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                beyond = np.sum(weights * ndtr((middle - value) / error), axis=0) >= tail
+                low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+            limits.append(high)
+        out += [mean, *limits, total]
+    if x.shape[1] > 1:
+        middle = inverse[len(NODES) // 2]
+        out.append(middle[:, 0, 1] / np.sqrt(middle[:, 0, 0] * middle[:, 1, 1]))
+    return np.stack(out)
