@@ -71,8 +71,9 @@ def bound(n: int, rate: float, K: float) -> np.ndarray:
     m = 1 << np.arange(k)
     thinning = np.sqrt(table.full / ((n - 2 * m) // np.maximum(1, m // 8) + 1))[None]
     problems = FitProblems(
-        (table,), np.array([0]), ones, thinning, ones > 0, (np.arange(5) < 3)[None], np.zeros(1)
-    )
+        (table,), np.array([0]), ones, thinning, ones > 0, (np.arange(5) < 3)[None], np.zeros(1),
+        np.zeros((1, k)), np.zeros((1, k, k)), np.array([np.inf]),
+    )  # fmt: skip
     p = np.zeros((1, 5))
     p[0, :3] = strengths(K, rate) ** 2
     information = problems.prepare().weight(p).normal[0, :3, :3]

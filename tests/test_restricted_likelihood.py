@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.nonstationarity.restricted_likelihood import (
+from imumon.noise.fit.restricted_likelihood import (
     INSEPARABLE,
     LEAST_BLOCKS,
     SlowTerms,

@@ -83,7 +83,14 @@ class Analysis:
         curve, density = statistics.history.curve(), statistics.spectrum.result()
         self.shapes = statistics.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
-        fits = self._estimator.fit(curve, renew=force or None, resolution=steps)
+        history = statistics.history
+        fits = self._estimator.fit(
+            curve,
+            renew=force or None,
+            resolution=steps,
+            bands=density.bands,
+            blocks=history.drift.blocks(record.allan_channels, history.begin_s),
+        )
         self.fits = dict(zip(record.channels, fits, strict=False))
         self.trends.update(fits, curve, force=force)
         graded: dict[str, dict[str, dict[str, GradedCoefficient]]] = {}  # N and B by sensor and axis

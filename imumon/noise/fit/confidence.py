@@ -7,24 +7,31 @@ Rules:
    the limits hold in 95 % of all records, whatever the status: 2.2 % beyond each limit, 3.9 % beyond a bound,
    1.4 % false detections. They are set on simulated records, where a few per mille more lie beyond than these
    normal quantiles predict, because the other terms are fitted to the same data.
-2. ``pending``: too few octaves to distinguish the terms; the reason says so.
+2. The bound of a term that the data put below zero is that of data which put it at zero: half of the records
+   without the term have a higher one.
+3. Where several descriptions pass, the limits are the union of theirs, and a coefficient is ``measured`` only
+   if each of them shows it.
+4. ``pending``: too few octaves to distinguish the terms, no description that fits, or a term above the curve
+   itself; the reason says so.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import gammaincinv, ndtri
 
 from imumon.noise.fit import intervals
-from imumon.noise.fit.leastsquares import FitProblems
+from imumon.noise.fit.covariance import FLICKER_FLOOR
+from imumon.noise.fit.leastsquares import SIGNED, FitProblems
 from imumon.noise.fit.model_selection import SelectedModel, select_models, with_selection
+from imumon.noise.fit.restricted_likelihood import BlockMeans, fit_slow_terms
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.report import Status, TimeTo
-from imumon.samples import Floats
+from imumon.samples import Bools, Floats
 
 OCTAVES_FOR_N = 3
 """Octaves without which N is pending: two terms, N and B, and one degree of freedom. Not critical."""
@@ -41,9 +48,24 @@ BOUND_SCORE = -float(ndtri(0.961))
 LIMIT_SCORE = float(ndtri(0.9783))
 """Standard deviations, score of each of two limits: 2.2 % of the true values lie beyond, see rule 1."""
 
-LEAST_BOUND_SCORE = 0.002
-"""Standard deviations by which a bound is at least above zero, so that no bound is zero. Sensitivity: halved
-29 %, doubled 29 % (gyro z B high of the record "temperature")."""
+NO_DESCRIPTION = "no description fits the data"
+"""Reason of rule 4."""
+
+NOT_SHOWN = "the record does not show it"
+TOO_SHORT = "the record is too short to bound it"
+
+LAW_PROBABILITY = 0.001
+"""1, probability with which an Allan variance lies so far below its expectation that a term alone exceeds it;
+then the description is wrong. Not critical."""
+
+EARLY_BLOCKS = 2.0
+"""Blocks; a walk that exceeds the other noise at a tau of this many is measured on the curve. Not critical."""
+
+LIMIT_95 = 1.96
+"""Standard errors, half-width of a 95 % interval. Not critical."""
+
+LEAST_B_K_S = 10.0
+"""s, shortest record for B and K: before, a filter, a vibration, and the start look like them. Not critical."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +77,7 @@ class ChannelConfidence:
     span : samples, length of the record at that time.
     model : selected octaves and terms, and the powers at that time.
     low, high : (3,) units of tau0, limits of the powers of N, B and K.
+    walk : units of tau0, K^2 from block means; None: K^2 is that of the curve.
     status, reasons : (3,) of N, B and K.
     time_to : s, until each is as precise as requested.
     """
@@ -66,6 +89,7 @@ class ChannelConfidence:
     status: tuple[Status, ...]
     reasons: tuple[str | None, ...]
     time_to: TimeTo
+    walk: float | None = None
 
 
 def confidences(
@@ -74,6 +98,7 @@ def confidences(
     span: int,
     tau0: float,
     precision: Floats | None,
+    blocks: BlockMeans | None = None,
 ) -> list[ChannelConfidence]:
     """Select models and compute limits and times for some channels.
 
@@ -84,19 +109,136 @@ def confidences(
     span : samples, length of the record.
     tau0 : s
     precision : (3,) 1, requested half-widths of N, B and K relative to the value; None: no `time_to`.
+    blocks : means of the channels over stretches of the record; None: K comes from the curve.
     """
     models = select_models(problems, previous)
     fitted = with_selection(problems, models)
     powers = np.array([model.p for model in models])
-    low, high, status, reasons = _limits(fitted, powers)
+    low, high, status, reasons = _united_limits(problems, models, span * tau0)
+    walks = _walk_limits(blocks, models, tau0, (low, high, status, reasons))
     times = [TimeTo()] * len(models)
     if precision is not None:
         widths = _half_widths(powers, low, high, status)
         seconds = seconds_to(fitted, powers, widths, span, tau0, precision)
         known = ([None if math.isnan(s) else float(s) for s in row] for row in seconds)
         times = [TimeTo(N=n, B=b, K=k) for n, b, k in known]
-    rows = zip(models, low, high, status, reasons, times, strict=True)
+    rows = zip(models, low, high, status, reasons, times, walks, strict=True)
     return [ChannelConfidence(span, *row) for row in rows]
+
+
+def _united_limits(
+    problems: FitProblems, models: Sequence[SelectedModel], span_s: float
+) -> tuple[Floats, Floats, list[tuple[Status, ...]], list[tuple[str | None, ...]]]:
+    """Return the limits of some channels, the union of those of all their descriptions; see `_limits`."""
+    rows = [(row, each) for row, model in enumerate(models) for each in (model, *model.others)]
+    owner = np.array([row for row, _ in rows])
+    batch = with_selection(problems.take(owner), [model for _, model in rows])
+    powers = np.array([model.p for _, model in rows])
+    low, high, status, reasons = _limits(batch, powers)
+    exceeds = _exceeds_curve(problems.take(owner), batch, powers)
+    for at, (row, model) in enumerate(rows):
+        long_end = model.used[: problems.used.shape[1]] & problems.used[row, : model.used.size]
+        last = np.flatnonzero(problems.used[row])[-1]
+        pending = np.zeros(3, dtype=bool)
+        pending[:] = not model.fits
+        pending |= exceeds[at]
+        pending[2] |= not (last < long_end.size and long_end[last])
+        low[at, pending], high[at, pending] = 0.0, np.inf
+        early = np.array([False, True, True]) & (span_s < LEAST_B_K_S)
+        reason = [
+            NO_DESCRIPTION if p else TOO_SHORT if e else None for p, e in zip(pending, early, strict=True)
+        ]
+        status[at] = tuple("pending" if r else s for r, s in zip(reason, status[at], strict=True))
+        reasons[at] = tuple(r or s for r, s in zip(reason, reasons[at], strict=True))
+    merged_status, merged_reasons = [], []
+    merged_low, merged_high = np.zeros((len(models), 3)), np.zeros((len(models), 3))
+    for row in range(len(models)):
+        own = np.flatnonzero(owner == row)
+        merged_low[row], merged_high[row] = low[own].min(axis=0), high[own].max(axis=0)
+        names = [_united([status[at][term] for at in own]) for term in range(3)]
+        merged_status.append(tuple(names))
+        merged_reasons.append(tuple(_reason_of(names[t], [reasons[at][t] for at in own]) for t in range(3)))
+    return merged_low, merged_high, merged_status, merged_reasons
+
+
+def _walk_limits(
+    blocks: BlockMeans | None,
+    models: Sequence[SelectedModel],
+    tau0: float,
+    limits: tuple[Floats, Floats, list[tuple[Status, ...]], list[tuple[str | None, ...]]],
+) -> list[float | None]:
+    """Replace the limits of K by those of block means, which know drift and temperature; return their K^2.
+
+    The curve keeps its K where the walk exceeds flicker already at a tau of few blocks: a drift does not show
+    there, and the blocks are too long.
+    """
+    low, high, status, reasons = limits
+    if blocks is None:
+        return [None] * len(models)
+    p = np.array([model.p for model in models])
+    measured = np.array([names[1] == "measured" for names in status])
+    error = np.where(measured, (high[:, 1] - low[:, 1]) / (2.0 * LIMIT_95), high[:, 1] / LIMIT_95)
+    known = np.isfinite(error) & (p[:, 0] > 0.0)
+    terms = fit_slow_terms(
+        blocks.means,
+        blocks.length_s,
+        np.where(known, p[:, 0], 1.0) * tau0,
+        p[:, 1],
+        B2_error=np.where(known, error, np.inf),
+        share=blocks.share,
+        temperature=blocks.temperature,
+    )
+    walks: list[float | None] = []
+    for row in range(len(models)):
+        k2, bounds = terms.K2[row] * tau0, (terms.K2_low[row] * tau0, terms.K2_high[row] * tau0)
+        floor = max(p[row, 1], 0.0) * FLICKER_FLOOR + p[row, 0] * tau0 / blocks.length_s
+        early = k2 * (EARLY_BLOCKS * blocks.length_s / tau0) / 3.0 > floor
+        if not known[row] or not np.isfinite(k2) or (early and status[row][2] == "measured"):
+            walks.append(None)
+            continue
+        low[row, 2], high[row, 2] = bounds
+        shows = bounds[0] > 0.0
+        status[row] = (*status[row][:2], "measured" if shows else "upper_bound")
+        reasons[row] = (*reasons[row][:2], None if shows else NOT_SHOWN)
+        walks.append(float(k2))
+    return walks
+
+
+def _united(names: list[Status]) -> Status:
+    """Return the status of a coefficient from those in its descriptions, the one in use first.
+
+    >>> _united(["measured", "measured"]), _united(["measured", "upper_bound"]), _united(["measured", "pending"])
+    ('measured', 'upper_bound', 'pending')
+    """
+    return "pending" if "pending" in names else "upper_bound" if "upper_bound" in names else "measured"
+
+
+def _reason_of(status: Status, reasons: list[str | None]) -> str | None:
+    """Return the first reason, in the order of the descriptions; None for a measured coefficient."""
+    return None if status == "measured" else next((reason for reason in reasons if reason), None)
+
+
+def _exceeds_curve(every: FitProblems, fitted: FitProblems, p: Floats) -> Bools:
+    """Return (b, 3) whether N, B or K alone lie above the curve, from the first octave in use on.
+
+    A correlation over a short time lowers the first octaves, so its negative term counts with each.
+
+    Parameters
+    ----------
+    every : with all octaves that have data.
+    fitted : with the octaves of the fit.
+    """
+    prepared = replace(every, excess=fitted.excess).prepare()
+    positive = np.maximum(p, 0.0)
+    model = prepared.model(positive)
+    edf = 2.0 / np.einsum("bii->bi", prepared.covariance(positive, model))
+    upper = every.variance * edf / (2.0 * gammaincinv(0.5 * edf, LAW_PROBABILITY))
+    first = fitted.used.argmax(axis=1)
+    from_first = np.arange(every.used.shape[1]) >= first[:, None]
+    correlation = prepared.design[:, :, SIGNED] * np.minimum(p[:, None, SIGNED], 0.0)
+    alone = prepared.design[:, :, :3] * positive[:, None, :3] + correlation[:, :, None]
+    above = (alone > upper[:, :, None]) & (every.used & from_first)[:, :, None]
+    return np.asarray(above.any(axis=1))
 
 
 def _limits(
@@ -126,7 +268,7 @@ def _limits(
     # One search finds all limits: the lower ones of detected terms, and every upper one.
     rows = np.concatenate([np.flatnonzero(detected), np.flatnonzero(tested)])
     upper = np.arange(rows.size) >= detected.sum()
-    bound = np.minimum(BOUND_SCORE, at_zero - LEAST_BOUND_SCORE)
+    bound = BOUND_SCORE + np.minimum(at_zero, 0.0)  # rule 2
     target = np.where(upper, np.where(detected, -LIMIT_SCORE, bound)[rows], LIMIT_SCORE)
     part = each.take(rows)
     score = np.where(detected, 0.0, at_zero)[rows]
@@ -159,7 +301,7 @@ def _reason(status: Status, octaves: int, needed: int) -> str | None:
     if status == "measured":
         return None
     if status == "upper_bound":
-        return "the record does not show it"
+        return NOT_SHOWN
     if octaves < needed:
         return f"{octaves} octaves, {needed} are needed"
-    return "the record is too short to bound it"
+    return TOO_SHORT

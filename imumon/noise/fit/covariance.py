@@ -41,7 +41,7 @@ _HALF = np.where(LEFT == RIGHT, 0.5, 1.0)
 _GROWTH = np.array([-1.0, 0.0, 1.0, -2.0])  # power of the cluster length with which r grows, by noise type
 _SMOOTH = np.array([[0.0], [1.0], [1.0], [0.0]])  # noise types whose rate has a significant derivative
 _DEGREE = np.repeat([2, 1], [len(PAIRS), 4])  # of r in `_sums`
-_FLICKER_FLOOR = 2.0 * np.log(2.0) / np.pi  # Allan variance of averaged flicker of B = 1
+FLICKER_FLOOR = 2.0 * np.log(2.0) / np.pi  # Allan variance of averaged flicker of B = 1
 
 FAR_OCTAVES = 7
 """Octaves. If two octaves are further apart, the shorter difference acts as a derivative on the longer one,
@@ -124,7 +124,7 @@ def design(octaves: int, *, averaged: bool) -> Floats:
     array([1.44, 1.15])
     """
     m = 2.0 ** np.arange(octaves)
-    flicker = np.full(octaves, _FLICKER_FLOOR)
+    flicker = np.full(octaves, FLICKER_FLOOR)
     walk = m / 3.0
     if not averaged:
         walk = walk * (1.0 + 0.5 / m**2)

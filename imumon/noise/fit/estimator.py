@@ -21,7 +21,10 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.confidence import OCTAVES_FOR_N, ChannelConfidence, confidences
 from imumon.noise.fit.covariance import TERMS, tables
 from imumon.noise.fit.leastsquares import FitProblems
+from imumon.noise.fit.narrow_band_offset import band_offset, kurtosis_covariance
+from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
+from imumon.noise.statistics.narrow_bands import NarrowBand
 
 PRECISION_N = 0.01
 """1, requested 95 % half-width of N relative to its value, as in datasheets. Changes `time_to` only. Not
@@ -41,6 +44,10 @@ LEAST_VARIANCE = 1e-100
 
 MAX_VARIANCE = 1e100
 """(channel unit)^2; above, squares of variances overflow and the octave is not used. Not critical."""
+
+MAX_STEPS = 2.0
+"""1, multiple of the resolution over sqrt(12), the error of one rounding, up to which the curve may show
+quantisation: the sensor may round twice. Not critical."""
 
 HIDDEN_SHARE = 0.5
 """1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise. Rounding of
@@ -74,7 +81,14 @@ class Estimator:
         self._confidences: dict[int, ChannelConfidence] = {}
 
     def fit(
-        self, curve: AllanCurve, *, renew: bool | None = None, resolution: Sequence[float] | None = None
+        self,
+        curve: AllanCurve,
+        *,
+        renew: bool | None = None,
+        resolution: Sequence[float] | None = None,
+        bands: Sequence[Sequence[NarrowBand]] | None = None,
+        kurtosis: Sequence[float] | None = None,
+        blocks: BlockMeans | None = None,
     ) -> tuple[ChannelFit, ...]:
         """Fit every channel of a curve.
 
@@ -83,6 +97,10 @@ class Estimator:
         renew : compute limits, selection and times again; default: where the record has grown by 2 %.
         resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
             than half of it shows in the rounding only, and no coefficient is given.
+        bands : narrow bands of the spectrum of each channel, which are subtracted from its curve.
+        kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits.
+        blocks : means over stretches of the same record, which separate K from a drift; None: K comes from
+            the curve alone.
         """
         if curve.record is None or curve.record != self._record:
             self._confidences.clear()
@@ -91,7 +109,7 @@ class Estimator:
         if octaves == 0:
             return (pending_fit(0, "no difference yet"),) * count
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
-        problems, reasons = _problems(curve, flags, resolution)
+        problems, reasons = _problems(curve, flags, resolution, bands, kurtosis)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._confidences.get(channel)
@@ -101,30 +119,42 @@ class Estimator:
             elif known is None or renew or (renew is None and not current):
                 due.append(channel)
         if due:
-            self._renew(problems.take(due), due, curve)
+            self._renew(problems.take(due), due, curve, blocks)
         fits = {row: pending_fit(octaves, *reason) for row, reason in enumerate(reasons) if reason}
         if rows := [row for row, reason in enumerate(reasons) if reason is None]:
             known_rows = [self._confidences[row] for row in rows]
             fits |= zip(rows, channel_fits(curve, rows, problems.take(rows), known_rows), strict=True)
         return tuple(fits[row] for row in range(count))
 
-    def _renew(self, problems: FitProblems, due: list[int], curve: AllanCurve) -> None:
+    def _renew(
+        self, problems: FitProblems, due: list[int], curve: AllanCurve, blocks: BlockMeans | None
+    ) -> None:
         """Compute selection, limits and times of some channels, one problem each."""
         previous = [self._confidences[c].model if c in self._confidences else None for c in due]
         precision = np.array([self.precision[name] for name in TERMS[:3]]) if self._time_to else None
-        renewed = confidences(problems, previous, curve.span, curve.tau0, precision)
+        own = None if blocks is None else blocks.select(due)
+        renewed = confidences(problems, previous, curve.span, curve.tau0, precision, own)
         self._confidences.update(zip(due, renewed, strict=True))
 
 
 def fit_curve(
-    curve: AllanCurve, *, averaged: bool | Sequence[bool], time_to: bool = True
+    curve: AllanCurve,
+    *,
+    averaged: bool | Sequence[bool],
+    time_to: bool = True,
+    bands: Sequence[Sequence[NarrowBand]] | None = None,
+    blocks: BlockMeans | None = None,
 ) -> tuple[ChannelFit, ...]:
     """Fit N, B and K to every channel of a curve, once; see `Estimator`."""
-    return Estimator(averaged=averaged, time_to=time_to).fit(curve)
+    return Estimator(averaged=averaged, time_to=time_to).fit(curve, bands=bands, blocks=blocks)
 
 
 def _problems(
-    curve: AllanCurve, averaged: Sequence[bool], resolution: Sequence[float] | None
+    curve: AllanCurve,
+    averaged: Sequence[bool],
+    resolution: Sequence[float] | None,
+    bands: Sequence[Sequence[NarrowBand]] | None = None,
+    kurtosis: Sequence[float] | None = None,
 ) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
     """Return one problem per channel, and why a channel cannot be fitted (text and code)."""
     kinds = sorted(set(averaged))
@@ -147,4 +177,14 @@ def _problems(
     kind = np.array([kinds.index(kind) for kind in averaged])
     free = np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0)
     variance, excess = np.where(used, variance, 1.0), np.zeros(len(used))
-    return FitProblems(table, kind, variance, thinning, used, free, excess), reasons
+    offset, extra = np.zeros(used.shape), np.zeros((*used.shape, used.shape[1]))
+    for row in range(len(used)):
+        if bands is not None and len(bands[row]):
+            offset[row], extra[row] = band_offset(bands[row], curve.m, curve.tau0)
+        if kurtosis is not None and kurtosis[row] > 0.0:
+            white = float(variance[row, 0])
+            extra[row] += kurtosis_covariance(white, kurtosis[row], int(curve.valid[row]), curve.m)
+    steps = np.zeros(len(used)) if resolution is None else np.array(resolution[: len(used)], dtype=np.float64)
+    quantisation = np.where(steps > 0.0, MAX_STEPS**2 * steps**2 / 12.0, np.inf)
+    problems = FitProblems(table, kind, variance, thinning, used, free, excess, offset, extra, quantisation)
+    return problems, reasons

@@ -130,7 +130,9 @@ def score(
     inverse, _ = _inverse(weighted.normal, _unknown_terms(free))
     column = inverse[rows, :, term][:, :, None]
     weights, spread = (weighted.weighted @ column)[:, :, 0], (weighted.design @ column)[:, :, 0]  # w and V w
-    rest = prepared.variance / weighted.model - weighted.design[rows, :, term] * x[:, None]
+    rest = (prepared.variance - prepared.offset) / weighted.model - weighted.design[rows, :, term] * x[
+        :, None
+    ]
     # w is orthogonal to the other terms, so that they need not be subtracted
     both = weights * spread
     deviation = np.sqrt(np.maximum(both.sum(axis=1), 1e-300))

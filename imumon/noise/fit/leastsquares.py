@@ -17,7 +17,7 @@ round to round is computed once (`PreparedProblems`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import product
 
@@ -52,6 +52,9 @@ GUESS_FLOOR = 1e-9
 """1, share of `first_guess` that terms begin with which are not free, so that no model vanishes. Not
 critical."""
 
+LEAST_LEFT = 0.01
+"""1, share of an Allan variance that `first_guess` assumes beside its known part. Not critical."""
+
 RIDGE = 1e-13
 """1, added to the diagonal of the scaled normal equations, so that every subset has a solution. Not
 critical."""
@@ -71,6 +74,9 @@ class FitProblems:
     free : (b, 5) terms of the model that are fitted.
     excess : (b,) 1, relative variance that every octave has beyond its statistics, for what the model does
         not describe.
+    offset : (b, k) unit^2, part of the Allan variances that is known and not fitted: spectral lines.
+    extra : (b, k, k) unit^4, covariance beyond that of the noise: of `offset`, and of outliers.
+    max_quantisation : (b,) unit^2, largest power of quantisation that the resolution allows; inf: unknown.
     """
 
     tables: tuple[CovarianceTables, ...]
@@ -80,10 +86,13 @@ class FitProblems:
     used: Bools
     free: Bools
     excess: Floats
+    offset: Floats
+    extra: Floats
+    max_quantisation: Floats
 
     def take(self, index: Ints | Bools | list[int]) -> FitProblems:
         """Return some of the problems, in any order, also repeated."""
-        arrays = ("kind", "variance", "thinning", "used", "free", "excess")
+        arrays = [each.name for each in fields(self) if each.name != "tables"]
         return replace(self, **{name: getattr(self, name)[index] for name in arrays})
 
     @property
@@ -102,6 +111,8 @@ class FitProblems:
             self.thinning * self.used,
             np.where(self.used, 0.0, 1.0),
             np.where(self.used, ROUNDING_VARIANCE + self.excess[:, None], 1.0),
+            self.offset * self.used,
+            self.extra * (self.used[:, :, None] & self.used[:, None, :]),
         )
 
 
@@ -122,6 +133,8 @@ class PreparedProblems:
     thinning : (b, k) 1, as in `FitProblems`; zero where unused.
     unused : (b, k) 1.0 where an octave is unused, else 0.0.
     floor : (b, k) 1, relative variance beyond the tables'.
+    offset : (b, k) unit^2, as in `FitProblems`; zero where unused.
+    extra : (b, k, k) unit^4, as in `FitProblems`; zero where unused.
     """
 
     tables: tuple[CovarianceTables, ...]
@@ -132,18 +145,22 @@ class PreparedProblems:
     thinning: Floats
     unused: Floats
     floor: Floats
+    offset: Floats
+    extra: Floats
 
     def take(self, index: Ints | Bools) -> PreparedProblems:
         """Return those of some of the problems, in any order, also repeated."""
-        arrays = (self.own, self.design, self.variance, self.thinning, self.unused, self.floor)
+        names = ("own", "design", "variance", "thinning", "unused", "floor", "offset", "extra")
+        arrays = (getattr(self, name) for name in names)
         return PreparedProblems(self.tables, self.pairs, *(array[index] for array in arrays))
 
     def model(self, p: Floats) -> Floats:
-        """Return (b, k) unit^2, A p at powers p, (b, 5), without a negative term where A p would vanish."""
-        model = (self.design @ p[:, :, None])[:, :, 0] + self.unused
+        """Return (b, k) unit^2, A p + offset at powers p, (b, 5), without a negative term where A p would vanish."""
+        known = self.offset + self.unused
+        model = (self.design @ p[:, :, None])[:, :, 0] + known
         if p.min(initial=0.0) >= 0.0:
             return np.asarray(model)
-        positive = (self.design @ np.maximum(p, 0.0)[:, :, None])[:, :, 0] + self.unused
+        positive = (self.design @ np.maximum(p, 0.0)[:, :, None])[:, :, 0] + known
         return np.where(model > LEAST_MODEL * positive, model, positive)
 
     def covariance(self, p: Floats, model: Floats) -> Floats:
@@ -161,6 +178,7 @@ class PreparedProblems:
         scale = self.thinning / model
         relative *= scale[:, :, None]
         relative *= scale[:, None, :]
+        relative += self.extra / (model[:, :, None] * model[:, None, :])
         relative.reshape(b, -1)[:, :: k + 1] += self.floor  # the diagonal
         return np.asarray(relative)
 
@@ -225,7 +243,8 @@ def misfit(prepared: PreparedProblems, p: Floats) -> tuple[Floats, Ints]:
 def first_guess(prepared: PreparedProblems, free: Bools) -> Floats:
     """Return (b, 5) powers to begin with: each of N, B, K as large as the lowest octave allows."""
     ratio = np.full(prepared.design.shape, np.inf)
-    np.divide(prepared.variance[:, :, None], prepared.design, out=ratio, where=prepared.design > 0.0)
+    left = np.maximum(prepared.variance - prepared.offset, LEAST_LEFT * prepared.variance)
+    np.divide(left[:, :, None], prepared.design, out=ratio, where=prepared.design > 0.0)
     p = ratio.min(axis=1)
     p[:, 3:] = 0.0
     return np.asarray(np.where(free, p, 0.0) + GUESS_FLOOR * p)
@@ -273,7 +292,7 @@ def _iterate(prepared: PreparedProblems, p: Floats, fixed: Floats, free: Bools, 
     terms = np.argsort(~free, axis=1, kind="stable")[:, :most]  # free terms first
     fitted = np.take_along_axis(free, terms, axis=1)
     design = np.take_along_axis(prepared.design, terms[:, None, :], axis=2)
-    target = prepared.variance - (prepared.design @ fixed[:, :, None])[:, :, 0]
+    target = prepared.variance - prepared.offset - (prepared.design @ fixed[:, :, None])[:, :, 0]
     at, model = p, prepared.model(p)
     rows = np.arange(len(p))  # problems that have not converged
     for _ in range(rounds):

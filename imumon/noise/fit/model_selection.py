@@ -1,30 +1,29 @@
-"""Selection of the octaves and terms that describe a curve, with hysteresis.
+"""Selection of the descriptions of a curve: which octaves and terms the fit uses.
 
-Real sensors are not three-term models. Filters, vibration and quantisation bend the short octaves, a spectral
-line bends some in the middle, and a warm-up the long ones. An efficient fit would follow them. The rules:
+Real sensors are not three-term models. What the spectrum shows as lines is subtracted before the fit
+(`narrow_band_offset`). What remains is described by rules:
 
 1. White noise, flicker and random walk over all octaves are accepted unless chi-square rejects them
-   (p < `REJECTED_P`).
-2. Quantisation and ramp are added where their score, given the other terms, exceeds `QUANTISATION_SCORE` or
-   `RAMP_SCORE`, which noise of the three types alone does in at most one record of a thousand, and the fit
-   then passes.
-3. If the model is still rejected, the cheapest description that passes (p >= `ACCEPTED_P`) is searched. An
-   excluded octave costs 1, a term `TERM_COST`. Octaves are excluded from the short end or as a block further
-   on, or both. A block costs one less where several octaves remain below it, since those are the most
-   precise and agree, and three more where only one remains, because N would depend on it alone. At equal
-   cost more octaves win, then the larger p.
-4. If the shortest octaves are excluded, the cause of their deviation has a tail: noise correlated over a
-   short time adds to N^2/tau a term that falls as 1/tau^2 at longer tau, the shape of quantisation with
-   either sign (for a boxcar this is exact). So the 1/tau^2 term is free there and may be negative. N and its
-   limits then do not depend on the first octave that passes.
-5. If nothing passes up to `MAX_COST`, the best description is kept, and the rest counts as an error of the
-   model common to all octaves. Its size makes chi-square equal to its expectation. It widens every interval.
+   (p < `REJECTED_P`). Quantisation and ramp are added where their score, given the other terms, exceeds
+   `QUANTISATION_SCORE` or `RAMP_SCORE`, which noise of the three types alone does in at most one record of a
+   thousand, and the fit then passes.
+2. If this is rejected, the noise is correlated over a short time: a filter, or a broad resonance. The
+   shortest octaves, up to `MAX_SHORT`, are not used. The correlation adds to N^2/tau a term that falls as
+   1/tau^2 at longer tau, of either sign (for a boxcar this is exact), so the 1/tau^2 term is free and may be
+   negative. A ramp is tried too. The description with the fewest excluded octaves and terms that passes
+   gives the values. Those that pass and cost little more are kept beside it, and the limits are the union of
+   theirs: the data do not decide between them. Where chi-square exceeds its expectation, the covariance is
+   scaled by the ratio (Birge, Phys. Rev. 40, 1932).
+3. If nothing passes, the longest octaves follow no model: temperature, warm-up. Up to `MAX_LONG` of them are
+   not used if the rest then passes clearly (p >= `ACCEPTED_CUT_P`). K is then unknown.
+4. If still nothing passes, the best description is kept, and the rest counts as an error of the model common
+   to all octaves. Its size makes chi-square equal to its expectation. It widens every interval. Above
+   `MAX_ERROR` no description fits, and no coefficient is given.
 
 The test allows a relative error of the model of `TOLERATED_ERROR`: with 10^9 samples any sensor departs from
-any model, and a part in a thousand excludes no octave. Instead rule 5 includes this error.
+any model.
 
-An earlier selection is kept while it passes, and is replaced by a cheaper one only where that passes clearly
-(p >= `REGAINED_P`), so no octave alternates between reports.
+A description in use is kept while it passes, so no octave alternates between reports.
 """
 
 from __future__ import annotations
@@ -41,21 +40,11 @@ from imumon.noise.fit.leastsquares import RAMP, SIGNED, FitProblems, misfit, sol
 from imumon.samples import Bools, Floats
 
 REJECTED_P = 1e-3
-"""1, p-value below which a description is rejected. One record of a thousand that follows the model loses
-octaves needlessly. Sensitivity: halved 0 %, doubled 1e+02 % (gyro z time_to K of the record
-"temperature")."""
+"""1, p-value below which the three terms over all octaves are rejected: one record of a thousand that follows
+them. Not critical."""
 
-ACCEPTED_P = 0.1
-"""1, p-value that a description must reach in a search: the best of many tries passes more easily.
-Sensitivity: halved 0 %, doubled 63 % (gyro x drift steady_K high of the record "warm-up")."""
-
-REGAINED_P = 0.2
-"""1, p-value that a cheaper description must reach to replace one in use. Above `ACCEPTED_P`, so that the
-selection does not alternate. Not critical."""
-
-KEPT_SCORE = 2.0
-"""Standard deviations; a term in use is dropped only where its score is below. Below `RAMP_SCORE`, so that
-the selection does not alternate. Not critical."""
+ACCEPTED_CUT_P = 0.1
+"""1, p-value that a description without the longest octaves must reach: there are more of them. Not critical."""
 
 QUANTISATION_SCORE = 4.0
 """Standard deviations from which on quantisation is added. High, because the term costs N most of what the
@@ -64,44 +53,47 @@ shortest octaves contribute. Not critical."""
 RAMP_SCORE = 3.1
 """Standard deviations from which on a ramp is added: one false alarm in a thousand records. Not critical."""
 
-TOLERATED_ERROR = 2e-3
+KEPT_SCORE = 2.0
+"""Standard deviations; a term in use is dropped only where its score is below. Below `RAMP_SCORE`, so that
+the selection does not alternate. Not critical."""
+
+TOLERATED_ERROR = 1e-2
 """1, relative error of the modelled Allan variance that is not tested: no sensor follows the model closer.
 Not critical."""
 
-MAX_COST = 14
-"""Cost up to which descriptions are tried: more would leave fewer octaves than a fit needs. Not critical."""
-
-SEARCH_GROWTH = 1.2
-"""1, growth of a record after which a search without result is repeated. It is the most expensive step. Not
+MAX_SHORT = 7
+"""Octaves that may be excluded at the short end. A correlation over more samples is not that of a filter. Not
 critical."""
+
+MAX_LONG = 6
+"""Octaves that may be excluded at the long end: the rest describes a record of a 64th of the length. Not
+critical."""
+
+MAX_LAGS = 1.0
+"""1, largest share of N^2/tau that the 1/tau^2 term may have at the shortest octave in use: a correlation over
+less than the cluster cannot add more. Not critical."""
+
+KEPT_COST = 2
+"""Cost by which a description may exceed that in use to widen its limits: each excluded octave costs 1. Not
+critical."""
+
+KEPT = 3
+"""Descriptions whose limits are united, at most, for the processor time. Not critical."""
 
 TERM_COST = 2
 """Excluded octaves that cost as much as a term: it explains several octaves at once. Not critical."""
-LONELY_BLOCK_COST = 3
-"""Excluded octaves by which a block costs more where a single octave stays below it. Not critical."""
-BLOCK_COST = -1
-"""Excluded octaves by which a block costs more where several octaves stay below it. Not critical."""
-MAX_SHORT = 2
-"""Octaves that may be excluded at the short end together with a block. Not critical."""
-
-LEAST_BETWEEN = 3
-"""Octaves that must stay between the short end and a block, so that N rests on more than one. Not
-critical."""
 
 LEAST_OCTAVES = 5
 """Octaves that must stay for the three terms: two degrees of freedom are left to test. Sensitivity: halved 0
 %, doubled changes which values appear (gyro x drift steady_B value of the record "warm-up")."""
 FIT_ROUNDS = 8
 """Rounds of weighting and solving for each description. Not critical."""
-SEARCH_ROUNDS = 5
-"""The same during a search, where only p-values are compared. Sensitivity: halved 63 %, doubled 0 % (gyro x
-drift steady_K high of the record "warm-up")."""
 
-LEAST_ERROR = 1e-5
-"""1, relative error of the model at which the search of rule 5 begins. Not critical."""
+LEAST_EXCESS = 1e-8
+"""1, relative variance of the model at which the search of rule 4 begins. Not critical."""
 
-MAX_ERROR = 30.0
-"""1, relative error of the model at which the search of rule 5 ends. Not critical."""
+MAX_ERROR = 0.3
+"""1, relative error of the modelled Allan variance above which no description fits. Not critical."""
 ERROR_STEPS = 14
 """Bisections between the two, on a logarithmic scale: 0.1 % of the error. Not critical."""
 QUANTISATION = SIGNED
@@ -118,9 +110,11 @@ class SelectedModel:
     free : (5,) terms that are fitted.
     p : (5,) powers in units of tau0.
     excess : 1, relative variance of the error of the model.
+    scale : 1, factor of the covariance, chi-square over its degrees of freedom where that is above 1.
     chi2, dof, p_value : of the fit without that error; None where there is nothing to test.
     passes : whether the fit passes the test.
-    searched_span : samples, length of the record at the last search without result; 0: none.
+    fits : whether the error of the model is at most `MAX_ERROR`.
+    others : descriptions beside this one whose limits count too.
     """
 
     used: Bools
@@ -131,7 +125,14 @@ class SelectedModel:
     dof: int
     p_value: float | None
     passes: bool
-    searched_span: int = 0
+    fits: bool = True
+    scale: float = 1.0
+    others: tuple[SelectedModel, ...] = ()
+
+    @property
+    def plain(self) -> bool:
+        """Whether it uses all octaves up to the last one, and no term beside the three."""
+        return bool(self.used[: np.flatnonzero(self.used)[-1]].all() and np.array_equal(self.free, _BASE))
 
 
 def select_models(problems: FitProblems, previous: Sequence[SelectedModel | None]) -> list[SelectedModel]:
@@ -142,26 +143,13 @@ def select_models(problems: FitProblems, previous: Sequence[SelectedModel | None
     problems : one problem per channel, which uses all octaves that have data.
     previous : selection for each on a shorter part of the same record.
     """
-    selected: dict[int, SelectedModel] = {}
-    known = [(row, model) for row, model in enumerate(previous) if model is not None]
-    earlier = [(_extended(model.used, problems.used[row]), model.free) for row, model in known]
-    refitted = _fitted(problems.take([row for row, _ in known]), earlier)
-    for (row, before), model in zip(known, refitted, strict=True):
-        if model.passes:
-            selected[row] = model
-        elif problems.span < SEARCH_GROWTH * before.searched_span:
-            selected[row] = replace(model, searched_span=before.searched_span)
-    kept = [row for row, model in selected.items() if model.passes]
-    passed = [selected[row] for row in kept]
-    for row, model, other in zip(kept, passed, _with_scored_terms(problems.take(kept), passed), strict=True):
-        selected[row] = other if other is not model else _cheaper(problems.take([row]), model)
-    new = [row for row in range(len(previous)) if row not in selected]
-    others = problems.take(new)
-    plain = _with_scored_terms(others, _fitted(others, [(used, _BASE) for used in others.used]))
-    for row, model in zip(new, plain, strict=True):
-        best = model if model.passes else _searched(problems.take([row]), model)
-        selected[row] = best if best.passes else replace(best, searched_span=problems.span)
-    return _with_error(problems, [selected[row] for row in range(len(previous))])
+    base = _fitted(problems, [(used, _BASE) for used in problems.used])
+    models = _with_scored_terms(problems, base, previous)
+    selected = []
+    for row, model in enumerate(models):
+        one = problems.take([row])
+        selected.append(_with_error(one, model if model.passes else _searched(one, model, previous[row])))
+    return selected
 
 
 def with_selection(problems: FitProblems, models: Sequence[SelectedModel]) -> FitProblems:
@@ -169,7 +157,8 @@ def with_selection(problems: FitProblems, models: Sequence[SelectedModel]) -> Fi
     both = zip(models, problems.used, strict=True)
     used = np.array([_extended(model.used, available) for model, available in both])
     free, excess = (np.array([getattr(model, name) for model in models]) for name in ("free", "excess"))
-    return replace(problems, used=used, free=free, excess=excess)
+    thinning = problems.thinning * np.sqrt([[model.scale] for model in models])
+    return replace(problems, used=used, free=free, excess=excess, thinning=thinning)
 
 
 def _extended(used: Bools, available: Bools) -> Bools:
@@ -179,9 +168,7 @@ def _extended(used: Bools, available: Bools) -> Bools:
     return extended
 
 
-def _fitted(
-    problems: FitProblems, descriptions: Sequence[tuple[Bools, Bools]], rounds: int = FIT_ROUNDS
-) -> list[SelectedModel]:
+def _fitted(problems: FitProblems, descriptions: Sequence[tuple[Bools, Bools]]) -> list[SelectedModel]:
     """Return the fit of each problem with its octaves and terms."""
     count = len(descriptions)
     if not count:
@@ -190,7 +177,7 @@ def _fitted(
     free = np.array([terms for _, terms in descriptions])
     batch = replace(problems, used=used, free=free, excess=np.full(count, TOLERATED_ERROR**2))
     prepared = batch.prepare()
-    p = solve(prepared, free, rounds=rounds)
+    p = solve(prepared, free, rounds=FIT_ROUNDS)
     chi2, dof = misfit(prepared, p)
     models = []
     for row in range(count):
@@ -218,7 +205,9 @@ def _scores(
     return [float(value) for value in z]
 
 
-def _with_scored_terms(problems: FitProblems, models: Sequence[SelectedModel]) -> list[SelectedModel]:
+def _with_scored_terms(
+    problems: FitProblems, models: Sequence[SelectedModel], previous: Sequence[SelectedModel | None]
+) -> list[SelectedModel]:
     """Return the models with quantisation or ramp where their scores are high and the fit then passes."""
     candidates: list[tuple[int, int]] = []
     for row, model in enumerate(models):
@@ -227,7 +216,10 @@ def _with_scored_terms(problems: FitProblems, models: Sequence[SelectedModel]) -
             candidates += [(row, term) for term in terms]
     added: dict[int, list[int]] = {}
     for (row, term), z in zip(candidates, _scores(problems, models, candidates), strict=True):
-        if abs(z) > QUANTISATION_SCORE if term == QUANTISATION else z > RAMP_SCORE:
+        before = previous[row]
+        in_use = before is not None and before.used.all() and before.free[term]
+        least = KEPT_SCORE if in_use else QUANTISATION_SCORE if term == QUANTISATION else RAMP_SCORE
+        if z > least:
             added.setdefault(row, []).append(term)
     result = list(models)
     for row, terms in added.items():
@@ -241,128 +233,115 @@ def _with_terms(problem: FitProblems, model: SelectedModel, terms: list[int]) ->
         free = model.free.copy()
         free[extra] = True
         fitted = _fitted(problem, [(model.used, free)])[0]
-        least = REJECTED_P if model.passes else ACCEPTED_P
-        if (fitted.p_value is None or fitted.p_value >= least) and np.all(fitted.p[extra] != 0.0):
+        possible = 0.0 <= fitted.p[QUANTISATION] <= problem.max_quantisation[0]
+        if (
+            possible
+            and (fitted.p_value is None or fitted.p_value >= REJECTED_P)
+            and np.all(fitted.p[extra] != 0.0)
+        ):
             return fitted
     return model
 
 
-def _cheaper(problem: FitProblems, model: SelectedModel) -> SelectedModel:
-    """Return the model with another octave or one term less, where this is cheaper and passes clearly."""
+def _searched(problem: FitProblems, rejected: SelectedModel, previous: SelectedModel | None) -> SelectedModel:
+    """Return the cheapest description that passes with those beside it, or the best that does not."""
     available = problem.used[0]
-    if np.array_equal(model.used, available) and np.array_equal(model.free, _BASE):
-        return model
-    masks = [model.used, available]
-    excluded = np.flatnonzero(available & ~model.used)
-    for octave in excluded[[0, -1]] if excluded.size else ():
-        masks.append(model.used.copy())
-        masks[-1][octave] = True
-    extras = np.flatnonzero(model.free & ~_BASE).tolist()
-    fewer = [[term for term in extras if term != dropped] for dropped in extras]
-    tries = [(mask, _terms(mask, extra)) for mask in masks for extra in [extras, *fewer]]
-    tries = [row for row in tries if _cost(*row) < _cost(model.used, model.free)]
-    for other in _fitted(problem.take([0] * len(tries)), tries):
-        if other.p_value is not None and other.p_value >= REGAINED_P:
-            dropped = [(0, int(term)) for term in np.flatnonzero(model.free & ~other.free)]
-            if max(_scores(problem, [other], dropped), default=0.0) < KEPT_SCORE:
-                return other
-    return model
+    whole = _possible(problem, _fitted_all(problem, _candidates(available, (0,))))
+    best = _cheapest(whole, available, REJECTED_P, previous)
+    if best is None:
+        cut = _possible(problem, _fitted_all(problem, _candidates(available, range(1, MAX_LONG + 1))))
+        best = _cheapest(cut, available, ACCEPTED_CUT_P, previous)
+    if best is not None:
+        return best
+    return min(
+        [rejected, *whole], key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof
+    )
 
 
-def _terms(used: Bools, extra: Sequence[int]) -> Bools:
-    """Return (5,) the terms that are fitted with these octaves."""
-    terms = _BASE.copy()
-    terms[list(extra)] = True
-    terms[QUANTISATION] |= not used[0]
-    return terms
+def _cheapest(
+    models: list[SelectedModel], available: Bools, least_p: float, previous: SelectedModel | None
+) -> SelectedModel | None:
+    """Return the cheapest model with a p-value, with those beside it, or the one in use; None: there is none."""
+    passed = [model for model in models if model.p_value is not None and model.p_value >= least_p]
+    if not passed:
+        return None
+    passed.sort(key=lambda model: _cost(model, available))
+    most = _cost(passed[0], available) + KEPT_COST
+    kept = previous and next((model for model in passed if _same(model, previous, available)), None)
+    best = kept or passed[0]
+    others = [model for model in passed if model is not best and _cost(model, available) <= most]
+    others.sort(key=lambda model: -(model.p_value or 0.0))
+    return replace(best, passes=True, others=tuple(others[: KEPT - 1]))
 
 
-def _cost(used: Bools, free: Bools) -> int:
-    """Return the cost of a description; see the rules above.
-
-    >>> used = np.array([False, True, True, False, True])
-    >>> _cost(used, _terms(used, [])), _cost(used[1:], _terms(used[1:], [RAMP]))
-    (1, 2)
-    """
-    excluded = np.flatnonzero(~used)
-    short = int(np.argmax(used))
-    further = excluded[excluded > short]
-    block = 0 if not further.size else LONELY_BLOCK_COST if further[0] == short + 1 else BLOCK_COST
-    return int(excluded.size + block + TERM_COST * (free.sum() - _terms(used, []).sum()))
+def _fitted_all(problem: FitProblems, candidates: list[tuple[Bools, Bools]]) -> list[SelectedModel]:
+    return _fitted(problem.take([0] * len(candidates)), candidates)
 
 
-def _searched(problem: FitProblems, rejected: SelectedModel) -> SelectedModel:
-    """Return the cheapest description that passes, or the best of those that do not."""
-    best = rejected
-    for cost in range(MAX_COST + 1):
-        descriptions = _candidates(problem.used[0], cost)
-        models = _fitted(problem.take([0] * len(descriptions)), descriptions, SEARCH_ROUNDS)
-        models = [model for model in models if model.p[RAMP] > 0.0 or not model.free[RAMP]]
-        passed = [model for model in models if model.p_value is not None and model.p_value >= ACCEPTED_P]
-        if passed:
-            return max(passed, key=lambda model: (model.used.sum(), model.p_value))
-        best = min(
-            [best, *models], key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof
-        )
-    return best
-
-
-def _candidates(available: Bools, cost: int) -> list[tuple[Bools, Bools]]:
-    """Return the octaves, (k,), and terms, (5,), of all descriptions of one cost."""
+def _candidates(available: Bools, long: Sequence[int]) -> list[tuple[Bools, Bools]]:
+    """Return octaves, (k,), and terms, (5,), of the descriptions without some of the longest octaves."""
     descriptions: list[tuple[Bools, Bools]] = []
-    for extra in ((), (QUANTISATION,), (RAMP,), (QUANTISATION, RAMP)):
-        for excluded in _exclusions(available.size, cost - TERM_COST * len(extra)):
-            mask = available.copy()
-            mask[excluded] = False
-            terms = _terms(mask, extra)
-            if mask.sum() >= LEAST_OCTAVES - 3 + terms.sum() and _cost(mask, terms) == cost:
-                descriptions.append((mask, terms))
+    first, last = (int(np.flatnonzero(available)[at]) for at in (0, -1))
+    for short in range(MAX_SHORT + 1):
+        for excluded in long:
+            for ramp in (False, True) if excluded == 0 else (False,):
+                used, free = available.copy(), _BASE.copy()
+                used[: first + short], used[last + 1 - excluded :] = False, False
+                free[QUANTISATION], free[RAMP] = short > 0, ramp
+                if used.sum() >= LEAST_OCTAVES - 3 + free.sum():
+                    descriptions.append((used, free))
     return descriptions
 
 
-def _exclusions(octaves: int, cost: int) -> list[list[int]]:
-    """Return the octaves that may be excluded at a cost: the shortest, a block further on, or both.
-
-    >>> _exclusions(5, 1)
-    [[0], [2, 3], [3, 4], [0, 4]]
-    """
-    exclusions = [list(range(cost))] if 0 <= cost <= octaves else []
-    for short in range(MAX_SHORT + 1):
-        for begin in range(short + (LEAST_BETWEEN if short else 1), octaves):
-            length = cost - short - (LONELY_BLOCK_COST if begin == 1 else BLOCK_COST)
-            if 1 <= length <= octaves - begin:
-                exclusions.append([*range(short), *range(begin, begin + length)])
-    return exclusions
+def _possible(problem: FitProblems, models: list[SelectedModel]) -> list[SelectedModel]:
+    """Return the models whose 1/tau^2 term can be a correlation, and whose ramp is not zero."""
+    design = problem.tables[problem.kind[0]].design
+    possible = []
+    for model in models:
+        first = int(np.argmax(model.used))
+        tail = abs(model.p[QUANTISATION]) * design[first, QUANTISATION]
+        if tail <= MAX_LAGS * model.p[0] * design[first, 0] and (model.p[RAMP] > 0.0 or not model.free[RAMP]):
+            possible.append(model)
+    return possible
 
 
-def _with_error(problems: FitProblems, models: list[SelectedModel]) -> list[SelectedModel]:
-    """Return the models with chi-square without tolerance, and with their error where that rejects them."""
-    used, free = (np.array([getattr(model, name) for model in models]) for name in ("used", "free"))
-    batch = replace(problems, used=used, free=free)
+def _cost(model: SelectedModel, available: Bools) -> int:
+    """Return the cost of a description: its excluded octaves, and its ramp."""
+    return int((available & ~model.used).sum() + TERM_COST * model.free[RAMP])
+
+
+def _same(model: SelectedModel, previous: SelectedModel, available: Bools) -> bool:
+    """Return whether a model has the octaves and terms of an earlier one."""
+    used = _extended(previous.used, available)
+    return np.array_equal(model.used, used) and np.array_equal(model.free, previous.free)
+
+
+def _with_error(problem: FitProblems, model: SelectedModel) -> SelectedModel:
+    """Return a model, and those beside it, with the error that makes chi-square its expectation."""
+    batch = replace(problem, used=model.used[None], free=model.free[None])
     prepared = batch.prepare()
-    p = solve(prepared, batch.free, start=np.array([model.p for model in models]))
+    p = solve(prepared, batch.free, start=model.p[None])
     chi2, dof = misfit(prepared, p)
-    result = []
-    for row, model in enumerate(models):
-        if dof[row] <= 0:
-            result.append(replace(model, p=p[row], chi2=None, dof=0, p_value=None))
-            continue
-        statistic, degrees, powers, excess = float(chi2[row]), int(dof[row]), p[row], 0.0
-        p_value = float(chdtrc(degrees, statistic))
-        if p_value < REJECTED_P:
-            powers, excess = _model_error(batch.take([row]), powers, degrees)
-        fit = replace(model, p=powers, excess=excess, chi2=statistic, dof=degrees, p_value=p_value)
-        result.append(fit)
-    return result
+    others = tuple(_with_error(problem, other) for other in model.others)
+    if dof[0] <= 0:
+        return replace(model, p=p[0], chi2=None, dof=0, p_value=None, others=others)
+    statistic, degrees, powers, excess, scale = float(chi2[0]), int(dof[0]), p[0], 0.0, 1.0
+    p_value = float(chdtrc(degrees, statistic))
+    if p_value < REJECTED_P:
+        powers, excess = _model_error(batch, powers, degrees)
+    elif not model.plain:
+        scale = max(1.0, statistic / degrees)
+    fit = replace(model, p=powers, excess=excess, scale=scale, fits=excess <= MAX_ERROR**2)
+    return replace(fit, chi2=statistic, dof=degrees, p_value=p_value, others=others)
 
 
 def _model_error(problem: FitProblems, p: Floats, dof: int) -> tuple[Floats, float]:
     """Return the powers, and the relative variance of the model that makes chi-square its expectation."""
-    low, high, excess, start = LEAST_ERROR, MAX_ERROR, 0.0, p[None]
+    low, high, excess, start = LEAST_EXCESS, 4.0 * MAX_ERROR**2, 0.0, p[None]
     for _ in range(ERROR_STEPS):
-        excess = low * high
+        excess = (low * high) ** 0.5
         prepared = replace(problem, excess=np.array([excess])).prepare()
         start = solve(prepared, problem.free, start=start, rounds=FIT_ROUNDS)
         chi2, _ = misfit(prepared, start)
-        low, high = (excess**0.5, high) if chi2[0] > dof else (low, excess**0.5)
+        low, high = (excess, high) if chi2[0] > dof else (low, excess)
     return solve(prepared, problem.free, start=start)[0], excess

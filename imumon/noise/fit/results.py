@@ -14,20 +14,22 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.confidence import ChannelConfidence
+from imumon.noise.fit.confidence import TOO_SHORT, ChannelConfidence
 from imumon.noise.fit.covariance import TERMS
 from imumon.noise.fit.leastsquares import RAMP, FitProblems, solve
 from imumon.noise.fit.model_selection import QUANTISATION, SelectedModel, with_selection
 from imumon.report import Readings, Status, TimeTo
 from imumon.samples import Bools, Floats
 
-AGREEMENT = 5.0
-"""Standard deviations by which excluded octaves may differ from the model and still count as agreeing with
-it. Decides between the caveats ``quantised``, ``correlated`` and ``vibration`` only. Not critical."""
+VIBRATION_SHARE = 0.1
+"""1, share of the Allan variance at some tau that lines must have for the caveat ``vibration``: the curve then
+bends visibly. Not critical."""
 
 SLOPE_TOLERANCE = 0.2
 """1, difference from the nominal slope of log sigma over log tau up to which a slope is read. Sensitivity:
 halved or doubled, it changes which values appear (gyro y readings K of the record "disturbed")."""
+
+WALK = TERMS.index("K")
 
 _FLICKER_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Sigma / B of flicker. Sensitivity: halved 50 %, doubled 50 % (gyro z readings B of the record "clean")."""
@@ -66,8 +68,8 @@ class ChannelFit:
     edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
     time_to : s, still to record until N, B and K are as precise as requested.
     readings : classical slope readings.
-    caveats : ``misfit`` (no description passes, or it uses fewer than half of the octaves), ``vibration`` and
-        ``correlated`` (octaves excluded that lie mostly above or below the model), ``quantised``, ``ramp``.
+    caveats : ``misfit`` (no description passes, or none with the longest octaves), ``vibration`` (lines, or
+        shortest octaves above the model), ``correlated`` (shortest octaves below it), ``quantised``, ``ramp``.
     """
 
     N: FittedCoefficient
@@ -115,7 +117,9 @@ def channel_fits(
     low = 1.0 / np.sqrt(_share_of_expectation(0.975, edf))
     high = 1.0 / np.sqrt(_few_differences_quantile(edf))
     return [
-        _channel(curve, channel, p[row], known[row], used[row], model[row], edf[row], (low[row], high[row]))
+        _channel(
+            curve, channel, problems.take([row]), p[row], known[row], model[row], edf[row], (low[row], high[row])
+        )
         for row, channel in enumerate(channels)
     ]
 
@@ -123,22 +127,22 @@ def channel_fits(
 def _channel(
     curve: AllanCurve,
     channel: int,
+    problem: FitProblems,
     p: Floats,
     known: ChannelConfidence,
-    used: Bools,
     model: Floats,
     edf: Floats,
     limits: tuple[Floats, Floats],
 ) -> ChannelFit:
     """Return the fit of one channel; `limits` are those of the Allan deviation over its estimate."""
-    tau0 = curve.tau0
+    tau0, used = curve.tau0, problem.used[0]
     unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0, tau0**2, 1.0 / tau0**2]))
     present = curve.terms[:, channel] > 0
     sigma = curve.sigma[:, channel]
     low, high = (np.where(present, sigma * limit, 0.0) for limit in limits)
     selected = known.model
     positive = present & (sigma > 0.0)
-    caveats = _caveats(replace(selected, p=p), used, present, sigma**2, model, edf)
+    caveats = _caveats(problem, present, selected, p)
     quantised = "quantised" in caveats
     return ChannelFit(
         **{name: _coefficient(p, known, term, float(unit[term])) for term, name in enumerate(TERMS[:3])},
@@ -159,8 +163,13 @@ def _channel(
 
 
 def _coefficient(p: Floats, known: ChannelConfidence, term: int, unit: float) -> FittedCoefficient:
-    """Return one coefficient in SI; its limits move with its value since they were computed."""
+    """Return one coefficient in SI; its limits move with its value since they were computed.
+
+    A value on its own limit is too early to give: the record holds few differences that decide it.
+    """
     status, before = known.status[term], known.model.p[term]
+    if term == WALK and known.walk is not None:
+        p, before = np.where(np.arange(len(p)) == WALK, known.walk, p), known.walk
     if status == "pending":
         return FittedCoefficient(reason=known.reasons[term])
     high = math.sqrt(known.high[term]) * unit
@@ -168,29 +177,25 @@ def _coefficient(p: Floats, known: ChannelConfidence, term: int, unit: float) ->
         return FittedCoefficient(low=0.0, high=high, status=status, reason=known.reasons[term])
     ratio = math.sqrt(p[term] / before) if p[term] > 0.0 and before > 0.0 else 1.0
     value = math.sqrt(before) * ratio * unit
-    low, high = min(math.sqrt(known.low[term]) * unit * ratio, value), max(high * ratio, value)
+    low, high = math.sqrt(known.low[term]) * unit * ratio, high * ratio
+    if not low < value < high:
+        return FittedCoefficient(reason=TOO_SHORT)
     return FittedCoefficient(value=value, low=low, high=high, status=status)
 
 
-def _caveats(
-    selected: SelectedModel, used: Bools, present: Bools, variance: Floats, model: Floats, edf: Floats
-) -> tuple[str, ...]:
+def _caveats(problem: FitProblems, present: Bools, selected: SelectedModel, p: Floats) -> tuple[str, ...]:
     """Return the caveats of a fit; see `ChannelFit`."""
-    excluded = present & ~used
-    caveats = ["misfit"] if not selected.passes or excluded.sum() > used.sum() else []
-    below, agree = selected.p[QUANTISATION] < 0.0, True
-    if np.any(excluded):
-        z = (variance[excluded] / model[excluded] - 1.0) * np.sqrt(edf[excluded] / 2.0)
-        below, agree = bool(z[np.argmax(np.abs(z))] < 0.0), bool(np.abs(z).max() < AGREEMENT)
-    first = int(np.argmax(used))
-    dominates = 3.0 * selected.p[QUANTISATION] / 4.0**first > selected.p[0] / 2.0**first
-    if selected.p[QUANTISATION] > 0.0 and (agree or (below and dominates)):
-        caveats.append("quantised")  # rounding makes the shortest octaves too low, if anything
-    elif np.any(excluded) or selected.p[QUANTISATION] != 0.0:
-        caveats.append("correlated" if below else "vibration")
-    if selected.free[RAMP]:
-        caveats.append("ramp")
-    return tuple(caveats)
+    used = problem.used[0]
+    first, long = int(np.argmax(used)), bool((present & ~used)[np.argmax(used) :].any())
+    lines = float((problem.offset / problem.variance)[problem.used].max(initial=0.0))
+    holds = {
+        "misfit": not selected.passes or not selected.fits or long,
+        "vibration": lines > VIBRATION_SHARE or (first > 0 and p[QUANTISATION] > 0.0),
+        "correlated": first > 0 and p[QUANTISATION] <= 0.0,
+        "quantised": first == 0 and p[QUANTISATION] > 0.0,
+        "ramp": bool(selected.free[RAMP]),
+    }
+    return tuple(caveat for caveat, true in holds.items() if true)
 
 
 def _share_of_expectation(probability: float, dof: Floats) -> Floats:

@@ -104,6 +104,8 @@ def _spreads(problems: FitProblems, p: Floats, span: int) -> tuple[Floats, Float
             variance=np.ones(used.shape),
             thinning=np.ones(used.shape),
             used=used,
+            offset=np.zeros(used.shape),
+            extra=np.zeros((*used.shape, octaves)),
         )
         lengths.append(float(1 << octaves))
         spreads.append(_relative_deviations(longest, p))

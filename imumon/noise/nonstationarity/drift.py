@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
+from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.settling import SettlingFit, fit_settling
 from imumon.report import Change
@@ -118,24 +119,6 @@ class Trend:
     time: Slope
     temperature: Slope | None = None
     explained: float | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BlockMeans:
-    """Means of the first channels over neighbouring stretches, as `fit_slow_terms` takes them.
-
-    Attributes
-    ----------
-    means : (n, c) channel unit, about an offset; NaN: too few samples.
-    share : (n, c) valid share of each stretch.
-    temperature : (n,) degC, about an offset; None: there is none.
-    length_s : s, of a stretch.
-    """
-
-    means: Floats
-    share: Floats
-    temperature: Floats | None
-    length_s: float
 
 
 class DriftAccumulator:

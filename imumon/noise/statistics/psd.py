@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.noise.statistics.narrow_bands import NarrowBand, distinct_bands, find_narrow_bands
 from imumon.noise.statistics.spectral_lines import (
     BINS,
     HOP,
@@ -72,6 +73,7 @@ class PowerSpectrum:
     density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
     averages : (k, c) segments averaged in each value.
     lines : lines of each channel, strongest first.
+    bands : narrow bands of each channel, also of weak and broad lines, strongest first.
     white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
     """
 
@@ -79,6 +81,7 @@ class PowerSpectrum:
     density: Floats
     averages: Ints
     lines: tuple[tuple[Line, ...], ...]
+    bands: tuple[tuple[NarrowBand, ...], ...]
     white: Floats
 
 
@@ -255,9 +258,11 @@ class SpectrumAccumulator:
         if not stages:
             empty = np.zeros((0, c))
             white = np.full(c, np.nan)
-            return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), ((),) * c, white)
+            none = ((),) * c
+            return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), none, none, white)
         frequency, density, averages = [], [], []
         lines: list[list[Line]] = [[] for _ in self._groups]
+        bands: list[list[NarrowBand]] = [[] for _ in self._groups]
         rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)
         size = np.abs(self._level) + rms
         for s, (rate, power, count) in reversed(list(enumerate(stages))):
@@ -269,10 +274,12 @@ class SpectrumAccumulator:
             for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
                 own, k, band = sides[:, i], int(count[i]), range(low, high)
                 lines[i] += find_lines(power[i], own, k, rate, band, self._rate, float(size[i]))
+                bands[i] += find_narrow_bands(power[i], k, rate, band)
         white = np.array([_white(p, int(k)) for p, k in zip(*stages[0][1:], strict=True)])
         distinct_lines = tuple(distinct(each) for each in lines)
         f, power, count = np.concatenate(frequency), np.concatenate(density), np.concatenate(averages)
-        return PowerSpectrum(f, power, count, distinct_lines, white)
+        distinct_power = tuple(distinct_bands(each) for each in bands)
+        return PowerSpectrum(f, power, count, distinct_lines, distinct_power, white)
 
     def _waiting_valid(self) -> Bools:
         """Return (n, g) which of the samples that wait for a hop are valid."""

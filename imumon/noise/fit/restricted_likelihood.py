@@ -24,7 +24,7 @@ the slopes average the normal distribution over the distribution of K^2 that the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.special import gammainc, gammaincc, ndtr
@@ -58,6 +58,28 @@ combination of the means suggests. Not critical."""
 INSEPARABLE = "not separable from time"
 _TINY = 1e-300
 """Least divisor. Not critical."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockMeans:
+    """Means of the first channels over neighbouring stretches, as `fit_slow_terms` takes them.
+
+    Attributes
+    ----------
+    means : (n, c) channel unit, about an offset; NaN: too few samples.
+    share : (n, c) valid share of each stretch.
+    temperature : (n,) degC, about an offset; None: there is none.
+    length_s : s, of a stretch.
+    """
+
+    means: Floats
+    share: Floats
+    temperature: Floats | None
+    length_s: float
+
+    def select(self, channels: list[int]) -> BlockMeans:
+        """Return the means of some of the channels."""
+        return replace(self, means=self.means[:, channels], share=self.share[:, channels])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
