@@ -99,6 +99,8 @@ def confidences(
     tau0: float,
     precision: Floats | None,
     blocks: BlockMeans | None = None,
+    *,
+    spectrum: bool = True,
 ) -> list[ChannelConfidence]:
     """Select models and compute limits and times for some channels.
 
@@ -110,8 +112,9 @@ def confidences(
     tau0 : s
     precision : (3,) 1, requested half-widths of N, B and K relative to the value; None: no `time_to`.
     blocks : means of the channels over stretches of the record; None: K comes from the curve.
+    spectrum : whether the lines are known, see `select_models`.
     """
-    models = select_models(problems, previous)
+    models = select_models(problems, previous, spectrum=spectrum)
     fitted = with_selection(problems, models)
     powers = np.array([model.p for model in models])
     low, high, status, reasons = _united_limits(problems, models, span * tau0)

@@ -119,7 +119,7 @@ class Estimator:
             elif known is None or renew or (renew is None and not current):
                 due.append(channel)
         if due:
-            self._renew(problems.take(due), due, curve, blocks)
+            self._renew(problems.take(due), due, curve, blocks, spectrum=bands is not None)
         fits = {row: pending_fit(octaves, *reason) for row, reason in enumerate(reasons) if reason}
         if rows := [row for row, reason in enumerate(reasons) if reason is None]:
             known_rows = [self._confidences[row] for row in rows]
@@ -127,13 +127,19 @@ class Estimator:
         return tuple(fits[row] for row in range(count))
 
     def _renew(
-        self, problems: FitProblems, due: list[int], curve: AllanCurve, blocks: BlockMeans | None
+        self,
+        problems: FitProblems,
+        due: list[int],
+        curve: AllanCurve,
+        blocks: BlockMeans | None,
+        *,
+        spectrum: bool,
     ) -> None:
         """Compute selection, limits and times of some channels, one problem each."""
         previous = [self._confidences[c].model if c in self._confidences else None for c in due]
         precision = np.array([self.precision[name] for name in TERMS[:3]]) if self._time_to else None
         own = None if blocks is None else blocks.select(due)
-        renewed = confidences(problems, previous, curve.span, curve.tau0, precision, own)
+        renewed = confidences(problems, previous, curve.span, curve.tau0, precision, own, spectrum=spectrum)
         self._confidences.update(zip(due, renewed, strict=True))
 
 

@@ -15,7 +15,8 @@ Real sensors are not three-term models. What the spectrum shows as lines is subt
    theirs: the data do not decide between them. Where chi-square exceeds its expectation, the covariance is
    scaled by the ratio (Birge, Phys. Rev. 40, 1932).
 3. If nothing passes, the longest octaves follow no model: temperature, warm-up. Up to `MAX_LONG` of them are
-   not used if the rest then passes clearly (p >= `ACCEPTED_CUT_P`). K is then unknown.
+   not used if the rest then passes clearly (p >= `ACCEPTED_CUT_P`). K is then unknown. Where no spectrum is
+   known, this may be any block of octaves, because a line bends some in the middle.
 4. If still nothing passes, the best description is kept, and the rest counts as an error of the model common
    to all octaves. Its size makes chi-square equal to its expectation. It widens every interval. Above
    `MAX_ERROR` no description fits, and no coefficient is given.
@@ -30,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.special import chdtrc
@@ -68,6 +70,13 @@ critical."""
 MAX_LONG = 6
 """Octaves that may be excluded at the long end: the rest describes a record of a 64th of the length. Not
 critical."""
+
+MAX_BLOCK = 10
+"""Octaves in the middle that may be excluded where no spectrum is known: so many does a strong line bend. Not
+critical."""
+
+MAX_SHORT_BESIDE_BLOCK = 2
+"""Octaves that may be excluded at the short end together with a block, for the processor time. Not critical."""
 
 MAX_LAGS = 1.0
 """1, largest share of N^2/tau that the 1/tau^2 term may have at the shortest octave in use: a correlation over
@@ -135,20 +144,25 @@ class SelectedModel:
         return bool(self.used[: np.flatnonzero(self.used)[-1]].all() and np.array_equal(self.free, _BASE))
 
 
-def select_models(problems: FitProblems, previous: Sequence[SelectedModel | None]) -> list[SelectedModel]:
+def select_models(
+    problems: FitProblems, previous: Sequence[SelectedModel | None], *, spectrum: bool = True
+) -> list[SelectedModel]:
     """Return the octaves and terms of some channels.
 
     Parameters
     ----------
     problems : one problem per channel, which uses all octaves that have data.
     previous : selection for each on a shorter part of the same record.
+    spectrum : whether the lines are known. Without a spectrum, a block of octaves that a line bends may be
+        excluded instead.
     """
     base = _fitted(problems, [(used, _BASE) for used in problems.used])
     models = _with_scored_terms(problems, base, previous)
     selected = []
     for row, model in enumerate(models):
         one = problems.take([row])
-        selected.append(_with_error(one, model if model.passes else _searched(one, model, previous[row])))
+        found = model if model.passes else _searched(one, model, previous[row], spectrum)
+        selected.append(_with_error(one, found))
     return selected
 
 
@@ -243,19 +257,19 @@ def _with_terms(problem: FitProblems, model: SelectedModel, terms: list[int]) ->
     return model
 
 
-def _searched(problem: FitProblems, rejected: SelectedModel, previous: SelectedModel | None) -> SelectedModel:
+def _searched(
+    problem: FitProblems, rejected: SelectedModel, previous: SelectedModel | None, spectrum: bool
+) -> SelectedModel:
     """Return the cheapest description that passes with those beside it, or the best that does not."""
     available = problem.used[0]
-    whole = _possible(problem, _fitted_all(problem, _candidates(available, (0,))))
+    whole = _possible(problem, _fitted_all(problem, _candidates(available)))
     best = _cheapest(whole, available, REJECTED_P, previous)
     if best is None:
-        cut = _possible(problem, _fitted_all(problem, _candidates(available, range(1, MAX_LONG + 1))))
+        cut = _possible(problem, _fitted_all(problem, _cut_candidates(available, only_end=spectrum)))
         best = _cheapest(cut, available, ACCEPTED_CUT_P, previous)
     if best is not None:
         return best
-    return min(
-        [rejected, *whole], key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof
-    )
+    return min([rejected, *whole], key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof)
 
 
 def _cheapest(
@@ -278,19 +292,41 @@ def _fitted_all(problem: FitProblems, candidates: list[tuple[Bools, Bools]]) -> 
     return _fitted(problem.take([0] * len(candidates)), candidates)
 
 
-def _candidates(available: Bools, long: Sequence[int]) -> list[tuple[Bools, Bools]]:
-    """Return octaves, (k,), and terms, (5,), of the descriptions without some of the longest octaves."""
-    descriptions: list[tuple[Bools, Bools]] = []
-    first, last = (int(np.flatnonzero(available)[at]) for at in (0, -1))
-    for short in range(MAX_SHORT + 1):
-        for excluded in long:
-            for ramp in (False, True) if excluded == 0 else (False,):
-                used, free = available.copy(), _BASE.copy()
-                used[: first + short], used[last + 1 - excluded :] = False, False
-                free[QUANTISATION], free[RAMP] = short > 0, ramp
-                if used.sum() >= LEAST_OCTAVES - 3 + free.sum():
-                    descriptions.append((used, free))
-    return descriptions
+def _candidates(available: Bools) -> list[tuple[Bools, Bools]]:
+    """Return octaves, (k,), and terms, (5,), of the descriptions without some of the shortest octaves."""
+    choices = product(range(MAX_SHORT + 1), (False, True))
+    candidates = [_candidate(available, short, 0, 0, ramp=ramp) for short, ramp in choices]
+    return [each for each in candidates if _enough(*each)]
+
+
+def _cut_candidates(available: Bools, *, only_end: bool) -> list[tuple[Bools, Bools]]:
+    """Return the same without a block of octaves: at the long end, or anywhere beside the short end."""
+    count = int(available.sum())
+    if only_end:
+        choices = product(range(MAX_SHORT + 1), range(1, MAX_LONG + 1))
+        cuts = [(short, count - length, length) for short, length in choices]
+    else:
+        choices = product(range(MAX_SHORT_BESIDE_BLOCK + 1), range(1, MAX_BLOCK + 1))
+        cuts = [
+            (short, begin, length)
+            for short, length in choices
+            for begin in range(short + 1, count - length + 1)
+        ]
+    candidates = [_candidate(available, short, begin, length, ramp=False) for short, begin, length in cuts]
+    return [each for each in candidates if _enough(*each)]
+
+
+def _candidate(available: Bools, short: int, begin: int, length: int, *, ramp: bool) -> tuple[Bools, Bools]:
+    """Return octaves and terms without the shortest octaves, and without `length` from the `begin`-th on."""
+    used, free = available.copy(), _BASE.copy()
+    octaves = np.flatnonzero(available)
+    used[octaves[:short]] = used[octaves[begin : begin + length]] = False
+    free[QUANTISATION], free[RAMP] = short > 0, ramp
+    return used, free
+
+
+def _enough(used: Bools, free: Bools) -> bool:
+    return bool(used.sum() >= LEAST_OCTAVES - 3 + free.sum())
 
 
 def _possible(problem: FitProblems, models: list[SelectedModel]) -> list[SelectedModel]:

@@ -118,7 +118,14 @@ def channel_fits(
     high = 1.0 / np.sqrt(_few_differences_quantile(edf))
     return [
         _channel(
-            curve, channel, problems.take([row]), p[row], known[row], model[row], edf[row], (low[row], high[row])
+            curve,
+            channel,
+            problems.take([row]),
+            p[row],
+            known[row],
+            model[row],
+            edf[row],
+            (low[row], high[row]),
         )
         for row, channel in enumerate(channels)
     ]
@@ -186,11 +193,12 @@ def _coefficient(p: Floats, known: ChannelConfidence, term: int, unit: float) ->
 def _caveats(problem: FitProblems, present: Bools, selected: SelectedModel, p: Floats) -> tuple[str, ...]:
     """Return the caveats of a fit; see `ChannelFit`."""
     used = problem.used[0]
-    first, long = int(np.argmax(used)), bool((present & ~used)[np.argmax(used) :].any())
+    first, beyond = int(np.argmax(used)), present & ~used
+    long, block = bool(beyond[-1]), bool(beyond[np.argmax(used) :].any())
     lines = float((problem.offset / problem.variance)[problem.used].max(initial=0.0))
     holds = {
         "misfit": not selected.passes or not selected.fits or long,
-        "vibration": lines > VIBRATION_SHARE or (first > 0 and p[QUANTISATION] > 0.0),
+        "vibration": lines > VIBRATION_SHARE or (block and not long) or (first > 0 and p[QUANTISATION] > 0.0),
         "correlated": first > 0 and p[QUANTISATION] <= 0.0,
         "quantised": first == 0 and p[QUANTISATION] > 0.0,
         "ramp": bool(selected.free[RAMP]),
