@@ -98,7 +98,8 @@ class Coefficient:
     status: Status  # "upper_bound": does not show, at most `high`; "pending": unknown so far
     unit: str  # such as rad/s/sqrt(Hz)
     readable: Readable  # the same in the readable unit
-    reason: str | None = None  # why there is no value
+    scatter: float | None = None  # in `unit`, standard deviation between the quarters of the record
+    reason: str | None = None  # why there is no value, or why there is no scatter
     reason_code: str | None = None  # "constant" or "resolution": more data will not give a value
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -94,6 +94,21 @@ class WindowSums:
             self.span + other.span,
             self.segments + other.segments,
         )
+
+    def save(self) -> dict[str, np.ndarray]:
+        """Return the sums as arrays; channels of one sensor share their counts."""
+        counts = np.concatenate([self.terms, self.white_excess, self.valid[None]])
+        counts, kind = np.unique(counts, axis=1, return_inverse=True)
+        numbers = np.array([self.span, self.segments], dtype=np.int64)
+        return {"squares": self.squares, "counts": counts, "kind": kind.ravel(), "numbers": numbers}
+
+    @classmethod
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> WindowSums:
+        """Return saved sums."""
+        k = len(saved["squares"])
+        counts = saved["counts"][:, saved["kind"]]
+        span, segments = (int(value) for value in saved["numbers"])
+        return cls(saved["squares"], counts[:k], counts[k : 2 * k], counts[-1], span, segments)
 
     def curve(self, tau0: float) -> AllanCurve:
         """Return the Allan curve of these sums, up to the last octave with a difference."""

@@ -21,10 +21,12 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.confidence import OCTAVES_FOR_N, ChannelConfidence, confidences
 from imumon.noise.fit.covariance import TERMS, tables
 from imumon.noise.fit.leastsquares import FitProblems
+from imumon.noise.fit.model_selection import select_models
 from imumon.noise.fit.narrow_band_offset import band_offset, kurtosis_covariance
 from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
 from imumon.noise.statistics.narrow_bands import NarrowBand
+from imumon.samples import Floats
 
 PRECISION_N = 0.01
 """1, requested 95 % half-width of N relative to its value, as in datasheets. Changes `time_to` only. Not
@@ -153,6 +155,30 @@ def fit_curve(
 ) -> tuple[ChannelFit, ...]:
     """Fit N, B and K to every channel of a curve, once; see `Estimator`."""
     return Estimator(averaged=averaged, time_to=time_to).fit(curve, bands=bands, blocks=blocks)
+
+
+def point_estimates(
+    curve: AllanCurve,
+    *,
+    averaged: Sequence[bool],
+    resolution: Sequence[float] | None = None,
+    bands: Sequence[Sequence[NarrowBand]] | None = None,
+) -> Floats:
+    """Return N, B and K of every channel without limits, also where they are not significant.
+
+    Returns
+    -------
+    (c, 3) SI; NaN for a channel with too little data.
+    """
+    values = np.full((curve.valid.size, 3), np.nan)
+    if not len(curve.m):
+        return values
+    problems, reasons = _problems(curve, averaged[: curve.valid.size], resolution, bands)
+    if rows := [row for row, reason in enumerate(reasons) if reason is None]:
+        models = select_models(problems.take(rows), [None] * len(rows), spectrum=bands is not None)
+        unit = np.sqrt([curve.tau0, 1.0, 1.0 / curve.tau0])
+        values[rows] = [np.sqrt(np.maximum(model.p[:3], 0.0)) * unit for model in models]
+    return values
 
 
 def _problems(

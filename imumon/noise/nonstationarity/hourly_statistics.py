@@ -26,6 +26,7 @@ from imumon.noise.fit import ChannelFit
 from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import DriftAccumulator
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.noise.nonstationarity.quarters import Quarters
 from imumon.noise.nonstationarity.warmup import CANDIDATES_S, DECISION_LENGTH, OVER_SHARES, has_settled
 from imumon.noise.statistics.moments import Moments, MomentsResult
 from imumon.report import Change
@@ -108,6 +109,7 @@ class HourlyStatistics:
         self._start = 0  # end of the warm-up
         self.warmup_s = 0.0
         self._hour_mark = self._cascade.open_window()
+        self._quarters = Quarters(self._cascade, rate)
         self._segments: list[tuple[int, Moments]] = [(0, self._new())]
         self._hours: list[Hour] = []
         self._changes: dict[int, tuple[Change, ...]] = {}
@@ -165,6 +167,11 @@ class HourlyStatistics:
         """Return the finished hours after the warm-up, oldest first; older ones are joined."""
         return tuple(self._hours)
 
+    def quarters(self) -> list[AllanCurve] | None:
+        """Return the Allan curves of the four quarters after the warm-up; None while the record is too short."""
+        sums = self._quarters.result()
+        return None if sums is None else [self._curve(quarter) for quarter in sums]
+
     def changes(self) -> dict[int, tuple[Change, ...]]:
         """Return the changes of the last whole hour against those before, by column."""
         return dict(self._changes)
@@ -176,11 +183,12 @@ class HourlyStatistics:
         return (*(place for place in places if place > at), (at // self._hour + 1) * self._hour)
 
     def _until_split(self) -> int:
-        return min(self._splits()) - self.position
+        return min(*self._splits(), self._quarters.next_end) - self.position
 
     def _split(self) -> None:
-        """Open windows, decide candidates and end the hour if due at this place."""
+        """Open windows, decide candidates, end the hour and a stretch of a quarter if due at this place."""
         at = self.position
+        self._quarters.close_stretch()
         if at in self._candidates:
             self._marks[at] = self._cascade.open_window()
             self._segments.append((at, self._new()))
@@ -207,6 +215,7 @@ class HourlyStatistics:
         )
         if settled:
             self._start = candidate
+            self._quarters.restart()
             self.warmup_s = self._warmup_length_s()
             self._hours, self._changes = [], {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
@@ -288,6 +297,7 @@ class HourlyStatistics:
         """Return the state as arrays."""
         out = {f"cascade.{k}": v for k, v in self._cascade.save().items()}
         out |= {f"drift.{k}": v for k, v in self.drift.save().items()}
+        out |= {f"quarters.{k}": v for k, v in self._quarters.save().items()}
         order = list(self._cascade.windows)
         marks = [[start, order.index(mark)] for start, mark in self._marks.items()]
         out["marks"] = np.array(marks, dtype=np.int64).reshape(-1, 2)
@@ -314,6 +324,8 @@ class HourlyStatistics:
         """Continue from a saved state; the object is new and has the same arguments."""
         self._cascade = WindowedCascade.restore(subset(saved, "cascade."))
         self.drift = DriftAccumulator.restore(subset(saved, "drift."))
+        rate = 1.0 / self._interval
+        self._quarters = Quarters.restore(self._cascade, rate, subset(saved, "quarters."))
         marks = self._cascade.windows
         self._start, hour = (int(v) for v in saved["numbers"])
         self._marks = {int(start): marks[int(number)] for start, number in saved["marks"]}
