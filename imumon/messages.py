@@ -205,6 +205,11 @@ def follows_temperature(drift: Drift | None) -> bool:
     return drift is not None and drift.per_degC is not None and drift.steady_N is not None
 
 
+def drifts_with_temperature(drift: Drift | None) -> bool:
+    """Return whether time and temperature are not separable: the slope is then that of both together."""
+    return drift is not None and drift.reason == "collinear"
+
+
 def within(meets: str | None) -> str:
     """Return the text of the grade that every figure meets, for use beside the nearest grade.
 

@@ -235,10 +235,14 @@ class Drift:
     per_hour: float | None = None  # channel unit per hour
     per_hour_low: float | None = None  # channel unit per hour, lower 95 % limit
     per_hour_high: float | None = None  # channel unit per hour, upper 95 % limit
-    significant: bool | None = None  # whether per_hour is beyond 3.9 standard errors
-    per_degC: float | None = None  # channel unit per degC; null: no temperature, or a constant one
+    significant: bool | None = None  # whether per_hour is beyond 3.9 standard errors; null: collinear
+    begin_s: float | None = None  # s since the first sample, end of the warm-up: only later samples count
+    per_degC: float | None = None  # channel unit per degC, estimated together with per_hour; null: see reason
     per_degC_low: float | None = None  # channel unit per degC, lower 95 % limit
     per_degC_high: float | None = None  # channel unit per degC, upper 95 % limit
+    reason: str | None = None  # why per_degC is null: "no_temperature", "small_range", "collinear"
+    temperature_min: float | None = None  # degC, least temperature that the means cover
+    temperature_max: float | None = None  # degC, greatest temperature that the means cover
     explained: float | None = None  # share of the long-tau variance that temperature explains, 0 to 1
     steady_N: Coefficient | None = None  # N at a constant temperature; null: no significant per_degC
     steady_B: Coefficient | None = None  # B at a constant temperature; null: no significant per_degC

@@ -54,7 +54,7 @@ def test_limits_contain_the_truth(K: float, heated: bool) -> None:
         assert set(fit.reasons) == {""}
     else:
         assert np.isnan(fit.temperature).all()
-        assert set(fit.reasons) == {"no temperature"}
+        assert set(fit.reasons) == {"no_temperature"}
 
 
 def test_a_drift_is_no_random_walk() -> None:
@@ -111,7 +111,7 @@ def test_a_temperature_that_is_a_straight_line_is_not_separable() -> None:
         assert set(fit.reasons) == {INSEPARABLE}
         assert np.isnan(fit.temperature).all()
         assert np.isfinite(fit.drift).all()
-    assert set(fitted(means, degrees=25.0 + noise).reasons) == {"range too small"}
+    assert set(fitted(means, degrees=25.0 + noise).reasons) == {"small_range"}
 
 
 def test_missing_blocks_and_partial_blocks_keep_the_limits() -> None:

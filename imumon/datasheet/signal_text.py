@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Iterator
 
 from imumon.datasheet.tables import coefficient_text
-from imumon.messages import follows_temperature
+from imumon.messages import drifts_with_temperature, follows_temperature
 from imumon.report import COEFFICIENTS, Channel, Report
 from imumon.samples import sensor_of
 from imumon.units import figures, pretty, readable_unit
@@ -89,9 +89,13 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield f"lines at {', '.join(texts)}"
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
+    if drifts_with_temperature(drift):
+        yield "time and temperature are not separable: the drift per hour includes the effect of the temperature"
     if drift is not None and drift.per_degC is not None and follows_temperature(drift):
         half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
         share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
+        if drift.temperature_min is not None and drift.temperature_max is not None:
+            share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
         steady = ", ".join(
             f"{letter} {coefficient_text(part)} {pretty(part.readable.unit)}"
             for letter in COEFFICIENTS

@@ -13,7 +13,7 @@ from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import Trend
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
-from imumon.noise.nonstationarity.warmup import find_settling
+from imumon.noise.nonstationarity.warmup import find_settling, still_wanders_less
 from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Change, Report
 from imumon.samples import sensor_of
@@ -45,7 +45,7 @@ class Trends:
         self._due_s, self._begin_s = max(elapsed + TREND_PAUSE_S, elapsed * TREND_GROWTH), begin
         noises: list[MeanCovariance | None] = [MeanCovariance.of(fit) for fit in fits]
         noises += [None] * (len(self._record.channels) - len(noises))
-        self._trends = drift.result(noises)
+        self._trends = drift.result(noises, begin)
         steps = [noise and drift.bias_step(c, noise, begin) for c, noise in enumerate(noises)]
         self._bias_steps = [step.change if step else None for step in steps]
         steady = drift.without_temperature(curve, self._trends)
@@ -54,6 +54,9 @@ class Trends:
             self._may_settle(name, fit) and find_settling(drift, c, begin) is not None
             for c, (name, fit) in enumerate(zip(self._record.channels, fits, strict=False))
         ]
+        if still_wanders_less(drift, history.warmup_channels, begin):
+            # all axes warm up together
+            self._settling = [own or c in history.warmup_channels for c, own in enumerate(self._settling)]
 
     def _may_settle(self, name: str, fit: ChannelFit) -> bool:
         """Return whether settling matters: without K in the curve, nothing is mistaken for it."""

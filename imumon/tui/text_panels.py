@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import zip_longest
 
-from imumon.messages import CLOCKS, caveat_lines, excluded_by, follows_temperature, grade_text
+from imumon.messages import (
+    CLOCKS,
+    caveat_lines,
+    drifts_with_temperature,
+    excluded_by,
+    follows_temperature,
+    grade_text,
+)
 from imumon.report import Channel, Drift, Event, Report, SensorGrade
 from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
@@ -249,6 +256,8 @@ def _slope(drift: Drift | None, factor: float, unit: str, width: int) -> Line:
         return [label, ("not known yet", "faint")]
     hour = f"{number(drift.per_hour * factor, 3)} {unit} per hour"
     parts: list[Line] = [[label, (hour, "text" if drift.significant else "muted")]]
+    if drifts_with_temperature(drift):
+        parts.append([("   with the temperature", "muted")])
     if drift.significant is False:
         parts.append([("   no more than noise", "muted")])
     if drift.per_hour_low is not None and drift.per_hour_high is not None:
@@ -259,7 +268,11 @@ def _slope(drift: Drift | None, factor: float, unit: str, width: int) -> Line:
 
 def _effect(drift: Drift | None, factor: float, unit: str) -> list[Line]:
     """Return the effect of a degree on the mean where it exceeds the noise."""
-    if drift is None or drift.per_degC is None:
+    if drift is None:
+        return []
+    if drifts_with_temperature(drift):
+        return [[("   its effect: not separable from time", "muted")]]
+    if drift.per_degC is None:
         return []
     if not follows_temperature(drift):
         return [[("   its effect: no more than noise", "muted")]]

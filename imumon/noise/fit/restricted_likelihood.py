@@ -54,8 +54,10 @@ FIRST_STEPS, NEXT_STEPS = 10, 3
 LOWEST_K2, HIGHEST_K2 = 1e-4, 1e3
 """Range of the search: shares of the standard deviation of K^2 without a walk, and of the largest K^2 that one
 combination of the means suggests. Not critical."""
+MOST_FREEDOM = 1e6
+"""Degrees of freedom above which the chi-square is a normal distribution. Not critical."""
 
-INSEPARABLE = "not separable from time"
+INSEPARABLE = "collinear"
 _TINY = 1e-300
 """Least divisor. Not critical."""
 
@@ -98,8 +100,8 @@ class SlowTerms:
     temperature, temperature_low, temperature_high, temperature_error : channel unit per degC; NaN: no
         temperature, its range is too small, or not separable from time.
     correlation : of the estimates of both slopes; NaN without a temperature.
-    reasons : (c,) why there is no temperature slope: "", "no temperature", "range too small" or "not
-        separable from time". The last one applies to the drift, too: it includes what follows the temperature.
+    reasons : (c,) why there is no temperature slope: "", "no_temperature", "small_range" or
+        "collinear". The last one applies to the drift, too: it includes what follows the temperature.
     """
 
     K2: Floats
@@ -163,7 +165,7 @@ def fit_slow_terms(
         In the units of the arguments. All values are NaN for channels with fewer than `LEAST_BLOCKS` means.
     """
     n, c = means.shape
-    weights = np.ones((n, c)) if share is None else np.broadcast_to(share.reshape(n, -1), (n, c))
+    weights = np.ones((n, c)) if share is None else np.broadcast_to(share.T, (c, n)).T
     usable = np.isfinite(means) & (weights > 0.0)
     reason = _why_no_slope(temperature, np.asarray(usable.any(axis=1)))
     heat = temperature if not reason else None
@@ -185,9 +187,9 @@ def fit_slow_terms(
         x = np.stack(slopes, axis=1)
         # in units of the stretch: N^2 / s, B^2, K^2 s
         n2, b2 = N2[columns] / length_s, B2[columns]
-        free = _Combinations.of(np.column_stack((np.ones(len(rows)), x)), white, flicker[grid], walk[grid])
+        free = Combinations.of(np.column_stack((np.ones(len(rows)), x)), white, flicker[grid], walk[grid])
         search = _WalkSearch(free, free.basis @ y, n2, b2, error[columns])
-        contrasts = _Combinations.of(np.ones((len(rows), 1)), white, flicker[grid], walk[grid])
+        contrasts = Combinations.of(np.ones((len(rows), 1)), white, flicker[grid], walk[grid])
         k2, at_b2, score, p_value = search.result()
         lines = _slopes(contrasts, y, x, n2, at_b2, k2)
         out[:, columns] = np.concatenate((k2[:3], np.stack((score, p_value)), at_b2[:1], lines))
@@ -198,13 +200,27 @@ def fit_slow_terms(
     return SlowTerms(**dict(zip(names, out, strict=False)), reasons=reasons)
 
 
+def tail_probability(value: Floats | float, second: Floats | float, third: Floats | float) -> Floats:
+    """Return the probability that a sum of weighted chi-squares exceeds its mean by at least `value`.
+
+    Parameters
+    ----------
+    second, third : its cumulants; the chi-square with the same ones stands for it.
+    """
+    freedom = np.minimum(8.0 * np.power(second, 3) / np.maximum(np.square(third), _TINY), MOST_FREEDOM)
+    x = freedom + np.sign(third) * value / np.sqrt(second) * np.sqrt(2.0 * freedom)
+    x = np.maximum(x, 0.0) / 2.0
+    tail = np.where(np.greater(third, 0.0), gammaincc(freedom / 2.0, x), gammainc(freedom / 2.0, x))
+    return np.asarray(tail, dtype=np.float64)
+
+
 def _why_no_slope(temperature: Floats | None, usable: np.ndarray) -> str:
     """Return why the temperature has no slope of its own; empty: it may have one."""
     if temperature is None:
-        return "no temperature"
+        return "no_temperature"
     at = np.flatnonzero(usable & np.isfinite(temperature))
     if len(at) < LEAST_BLOCKS or np.ptp(temperature[at]) < LEAST_SPAN_DEGC:
-        return "range too small"
+        return "small_range"
     bend = temperature[at] - np.polyval(np.polyfit(at - at.mean(), temperature[at], 1), at - at.mean())
     noise = np.sqrt(np.mean(np.diff(bend, 2) ** 2) / 6.0)
     slow = np.convolve(bend, np.full(4, 0.25), mode="valid")
@@ -212,7 +228,7 @@ def _why_no_slope(temperature: Floats | None, usable: np.ndarray) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Combinations:
+class Combinations:
     """Combinations of k means that are free of some regressors and nearly independent.
 
     Attributes
@@ -226,7 +242,7 @@ class _Combinations:
     walk: Floats
 
     @classmethod
-    def of(cls, without: Floats, white: Floats, flicker: Floats, walk: Floats) -> _Combinations:
+    def of(cls, without: Floats, white: Floats, flicker: Floats, walk: Floats) -> Combinations:
         """Return the combinations that are free of the columns of `without`, (k, p)."""
         free = np.linalg.qr(without, mode="complete")[0][:, without.shape[1] :]
         root = np.linalg.inv(np.linalg.cholesky(free.T @ white @ free))
@@ -241,7 +257,7 @@ class _Combinations:
 class _WalkSearch:
     """Roots of the distribution of K^2, of several channels at once; units of the stretch."""
 
-    def __init__(self, free: _Combinations, z: Floats, n2: Floats, b2: Floats, b2_error: Floats) -> None:
+    def __init__(self, free: Combinations, z: Floats, n2: Floats, b2: Floats, b2_error: Floats) -> None:
         self._f, self._r = free.flicker[:, None, None], free.walk[:, None, None]
         self._square = (z**2)[:, None, :]  # (m, 1, c)
         self._n2, self._b2 = np.maximum(n2, _TINY), b2
@@ -300,15 +316,10 @@ class _WalkSearch:
         total = np.sum(weights * excess, axis=0) - share * self._weight * (self._b2 - b2)
         second = 2.0 * np.sum(weights**2, axis=0) + share**2 * self._weight
         third = 8.0 * np.sum(weights**3, axis=0)
-        score = total / np.sqrt(second)
-        # chi-square of the same skewness
-        freedom = np.minimum(8.0 * second**3 / np.maximum(third**2, _TINY), 1e6)
-        x = np.maximum(freedom + np.sign(third) * score * np.sqrt(2.0 * freedom), 0.0)
-        tail = np.where(third > 0.0, gammaincc(freedom / 2.0, x / 2.0), gammainc(freedom / 2.0, x / 2.0))
-        return tail, total, score, b2
+        return tail_probability(total, second, third), total, total / np.sqrt(second), b2
 
 
-def _slopes(blocks: _Combinations, y: Floats, x: Floats, n2: Floats, b2: Floats, k2: Floats) -> Floats:
+def _slopes(blocks: Combinations, y: Floats, x: Floats, n2: Floats, b2: Floats, k2: Floats) -> Floats:
     """Return value, low, high, error of drift and temperature slope, and their correlation, (9, c).
 
     Parameters

@@ -1,10 +1,13 @@
 """Drift: slope of the mean against time and against temperature, with limits that follow from the noise.
 
 The record is kept as at most 128 means over equal stretches; when they are full, neighbours are joined and
-stretches double. Slopes are fitted to the means by generalised least squares (Aitken 1935) with the
-covariance that follows from N, B and K of the channel (`MeanCovariance`), so that a random walk is not
-called a drift. A misfit that the noise does not explain widens the limits (residual chi-square over degrees
-of freedom if above one: Birge 1932).
+stretches double. The slopes of a trend, against time and against temperature, are estimated together
+(`restricted_likelihood`), from the end of the warm-up on.
+
+The slopes that decide about a warm-up are fitted by generalised least squares (Aitken 1935) with the
+covariance that follows from N, B and K of the channel (`MeanCovariance`), so that a random walk is not called
+a drift. A misfit that the noise does not explain widens their errors (residual chi-square over degrees of
+freedom if above one: Birge 1932).
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import numpy as np
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.noise.nonstationarity.restricted_likelihood import INSEPARABLE, fit_slow_terms
 from imumon.noise.nonstationarity.settling import SettlingFit, fit_settling
 from imumon.report import Change
 from imumon.samples import Bools, Floats
@@ -51,8 +55,6 @@ large only over several means. Not critical."""
 STEP_WALK = 0.5
 """Share of the fitted K that is noise in a search for a step: a step raises the K that is fitted over it. Not
 critical."""
-LEAST_SPAN_DEGC = 0.3
-"""DegC, least range of temperature from which its effect is estimated. Not critical."""
 BEYOND_WHITE = 0.1
 """Share of the variance of the means that must exceed white noise for `explained` to have a value. Not
 critical."""
@@ -114,11 +116,30 @@ class Trend:
     time : channel unit per s.
     temperature : channel unit per degC; None without a temperature, or if it was constant.
     explained : share of the variance of the means beyond white noise that follows the temperature, or None.
+    reason : why there is no temperature slope (`restricted_likelihood`), or None.
+    covered : degC, least and greatest temperature; None without one.
+    begin_s : s since the first sample, from when on the means count.
     """
 
     time: Slope
     temperature: Slope | None = None
     explained: float | None = None
+    reason: str | None = None
+    covered: tuple[float, float] | None = None
+    begin_s: float = 0.0
+
+    @property
+    def separable(self) -> bool:
+        """Whether the slope against time is that of a constant temperature, as far as is known."""
+        return self.reason != INSEPARABLE
+
+
+def _explained(means: Floats, effect: Floats, white: float) -> float | None:
+    """Return the share of the variance of means (k,) beyond white noise that an effect (k,) explains."""
+    total, rest = float(np.var(means)), float(np.var(means - effect))
+    if total - white <= BEYOND_WHITE * total:
+        return None
+    return min(1.0, max(0.0, (total - rest) / (total - white)))
 
 
 class DriftAccumulator:
@@ -188,29 +209,50 @@ class DriftAccumulator:
                 array[MEANS // 2 :] = 0.0
             self._width *= 2
 
-    def result(self, noises: Sequence[MeanCovariance | None]) -> list[Trend | None]:
-        """Return the trend of each channel; None if its noise is unknown or the record too short."""
-        return [None if noise is None else self._trend(c, noise) for c, noise in enumerate(noises)]
+    def result(self, noises: Sequence[MeanCovariance | None], begin_s: float = 0.0) -> list[Trend | None]:
+        """Return the trend of each channel from a time on; None if its noise is unknown or the record too short.
 
-    def _trend(self, c: int, noise: MeanCovariance) -> Trend | None:
-        time = self.slope(c, noise)
-        if time is None or self._temperature is None or c == self._temperature:
-            return None if time is None else Trend(time)
-        at, mean, count = self._means(c)
-        degrees_at, value, _ = self._means(self._temperature)
-        both, own, other = np.intersect1d(at, degrees_at, assume_unique=True, return_indices=True)
-        mean, count, degrees = mean[own], count[own], value[other]
-        if len(both) < LEAST_MEANS or np.ptp(degrees) < LEAST_SPAN_DEGC:
-            return Trend(time)
-        slope = self._fit_slope(both, mean, count, degrees, noise)
-        if slope is None:
-            return Trend(time)
-        total = float(np.var(mean))
-        white = noise.N**2 * self._rate * float(np.mean(1.0 / count))
-        rest = float(np.var(mean - slope.value * degrees))
-        beyond = total - white
-        explained = min(1.0, max(0.0, (total - rest) / beyond)) if beyond > BEYOND_WHITE * total else None
-        return Trend(time, slope, explained)
+        N is that of the noise; B and K come from the means, because a drift raises those of a curve.
+        """
+        out: list[Trend | None] = [None] * len(noises)
+        columns = [c for c, noise in enumerate(noises) if noise is not None]
+        if not columns or begin_s >= self.elapsed_s:
+            return out
+        blocks = self.blocks(len(noises), begin_s)
+        means, share, degrees = blocks.means[:, columns], blocks.share[:, columns], blocks.temperature
+        white = np.array([noise.N**2 for noise in noises if noise is not None])
+        flicker = np.array([noise.B**2 for noise in noises if noise is not None])
+        terms = fit_slow_terms(means, blocks.length_s, white, flicker, share=share, temperature=degrees)
+        covered = self._covered(degrees)
+        for number, c in enumerate(columns):
+            ok = np.isfinite(means[:, number])
+            slopes = [
+                Slope(float(value[number]), float(error[number]), int(ok.sum()), float(error[number]))
+                if np.isfinite(value[number])
+                else None
+                for value, error in (
+                    (terms.drift, terms.drift_error),
+                    (terms.temperature, terms.temperature_error),
+                )
+            ]
+            if slopes[0] is None:
+                continue
+            explained = None
+            if slopes[1] is not None and degrees is not None:
+                ok &= np.isfinite(degrees)
+                noise = float(white[number]) / blocks.length_s * float(np.mean(1.0 / share[ok, number]))
+                explained = _explained(means[ok, number], slopes[1].value * degrees[ok], noise)
+            reason = terms.reasons[number] or None
+            out[c] = Trend(slopes[0], slopes[1], explained, reason, covered, begin_s)
+        return out
+
+    def _covered(self, degrees: Floats | None) -> tuple[float, float] | None:
+        """Return the least and the greatest block mean of the temperature, degC; None if there is none."""
+        if degrees is None or self._offset is None or not np.isfinite(degrees).any():
+            return None
+        assert self._temperature is not None
+        offset = float(self._offset[self._temperature])
+        return offset + float(np.nanmin(degrees)), offset + float(np.nanmax(degrees))
 
     def without_temperature(self, curve: AllanCurve, trends: Sequence[Trend | None]) -> AllanCurve | None:
         """Return the Allan curve as it would be at a constant temperature.
@@ -227,20 +269,21 @@ class DriftAccumulator:
         changed = False
         for c, trend in enumerate(trends[: avar.shape[1]]):
             if trend is not None and trend.temperature is not None and trend.temperature.significant:
-                avar[:, c] *= self._share_without_temperature(c, trend.temperature.value, curve.tau)
+                avar[:, c] *= self._share_without_temperature(c, trend, curve.tau)
                 changed = True
         return replace(curve, avar=avar) if changed else None
 
-    def _share_without_temperature(self, c: int, slope: float, tau: Floats) -> Floats:
+    def _share_without_temperature(self, c: int, trend: Trend, tau: Floats) -> Floats:
         """Return (k,) the share of the Allan variance at tau, s, that does not follow the temperature."""
         assert self._temperature is not None
+        assert trend.temperature is not None
         series = np.full((2, MEANS), np.nan)  # the channel, with and without the effect of the temperature
-        at, mean, _ = self._means(c)
+        at, mean, _ = self._means(c, trend.begin_s)
         series[:, at] = mean
         degrees = np.full(MEANS, np.nan)
         degrees_at, value, _ = self._means(self._temperature)
         degrees[degrees_at] = value
-        series[1] -= slope * degrees
+        series[1] -= trend.temperature.value * degrees
         series[0, np.isnan(series[1])] = np.nan
         width, m, times, shares = self._width / self._rate, 1, [], []
         while 3 * m <= len(at):

@@ -27,7 +27,14 @@ from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import DriftAccumulator
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.quarters import Quarters
-from imumon.noise.nonstationarity.warmup import CANDIDATES_S, DECISION_LENGTH, OVER_SHARES, has_settled
+from imumon.noise.nonstationarity.warmup import (
+    CANDIDATES_S,
+    DECISION_LENGTH,
+    EARLY_PROBABILITY,
+    OVER_SHARES,
+    has_settled,
+    wandered_early,
+)
 from imumon.noise.statistics.moments import Moments, MomentsResult
 from imumon.report import Change
 from imumon.samples import Bools, Floats
@@ -84,6 +91,7 @@ class HourlyStatistics:
     warmup_s : s, valid samples that are excluded as a warm-up, without the missing or otherwise excluded ones
         within it.
     drift : means of the whole record.
+    warmup_channels : as given.
     """
 
     def __init__(
@@ -97,7 +105,7 @@ class HourlyStatistics:
         temperature: int | None = None,
     ) -> None:
         self._groups, self._interval, self._fit = list(groups), interval_s, fit
-        self._allan_channels, self._warmup_channels = allan_channels, tuple(warmup_channels)
+        self._allan_channels, self.warmup_channels = allan_channels, tuple(warmup_channels)
         self._allan_groups = max(self._groups[:allan_channels], default=-1) + 1
         rate = 1.0 / interval_s
         self.drift = DriftAccumulator(groups, rate, temperature)
@@ -193,7 +201,7 @@ class HourlyStatistics:
             self._marks[at] = self._cascade.open_window()
             self._segments.append((at, self._new()))
         for candidate in self._candidates:
-            if at == round(DECISION_LENGTH * candidate):
+            if at == round(DECISION_LENGTH * candidate) and candidate in self._marks:
                 self._decide(candidate)
         if at % self._hour == 0 and at > 0:
             self._end_hour(at)
@@ -203,14 +211,16 @@ class HourlyStatistics:
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
         # the noise is fitted after the candidate: a warm-up raises the fitted K
-        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self._warmup_channels))
+        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self.warmup_channels))
         times = [share * middle for share in OVER_SHARES]
-        settled = any(
+        settled = wandered_early(self.drift, self.warmup_channels, begin, middle, EARLY_PROBABILITY)
+        settled = settled or any(
             (settling := self.drift.settling(c, times, begin)) is not None and settling.significant
-            for c in self._warmup_channels
-        ) or any(
+            for c in self.warmup_channels
+        )
+        settled = settled or any(
             has_settled(self.drift.slope(c, noise, begin, middle), self.drift.slope(c, noise, middle))
-            for c, fit in zip(self._warmup_channels, fits, strict=True)
+            for c, fit in zip(self.warmup_channels, fits, strict=True)
             if (noise := MeanCovariance.of(fit)) is not None
         )
         if settled:
@@ -226,7 +236,7 @@ class HourlyStatistics:
         if not self._start:
             return 0.0
         before = self._merged(0, self._start).result().channels
-        return max(before[c].count for c in self._warmup_channels) * self._interval
+        return max(before[c].count for c in self.warmup_channels) * self._interval
 
     def _end_hour(self, at: int) -> None:
         """Keep the hour that ended and compare it with those before."""
