@@ -86,6 +86,7 @@ class DisturbanceDetector(ArrayState):
     baseline : the usual noise.
     moving : frames since motion was recognised; 0 at rest.
     open : start, end and code of the running disturbance; empty if there is none.
+    latest : (2, c) channel unit, mean and deviation of the last undisturbed frame that was passed on.
     """
 
     def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int, rate_hz: float) -> None:
@@ -98,8 +99,10 @@ class DisturbanceDetector(ArrayState):
         self._unusual = [False] * WINDOW_FRAMES  # the last frames, newest last
         self._candidates: list[FrameStatistics] = []  # while moving: frames for a new baseline
         self.open: list[int] = []
-        self._size = (0.0, 0.0, 0)  # of the running disturbance: over the noise, in channel unit, channel
+        self._range = np.zeros((2, len(self.channels)))  # channel unit, of the running disturbance
+        self.latest = self._reference = np.zeros((2, len(self.channels)))
         self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # within it: values equal to the last
+        self._last = np.zeros((0, len(self.channels)))  # row of it
 
     def assess(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> list[int]:
         """Assess frames and learn from the quiet ones; return the places of breaks on the grid.
@@ -139,7 +142,9 @@ class DisturbanceDetector(ArrayState):
         if unusual.any() and quiet.sum() >= 2:
             self.baseline = NoiseBaseline(*self._baseline_arguments)
             self.baseline.add(frames[quiet])
-        self._check_rest(codes)
+        self.latest = np.stack((self.baseline.level, frames.rms.min(axis=0)))
+        if self._check_rest():
+            codes[:] = MOTION
 
     def _figures(self, x: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
         d = x - self.baseline.origin[:, None, None, None]
@@ -174,14 +179,16 @@ class DisturbanceDetector(ArrayState):
 
     def _learn(self, frames: FrameStatistics, codes: Codes) -> None:
         self.baseline.add(frames)
-        self._check_rest(codes)
+        if self._check_rest():
+            codes[-1:] = MOTION  # the scales change with the last frame that is learned
 
-    def _check_rest(self, codes: Codes) -> None:
-        """Discard a baseline that turns out to be motion."""
-        if self.inertial and not self.baseline.at_rest:
-            self.baseline = NoiseBaseline(*self._baseline_arguments)
-            self.moving, self._candidates = 1, []
-            codes[:] = MOTION
+    def _check_rest(self) -> bool:
+        """Discard a baseline that turns out to be motion, and return whether it was."""
+        if not self.inertial or self.baseline.at_rest:
+            return False
+        self.baseline = NoiseBaseline(*self._baseline_arguments)
+        self.moving, self._candidates = 1, []
+        return True
 
     def _try_new_baseline(self) -> bool:
         """Use the last frames as the baseline if they are rest; return whether the record breaks."""
@@ -230,25 +237,28 @@ class DisturbanceDetector(ArrayState):
         start, end : places on the grid.
         values : (n, c) channel unit, its samples in all channels of the stream.
         """
+        own = values[:, self.channels]
         if not self.open:
-            self.open, self._size = [start, end, code], (0.0, 0.0, 0)
-            self._repeats[:] = 0
+            self.open = [start, end, code]
+            self._reference = self.latest
+            self._range = np.repeat(self._reference[:1], 2, axis=0)
+            self._repeats[:], self._last = 0, own[:0]
         self.open[1:] = [end, max(code, self.open[2])]
-        if not len(values):
-            return
-        self._repeats += (np.diff(values[:, self.channels], axis=0) == 0.0).sum(axis=0)
-        distance = np.abs(values[:, self.channels] - self.baseline.level).max(axis=0)
-        relative = distance / np.maximum(self.baseline.sample, np.finfo(np.float64).tiny)
-        worst = int(np.argmax(relative))
-        if relative[worst] >= self._size[0]:
-            self._size = (float(relative[worst]), float(distance[worst]), self.channels[worst])
+        if len(own):
+            self._repeats += (np.diff(own, axis=0, prepend=self._last) == 0.0).sum(axis=0)
+            self._last = own[-1:]
+            self._range[0] = np.minimum(self._range[0], own.min(axis=0))
+            self._range[1] = np.maximum(self._range[1], own.max(axis=0))
 
     def close(self) -> Disturbance:
         """End and return the running disturbance."""
         start, end, code = self.open
         self.open = []
-        sized = code != STUCK and self._size[1] > 0.0
-        size, channel = (self._size[1], self._size[2]) if sized else (None, None)
+        level, deviation = self._reference
+        distance = np.maximum(self._range[1] - level, level - self._range[0])
+        worst = int(np.argmax(distance / np.maximum(deviation, np.finfo(np.float64).tiny)))
+        sized = code != STUCK and distance[worst] > 0.0
+        size, channel = (float(distance[worst]), self.channels[worst]) if sized else (None, None)
         if code == STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
             channel = self.channels[int(np.argmax(self._repeats))]
         named = self.inertial or code in (CLIPPED, STUCK)
@@ -256,7 +266,8 @@ class DisturbanceDetector(ArrayState):
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out: dict[str, np.ndarray] = {"state": np.array([self.moving, *self._unusual], dtype=np.int64)}
+        out = {"state": np.array([self.moving, *self._unusual], dtype=np.int64)}
+        out["latest"] = self.latest.copy()
         if self._candidates:
             frames = FrameStatistics.joined(self._candidates)
             out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
@@ -266,6 +277,7 @@ class DisturbanceDetector(ArrayState):
         """Continue from a saved state."""
         self.moving = int(saved["state"][0])
         self._unusual = [bool(v) for v in saved["state"][1:]]
+        self.latest = np.array(saved["latest"])
         self._candidates = []
         if candidates := subset(saved, "candidates."):
             frames = FrameStatistics(*(candidates[name] for name in FrameStatistics.__slots__))

@@ -231,7 +231,8 @@ class Guard:
         """Assess the complete frames; assess the first `least` of them together."""
         while (ready := len(self._values) // self._frame - len(self._codes) // PARTS) > 0:
             if self._started:
-                self._assess(min([ready] + [d.baseline.next_change for d in self._detectors]))
+                changing = (self._repeats, *(detector.baseline for detector in self._detectors))
+                self._assess(min(ready, *(part.next_change for part in changing)))
             elif ready >= least:
                 self._assess(least)
                 self._started = True
@@ -280,6 +281,8 @@ class Guard:
             self._exclude(values, valid, marked[PARTS : PARTS + parts])
         else:
             self._end(self._detectors)
+            for detector in self._detectors:
+                self._refer(detector, values, valid, n)
         self._tail = self._codes[parts - PARTS : parts]
         self._codes, self._saturated = self._codes[parts:], self._saturated[n:]
         self._values, self._valid = self._values[n:].copy(order="F"), self._valid[n:].copy()
@@ -313,11 +316,24 @@ class Guard:
             edges = np.flatnonzero(np.diff(codes[:, w] > 0, prepend=False, append=False)).tolist()
             for begin, end in zip(edges[::2], edges[1::2], strict=True):
                 here = slice(begin * self._part, end * self._part)
-                self.disturbances += not detector.open
+                if not detector.open:
+                    self._refer(detector, values, valid, here.start)
+                    self.disturbances += 1
                 span = (self._index + here.start, self._index + here.stop)
                 detector.extend(*span, int(codes[begin:end, w].max()), values[here][received[here]])
                 if end < len(codes):
                     self._end([detector])
+            self._refer(detector, values, valid, len(values))
+
+    def _refer(self, detector: DisturbanceDetector, values: Floats, valid: Bools, end: int) -> None:
+        """Keep mean and deviation of the last frame before row `end` of which at least half is valid."""
+        for last in range(end // self._frame * self._frame, 0, -self._frame):
+            rows = slice(last - self._frame, last)
+            ok = np.asarray(valid[rows][:, detector.groups].all(axis=1), dtype=bool)
+            if 2 * int(ok.sum()) >= self._frame:
+                own = values[rows][ok][:, detector.channels]
+                detector.latest = np.stack((own.mean(axis=0), own.std(axis=0)))
+                break
 
     def _end(self, detectors: list[DisturbanceDetector]) -> None:
         self._events += [detector.close() for detector in detectors if detector.open]
