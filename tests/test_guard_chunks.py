@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from imumon.pipeline.accumulators import Accumulators
@@ -63,7 +63,7 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
             events += statistics.new_disturbances()
     statistics.flush()
     events += statistics.new_disturbances()
-    events.sort(key=lambda e: (e.start, e.kind))
+    events.sort(key=lambda e: (e.start, e.kind, e.length))
     curve, moments = statistics.statistics.history.curve(), statistics.statistics.history.moments()
     exact = [
         [(e.kind, e.start, e.length, e.channel) for e in events],
@@ -79,7 +79,7 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
     return exact, rounded
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(
     st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, ROWS - 1)), max_size=5),
     st.lists(st.integers(1, ROWS - 1), max_size=40),
