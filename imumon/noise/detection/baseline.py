@@ -59,6 +59,9 @@ REST_LIMIT_ACCEL = 3e-2
 WHITE_FACTOR = 20.0
 """Factor on these limits above which a sensor with a white spectrum is not at rest either: 100 deg/sqrt(h) is
 no sensor, but one that is shaken. Not critical."""
+ONE_AXIS_FACTOR = 2.0
+"""Factor on the limits above which a single axis is not at rest: four standard errors of a median of
+`REST_FRAMES` steps. Below, more than one axis exceeds them. Not critical."""
 TURN_RATE = 0.1
 """Rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest.
 Sensitivity: halved 0 %, doubled changes which values appear (gyro z allan used of the record "jittered")."""
@@ -66,6 +69,9 @@ REST_FRAMES = 16
 """Frames by which rest is assessed, the last ones. Not critical."""
 LEAST_REST_FRAMES = 4
 """Frames below which the sensor is taken to be at rest. Not critical."""
+REST_MARGIN = 7.2
+"""Factor of k^-1/2 by which the limits of rest are wider with fewer than `REST_FRAMES` frames k: six standard
+errors of their median, so that a record of a noisy sensor does not begin as motion. Not critical."""
 COLOURED_STEP = 2.0
 """Ratio of the steps between frames to what white noise of the parts makes, above which noise is coloured.
 Not critical."""
@@ -240,6 +246,11 @@ class NoiseBaseline(ArrayState):
         return next((at for at in SCHEDULE if self.frames < at), last) - self.frames
 
     @property
+    def peak(self) -> Floats:
+        """(c,) channel unit, greatest usual distance of a sample from the mean of its frame."""
+        return np.asarray(self._limits[0])
+
+    @property
     def level(self) -> Floats:
         """(c,) channel unit, median of the means of the last quiet frames."""
         return _median(self._recent_means[: min(self.frames, LEVEL_FRAMES)], self.origin)
@@ -291,13 +302,17 @@ class NoiseBaseline(ArrayState):
         self._update_step(frames)
         if not self.ready:
             return np.zeros(frames.mean.shape, dtype=bool)
-        peak, part_peak, mean, rms, parts = self._limits
-        # a random walk continues during the frames that were not learned from
-        shift = mean * np.sqrt(1.0 + self.stale / LEVEL_FRAMES)
-        unusual = np.abs(frames.mean - self._levels(frames.mean)) > shift
+        peak, part_peak, _, rms, parts = self._limits
+        unusual = self.moved(frames)
         unusual |= (frames.peak > peak) | (frames.part_peak > part_peak)
         unusual |= (frames.rms > rms) | (frames.parts > parts)
         return np.asarray(unusual & frames.known[:, None], dtype=bool)
+
+    def moved(self, frames: FrameStatistics) -> Bools:
+        """Return (k, c) the frames whose mean is not at the level."""
+        # a random walk continues during the frames that were not learned from
+        shift = self._limits[2] * np.sqrt(1.0 + self.stale / LEVEL_FRAMES)
+        return np.asarray(np.abs(frames.mean - self._levels(frames.mean)) > shift)
 
     def _update_step(self, frames: FrameStatistics) -> None:
         """Note the least step that a channel makes."""
@@ -351,8 +366,13 @@ class NoiseBaseline(ArrayState):
         rms, parts = np.exp(_median(rows[:, 1], zero)), np.exp(_median(rows[:, 2], zero))
         coloured = step > COLOURED_STEP * parts / np.sqrt(PARTS)
         coloured |= parts > COLOURED_PARTS * self._white * rms
-        limit = self._rest_limit
-        return not bool(np.any((step > limit) & (coloured | (step > WHITE_FACTOR * limit))))
+        # the median of few steps scatters
+        limit = self._rest_limit * (1.0 + REST_MARGIN * (k**-0.5 - REST_FRAMES**-0.5))
+        moves = (step > limit) & (coloured | (step > WHITE_FACTOR * limit))
+        # the steps of a single axis may be great by chance
+        return int(moves.sum()) < min(2, len(moves)) and not bool(
+            np.any(moves & (step > ONE_AXIS_FACTOR * limit))
+        )
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""

@@ -1,10 +1,12 @@
 """Disturbances: frames of the sensors on one table that differ from their baseline.
 
 The detector assesses frame after frame against the `NoiseBaseline` and learns from the quiet ones. A frame
-that differs is searched part by part; if some parts explain it, only they are marked. Disturbed for most of
-ten frames means not at rest: everything is marked until five quiet frames follow, or until sixteen frames at
-a new level or with a new noise can be rest by themselves (a started engine, a tilted table). These become the
-baseline, and the record breaks behind them, because a difference across the change is not noise.
+that differs by single samples has outliers (`outliers`). Any other frame is searched part by part; if some
+parts explain it, only they are marked. Disturbed for most of ten frames means that everything is marked until
+five quiet frames follow, or until sixteen frames at a new level or with a new noise can be rest by themselves
+(a started engine, a tilted table). These become the baseline, and the record breaks behind them, because a
+difference across the change is not noise. It is motion if more than one axis or a mean has changed in most
+of the ten frames; a single axis whose noise changes does not move.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.detection.baseline import PARTS, ArrayState, FrameStatistics, NoiseBaseline
+from imumon.noise.detection.outliers import OutlierDetector, own_limit
 from imumon.samples import Bools, Floats
 
 Codes: TypeAlias = npt.NDArray[np.int8]
@@ -49,15 +52,36 @@ ONE_AXIS = 0.5
 critical."""
 
 
+USUAL, ONE_CHANNEL, SEVERAL = range(3)
+"""What a frame shows: the usual noise, another noise of one axis, or of several axes or another mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlier:
+    """A single sample that is excluded on its sensor.
+
+    Attributes
+    ----------
+    place : on the grid.
+    group, channel : its sensor and the axis that is farthest off.
+    size : channel unit, distance from the middle of its frame.
+    """
+
+    place: int
+    group: int
+    channel: int
+    size: float
+
+
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """An excluded stretch of samples.
+    """An excluded stretch of samples, or the outliers of one sensor within a minute.
 
     Attributes
     ----------
     kind : the reason.
     start : samples on the grid since the guard began, margin included.
-    length : samples, margins included.
+    length : excluded samples, margins included.
     size : channel unit, greatest distance from the level; None for a stuck output.
     channel : index of the channel whose distance is greatest relative to its noise, or which alone is stuck;
         None: no single one.
@@ -84,8 +108,11 @@ class DisturbanceDetector(ArrayState):
     ----------
     channels, groups : columns and groups of the stream that are assessed.
     baseline : the usual noise.
-    moving : frames since motion was recognised; 0 at rest.
+    moving : frames since everything is marked; 0 in usual noise.
+    outliers : finds single samples, and knows the channels that have them as noise.
+    found : outliers to exclude, in order; the guard takes them.
     open : start, end and code of the running disturbance; empty if there is none.
+    latest : (2, c) channel unit, mean and deviation of the last undisturbed frame that was passed on.
     """
 
     def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int, rate_hz: float) -> None:
@@ -94,12 +121,23 @@ class DisturbanceDetector(ArrayState):
         self.groups = [g for g, s in enumerate(dict.fromkeys(sensors)) if s in kinds]
         self._baseline_arguments = tuple(sensors[i] for i in self.channels), frame, rate_hz
         self.baseline = NoiseBaseline(*self._baseline_arguments)
+        self._group_of = [list(dict.fromkeys(sensors)).index(sensors[i]) for i in self.channels]
+        self.outliers = OutlierDetector(self._group_of, frame)
+        self.found: list[Outlier] = []
         self.moving = 0
-        self._unusual = [False] * WINDOW_FRAMES  # the last frames, newest last
+        self._reason = MOTION  # why everything is marked
+        self._unusual = [USUAL] * WINDOW_FRAMES  # the last frames, newest last
         self._candidates: list[FrameStatistics] = []  # while moving: frames for a new baseline
         self.open: list[int] = []
-        self._size = (0.0, 0.0, 0)  # of the running disturbance: over the noise, in channel unit, channel
+        self._range = np.zeros((2, len(self.channels)))  # channel unit, of the running disturbance
+        self.latest = self._reference = np.zeros((2, len(self.channels)))
         self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # within it: values equal to the last
+        self._last = np.zeros((0, len(self.channels)))  # row of it
+
+    @property
+    def at_rest(self) -> bool:
+        """False while the sensor moves or is handled."""
+        return not (self.moving and self._reason == MOTION)
 
     def assess(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> list[int]:
         """Assess frames and learn from the quiet ones; return the places of breaks on the grid.
@@ -112,7 +150,7 @@ class DisturbanceDetector(ArrayState):
         index : place on the grid of the first row.
         """
         k, frame = x.shape[1], x.shape[2] * x.shape[3]
-        if not self.moving and not any(self._unusual):
+        if self.baseline.ready and not self.moving and not any(self._unusual):
             frames, _ = self._figures(x, usable)
             if frames.known.all() and not self.baseline.unusual(frames).any():
                 self._learn(frames, codes)
@@ -120,13 +158,23 @@ class DisturbanceDetector(ArrayState):
         breaks = []
         for f in range(k):
             own = None if usable is None else usable[f : f + 1]
-            if self._assess_frame(x[:, f : f + 1], own, codes[f : f + 1]):
-                breaks.append(index + (f + 1) * frame)
+            place = index + f * frame
+            if self._assess_frame(x[:, f : f + 1], own, codes[f : f + 1], place):
+                breaks.append(place + frame)
         return breaks
 
-    def assess_first(self, x: Floats, usable: Bools | None, codes: Codes) -> None:
+    def assess_first(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> None:
         """Assess the first frames by one another, because a record may begin with a knock; see `assess`."""
-        frames, _ = self._figures(x, usable)
+        frames, d = self._figures(x, usable)
+        limit = own_limit(d, usable)
+        outliers = np.zeros(d.shape, dtype=bool)
+        for f in range(d.shape[1]):
+            one = slice(f, f + 1)
+            found = self.outliers.find(d[:, one], None if usable is None else usable[one], limit)
+            if found is not None:
+                outliers[:, one] = found
+        if outliers.any():
+            frames = self._without(outliers, d, usable)
         self.baseline.add(frames[frames.known])
         if not self.baseline.ready:
             return
@@ -134,12 +182,43 @@ class DisturbanceDetector(ArrayState):
         for f in np.flatnonzero(unusual).tolist():
             own = None if usable is None else usable[f : f + 1]
             codes[f] = self._locate(self._figures(x[:, f : f + 1], own)[1], own)
-        self._unusual = [*self._unusual, *map(bool, unusual)][-WINDOW_FRAMES:]
+        self._unusual = [*self._unusual, *np.where(unusual, SEVERAL, USUAL).tolist()][-WINDOW_FRAMES:]
         quiet = frames.known & ~unusual
         if unusual.any() and quiet.sum() >= 2:
             self.baseline = NoiseBaseline(*self._baseline_arguments)
             self.baseline.add(frames[quiet])
-        self._check_rest(codes)
+        outliers &= quiet[:, None, None]
+        self.outliers.count(outliers, int(quiet.sum()))
+        self._note(x, outliers, index)
+        self.latest = np.stack((self.baseline.level, frames.rms.min(axis=0)))
+        if self._check_rest():
+            codes[:] = MOTION
+
+    def _without(self, outliers: Bools, d: Floats, usable: Bools | None) -> FrameStatistics:
+        """Return the statistics of frames without outliers, all (c, k, PARTS, part)."""
+        rest: Bools = np.logical_not(outliers.any(axis=0))
+        if usable is not None:
+            rest = rest & usable
+        return FrameStatistics.of(d * rest, rest, self.baseline.origin)
+
+    def _note(self, x: Floats, outliers: Bools, index: int) -> None:
+        """Exclude outliers (c, k, PARTS, part) of channels in which they are not noise.
+
+        Parameters
+        ----------
+        x : (c, k, PARTS, part) channel unit.
+        index : place on the grid of the first sample.
+        """
+        own = outliers & ~self.outliers.noise[:, None, None, None]
+        marked = own.reshape(len(own), -1)
+        for row in np.flatnonzero(marked.any(axis=0)).tolist():
+            distance = np.abs(x.reshape(len(x), -1)[:, row] - self.baseline.level)
+            by_group: dict[int, Outlier] = {}
+            for c in np.flatnonzero(marked[:, row]).tolist():
+                group, size = self._group_of[c], float(distance[c])
+                if group not in by_group or size > by_group[group].size:
+                    by_group[group] = Outlier(index + row, group, self.channels[c], size)
+            self.found += by_group.values()
 
     def _figures(self, x: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
         d = x - self.baseline.origin[:, None, None, None]
@@ -147,41 +226,63 @@ class DisturbanceDetector(ArrayState):
             d *= usable
         return FrameStatistics.of(d, usable, self.baseline.origin), d
 
-    def _assess_frame(self, x: Floats, usable: Bools | None, codes: Codes) -> bool:
+    def _assess_frame(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> bool:
         """Assess one frame and return whether the record breaks behind it."""
+        baseline = self.baseline
         frames, d = self._figures(x, usable)
-        unusual = bool(self.baseline.unusual(frames).any())
-        self._unusual = [*self._unusual[1:], unusual]
-        if unusual:
+        unusual, outliers = baseline.unusual(frames), None
+        untried = self.moving or not baseline.ready  # no usual noise, or not this one
+        if untried or unusual.any():
+            limit = own_limit(d, usable) if untried else baseline.peak
+            outliers = self.outliers.find(d, usable, limit)
+            if outliers is not None:
+                without = self._without(outliers, d, usable)
+                explained = baseline.unusual(without)
+                if untried or not explained.any():
+                    frames, unusual = without, explained
+                else:
+                    outliers = None
+        several = np.count_nonzero(unusual) > 1 or bool(baseline.moved(frames).any())
+        state = (SEVERAL if several else ONE_CHANNEL) if unusual.any() else USUAL
+        self._unusual = [*self._unusual[1:], state]
+        if state:
             codes[:] = self._locate(d, usable)
-        if unusual or not frames.known[0]:
-            self.baseline.skip(1)
+        if state or not frames.known[0]:
+            baseline.skip(1)
         if self.moving:
             self.moving += 1
-            codes[:] = MOTION
+            if self._unusual.count(SEVERAL) >= MOTION_FRAMES:
+                self._reason = MOTION
+            codes[:] = self._reason
             if frames.known[0]:
                 self._candidates.append(frames)
-            if self.baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
+            if baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
                 self.moving, self._candidates = 0, []
             elif len(self._candidates) >= NEW_BASELINE_FRAMES:
                 return self._try_new_baseline()
-        elif sum(self._unusual) >= MOTION_FRAMES:
+        elif WINDOW_FRAMES - self._unusual.count(USUAL) >= MOTION_FRAMES:
             self.moving, self._candidates = 1, []
-            codes[:] = MOTION
-        elif not unusual and frames.known[0]:
-            self._learn(frames, codes)
+            self._reason = MOTION if self._unusual.count(SEVERAL) >= MOTION_FRAMES else KNOCK
+            codes[:] = self._reason
+        elif not state and frames.known[0]:
+            self._learn(frames, codes, outliers)
+            if outliers is not None:
+                self._note(x, outliers, index)
         return False
 
-    def _learn(self, frames: FrameStatistics, codes: Codes) -> None:
+    def _learn(self, frames: FrameStatistics, codes: Codes, outliers: Bools | None = None) -> None:
+        self.outliers.count(outliers, len(frames.mean))
         self.baseline.add(frames)
-        self._check_rest(codes)
+        if self._check_rest():
+            codes[-1:] = MOTION  # the scales change with the last frame that is learned
 
-    def _check_rest(self, codes: Codes) -> None:
-        """Discard a baseline that turns out to be motion."""
-        if self.inertial and not self.baseline.at_rest:
-            self.baseline = NoiseBaseline(*self._baseline_arguments)
-            self.moving, self._candidates = 1, []
-            codes[:] = MOTION
+    def _check_rest(self) -> bool:
+        """Discard a baseline that turns out to be motion, and return whether it was."""
+        if not self.inertial or self.baseline.at_rest:
+            return False
+        self.baseline = NoiseBaseline(*self._baseline_arguments)
+        self.moving, self._reason, self._candidates = 1, MOTION, []
+        return True
 
     def _try_new_baseline(self) -> bool:
         """Use the last frames as the baseline if they are rest; return whether the record breaks."""
@@ -192,7 +293,7 @@ class DisturbanceDetector(ArrayState):
         if not trial.at_rest or trial.unusual(frames).any(axis=1).mean() > MOST_UNUSUAL:
             return False
         self.baseline, self.moving = trial, 0
-        self._unusual = [False] * WINDOW_FRAMES
+        self._unusual = [USUAL] * WINDOW_FRAMES
         return self.inertial
 
     def _locate(self, d: Floats, usable: Bools | None) -> Codes:
@@ -209,17 +310,14 @@ class DisturbanceDetector(ArrayState):
             distance *= usable[0]
         samples = np.abs(distance) > (baseline.sample + baseline.shift)[:, None, None]
         hit = samples.any(axis=(0, 2))
-        rows = np.flatnonzero(samples.any(axis=0))
-        glitch = len(rows) > 0 and bool(rows[-1] - rows[0] <= 1)
-        if not glitch:
-            means = np.abs(distance.mean(axis=2)) > (baseline.part + baseline.shift)[:, None]
-            hit |= means.any(axis=0)
+        means = np.abs(distance.mean(axis=2)) > (baseline.part + baseline.shift)[:, None]
+        hit |= means.any(axis=0)
         if 0 < hit.sum() <= LARGEST_SHARE * PARTS:
             rest = np.array(np.broadcast_to(~hit[None, :, None], d.shape[1:]))
             if usable is not None:
                 rest &= usable
             if not baseline.unusual(FrameStatistics.of(d * rest, rest, baseline.origin)).any():
-                return np.where(hit, GLITCH if glitch else KNOCK, 0).astype(np.int8)
+                return np.where(hit, KNOCK, 0).astype(np.int8)
         return np.full(PARTS, KNOCK, dtype=np.int8)
 
     def extend(self, start: int, end: int, code: int, values: Floats) -> None:
@@ -230,25 +328,28 @@ class DisturbanceDetector(ArrayState):
         start, end : places on the grid.
         values : (n, c) channel unit, its samples in all channels of the stream.
         """
+        own = values[:, self.channels]
         if not self.open:
-            self.open, self._size = [start, end, code], (0.0, 0.0, 0)
-            self._repeats[:] = 0
+            self.open = [start, end, code]
+            self._reference = self.latest
+            self._range = np.repeat(self._reference[:1], 2, axis=0)
+            self._repeats[:], self._last = 0, own[:0]
         self.open[1:] = [end, max(code, self.open[2])]
-        if not len(values):
-            return
-        self._repeats += (np.diff(values[:, self.channels], axis=0) == 0.0).sum(axis=0)
-        distance = np.abs(values[:, self.channels] - self.baseline.level).max(axis=0)
-        relative = distance / np.maximum(self.baseline.sample, np.finfo(np.float64).tiny)
-        worst = int(np.argmax(relative))
-        if relative[worst] >= self._size[0]:
-            self._size = (float(relative[worst]), float(distance[worst]), self.channels[worst])
+        if len(own):
+            self._repeats += (np.diff(own, axis=0, prepend=self._last) == 0.0).sum(axis=0)
+            self._last = own[-1:]
+            self._range[0] = np.minimum(self._range[0], own.min(axis=0))
+            self._range[1] = np.maximum(self._range[1], own.max(axis=0))
 
     def close(self) -> Disturbance:
         """End and return the running disturbance."""
         start, end, code = self.open
         self.open = []
-        sized = code != STUCK and self._size[1] > 0.0
-        size, channel = (self._size[1], self._size[2]) if sized else (None, None)
+        level, deviation = self._reference
+        distance = np.maximum(self._range[1] - level, level - self._range[0])
+        worst = int(np.argmax(distance / np.maximum(deviation, np.finfo(np.float64).tiny)))
+        sized = code != STUCK and distance[worst] > 0.0
+        size, channel = (float(distance[worst]), self.channels[worst]) if sized else (None, None)
         if code == STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
             channel = self.channels[int(np.argmax(self._repeats))]
         named = self.inertial or code in (CLIPPED, STUCK)
@@ -256,7 +357,12 @@ class DisturbanceDetector(ArrayState):
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out: dict[str, np.ndarray] = {"state": np.array([self.moving, *self._unusual], dtype=np.int64)}
+        state = np.array([self.moving, self._reason, *self._unusual], dtype=np.int64)
+        out: dict[str, np.ndarray] = {"state": state}
+        out |= {f"outliers.{name}": value for name, value in self.outliers.save().items()}
+        found = [[o.place, o.group, o.channel, o.size] for o in self.found]
+        out["found"] = np.array(found, dtype=np.float64).reshape(-1, 4)
+        out["latest"] = self.latest.copy()
         if self._candidates:
             frames = FrameStatistics.joined(self._candidates)
             out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
@@ -265,7 +371,11 @@ class DisturbanceDetector(ArrayState):
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from a saved state."""
         self.moving = int(saved["state"][0])
-        self._unusual = [bool(v) for v in saved["state"][1:]]
+        self._reason, *self._unusual = (int(v) for v in saved["state"][1:])
+        self.outliers.restore(subset(saved, "outliers."))
+        found = saved["found"].tolist()
+        self.found = [Outlier(int(at), int(group), int(c), size) for at, group, c, size in found]
+        self.latest = np.array(saved["latest"])
         self._candidates = []
         if candidates := subset(saved, "candidates."):
             frames = FrameStatistics(*(candidates[name] for name in FrameStatistics.__slots__))

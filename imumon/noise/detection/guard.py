@@ -10,6 +10,7 @@ Rules:
 
 - Gyroscope and accelerometer share a table: a disturbance of one excludes both. The magnetometer is assessed
   by itself. Other sensors (temperature, pressure) pass unchanged.
+- A single sample that is far off (`outliers`) is excluded by itself, on its own sensor and without a margin.
 - The result depends on the grid alone: any chunking of the input gives the same exclusions.
 - Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass
   on, unfiltered. Later results differ by the excluded samples only.
@@ -34,14 +35,16 @@ from imumon.noise.detection.disturbance import (
     Codes,
     Disturbance,
     DisturbanceDetector,
+    Outlier,
     Reason,
     subset,
 )
 from imumon.noise.detection.stuck import RepeatDetector, StuckAxisDetector
 from imumon.samples import Bools, Floats
 
-GLITCH_MARGIN = 1
-"""Parts (0.1 s) excluded on both sides of a glitch: a single sample has no echo. Not critical."""
+OUTLIER_EVENT_FRAMES = 60
+"""Frames within which the outliers of a sensor are one disturbance: a minute, so that they do not flood the
+events. Not critical."""
 MARGIN_BEFORE = 5
 """Parts (0.1 s) excluded before any other disturbance: it begins below the threshold. Sensitivity: halved 91
 %, doubled changes which values appear (accel z readings B of the record "disturbed")."""
@@ -107,6 +110,7 @@ class Guard:
             for kinds in (INERTIAL, ("mag",))
             if any(s in kinds for s in names)
         ]
+        self._outliers: dict[int, Disturbance] = {}  # running disturbances by group
         self._repeats = RepeatDetector(self.groups)
         assessed = [c for detector in self._detectors for c in detector.channels]
         self._stuck_axes = StuckAxisDetector(assessed, self.groups)
@@ -125,7 +129,15 @@ class Guard:
     @property
     def at_rest(self) -> bool:
         """False while the sensor moves or is handled."""
-        return not any(detector.moving for detector in self._detectors if detector.inertial)
+        return all(detector.at_rest for detector in self._detectors if detector.inertial)
+
+    @property
+    def noisy_outliers(self) -> Bools:
+        """(c,) Channels whose outliers are so many that they are noise now and are not excluded."""
+        noisy = np.zeros(len(self.groups), dtype=bool)
+        for detector in self._detectors:
+            noisy[detector.channels] = detector.outliers.noise
+        return noisy
 
     @property
     def stuck(self) -> bool:
@@ -218,6 +230,8 @@ class Guard:
         self._assess_ready(min(FIRST_FRAMES, max(1, len(self._values) // self._frame)))
         out += self._pass_on(len(self._codes) // PARTS)
         self._end(self._detectors)
+        self._events += self._outliers.values()
+        self._outliers = {}
         self._tail = np.zeros_like(self._tail)
         return out
 
@@ -231,7 +245,8 @@ class Guard:
         """Assess the complete frames; assess the first `least` of them together."""
         while (ready := len(self._values) // self._frame - len(self._codes) // PARTS) > 0:
             if self._started:
-                self._assess(min([ready] + [d.baseline.next_change for d in self._detectors]))
+                changes = [self._repeats.next_change, *(d.baseline.next_change for d in self._detectors)]
+                self._assess(min(ready, *changes))
             elif ready >= least:
                 self._assess(least)
                 self._started = True
@@ -258,7 +273,7 @@ class Guard:
             if self._started:
                 self._breaks += detector.assess(x, usable, own, self._index + done)
             else:
-                detector.assess_first(x, usable, own)
+                detector.assess_first(x, usable, own, self._index + done)
             if not clean:
                 for code, hit in ((CLIPPED, saturated), (STUCK, repeats)):
                     own[np.any((hit & received).reshape(shape), axis=2)] = code
@@ -273,13 +288,17 @@ class Guard:
         n = parts * self._part
         values, valid = self._values[:n], self._valid[:n]
         around = np.concatenate((self._tail, self._codes[: parts + PARTS]))
+        taken = np.zeros(n, dtype=bool)
         if not self._excludes:
             self._breaks = []
         elif around.any():
             marked = np.stack([_with_margins(column) for column in around.T], axis=1)
-            self._exclude(values, valid, marked[PARTS : PARTS + parts])
+            taken = self._exclude(values, valid, marked[PARTS : PARTS + parts])
         else:
             self._end(self._detectors)
+            for detector in self._detectors:
+                self._refer(detector, values, valid, n)
+        self._exclude_outliers(valid, taken)
         self._tail = self._codes[parts - PARTS : parts]
         self._codes, self._saturated = self._codes[parts:], self._saturated[n:]
         self._values, self._valid = self._values[n:].copy(order="F"), self._valid[n:].copy()
@@ -295,8 +314,13 @@ class Guard:
         out.append(GuardedSamples(values[last:], valid[last:]))
         return out
 
-    def _exclude(self, values: Floats, valid: Bools, codes: Codes) -> None:
-        """Mark rows invalid by the codes (parts, detectors), count them, and track the disturbances."""
+    def _exclude(self, values: Floats, valid: Bools, codes: Codes) -> Bools:
+        """Mark rows invalid by the codes (parts, detectors), count them, and track the disturbances.
+
+        Returns
+        -------
+        taken : (n,) rows that are counted as excluded of gyroscope and accelerometer.
+        """
         rows = np.repeat(codes, self._part, axis=0)
         inertial = np.zeros(len(values), dtype=bool)
         for w, detector in enumerate(self._detectors):
@@ -313,11 +337,58 @@ class Guard:
             edges = np.flatnonzero(np.diff(codes[:, w] > 0, prepend=False, append=False)).tolist()
             for begin, end in zip(edges[::2], edges[1::2], strict=True):
                 here = slice(begin * self._part, end * self._part)
-                self.disturbances += not detector.open
+                if not detector.open:
+                    self._refer(detector, values, valid, here.start)
+                    self.disturbances += 1
                 span = (self._index + here.start, self._index + here.stop)
                 detector.extend(*span, int(codes[begin:end, w].max()), values[here][received[here]])
                 if end < len(codes):
                     self._end([detector])
+            self._refer(detector, values, valid, len(values))
+        return inertial
+
+    def _exclude_outliers(self, valid: Bools, taken: Bools) -> None:
+        """Mark the outliers of these rows invalid, count those of rows that are not `taken`, and report them."""
+        end = self._index + len(valid)
+        for detector in self._detectors:
+            due = [outlier for outlier in detector.found if outlier.place < end]
+            detector.found = detector.found[len(due) :]
+            code = GLITCH if detector.inertial else MAGNETIC
+            for outlier in due if self._excludes else ():
+                row = outlier.place - self._index
+                if valid[row, outlier.group]:
+                    valid[row, outlier.group] = False
+                    self._counts[code] += not taken[row]
+                    taken[row] = True
+                    self._collect(outlier, REASONS[code - 1])
+        self._end_outliers(end)
+
+    def _collect(self, outlier: Outlier, kind: Reason) -> None:
+        """Add an outlier to the running disturbance of its sensor, or begin one."""
+        self._end_outliers(outlier.place)
+        running = self._outliers.get(outlier.group)
+        if running is None:
+            running = Disturbance(kind, outlier.place, 0, 0.0, outlier.channel)
+            self.disturbances += 1
+        if outlier.size > (running.size or 0.0):
+            running = replace(running, size=outlier.size, channel=outlier.channel)
+        self._outliers[outlier.group] = replace(running, length=running.length + 1)
+
+    def _end_outliers(self, place: int) -> None:
+        """End the disturbances by outliers that began long before a place on the grid."""
+        length = OUTLIER_EVENT_FRAMES * self._frame
+        for group in [g for g, running in self._outliers.items() if place - running.start >= length]:
+            self._events.append(self._outliers.pop(group))
+
+    def _refer(self, detector: DisturbanceDetector, values: Floats, valid: Bools, end: int) -> None:
+        """Keep mean and deviation of the last frame before row `end` of which at least half is valid."""
+        for last in range(end // self._frame * self._frame, 0, -self._frame):
+            rows = slice(last - self._frame, last)
+            ok = np.asarray(valid[rows][:, detector.groups].all(axis=1), dtype=bool)
+            if 2 * int(ok.sum()) >= self._frame:
+                own = values[rows][ok][:, detector.channels]
+                detector.latest = np.stack((own.mean(axis=0), own.std(axis=0)))
+                break
 
     def _end(self, detectors: list[DisturbanceDetector]) -> None:
         self._events += [detector.close() for detector in detectors if detector.open]
@@ -355,8 +426,6 @@ def _with_margins(codes: Codes) -> Codes:
     out = codes.copy()
     for code in np.unique(codes[codes > 0]).tolist():
         before, after = MARGIN_BEFORE, STUCK_MARGIN_AFTER if code == STUCK else MARGIN_AFTER
-        if code == GLITCH:
-            before = after = GLITCH_MARGIN
         reach = np.convolve(codes == code, np.ones(before + after + 1))[before : before + len(codes)] > 0.5
         np.maximum(out, np.int8(code), out=out, where=reach)
     return out

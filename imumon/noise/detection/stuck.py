@@ -90,6 +90,12 @@ class RepeatDetector(ArrayState):
         """(g,) Groups that are stuck now."""
         return np.asarray(self._run >= self._longest)
 
+    @property
+    def next_change(self) -> int:
+        """Frames until the usual share of repeats changes: at powers of two and multiples of `LEARN_EVERY`."""
+        frames = int(self._frames[0])
+        return min(1 << frames.bit_length(), (frames // LEARN_EVERY + 1) * LEARN_EVERY) - frames
+
     def update(self, values: Floats, valid: Bools) -> Bools:
         """Return the rows (n, g) that repeat the one before, in a run that is too long for chance.
 
@@ -108,11 +114,10 @@ class RepeatDetector(ArrayState):
         return stuck
 
     def learn(self, frames: int) -> None:
-        """Count `frames` frames and update the usual share of repeats at times; older samples fade."""
-        before = int(self._frames[0])
+        """Count `frames` frames, up to `next_change`; then update the usual share. Older samples fade."""
+        due = frames >= self.next_change
         self._frames += frames
-        now = before + frames
-        if now.bit_length() == before.bit_length() and now // LEARN_EVERY == before // LEARN_EVERY:
+        if not due:
             return
         for g in range(len(self._rows)):
             if self._rows[g] < LEARN_ROWS:
