@@ -16,7 +16,7 @@ import time
 
 import numpy as np
 
-from imumon.noise.nonstationarity.restricted_likelihood import SlowTerms, fit_slow_terms, unit_covariances
+from imumon.noise.fit.restricted_likelihood import SlowTerms, fit_slow_terms, unit_covariances
 from imumon.noise.synthesis import synthesise
 
 BLOCKS, LENGTH_S, N, B, B_SHARE = 128, 281.25, 1e-4, 5e-6, 0.4

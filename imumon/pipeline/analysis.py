@@ -92,7 +92,7 @@ class Analysis:
             blocks=history.drift.blocks(record.allan_channels, history.begin_s),
         )
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self.trends.update(fits, curve, force=force)
+        self.trends.update(fits, curve, density.bands, force=force)
         graded: dict[str, dict[str, dict[str, GradedCoefficient]]] = {}  # N and B by sensor and axis
         for name, each in self.fits.items():
             graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = {"N": each.N, "B": each.B}
@@ -103,7 +103,7 @@ class Analysis:
             if fit is not None:
                 trend, steady = self.trends.trend(column), self.trends.steady_fit(column)
                 channel = replace(
-                    report_builder.with_fit(channel, sensor, curve, column, fit),
+                    report_builder.with_fit(channel, sensor, curve, column, fit, self.trends.scatter(column)),
                     spectrum=report_builder.spectrum(sensor, density, column),
                     drift=report_builder.drift(sensor, trend, steady),
                 )

@@ -54,11 +54,16 @@ POINTS_PER_DECADE = 24
 """Most points per decade of frequency in a report, for the size of the message. Not critical."""
 SIGNAL_DIGITS = 8
 """Significant digits in a signal view: gravity with noise of 1e-6 m/s^2 must not show steps. Not critical."""
+NO_SCATTER = "scatter: the record is too short for quarters"
+"""Reason of a coefficient with a value and no scatter."""
+
 CURVE_DIGITS = 5
 """Significant digits of a spectrum, for the size of the message. Not critical."""
 
 
-def coefficient(sensor: str, name: str, estimate: FittedCoefficient) -> report.Coefficient:
+def coefficient(
+    sensor: str, name: str, estimate: FittedCoefficient, scatter: float | None = None
+) -> report.Coefficient:
     """Return N, B or K of a channel in SI and in readable units."""
     readable = READABLE[sensor, name]
     limits = {key: getattr(estimate, key) for key in ("value", "low", "high")}
@@ -67,7 +72,8 @@ def coefficient(sensor: str, name: str, estimate: FittedCoefficient) -> report.C
         **limits,
         status=estimate.status,
         unit=SI[sensor, name],
-        reason=estimate.reason,
+        scatter=scatter,
+        reason=estimate.reason or (NO_SCATTER if scatter is None else None),
         reason_code=estimate.reason_code,
         readable=report.Readable(**scaled, unit=readable.unit),
     )
@@ -88,14 +94,24 @@ def allan(curve: AllanCurve, column: int, fit: ChannelFit) -> report.Allan:
 
 
 def with_fit(
-    channel: report.Channel, sensor: str, curve: AllanCurve, column: int, fit: ChannelFit
+    channel: report.Channel,
+    sensor: str,
+    curve: AllanCurve,
+    column: int,
+    fit: ChannelFit,
+    scatter: Sequence[float | None] = (None, None, None),
 ) -> report.Channel:
-    """Return the channel with curve, coefficients and grade."""
+    """Return the channel with curve, coefficients and grade.
+
+    Parameters
+    ----------
+    scatter : (3,) SI, standard deviations of N, B and K between the quarters of the record.
+    """
     return replace(
         channel,
-        N=coefficient(sensor, "N", fit.N),
-        B=coefficient(sensor, "B", fit.B),
-        K=coefficient(sensor, "K", fit.K),
+        N=coefficient(sensor, "N", fit.N, scatter[0]),
+        B=coefficient(sensor, "B", fit.B, scatter[1]),
+        K=coefficient(sensor, "K", fit.K, scatter[2]),
         grade=grade_channel(sensor, N=fit.N, B=fit.B) if sensor in LIMITS else None,
         readings=fit.readings,
         time_to=fit.time_to,

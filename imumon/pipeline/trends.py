@@ -8,21 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
+from imumon.noise.fit.estimator import point_estimates
 from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import Trend
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.warmup import find_settling, still_wanders_less
+from imumon.noise.statistics.narrow_bands import NarrowBand
 from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Change, Report
-from imumon.samples import sensor_of
+from imumon.samples import Floats, sensor_of
 
 TREND_GROWTH = 1.05
 """Growth of the record, as a factor, after which trends are recomputed: a slope over the whole record hardly
 changes in less, and inverting 128 by 128 matrices costs milliseconds a channel. Not critical."""
 TREND_PAUSE_S = 10.0
 """s, shortest pause between two computations. Not critical."""
+
+RISE = 1.05
+"""1, least ratio of the modelled Allan deviation at the longest tau to its minimum for a curve that rises. Not
+critical."""
 
 
 class Trends:
@@ -35,9 +43,20 @@ class Trends:
         self._steady: tuple[ChannelFit, ...] = ()
         self._bias_steps: list[Change | None] = []
         self._settling: list[bool] = []
+        self._scatter: Floats | None = None
 
-    def update(self, fits: Sequence[ChannelFit], curve: AllanCurve, *, force: bool) -> None:
-        """Recompute everything if the record has grown enough, its warm-up was excluded, or with `force`."""
+    def update(
+        self,
+        fits: Sequence[ChannelFit],
+        curve: AllanCurve,
+        bands: Sequence[Sequence[NarrowBand]],
+        *,
+        force: bool,
+    ) -> None:
+        """Recompute everything if the record has grown enough, its warm-up was excluded, or with `force`.
+
+        `bands` are the narrow bands of the spectrum of each channel of the curve.
+        """
         history = self._record.statistics.history
         elapsed, begin, drift = self._record.elapsed_s, history.begin_s, history.drift
         if not force and elapsed < self._due_s and begin == self._begin_s:
@@ -49,7 +68,10 @@ class Trends:
         steps = [noise and drift.bias_step(c, noise, begin) for c, noise in enumerate(noises)]
         self._bias_steps = [step.change if step else None for step in steps]
         steady = drift.without_temperature(curve, self._trends)
-        self._steady = () if steady is None else fit_curve(steady, averaged=self._averaged, time_to=False)
+        self._steady = ()
+        if steady is not None:
+            self._steady = fit_curve(steady, averaged=self._averaged, time_to=False, bands=bands)
+        self._scatter = self._scatter_of_quarters(bands)
         self._settling = [
             self._may_settle(name, fit) and find_settling(drift, c, begin) is not None
             for c, (name, fit) in enumerate(zip(self._record.channels, fits, strict=False))
@@ -58,9 +80,25 @@ class Trends:
             # all axes warm up together
             self._settling = [own or c in history.warmup_channels for c, own in enumerate(self._settling)]
 
+    def _scatter_of_quarters(self, bands: Sequence[Sequence[NarrowBand]]) -> Floats | None:
+        """Return (c, 3) SI the standard deviations of N, B and K between the quarters of the record."""
+        quarters = self._record.statistics.history.quarters()
+        if quarters is None:
+            return None
+        averaged = self._averaged[: self._record.allan_channels]
+        estimates = [point_estimates(quarter, averaged=averaged, bands=bands) for quarter in quarters]
+        return np.asarray(np.std(estimates, axis=0, ddof=1))
+
+    def scatter(self, column: int) -> tuple[float | None, ...]:
+        """Return the standard deviations of N, B and K of a channel between quarters; None: unknown."""
+        if self._scatter is None or column >= len(self._scatter):
+            return (None, None, None)
+        return tuple(float(value) if np.isfinite(value) else None for value in self._scatter[column])
+
     def _may_settle(self, name: str, fit: ChannelFit) -> bool:
-        """Return whether settling matters: without K in the curve, nothing is mistaken for it."""
-        rises = fit.K.value is not None or "ramp" in fit.caveats
+        """Return whether settling matters: if the curve does not rise, nothing is mistaken for K."""
+        known = fit.model[fit.model > 0.0]
+        rises = known.size > 0 and float(known[-1]) > RISE * float(known.min())
         return self._record.guarded and rises and sensor_of(name) in ("gyro", "accel")
 
     def is_settling(self, column: int) -> bool:

@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.restricted_likelihood import BlockMeans
+from imumon.noise.fit.restricted_likelihood import INSEPARABLE, BlockMeans, fit_slow_terms
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
-from imumon.noise.nonstationarity.restricted_likelihood import INSEPARABLE, fit_slow_terms
 from imumon.noise.nonstationarity.settling import SettlingFit, fit_settling
 from imumon.report import Change
 from imumon.samples import Bools, Floats

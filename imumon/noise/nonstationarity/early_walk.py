@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from imumon.noise.nonstationarity.drift import BlockMeans
-from imumon.noise.nonstationarity.restricted_likelihood import (
+from imumon.noise.fit.restricted_likelihood import (
     LEAST_BLOCKS,
+    BlockMeans,
     Combinations,
     tail_probability,
     unit_covariances,

@@ -9,6 +9,7 @@ are 16, neighbours are joined and stretches double. A quarter is two to four of 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,7 +51,9 @@ class Quarters:
         """End the stretch in progress if the record has reached its end."""
         if self._cascade.position < self.next_end:
             return
-        if self._cascade.position > self.next_end:  # a gap of hours: the stretches are not neighbours any more
+        if (
+            self._cascade.position > self.next_end
+        ):  # a gap of hours: the stretches are not neighbours any more
             self.restart()
             return
         self._sums.append(self._cascade.block_sums_since(self._window))
@@ -76,7 +79,7 @@ class Quarters:
             return None
         bounds = np.linspace(0, len(self._sums), 5).round().astype(int)
         quarters = []
-        for begin, end in zip(bounds, bounds[1:], strict=False):
+        for begin, end in pairwise(bounds):
             quarter = self._sums[begin]
             for stretch in self._sums[begin + 1 : end]:
                 quarter = quarter + stretch
