@@ -125,9 +125,9 @@ def uncertainty(about: str = "±", times: str = "×÷") -> str:
     """Return the meaning of the signs beside a coefficient in one line.
 
     >>> uncertainty()
-    '±: half the 95 % interval. ×÷: its factor. <: bound.'
+    '±: half-width of the 95 % limits. ×÷: their factor. <: bound.'
     """
-    return f"{about}: half the 95 % interval. {times}: its factor. <: bound."
+    return f"{about}: half-width of the 95 % limits. {times}: their factor. <: bound."
 
 
 def filter_not_known(report: Report) -> str | None:

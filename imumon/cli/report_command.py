@@ -28,7 +28,7 @@ def add_report(parser: Parser) -> None:
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
     add("file", nargs="?", metavar="FILE", help=text)
-    add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
+    add("--id", metavar="NAME", help="device of the daemon; default: the first by name")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
     add_read_options(parser.add_argument_group("of a recording"))

@@ -51,7 +51,7 @@ class DecodedCapture(Recording):
         if decoder is None:
             raise RecordingError(
                 "no_decoder",
-                f"{capture.path}: the driver {scheme!r} decodes no captures",
+                f"{capture.path}: the driver {scheme!r} reads no recordings",
                 "use its own program",
             )
         self._decoder: RawDecoder = decoder

@@ -56,7 +56,7 @@ class RosbagFile(Table):
         self.path = path
         self._check_files()
         self._process = subprocess.Popen(
-            # -P: the folder of the program has a module csv, which is not that of Python
+            # -P: the directory of the program has a module csv, which is not that of Python
             [sys.executable, "-P", bag_process.__file__, path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
