@@ -541,6 +541,11 @@ def test_every_form_warns_of_an_unknown_filter(form: str) -> None:
     unknown = shown(alias_factor=None, stream="compensated", sample_rate_hz=40.0)
     assert FILTER_NOT_KNOWN in unknown
     assert "2.24" in unknown
+    other = shown(
+        alias_factor=None, stream="unknown", sample_rate_hz=40.0, model=None, driver=None, id="replay"
+    )
+    assert FILTER_NOT_KNOWN in other
+    assert "VN-100" not in other
     assert FILTER_NOT_KNOWN not in shown(alias_factor=1.0, stream="compensated", sample_rate_hz=40.0)
     assert FILTER_NOT_KNOWN not in shown(alias_factor=None, stream="deltas", sample_rate_hz=40.0)
 

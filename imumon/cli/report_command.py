@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ def report(arguments: argparse.Namespace) -> int:
         with options.subscriber(arguments) as subscriber:
             cure = "give a FILE (imumon report --help)"
             source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
+            source = replace(source, events=tuple(subscriber.events(source.device.id)))
     data = document(source, form)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)

@@ -190,6 +190,9 @@ def _aliasing(observation: Observation) -> Check:
 
 def _compensation(observation: Observation) -> Check:
     info = observation.info
+    if info.stream == "unknown":
+        text = f"unknown whether {info.source} is compensated: B and K may be those of a filter"
+        return Check("compensation", "warning", text, "see the settings of its driver or of the sensor")
     if info.stream != "compensated":
         return Check("compensation", "ok", f"the stream is {info.stream}: B and K are those of the sensor")
     text = f"{info.source} is compensated by a filter: B and K would be those of the filter"
