@@ -122,9 +122,9 @@ def uncertainty(about: str = "±", times: str = "×÷") -> str:
     """Return the meaning of the signs beside a coefficient in one line.
 
     >>> uncertainty()
-    '±: half-width of the 95 % limits. ×÷: their factor. <: bound.'
+    '±: 95 % limits. ×÷: the same as a factor. <: bound.'
     """
-    return f"{about}: half-width of the 95 % limits. {times}: their factor. <: bound."
+    return f"{about}: 95 % limits. {times}: the same as a factor. <: bound."
 
 
 def filter_not_known(report: Report) -> str | None:

@@ -11,9 +11,7 @@ from imumon.cli.exit_codes import SUCCESS
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message, print_report
 
-FILES = (
-    "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also .gz; .npz, rosbag 1 or 2, MCAP"
-)
+FILES = "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP"
 
 
 def add_read_options(parser: argparse._ActionsContainer) -> None:
