@@ -152,6 +152,14 @@ def _unpack(content: bytes) -> SavedState:
     return SavedState(description["meta"], arrays)
 
 
+def check_directory(directory: Path) -> None:
+    """Raise `StateError` if this cannot be a directory: it, or a part of its path, is something else."""
+    existing = next((path for path in (directory, *directory.parents) if os.path.lexists(path)), None)
+    if existing is not None and not existing.is_dir():
+        text = f"the state cannot be saved in {directory}: {existing} is not a directory"
+        raise StateError("state_no_directory", text, "give a directory with --state")
+
+
 class Checkpoint:
     """State file of one device.
 

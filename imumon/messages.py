@@ -12,9 +12,6 @@ from typing import Literal, NamedTuple
 from imumon.report import Coefficient, Drift, Report, SensorGrade
 from imumon.samples import sensor_of
 
-FILTERED_BELOW_HZ = 200.0
-"""Hz, output rate below which the factory filter of a VN-100 passes noise that folds."""
-
 
 class CaveatText(NamedTuple):
     """Meaning of a caveat in one line, and its consequence and cure in sentences."""
@@ -32,13 +29,13 @@ CAVEATS: Mapping[str, CaveatText] = {
     "aliased": CaveatText(
         "the sensor's own filter folds noise: N is too high",
         "Noise from above half the output rate folds down. N is right for a user of this stream, but it is no "
-        "figure of the sensor. Use delta angles and velocities, or widen the filter (register 85) to 800 Hz "
-        "divided by the rate.",
+        "figure of the sensor. Use delta angles and velocities, or configure the filter of the sensor to average "
+        "over the output interval.",
     ),
     "unknown_compensation": CaveatText(
-        "unknown whether the sensor subtracts its bias from the deltas",
-        "The settings cannot be read in listen-only mode. If the sensor subtracts its gyroscope bias, mean, B "
-        "and K describe its filter.",
+        "unknown whether the sensor subtracts its bias from this stream",
+        "Neither the data nor the settings show it. If the sensor subtracts its gyroscope bias, mean, B and K "
+        "describe its filter.",
     ),
     "compensated": CaveatText(
         "the sensor subtracts its bias: B and K describe its filter, not the device",
@@ -125,21 +122,18 @@ def uncertainty(about: str = "±", times: str = "×÷") -> str:
     """Return the meaning of the signs beside a coefficient in one line.
 
     >>> uncertainty()
-    '±: half the 95 % interval. ×÷: its factor. <: bound.'
+    '±: 95 % limits. ×÷: the same as a factor. <: bound.'
     """
-    return f"{about}: half the 95 % interval. {times}: its factor. <: bound."
+    return f"{about}: 95 % limits. {times}: the same as a factor. <: bound."
 
 
 def filter_not_known(report: Report) -> str | None:
     """Return a warning about point samples of a sensor whose filter is unknown; None for other streams."""
-    device, rate = report.device, report.device.sample_rate_hz
-    if device.alias_factor is not None or device.stream not in ("compensated", "uncompensated"):
+    if report.device.alias_factor is not None or report.device.stream in ("deltas", None):
         return None
-    folds = rate is not None and rate < FILTERED_BELOW_HZ
-    here = f", here {(FILTERED_BELOW_HZ / rate) ** 0.5:.2f}" if rate and folds else ""
     return (
-        "The filter of the sensor is unknown. With the factory settings of a VN-100, N of point samples below "
-        f"200 Hz is too high by √(200 Hz / rate){here}."
+        "The filter of the sensor is unknown. If it does not average over the output interval, noise folds and "
+        "N is too high."
     )
 
 

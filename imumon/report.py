@@ -43,7 +43,7 @@ class DeviceDescription:
     firmware: str | None = None  # version, as the sensor reports it
     port: str | None = None  # path or URL; for a recording its file
     baud: int | None = None  # bit/s
-    stream: str | None = None  # "deltas", "uncompensated" or "compensated": what the samples are
+    stream: str | None = None  # what the samples are: "deltas", "uncompensated", "compensated" or "unknown"
     sample_rate_hz: float | None = None  # Hz, by the sample clock; before that is known, from the settings
     alias_factor: float | None = None  # factor by which the sensor's filter inflates N; null: unknown
     source: str | None = None  # message that the samples are taken from
@@ -350,6 +350,7 @@ class Report:
     # SI, by gyro and accel, N and B, and grade: largest value that each grade allows
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     limit_curves: Mapping[str, Mapping[str, LimitCurve]] = field(default_factory=dict)  # by sensor and grade
+    events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
 
 
 def stamp(moment: datetime) -> str:

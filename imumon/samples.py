@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-Kind: TypeAlias = Literal["deltas", "uncompensated", "compensated"]
+Kind: TypeAlias = Literal["deltas", "uncompensated", "compensated", "unknown"]
 Clock: TypeAlias = Literal["startup", "counter", "dt", "none"]
 Level: TypeAlias = Literal["debug", "info", "notice", "warning", "error"]
 
@@ -44,7 +44,8 @@ class Stream:
     Attributes
     ----------
     kind : what the numbers describe. ``deltas`` are true cluster averages (delta angle or velocity
-        over its interval), the others are point samples behind the sensor's own filter.
+        over its interval), the others are point samples behind the sensor's own filter; ``unknown`` are point
+        samples of which nothing shows whether they are compensated.
     channels : names of the columns, in the order gyro, accel, mag, temperature, pressure.
     source : message it is taken from, for people: ``$VNYMR``, ``binary 01:0739``.
     clock : ``startup`` nanoseconds since the sensor's power-up; ``counter`` a count of the sensor's
@@ -86,10 +87,13 @@ class Stream:
 
         >>> Stream("deltas", ("gyro/x",), "binary", "startup").caveats
         ('unknown_compensation',)
+        >>> Stream("unknown", ("gyro/x",), "csv", "startup").caveats
+        ('unknown_compensation',)
         """
         if self.kind == "compensated":
             return ("compensated",)
-        return ("unknown_compensation",) if any(self.averaged) else ()
+        unknown = self.kind == "unknown" or any(self.averaged)
+        return ("unknown_compensation",) if unknown else ()
 
 
 Floats: TypeAlias = npt.NDArray[np.float64]

@@ -257,7 +257,7 @@ def test_the_grade_is_published_only_when_it_changes() -> None:
         ("tcp/127.0.0.1", "endpoint_invalid"),
         ("tcp/127.0.0.1:99999", "endpoint_invalid"),
         ("smtp/127.0.0.1:25", "endpoint_invalid"),
-        ("unixsock-stream//no/such/folder/x", "path_not_found"),
+        ("unixsock-stream//no/such/directory/x", "path_not_found"),
     ],
 )
 def test_unusable_listen_endpoints_are_refused(listen: str, code: str) -> None:
@@ -266,6 +266,10 @@ def test_unusable_listen_endpoints_are_refused(listen: str, code: str) -> None:
     assert error.message.startswith(f"{listen}: ")
     assert error.cure
     assert "\n" not in str(error)
+
+
+def test_the_cure_for_a_socket_without_its_directory_names_it() -> None:
+    assert refused("x", listen=["unixsock-stream//no/such/directory/x"]).cure.endswith(" /no/such/directory")
 
 
 def test_the_cure_for_an_endpoint_without_protocol_is_the_endpoint_with_one() -> None:
@@ -291,6 +295,8 @@ def test_errors_have_a_code_and_name_the_setting() -> None:
     assert (unknown.code, unknown.setting) == ("raw_invalid", "zenoh.raw")
     reserved = refused("x", settings=SessionOptions(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
     assert (reserved.code, reserved.setting) == ("raw_not_allowed", "zenoh.raw")
+    assert reserved.cure == "use zenoh.listen"
+    assert refused("x", settings=SessionOptions(raw={"mode": "client"})).cure == "use zenoh.mode"
     assert refused("//").code == "id_invalid"
 
 

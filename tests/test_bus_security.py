@@ -76,6 +76,7 @@ def test_an_invalid_file_of_users_has_its_code(tmp_path: Path) -> None:
             "a", listen=[f"tcp/127.0.0.1:{free_port()}"], settings=SessionOptions(users_file=str(users))
         )
     assert caught.value.code == "users_file_invalid"
+    assert str(users) in caught.value.message
 
 
 @pytest.fixture(scope="module")

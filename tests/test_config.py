@@ -82,23 +82,29 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
     assert faults(write(tmp_path, BAD), device__set_baud=12) == [
         ("unknown_setting", "config.toml:1: baud: no such setting; did you mean device.baud?"),
         ("unknown_setting", "config.toml:3: device.bawd: no such setting; did you mean device.baud?"),
-        ("invalid_value", f'config.toml:4: device.baud: must be one of "auto", {BAUDS}, not 1234'),
-        ("invalid_value", "config.toml:5: device.rate_hz: must be a number from 0 to 100000, not -3"),
-        ("invalid_value", "config.toml:6: device.port: must be text in quotes, not 7"),
+        ("invalid_value", f'config.toml:4: device.baud: 1234 is not valid; give one of "auto", {BAUDS}'),
+        ("invalid_value", "config.toml:5: device.rate_hz: -3 is not valid; give a number from 0 to 100000"),
+        ("invalid_value", "config.toml:6: device.port: 7 is not valid; give text in quotes"),
         (
             "invalid_value",
-            'config.toml:8: zenoh.listen: must be a list, such as ["..."], not "tcp/127.0.0.1:7448"',
+            'config.toml:8: zenoh.listen: "tcp/127.0.0.1:7448" is not valid; give a list, such as ["..."]',
         ),
         ("unknown_section", "config.toml:9: [guard]: no such section; did you mean [guards]?"),
-        ("invalid_value", "config.toml:12: report.period_s: must be a number from 0.1 to 60, not 1000"),
-        ("invalid_value", 'config.toml:13: report.precision_n: must be a number between 0 and 1, not "a"'),
+        ("invalid_value", "config.toml:12: report.period_s: 1000 is not valid; give a number from 0.1 to 60"),
+        (
+            "invalid_value",
+            'config.toml:13: report.precision_n: "a" is not valid; give a number between 0 and 1',
+        ),
         (
             "unknown_setting",
             "config.toml:14: report.save_period_s: no such setting; did you mean state.save_period_s?",
         ),
-        ("invalid_value", "config.toml:16: record.gzip: must be true or false, not 1"),
-        ("invalid_value", "config.toml:17: record.rotate_mb: must be a number from 0 to 1000000, not inf"),
-        ("invalid_value", f"command line: device.set_baud: must be one of 0, {BAUDS}, not 12"),
+        ("invalid_value", "config.toml:16: record.gzip: 1 is not valid; give true or false"),
+        (
+            "invalid_value",
+            "config.toml:17: record.rotate_mb: inf is not valid; give a number from 0 to 1000000",
+        ),
+        ("invalid_value", f"command line: device.set_baud: 12 is not valid; give one of 0, {BAUDS}"),
     ]
 
 
@@ -110,7 +116,11 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             "not_toml",
             "config.toml: not TOML: Expected ']' at the end of a table declaration (at line 1, column 8)",
         ),
-        ("device = 3\n", "not_a_section", "config.toml:1: device: must be a section, [device]"),
+        (
+            "device = 3\n",
+            "not_a_section",
+            "config.toml:1: device: is a section, not a value; write [device] on a line of its own",
+        ),
         (
             "\ndevice.bawd = 3\n",
             "unknown_setting",
@@ -124,64 +134,64 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
         (
             "[log]\nlevel = 'loud'\n",
             "invalid_value",
-            'config.toml:2: log.level: must be one of "error", "warning", "info", "debug", not "loud"',
+            'config.toml:2: log.level: "loud" is not valid; give one of "error", "warning", "info", "debug"',
         ),
         (
             "[zenoh]\nuser = 'ann'\n",
             "contradiction",
-            "config.toml:2: zenoh.user: needs zenoh.password as well",
+            "config.toml:2: zenoh.user: zenoh.password is missing; set both or neither",
         ),
         (
             "[zenoh]\nkey = 'a.pem'\n",
             "contradiction",
-            "config.toml:2: zenoh.key: needs zenoh.certificate as well",
+            "config.toml:2: zenoh.key: zenoh.certificate is missing; set both or neither",
         ),
         (
             "[device]\nlisten_only = true\nset_baud = 921600\n",
             "contradiction",
-            "config.toml:3: device.set_baud: is not possible with device.listen_only",
+            "config.toml:3: device.set_baud: is not possible with device.listen_only; remove one of the two",
         ),
         (
             "[device]\nid = '////'\n",
             "invalid_value",
-            "config.toml:2: device.id: needs a letter or a digit, such as imu-1",
+            'config.toml:2: device.id: "////" is not valid; use letters and digits, such as imu-1',
         ),
         (
             f"[device]\nid = '{65 * 'a'}'\n",
             "invalid_value",
-            "config.toml:2: device.id: must be at most 64 characters, not",
+            f'config.toml:2: device.id: "{36 * "a"}... is not valid; give at most 64 characters',
         ),
         (
             "[device]\nrate_hz = 1e-300\n",
             "invalid_value",
-            "config.toml:2: device.rate_hz: must be 0 or from 0.0001 to 100000",
+            "config.toml:2: device.rate_hz: 1e-300 is not valid; give 0, or a number from 0.0001 to 100000",
         ),
         (
             "[device]\nbaud = 12345678901234567890123\n",
             "invalid_value",
-            f'config.toml:2: device.baud: must be one of "auto", {BAUDS}, not 12345678901234567890123',
+            f'config.toml:2: device.baud: 12345678901234567890123 is not valid; give one of "auto", {BAUDS}',
         ),
         (
             '[state]\ndirectory = "a\\u0000b"\n',
             "invalid_character",
-            "config.toml:2: state.directory: has a character that no file name or key can have",
+            "config.toml:2: state.directory: has a zero byte or invalid UTF-8",
         ),
         (
             '[zenoh]\nlisten = ["a", "b\\u0000"]\n',
             "invalid_character",
-            "config.toml:2: zenoh.listen: has a character that no file name or key can have",
+            "config.toml:2: zenoh.listen: has a zero byte or invalid UTF-8",
         ),
         (
             "[record]\nfile = 2020-01-01\n",
             "invalid_value",
-            "config.toml:2: record.file: must be text in quotes, not 2020-01-01",
+            "config.toml:2: record.file: 2020-01-01 is not valid; give text in quotes",
         ),
         (
             "[zenoh]\nlisten = ['a', 12:00:00, 3]\n",
             "invalid_value",
-            "config.toml:2: zenoh.listen: must be text in quotes, not 12:00:00",
+            "config.toml:2: zenoh.listen: 12:00:00 is not valid; give text in quotes",
         ),
-        ("[zenoh]\nraw = 3\n", "invalid_value", "config.toml:2: zenoh.raw: must be a table, not 3"),
+        ("[zenoh]\nraw = 3\n", "invalid_value", "config.toml:2: zenoh.raw: 3 is not valid; give a table"),
     ],
 )
 def test_single_faults(tmp_path: Path, text: str, code: str, fault: str) -> None:
@@ -197,11 +207,11 @@ def test_options_that_are_not_text_are_refused(tmp_path: Path) -> None:
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
-    message = "none.toml: cannot be read: No such file or directory"
+    message = "none.toml: cannot be read: No such file or directory; check the path and its permissions"
     assert faults(tmp_path / "none.toml") == [("file_unreadable", message)]
     file = write(tmp_path, "")
     file.write_bytes(b"port = '\xff'")
-    assert faults(file) == [("not_utf8", "config.toml: is not UTF-8 text (byte 8)")]
+    assert faults(file) == [("not_utf8", "config.toml: is not UTF-8 text (byte 8); save it as UTF-8")]
 
 
 def test_extreme_files_have_one_fault(tmp_path: Path) -> None:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -54,6 +57,19 @@ def test_every_form_of_every_age_is_complete(form: str, age: str) -> None:
 @pytest.mark.parametrize("age", ["minutes", "hours"])
 def test_the_figure_is_a_png(age: str) -> None:
     assert document(aged(age), "png").startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text(to_json(make_report(200.0)))
+    environment = {**os.environ, "HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")}
+    for name in ("MPLCONFIGDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        environment.pop(name, None)
+    for name in ("home", "tmp"):
+        (tmp_path / name).mkdir()
+    words = ["report", str(tmp_path / "report.json"), "-o", str(tmp_path / "x.png")]
+    subprocess.run([sys.executable, "-m", "imumon", *words], env=environment, check=True, timeout=60)
+    assert (tmp_path / "x.png").stat().st_size > 10_000
+    assert list((tmp_path / "home").iterdir()) == list((tmp_path / "tmp").iterdir()) == []
 
 
 def test_a_figure_without_a_curve_is_an_error() -> None:
@@ -525,6 +541,11 @@ def test_every_form_warns_of_an_unknown_filter(form: str) -> None:
     unknown = shown(alias_factor=None, stream="compensated", sample_rate_hz=40.0)
     assert FILTER_NOT_KNOWN in unknown
     assert "2.24" in unknown
+    other = shown(
+        alias_factor=None, stream="unknown", sample_rate_hz=40.0, model=None, driver=None, id="replay"
+    )
+    assert FILTER_NOT_KNOWN in other
+    assert "VN-100" not in other
     assert FILTER_NOT_KNOWN not in shown(alias_factor=1.0, stream="compensated", sample_rate_hz=40.0)
     assert FILTER_NOT_KNOWN not in shown(alias_factor=None, stream="deltas", sample_rate_hz=40.0)
 

@@ -81,9 +81,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         lines.append(f"${body}*{check:02X}\r\n")
     (directory / "imu.vnymr.txt").write_text("".join(lines), newline="")
     with Daemon("sim", directory / "state", "--speed", "50", "--seed", "1", "--record",
-                str(directory / "capture.bin"), listen=endpoint) as daemon:  # fmt: skip
+                str(directory / "recording.bin"), listen=endpoint) as daemon:  # fmt: skip
         daemon.samples(2000)
-        subprocess.run(["gzip", "-k", directory / "capture.bin"], check=True)
+        subprocess.run(["gzip", "-k", directory / "recording.bin"], check=True)
         yield Place(directory, endpoint, environment)
 
 

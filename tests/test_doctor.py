@@ -67,13 +67,13 @@ def test_a_factory_sensor_has_two_warnings(case: Case) -> None:
     }
     assert "2.24 times" in results["aliasing"].text
     assert "115200" in results["baud"].text
-    assert "0100056785" in results["identity"].text
+    assert "0100056785" in results["model"].text
     assert set(results) >= {
         "config",
         "port",
         "permission",
-        "holder",
-        "bandwidth",
+        "usage",
+        "load",
         "checksums",
         "rate",
         "zenoh",
@@ -165,7 +165,7 @@ def test_a_foreign_device_is_recognised(case: Case) -> None:
 def test_another_model_is_a_warning(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1, model="VN-200T-CR")) as sensor:
         results = by_name(case, sensor.path)
-    assert results["identity"].status == "warning"
+    assert results["model"].status == "warning"
 
 
 def test_a_wrong_baud_rate_in_the_settings_is_detected(case: Case) -> None:
@@ -179,7 +179,7 @@ def test_listen_only_sends_no_command(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         results = by_name(with_device(case, DeviceSettings(listen_only=True)), sensor.path)
         assert sensor.ask("counters")["replies"] == 0
-    assert results["identity"].status == "warning"
+    assert results["model"].status == "warning"
     assert results["aliasing"].status == "warning"
 
 
@@ -277,7 +277,7 @@ def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_the_generic_checks_apply_to_any_device(case: Case, fake: str) -> None:
     results = by_name(case, fake)
     names = [name for name in results if name not in ("config", "zenoh", "state", "service")]
-    assert names == ["port", "identity", "stream", "aliasing", "compensation", "rate", "clock"]
+    assert names == ["port", "model", "stream", "aliasing", "compensation", "rate", "clock"]
     # its filter and its rate are unknown, and every 50th of its samples is missing
     assert {name for name in names if results[name].status != "ok"} == {"aliasing", "rate"}
     assert "missing" in results["rate"].text
@@ -290,7 +290,7 @@ def test_a_device_that_is_absent_or_lost(case: Case, fake: str, tmp_path: Path) 
     assert lost["stream"].status == "ok"
     absent = by_name(case, fake)
     assert failed(absent) == {"sensor"}
-    assert "identity" not in absent
+    assert "model" not in absent
     assert absent["sensor"].cure
 
 
@@ -301,10 +301,10 @@ def test_an_unknown_scheme_is_one_failed_check(case: Case) -> None:
 def test_checks_of_the_driver_replace_generic_ones_and_keep_the_order() -> None:
     observation = Observation(info=DeviceInfo(id="x", model="m", stream="deltas"), seconds=1.0, samples=9)
     generic = checks.device(observation, ())
-    own = Check("identity", "warning", "of the driver"), Check("antenna", "ok", "up"), Check("baud", "ok", "")
+    own = Check("model", "warning", "of the driver"), Check("antenna", "ok", "up"), Check("baud", "ok", "")
     names = [check.name for check in checks.device(observation, own)]
     assert names == ["baud", *(check.name for check in generic), "antenna"]
-    assert next(c for c in checks.device(observation, own) if c.name == "identity") == own[0]
+    assert next(c for c in checks.device(observation, own) if c.name == "model") == own[0]
 
 
 # ---------------------------------------------------------------------- the other checks
@@ -324,7 +324,7 @@ def device_checks(observation: Observation) -> dict[str, Check]:
 @pytest.mark.parametrize(("bytes_per_s", "status"), [(5000, "ok"), (10_000, "warning"), (11_300, "failed")])
 def test_a_full_line_is_detected(bytes_per_s: int, status: str) -> None:
     results = device_checks(replace(OBSERVATION, bytes=3 * bytes_per_s, messages=9))
-    assert results["bandwidth"].status == status
+    assert results["load"].status == status
 
 
 def test_a_slow_baud_rate_is_a_warning() -> None:
@@ -373,10 +373,10 @@ def test_the_port_that_a_daemon_waits_for_is_examined() -> None:
     lost = reports.report(state="waiting")
     zenoh = ZenohObservation(reports=(lost,))
     assert candidate_ports(zenoh) == [lost.device.port]  # not the other ports
-    text = f"{lost.device.id} answers, but waits for its sensor on {lost.device.port}"
+    text = f"the daemon {lost.device.id} waits for its sensor on {lost.device.port}"
     assert checks.zenoh(zenoh).text == text
     other = reports.report(id="other")
-    assert checks.zenoh(ZenohObservation(reports=(other, lost))).text == f"{text}; other answers too"
+    assert checks.zenoh(ZenohObservation(reports=(other, lost))).text == f"{text}; also running: other"
     (check,) = checks.port(replace(PORT, exists=False, daemon=lost.device.id))
     assert check.status == "failed"
     assert f"{lost.device.id} waits for it" in check.text
@@ -444,7 +444,7 @@ def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
     results = {check["name"]: check for check in output["checks"]}
     assert done.returncode == 0, done.stdout
     assert output["schema"] == "imumon.doctor/1"
-    assert results["holder"]["status"] == "ok"
+    assert results["usage"]["status"] == "ok"
     assert results["rate"]["status"] == "ok"
     assert results["compensation"]["status"] == "ok"
     assert (after.session.missing, after.session.gaps, after.session.bad_checksums) == (0, 0, 0)

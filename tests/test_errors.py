@@ -69,7 +69,7 @@ def test_a_code_is_listed_once_or_in_two_places_where_both_apply() -> None:
 
 @pytest.mark.parametrize("call", CALLS, ids=lambda call: f"{ast.unparse(call.func)}:{call.lineno}")
 def test_an_error_has_a_cure(call: ast.Call) -> None:
-    """Faults in settings say in their message what is valid; a state that is not usable is renamed without a user."""
+    """A state that is not usable is renamed without a user; a fault of the settings has a cure by its type."""
     kind = ast.unparse(call.func)
     if kind in ("ConfigFault", "ConfigError", "StateError", "StateVersionError", "RecordMismatch"):
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -32,6 +33,14 @@ from imumon.tui.view_state import ViewState
         (("sim", "--hum", "x"), "'x' is not a number"),
         (("tui", "--theme", "nosuch"), "no theme 'nosuch'; there are imumon-dark, imumon-light, "),
         (("demo", "--theme", "nosuch"), "no theme 'nosuch'"),
+        (
+            ("run", "--port", "sim", "--speed", "x"),
+            "--speed: 'x' is not a positive number: give one, such as 60",
+        ),
+        (
+            ("replay", "x.txt", "--speed", "-1"),
+            "--speed: '-1' is not a positive number: give one, such as 60",
+        ),
         (("replay", "x.txt", "--rate", "1e300"), "from 0.0001 to 100000"),
         (("replay", "x.txt", "--rate", "1e-300"), "from 0.0001 to 100000"),
         (("replay", "x.txt", "--rate", "x"), "'x' is not a positive number"),
@@ -84,6 +93,31 @@ def test_a_run_without_a_sample_is_4(tmp_path: Path) -> None:
     assert "--duration" in done.stderr
 
 
+@pytest.mark.parametrize("state", ["/dev/null", "/dev/null/state"])
+def test_a_state_directory_that_cannot_be_one_is_refused_at_the_start(state: str) -> None:
+    message = imumon("run", "--port", "sim", "--state", state, "--duration", "1", code=1)
+    assert "/dev/null is not a directory: give a directory with --state" in message
+
+
+@pytest.mark.parametrize("command", [("run", "--port", "sim"), ("demo",)])
+def test_a_signal_during_the_start_leaves_no_temporary_directory(
+    command: tuple[str, ...], tmp_path: Path
+) -> None:
+    terminal, other = pty.openpty()
+    environment = {**os.environ, "TMPDIR": str(tmp_path), "TERM": "xterm"}
+    run = subprocess.Popen(
+        [sys.executable, "-m", "imumon", *command], env=environment, stdin=other, stdout=other, stderr=other
+    )
+    end = time.monotonic() + 20
+    while not list(tmp_path.glob("imumon-*")) and time.monotonic() < end:
+        time.sleep(0.005)
+    run.terminate()
+    assert run.wait(20) in (0, -signal.SIGTERM, 128 + signal.SIGTERM)
+    os.close(terminal)
+    os.close(other)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
     arguments = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
     with subprocess.Popen(
@@ -93,6 +127,7 @@ def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
         text=True,
     ) as run:
         assert run.stderr is not None
+        assert "searching for a sensor on /dev/pts/" in run.stderr.readline()
         assert "reading" in run.stderr.readline()
         while run.poll() is None:
             run.send_signal(signal.SIGINT)

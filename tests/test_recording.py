@@ -222,11 +222,47 @@ def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Pa
 def test_a_wrong_path_is_refused_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "none" / "raw.bin"
     messages = imumon("run", "--port", "/dev/ttyNOWHERE", "--state", tmp_path, "--record", path, code=1)
-    assert f"cannot record to {path}: there is no folder" in messages
+    assert f"cannot record to {path}: there is no directory" in messages
+
+
+def test_a_pipe_without_a_reader_is_refused_and_one_with_a_reader_is_kept_open(tmp_path: Path) -> None:
+    path = str(tmp_path / "pipe")
+    os.mkfifo(path)
+    recorder = Recorder(RecordSettings(file=path))
+    with pytest.raises(RecordingError) as error:
+        recorder.check_file()
+    assert error.value.code == "pipe_without_reader"
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    recorder.check_file()
+    with pytest.raises(BlockingIOError):  # not the end of the file
+        os.read(reader, 1)
+    assert recorder.start({}) == path
+    recorder.write(b"abc")
+    recorder.close()
+    assert os.read(reader, 4096).endswith(b"\nabc")
+    assert os.read(reader, 1) == b""
+    os.close(reader)
+
+
+def test_the_log_names_the_file_of_a_recording_and_of_the_state(tmp_path: Path) -> None:
+    path = tmp_path / "raw.bin"
+    path.write_bytes(b"of an earlier run")
+    with (
+        spawn(EmulatorSettings(seed=1)) as sensor,
+        Daemon(sensor.path, tmp_path / "state", "--record", str(path)) as daemon,
+    ):
+        count = daemon.samples(20).session.samples
+        _, _, log = daemon.stop(signal.SIGINT)
+    assert f"recording to {tmp_path / 'raw.0001.bin'}: the given file exists" in log
+    stopped = re.search(r"stopped: the record has ([\d,]+) samples, saved in (.*)", log)
+    assert stopped is not None
+    assert int(stopped[1].replace(",", "")) >= count
+    assert Path(stopped[2]).is_file()
 
 
 @pytest.mark.parametrize(
-    ("name", "code"), [("file/raw.bin", "no_folder"), (".", "is_folder"), ("none/raw.bin", "no_folder")]
+    ("name", "code"),
+    [("file/raw.bin", "no_directory"), (".", "is_directory"), ("none/raw.bin", "no_directory")],
 )
 def test_wrong_places(tmp_path: Path, name: str, code: str) -> None:
     (tmp_path / "file").touch()

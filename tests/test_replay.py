@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 import subprocess
 import sys
 import time
@@ -21,7 +22,8 @@ from imumon.datasheet.signal_text import signal_lines
 from imumon.devices.vn100 import ascii as sentences
 from imumon.recordings import RecordingError
 from imumon.replay import ReplayOptions, replay
-from imumon.report import Report, from_json
+from imumon.replay.replay import _Run
+from imumon.report import Event, Report, from_json
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "recordings"
 KIRAN = SHARED / "kiran_stat5min.vnymr.txt.gz"
@@ -103,6 +105,58 @@ def test_table_names_every_channel(tmp_path: Path) -> None:
     shown = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
     for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveat compensated"):
         assert name in shown
+
+
+def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(tmp_path: Path) -> None:
+    rng, path = np.random.default_rng(1), tmp_path / "a.npz"
+    gyro, accel = rng.normal(0.0, 1e-3, (400, 3)), rng.normal((0.0, 0.0, 9.8), 1e-2, (400, 3))
+    np.savez(path, t_s=np.arange(400) / 40.0, gyro_rads=gyro, accel_ms2=accel)
+    report = from_json(Report, imumon("replay", path, "--json"))
+    assert report.device.stream == "unknown"
+    assert report.device.driver is None
+    assert "unknown_compensation" in report.caveats
+    known = from_json(Report, imumon("replay", path, "--json", "--stream", "uncompensated"))
+    assert known.device.stream == "uncompensated"
+    assert known.caveats == ()
+    shown = imumon("replay", path) + "".join(
+        imumon("report", path, "--format", form) for form in ("md", "kalibr", "ros")
+    )
+    assert not re.search(r"VN-?100|register|factory|listen-only", shown, re.IGNORECASE)
+    assert "The filter of the sensor is unknown" in shown
+    raw = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
+    assert "With the factory settings of a VN-100" in raw
+
+
+def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
+    rng, path, n = np.random.default_rng(2), tmp_path / "a.npz", 12_000
+    gyro, accel = rng.normal(0.0, 1e-3, (n, 3)), rng.normal((0.0, 0.0, 9.8), 1e-2, (n, 3))
+    at = [4000 + 800 * k for k in range(9)]
+    for k in at:
+        accel[k : k + 20] += rng.normal(0.0, 2.0, (20, 3))
+    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp_rads=gyro, accel_uncomp_ms2=accel)
+    text = imumon("replay", path, "--json")
+    report = from_json(Report, text)
+    excluded = [event for event in report.events if event.kind == "disturbance"]
+    assert len(excluded) == report.session.disturbances
+    for event in excluded:
+        assert event.elapsed_s is not None
+        assert event.length_s is not None
+        assert any(event.elapsed_s - 5.0 < k / 40.0 < event.elapsed_s + event.length_s + 5.0 for k in at)
+    times = [event.elapsed_s or 0.0 for event in report.events]
+    assert times == sorted(times)
+    for shown in (imumon("replay", path), imumon("report", path)):
+        assert all(event.text in shown and f"{event.elapsed_s:,.1f} s" in shown for event in excluded)
+    assert imumon("replay", path, "--json", "--no-guards").count('"kind":"disturbance"') == 0
+
+
+def test_a_report_lists_at_most_256_events(tmp_path: Path) -> None:
+    path = capture(tmp_path / "a.txt")
+    run = _Run(ReplayOptions(path=str(path)), ReplayOptions(path=str(path)).open())
+    for k in range(300):
+        run._note(Event(time="", kind="gap", text=f"gap {k}", device="replay", elapsed_s=300.0 - k))
+    events = run.record_events()
+    assert len(events) == 256
+    assert (events[-1].kind, events[-1].text) == ("remark", "45 later events are not listed")
 
 
 def test_signal_findings_are_reported(tmp_path: Path) -> None:

@@ -42,7 +42,12 @@ _ACCEPT_PENDING = (
 _ACCEPT_LOCAL_S, _ACCEPT_NETWORK_S = 0.5, 3.0
 """s that a handshake may take on this machine, and from another one: idle connections must not use up
 `_ACCEPT_PENDING`. Not critical."""
-_RESERVED_RAW = ("mode", "listen", "connect", "access_control")  # top-level keys with settings of their own
+_RESERVED_RAW = {
+    "mode": "zenoh.mode",
+    "listen": "zenoh.listen",
+    "connect": "zenoh.connect",
+    "access_control": "zenoh.read_only and zenoh.allow",
+}  # top-level keys, and the settings for them
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _NETWORK_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
 _ENCRYPTED = ("tls/", "quic/")
@@ -178,7 +183,7 @@ def open_session(
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
-            raise classify(error, (*listen, *connect)) from None
+            raise classify(error, (*listen, *connect), options.users_file) from None
 
 
 def _check_listen(options: SessionOptions, endpoint: str) -> None:
@@ -275,7 +280,8 @@ def _within_files(count: int) -> int:
 def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:
     """Set one setting of ``[zenoh.raw]``."""
     if path.partition("/")[0] in _RESERVED_RAW:
-        message, cure = f'zenoh.raw: "{path}" cannot be set there', "use the settings of [zenoh] for it"
+        message = f'zenoh.raw: "{path}" cannot be set there'
+        cure = f"use {_RESERVED_RAW[path.partition('/')[0]]}"
         raise BusError("raw_not_allowed", message, cure, setting="zenoh.raw")
     try:
         config.insert_json5(path, json.dumps(value))
@@ -351,9 +357,14 @@ _KNOWN_ERRORS = (
     ("address already in use", "address_in_use", "in use by another daemon or program", _ANOTHER),
     ("cannot assign requested address", "address_not_local", "not an address of this machine", _ANOTHER),
     ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
-    ("no such file or directory", "path_not_found", "no such file or directory", "create the directory"),
+    ("no such file or directory", "path_not_found", "no such directory", "create the directory {directory}"),
     ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
-    ("usrpwd", "users_file_invalid", "zenoh.users_file is invalid", "each line must be user:password"),
+    (
+        "usrpwd",
+        "users_file_invalid",
+        "the file of users {users_file} is invalid",
+        "write user:password on each line",
+    ),
     ("keymismatch", "key_invalid", _KEY_INVALID, "check both files"),
     ("private key", "key_invalid", _KEY_INVALID, "check both files"),
     ("certificate", "certificate_invalid", _CERTIFICATE_INVALID, "check both files"),
@@ -361,7 +372,7 @@ _KNOWN_ERRORS = (
 """Text in an error of Zenoh (lower case), code, message and cure. The first match counts."""
 
 
-def classify(error: zenoh.ZError, endpoints: Sequence[str]) -> BusError:
+def classify(error: zenoh.ZError, endpoints: Sequence[str], users_file: str = "") -> BusError:
     """Return an error of Zenoh as a `BusError`; code ``session_failed`` if it is unknown.
 
     This is the only place where the text of an error decides: `zenoh.ZError` has one type and no code for all
@@ -372,6 +383,8 @@ def classify(error: zenoh.ZError, endpoints: Sequence[str]) -> BusError:
     for pattern, code, message, cure in _KNOWN_ERRORS:
         if pattern in text.lower():
             kind = Unreachable if code == "unreachable" else BusError
+            directory = os.path.dirname(where.partition("/")[2])
+            message, cure = (t.format(users_file=users_file, directory=directory) for t in (message, cure))
             return kind(code, f"{where}: {message}", cure)
     return BusError("session_failed", f"{where}: {_readable(text)}", "check the settings of [zenoh]")
 

@@ -65,6 +65,14 @@ def positive(text: str) -> float:
     return value
 
 
+def speed(text: str) -> float:
+    """Return a factor of real time; an invalid one has a code of its own."""
+    try:
+        return positive(text)
+    except argparse.ArgumentTypeError as error:
+        raise CommandError("speed_invalid", f"--speed: {error}", "give one, such as 60", USAGE) from None
+
+
 def rate(text: str) -> float:
     """Return a sample rate, Hz, within the limits of the settings."""
     from imumon.config import FASTEST_HZ, SLOWEST_HZ
@@ -183,7 +191,7 @@ def subscriber(arguments: argparse.Namespace, *, others: bool = False) -> Any:
 
 
 def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> Any:
-    """Return the newest report of a device, or of the first that answers; print which others there are.
+    """Return the newest report of a device, or of the first by name; print which others there are.
 
     Parameters
     ----------
@@ -197,9 +205,12 @@ def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -
         cure = f"start one with imumon run, or {cure}"
         raise CommandError("no_daemon", "no daemon answers", cure, NOT_FOUND)
     time.sleep(GATHER_S)
+    if id is None:
+        reports = subscriber.reports()
+        report, _ = reports[min(reports)]
     warn_of_rivals(subscriber, report.device.id)
     if id is None:
-        others = sorted({*subscriber.alive(), *subscriber.reports()} - {report.device.id})
+        others = sorted({*subscriber.alive(), *reports} - {report.device.id})
         if others:
             print_message(f"this is {report.device.id}; --id shows the others: {', '.join(others)}")
     return report

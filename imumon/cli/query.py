@@ -22,7 +22,7 @@ POLL_S = 0.1
 
 def _add_connection(parser: Parser) -> None:
     options.add_endpoints(parser)
-    options.add_config(parser, "settings of the bus; options override the file")
+    options.add_config(parser, "settings of Zenoh; options override the file")
 
 
 def add_tui(parser: Parser) -> None:
@@ -34,20 +34,20 @@ def add_tui(parser: Parser) -> None:
 
 def add_status(parser: Parser) -> None:
     _add_connection(parser)
-    parser.add_argument("--id", metavar="NAME", help="device; default: the first that answers")
+    parser.add_argument("--id", metavar="NAME", help="device; default: the first by name")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
 def add_wait(parser: Parser) -> None:
     add = parser.add_argument
     _add_connection(parser)
-    add("--id", metavar="NAME", help="device; default: the first that answers")
+    add("--id", metavar="NAME", help="device; default: the first by name")
     text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
     text += "from the settings"
     add("--grade", choices=options.GRADES, help=text)
     text = "wait until the precision of this coefficient is reached on every axis"
     add("--coefficient", choices=("N", "B", "K"), help=text)
-    text = "half-width of the 95 %% interval as a share of the value, 0.05 or 5%%; default: from the settings"
+    text = "half-width of the 95 %% limits as a share of the value, 0.05 or 5%%; default: from the settings"
     add("--precision", type=options.share, metavar="P", help=text)
     text = "consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel"
     add("--channel", action="append", metavar="NAME", help=text)
@@ -123,11 +123,16 @@ def wait(arguments: argparse.Namespace) -> int:
                 print_status(unmet)
                 if time.monotonic() >= end_s:
                     message = f"not reached in {duration(arguments.timeout)}: {unmet}"
-                    raise CommandError("not_reached", message, "give a longer --timeout", NOT_REACHED)
+                    worse = condition.unreachable_grade(report)
+                    cure = (
+                        f"its grade is final: ask for --grade {worse}" if worse else "give a longer --timeout"
+                    )
+                    raise CommandError("not_reached", message, cure, NOT_REACHED)
                 report = _next_report(subscriber, report, end_s)
         finally:
             print_status("")
-    print(f"{report.device.id}: {condition.description(report)} after {duration(report.session.elapsed_s)}")
+    length = duration(report.session.elapsed_s)
+    print(f"{report.device.id}: {condition.description(report)}; length of the record {length}")
     return SUCCESS
 
 

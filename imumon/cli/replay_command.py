@@ -7,11 +7,11 @@ from contextlib import nullcontext
 from typing import Any
 
 from imumon.cli import options
-from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
+from imumon.cli.exit_codes import SUCCESS
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message, print_report
 
-FILES = "raw capture (ASCII, binary, mixed), --record file, CSV, all also .gz; .npz, rosbag 1 or 2, MCAP"
+FILES = "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP"
 
 
 def add_read_options(parser: argparse._ActionsContainer) -> None:
@@ -63,13 +63,7 @@ def add_replay(parser: Parser) -> None:
 def run_replay(arguments: argparse.Namespace) -> int:
     from imumon.replay import progress_bar, replay
 
-    speed = None
-    if arguments.speed != "max":
-        try:
-            speed = options.positive(arguments.speed)
-        except argparse.ArgumentTypeError:
-            message = f"--speed {arguments.speed!r} is neither max nor a positive number"
-            raise CommandError("invalid_speed", message, "such as --speed 60", USAGE) from None
+    speed = None if arguments.speed == "max" else options.speed(arguments.speed)
     baseline = options.baseline(arguments.baseline)
     with _publisher(arguments) as bus:
         report = replay(

@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ def add_report(parser: Parser) -> None:
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
     add("file", nargs="?", metavar="FILE", help=text)
-    add("--id", metavar="NAME", help="device of the daemon; default: the first that answers")
+    add("--id", metavar="NAME", help="device of the daemon; default: the first by name")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
     add_read_options(parser.add_argument_group("of a recording"))
@@ -55,6 +56,7 @@ def report(arguments: argparse.Namespace) -> int:
         with options.subscriber(arguments) as subscriber:
             cure = "give a FILE (imumon report --help)"
             source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
+            source = replace(source, events=tuple(subscriber.events(source.device.id)))
     data = document(source, form)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from imumon.cli import options
@@ -37,7 +38,7 @@ def add_run(parser: Parser) -> None:
     add("--json", action="store_true", help="print the final report as JSON")
     add("--no-guards", action="store_true", default=None, help="exclude no sample")
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
-    add("--speed", type=positive, default=1.0, metavar="X", help="run the emulator X times faster")
+    add("--speed", type=options.speed, default=1.0, metavar="X", help="run the emulator X times faster")
     add("--seed", type=int, metavar="N", help="seed of the random noise of the emulator")
     add("--stop-with-stdin", action="store_true", help=argparse.SUPPRESS)  # for `demo`
     options.add_endpoints(parser, listen=True)
@@ -46,7 +47,7 @@ def add_run(parser: Parser) -> None:
 def add_demo(parser: Parser) -> None:
     parser.add_argument(
         "--speed",
-        type=positive,
+        type=options.speed,
         default=60.0,
         metavar="X",
         help="run the emulator X times faster; default 60",
@@ -102,12 +103,33 @@ def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
     from imumon.devices.registry import driver
 
     with driver().emulator(speed=arguments.speed, seed=arguments.seed) as port, _temporary() as temporary:
-        directory = Path(settings.state.directory or temporary)
-        return _run_daemon(arguments, settings, port, directory)
+        given = settings.state.directory
+        return _run_daemon(arguments, settings, port, Path(given or temporary), temporary=not given)
 
 
-def _temporary() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="imumon-", ignore_cleanup_errors=True)
+class _Terminated(BaseException):
+    """A signal that ends the process."""
+
+
+@contextmanager
+def _temporary() -> Iterator[str]:
+    """Give a temporary directory; a signal that ends the process deletes it first."""
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        raise _Terminated(number)
+
+    ending = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
+    before = {number: signal.signal(number, terminate) for number in ending}
+    try:
+        with tempfile.TemporaryDirectory(prefix="imumon-", ignore_cleanup_errors=True) as directory:
+            yield directory
+    except _Terminated as end:
+        number = end.args[0]
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _settings(arguments: argparse.Namespace) -> Any:
@@ -126,7 +148,9 @@ def _settings(arguments: argparse.Namespace) -> Any:
     return options.settings(arguments, overrides)
 
 
-def _run_daemon(arguments: argparse.Namespace, settings: Any, url: str, directory: Path) -> int:
+def _run_daemon(
+    arguments: argparse.Namespace, settings: Any, url: str, directory: Path, *, temporary: bool = False
+) -> int:
     from imumon.bus import BusError
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.log import configure_logging
@@ -136,6 +160,7 @@ def _run_daemon(arguments: argparse.Namespace, settings: Any, url: str, director
         state_directory=directory,
         duration_s=arguments.duration,
         fresh=arguments.fresh,
+        temporary=temporary,
         speed=arguments.speed,
         baseline=options.baseline(arguments.baseline),
     )
@@ -167,7 +192,7 @@ def demo(arguments: argparse.Namespace) -> int:
 def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tuple[str, Any]]:
     """Run the daemon of `demo`; give its endpoint, and what returns its last line once it has ended."""
     endpoint = f"unixsock-stream/{directory}/bus"
-    # -P: a folder named imumon in the current directory is not the package
+    # -P: a directory named imumon in the current directory is not the package
     command = [sys.executable, "-P", "-m", "imumon", "run", "--port", "sim"]
     command += ["--speed", f"{arguments.speed:g}", "--listen", endpoint, "--state", directory, "--id", "demo"]
     command += ["--stop-with-stdin"]

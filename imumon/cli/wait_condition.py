@@ -82,6 +82,19 @@ class WaitCondition:
             and not any(sensor_of(c) in GRADED_SENSORS for c in chosen)
         )
 
+    def unreachable_grade(self, report: Report) -> GradeName | None:
+        """Return the final grade of a sensor that is worse than the required one; None while it may be reached."""
+        from imumon.noise.grading import GRADES
+
+        sensors = {sensor_of(name) for name in self._chosen(report)}
+        final = [
+            g.nearest for s, g in report.grade.items() if s in sensors and g.nearest and not g.provisional
+        ]
+        worst = max(final, key=GRADES.index, default=None)
+        if self.grade is None or worst is None or GRADES.index(worst) <= GRADES.index(self.grade):
+            return None
+        return worst
+
     def _chosen(self, report: Report) -> dict[str, Channel]:
         names = self.channels or GRADED_SENSORS
         return {n: c for n, c in report.channels.items() if n in names or sensor_of(n) in names}

@@ -73,7 +73,7 @@ class DeviceSettings(Section):
 
 
 class ZenohSettings(Section):
-    """The bus: where the daemon listens, and who may connect"""
+    """Zenoh: where the daemon listens, and who may connect"""
 
     listen: TextList = ()
     """endpoints; empty: first free of tcp/127.0.0.1:7448 to 7463"""
@@ -131,7 +131,7 @@ class ReportSettings(Section):
     period_s: float = Field(1.0, ge=0.1, le=60.0)
     """time between two reports, in seconds"""
     precision_n: float = Field(0.01, gt=0.0, lt=1.0)
-    """required half-width of the 95 % interval of N, as a share of N"""
+    """required half-width of the 95 % limits of N, as a share of N"""
     precision_b: float = Field(0.2, gt=0.0, lt=1.0)
     """the same for B"""
     precision_k: float = Field(0.5, gt=0.0, lt=1.0)
@@ -271,16 +271,18 @@ def _check_section(section: str, table: Any, places: Places) -> Section:
     if section not in SECTIONS:
         raise ConfigError(_unknown(section, isinstance(table, dict), places))
     if not isinstance(table, dict):
-        message = f"must be a section, [{section}]"
-        raise ConfigError(ConfigFault("not_a_section", places.of(section), section, message))
+        message, cure = "is a section, not a value", f"write [{section}] on a line of its own"
+        raise ConfigError(ConfigFault("not_a_section", places.of(section), section, message, cure))
     cls = SECTIONS[section]
     try:
         bad = [name for name, value in table.items() if not _encodable(value)]
     except RecursionError:
-        fault = ConfigFault("too_deep", places.of(section), section, "is nested too deeply")
+        fault = ConfigFault(
+            "too_deep", places.of(section), section, "is nested too deeply", "use fewer levels of tables"
+        )
         raise ConfigError(fault) from None
     faults = [
-        ConfigFault("invalid_character", places.of(name), name, _INVALID_CHARACTER)
+        ConfigFault("invalid_character", places.of(name), name, *_INVALID_CHARACTER)
         for name in (f"{section}.{name}" for name in bad)
     ]
     try:
@@ -302,8 +304,11 @@ def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places
         return _unknown(full, False, places)
     value = toml_text(_value_at(table, found["loc"]))
     shown = value if len(value) <= SHOWN_CHARACTERS else value[: SHOWN_CHARACTERS - 3] + "..."
-    message = f"{_allowed(found, SECTIONS[section].model_fields[name])}, not {shown}"
-    return ConfigFault("invalid_value", places.of(full), full, message)
+    cure = f"give {_allowed(found, SECTIONS[section].model_fields[name])}"
+    return ConfigFault("invalid_value", places.of(full), full, f"{shown} is not valid", cure)
+
+
+_NAMES_CURE = "imumon config show prints all of them"
 
 
 def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
@@ -311,7 +316,7 @@ def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
     place = places.of(name)
     if is_section:
         near = difflib.get_close_matches(name, SECTIONS, n=1, cutoff=SECTION_CUTOFF)
-        cure = f"did you mean [{near[0]}]?" if near else ""
+        cure = f"did you mean [{near[0]}]?" if near else _NAMES_CURE
         return ConfigFault("unknown_section", place, f"[{name}]", "no such section", cure)
     section, _, setting = name.rpartition(".")
     everywhere = {full.partition(".")[2]: full for full in reversed(NAMES)}
@@ -319,7 +324,7 @@ def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
     candidates = here or everywhere
     near = difflib.get_close_matches(setting, candidates, n=1, cutoff=SETTING_CUTOFF)
     right = everywhere.get(setting) or (candidates[near[0]] if near else None)
-    cure = f"did you mean {right}?" if right else ""
+    cure = f"did you mean {right}?" if right else _NAMES_CURE
     return ConfigFault("unknown_setting", place, name, "no such setting", cure)
 
 
@@ -332,29 +337,29 @@ def _value_at(table: Any, path: Iterable[Any]) -> Any:
 
 
 _TYPES = {
-    "string_type": "must be text in quotes",
-    "bool_type": "must be true or false",
-    "tuple_type": 'must be a list, such as ["..."]',
-    "mapping_type": "must be a table",
-    "dict_type": "must be a table",
+    "string_type": "text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": 'a list, such as ["..."]',
+    "mapping_type": "a table",
+    "dict_type": "a table",
 }
 
 
 def _allowed(found: Any, info: Any) -> str:
     """Return what a setting may be."""
     if get_origin(info.annotation) is Literal:
-        return "must be one of " + ", ".join(map(toml_text, get_args(info.annotation)))
+        return "one of " + ", ".join(map(toml_text, get_args(info.annotation)))
     limits = {type(limit): limit for limit in info.metadata}
     if Ge in limits:
-        return f"must be a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
+        return f"a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
     if Gt in limits:
-        return f"must be a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}"
+        return f"a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}"
     if found["type"] == "string_too_long":
-        return f"must be at most {limits[MaxLen].max_length} characters"
+        return f"at most {limits[MaxLen].max_length} characters"
     return _TYPES.get(found["type"]) or str(found["msg"]).lower()
 
 
-_INVALID_CHARACTER = "has a character that no file name or key can have: a zero byte or invalid UTF-8"
+_INVALID_CHARACTER = ("has a zero byte or invalid UTF-8, which no file name or key can have", "remove it")
 
 
 def _encodable(value: Any) -> bool:
@@ -373,18 +378,21 @@ _TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"),
 def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[ConfigFault]:
     """Yield the faults of settings that are valid alone but not together."""
 
-    def fault(name: str, message: str, code: str = "contradiction") -> ConfigFault:
-        return ConfigFault(code, places.of(name), name, message)
+    def fault(name: str, message: str, cure: str, code: str = "contradiction") -> ConfigFault:
+        return ConfigFault(code, places.of(name), name, message, cure)
 
     zenoh = sections.get("zenoh", ZenohSettings())
     for name, other in _TOGETHER:
         if getattr(zenoh, name) and not getattr(zenoh, other):
-            yield fault(f"zenoh.{name}", f"needs zenoh.{other} as well")
+            yield fault(f"zenoh.{name}", f"zenoh.{other} is missing", "set both or neither")
     device = sections.get("device", DeviceSettings())
     if device.listen_only and device.set_baud:
-        yield fault("device.set_baud", "is not possible with device.listen_only")
+        text = "is not possible with device.listen_only"
+        yield fault("device.set_baud", text, "remove one of the two")
     if 0.0 < device.rate_hz < SLOWEST_HZ:
-        message = f"must be 0 or from {SLOWEST_HZ:g} to {FASTEST_HZ:g}, not {device.rate_hz:g}"
-        yield fault("device.rate_hz", message, "invalid_value")
+        message = f"{device.rate_hz:g} is not valid"
+        cure = f"give 0, or a number from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+        yield fault("device.rate_hz", message, cure, "invalid_value")
     if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
-        yield fault("device.id", "needs a letter or a digit, such as imu-1", "invalid_value")
+        message = f"{toml_text(device.id)} is not valid"
+        yield fault("device.id", message, "use letters and digits, such as imu-1", "invalid_value")

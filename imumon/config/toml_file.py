@@ -31,18 +31,18 @@ class ConfigFault:
         ``not_a_section``, ``invalid_value``, ``invalid_character``, ``too_deep`` or ``contradiction``.
     place : ``config.toml:12``, ``config.toml`` or ``command line``.
     setting : dotted name, empty for a fault of the whole file.
-    message, cure : what is wrong, and what to do; the cure may be empty.
+    message, cure : what is wrong, and what to do.
     """
 
     code: str
     place: str
     setting: str
     message: str
-    cure: str = ""
+    cure: str
 
     def __str__(self) -> str:
         text = ": ".join(filter(None, (self.place, self.setting, self.message)))
-        return plain(f"{text}; {self.cure}" if self.cure else text)
+        return plain(f"{text}; {self.cure}")
 
 
 class ConfigError(ImumonError):
@@ -64,9 +64,11 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             return read_at_most(file, FILE_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
-        fault = ConfigFault("file_unreadable", str(path), "", f"cannot be read: {error.strerror or error}")
+        message = f"cannot be read: {error.strerror or error}"
+        fault = ConfigFault("file_unreadable", str(path), "", message, "check the path and its permissions")
     except UnicodeDecodeError as error:
-        fault = ConfigFault("not_utf8", str(path), "", f"is not UTF-8 text (byte {error.start})")
+        message = f"is not UTF-8 text (byte {error.start})"
+        fault = ConfigFault("not_utf8", str(path), "", message, "save it as UTF-8")
     raise ConfigError(fault)
 
 
@@ -74,14 +76,15 @@ def parse(text: str, file: str) -> dict[str, Any]:
     """Return the values of a TOML text; raise `ConfigError` if it is not TOML."""
     if (longest := max(map(len, text.split("\n")))) > LONGEST_LINE:
         message = f"has a line of {longest:,} characters, more than {LONGEST_LINE:,}"
-        raise ConfigError(ConfigFault("not_toml", file, "", message))
+        raise ConfigError(ConfigFault("not_toml", file, "", message, "write lists on several lines"))
     try:
         return tomllib.loads(text)
     except RecursionError:
         message = "is nested too deeply"
     except ValueError as error:  # also a number of thousands of digits; the text has the line
         message = str(error)
-    raise ConfigError(ConfigFault("not_toml", file, "", f"not TOML: {message}"))
+    cure = 'write name = value on each line, with text in "quotes"'
+    raise ConfigError(ConfigFault("not_toml", file, "", f"not TOML: {message}", cure))
 
 
 def line_numbers(text: str) -> dict[str, int]:

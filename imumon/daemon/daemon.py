@@ -16,6 +16,7 @@ from pathlib import Path
 
 from imumon import report
 from imumon.bus import BusError, Publisher
+from imumon.checkpoint import check_directory
 from imumon.config import Settings
 from imumon.daemon import metadata
 from imumon.daemon.log import LEVELS
@@ -76,6 +77,7 @@ class RunOptions:
     state_directory : of the accumulated statistics.
     duration_s : s of the host clock; None: unlimited.
     fresh : start a new record; the old state is kept under another name.
+    temporary : the state directory is deleted after the run.
     speed : seconds of the sample clock per second of the host clock; other than 1 for an emulator in
         time-lapse.
     baseline : an earlier report of the same sensor, to compare with.
@@ -85,6 +87,7 @@ class RunOptions:
     state_directory: Path
     duration_s: float | None = None
     fresh: bool = False
+    temporary: bool = False
     speed: float = 1.0
     baseline: report.Report | None = None
 
@@ -133,7 +136,7 @@ class Daemon:
         self._counters = DeviceCounters()
         self._state: report.State = "starting"
         self._started: str | None = None  # when the record began
-        self._connected = self._ended = False
+        self._connected = self._ended = self._searched = False
         self._streams: set[Stream] = set()
         self._fed_at: float | None = None  # `uptime_s` of the last samples
         self._lost_at: float | None = None  # `uptime_s` of the loss
@@ -151,6 +154,7 @@ class Daemon:
         """
         if not self._notifier.enabled:
             self._recorder.check_file()
+            check_directory(self.options.state_directory)
         with self._shutdown.handling_signals():
             try:
                 self._reader.start()
@@ -182,6 +186,9 @@ class Daemon:
             case Disconnected(error):
                 self._on_disconnect(error)
             case Progress(text):
+                if not self._searched:  # a port that opens at once needs no line; identifying takes seconds
+                    self._searched = True
+                    self._log(f"searching for a sensor on {self.options.url or 'all serial ports'}")
                 self._log(text, "debug")
             case EndOfStream(error):
                 self._ended = True
@@ -349,7 +356,10 @@ class Daemon:
     def _start_recording(self) -> None:
         if self._info is not None and self._bus is not None:
             rate = self._monitor.rate_hz
-            self._recorder.start(metadata.recording_header(self._bus.id, self._info, rate, self._started))
+            header = metadata.recording_header(self._bus.id, self._info, rate, self._started)
+            if path := self._recorder.start(header):
+                taken = path != self.settings.record.file
+                self._log(f"recording to {path}{': the given file exists' if taken else ''}")
 
     def _check_timeout(self, *, data: bool, samples: bool) -> None:
         if not self._connected:
@@ -465,7 +475,19 @@ class Daemon:
         self._wait_for_restore()
         if self._bus is not None:
             self._bus.close()
+        self._log(self._end_text())
         return final
+
+    def _end_text(self) -> str:
+        """Return what the run leaves behind, for the log."""
+        samples = self._monitor.samples
+        if not samples:
+            return "stopped: no sample arrived"
+        text = f"stopped: the record has {samples:,} sample{'s' * (samples > 1)}"
+        if self.options.temporary:
+            return f"{text} and is not kept: --state DIR keeps it"
+        path = self._persistence.path if self._persistence is not None else None
+        return f"{text}, saved in {path}" if path is not None else f"{text} and is not saved"
 
     def _wait_for_restore(self) -> None:
         self._reader.join(RESTORE_S)

@@ -63,6 +63,11 @@ class Persistence:
         self.started: str | None = None
         self.fed_s: float | None = None
 
+    @property
+    def path(self) -> Path | None:
+        """File of the state; None if the last save failed."""
+        return None if self._checkpoint.failed else self._checkpoint.path
+
     def restore(self, info: DeviceInfo) -> list[tuple[str, Level]]:
         """Let the monitor continue the saved record, if it is one of this sensor with these settings.
 

@@ -7,7 +7,7 @@ before that wait in memory. A full disk ends the recording, not the daemon.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, BinaryIO
 
 from imumon.config import RecordSettings
 from imumon.errors import ImumonError
@@ -35,6 +35,7 @@ class Recorder:
         self._writer: CaptureWriter | None = None
         self._ending: list[CaptureWriter] = []  # of earlier records, which may still be writing
         self._problems: list[str] = []
+        self._pipe: BinaryIO | None = None  # open until the recording starts, so that its reader stays
         self.needs_header = bool(settings.file)
 
     def check_file(self) -> None:
@@ -45,7 +46,7 @@ class Recorder:
         RecordingError : it cannot.
         """
         if self.needs_header:
-            check_place(self._settings.file)
+            self._pipe = check_place(self._settings.file)
 
     @property
     def full(self) -> bool:
@@ -59,8 +60,13 @@ class Recorder:
         elif self.needs_header:
             self._early += data
 
-    def start(self, header: Mapping[str, Any]) -> None:
-        """Start the recording with its header, and write the bytes that waited for it."""
+    def start(self, header: Mapping[str, Any]) -> str | None:
+        """Start the recording with its header, and write the bytes that waited for it.
+
+        Returns
+        -------
+        Path of the file, None if there is a problem: an existing file is not overwritten.
+        """
         early, self._early, self.needs_header = bytes(self._early), bytearray(), False
         rotate = int(self._settings.rotate_mb * 1e6)
         try:
@@ -69,8 +75,13 @@ class Recorder:
             )
         except ImumonError as error:
             self._problems.append(str(error))
-            return
+            return None
+        finally:
+            if self._pipe is not None:
+                self._pipe.close()
+                self._pipe = None
         self._writer.write(early)
+        return self._writer.path
 
     def gap(self, length_s: float | None) -> None:
         """Note that the stream was interrupted, so that a replay has the same gap."""

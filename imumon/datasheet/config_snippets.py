@@ -16,11 +16,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from imumon.datasheet.tables import record_title, sensor_axes, sensor_title
+from imumon.datasheet.tables import filter_warning, record_title, sensor_axes, sensor_title
 from imumon.messages import (
     FILTER_NOT_KNOWN,
     caveats,
-    filter_not_known,
     joined,
     line,
     no_value_text,
@@ -102,7 +101,7 @@ def _header(report: Report) -> list[str]:
     if "aliased" in by_caveat:
         by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
         lines.append(f"WARNING: aliased: N is too high{by}: right for this stream, wrong for the sensor")
-    if (warning := filter_not_known(report)) is not None:
+    if (warning := filter_warning(report)) is not None:
         lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
     for caveat, channels in by_caveat.items():
         if caveat != "aliased":

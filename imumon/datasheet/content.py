@@ -25,6 +25,9 @@ from imumon.datasheet.tables import (
     SENSOR_TITLES,
     axis_grades,
     coefficient_text,
+    driver_advice,
+    event_rows,
+    filter_warning,
     invalid_noun,
     readable_curves,
     record_title,
@@ -38,7 +41,6 @@ from imumon.messages import (
     FILTER_NOT_KNOWN,
     caveats,
     exclusions,
-    filter_not_known,
     grade_text,
 )
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
@@ -109,11 +111,13 @@ def _grade_reason(sensor: str, grade: SensorGrade) -> str:
 def _cautions(report: Report) -> Iterator[Block]:
     for caveat, channels in caveats(report).items():
         text = CAVEATS[caveat].advice if caveat in CAVEATS else ""
-        if caveat == "aliased" and report.device.alias_factor:
-            text = f"By a factor of {report.device.alias_factor:.2f}, nominally. {text}"
+        if caveat == "aliased":
+            text = f"{text} {driver_advice(report, caveat)}".strip()
+            if report.device.alias_factor:
+                text = f"By a factor of {report.device.alias_factor:.2f}, nominally. {text}"
         where = f" ({', '.join(channels)})" if channels else ""
         yield Caution(f"{caveat.replace('_', ' ')}{where}", text)
-    if (warning := filter_not_known(report)) is not None:
+    if (warning := filter_warning(report)) is not None:
         yield Caution(FILTER_NOT_KNOWN, warning)
 
 
@@ -278,6 +282,8 @@ def _record(report: Report) -> Iterator[Block]:
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))
+    if report.events:
+        yield DataTable(("at", "event"), tuple(event_rows(report)))
 
 
 def _seconds(seconds: float) -> str:

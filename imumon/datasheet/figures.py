@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import re
+import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +62,7 @@ def png(report: Report) -> bytes:
     ------
     NoCurve : the record is too short.
     """
+    _load_fonts()
     from matplotlib.figure import Figure
 
     sensors = [sensor for sensor in SENSOR_TITLES if _drawable(readable_curves(report, sensor))]
@@ -75,6 +79,7 @@ def png(report: Report) -> bytes:
 
 def svg(report: Report, sensor: str) -> str:
     """Return the curves of a sensor as an SVG element of the HTML page; empty if there are none."""
+    _load_fonts()
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -94,6 +99,18 @@ def svg(report: Report, sensor: str) -> str:
     label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
     view = f'viewBox="0 0 {width:g} {height:g}"'
     return f'<svg class="allan" role="img" aria-label="{label}" {view}>{body}</svg>'
+
+
+def _load_fonts() -> None:
+    """Import matplotlib's fonts without leaving its list of fonts in the user's home directory."""
+    if "MPLCONFIGDIR" in os.environ or "matplotlib.font_manager" in sys.modules:
+        return
+    with tempfile.TemporaryDirectory(prefix="imumon-") as directory:
+        os.environ["MPLCONFIGDIR"] = directory
+        try:
+            import matplotlib.font_manager  # noqa: F401
+        finally:
+            del os.environ["MPLCONFIGDIR"]
 
 
 def _saved(figure: Figure, form: str) -> bytes:

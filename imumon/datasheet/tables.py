@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from imumon.devices import registry
 from imumon.messages import (
     FILTER_NOT_KNOWN,
     caveats,
@@ -23,6 +24,9 @@ from imumon.messages import (
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, DeviceDescription, Report
 from imumon.samples import AXES, sensor_of
 from imumon.units import READABLE, counted, duration, figures, measured, pretty
+
+SHOWN_EVENTS = 30
+"""Most events in the text for a terminal. Not critical."""
 
 SENSOR_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 
@@ -41,7 +45,13 @@ def record_title(report: Report) -> str:
     """Return the length, stream and rate of the record."""
     device = report.device
     rate = f" at {device.sample_rate_hz:g} Hz" if device.sample_rate_hz else ""
-    return f"{duration(report.session.elapsed_s)} of {device.stream or 'samples'}{rate}"
+    return f"{duration(report.session.elapsed_s)} of {stream_noun(device)}{rate}"
+
+
+def stream_noun(device: DeviceDescription) -> str:
+    """Return what the samples are, in words."""
+    unknown = device.stream in (None, "unknown")
+    return "samples" if unknown else device.stream or ""
 
 
 def sensor_axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
@@ -108,6 +118,7 @@ def report_table(report: Report, width: int | None = None) -> str:
     layout = next(fitting, LAYOUTS[-1])
     legend = [uncertainty()] if report.channels and not layout.limits else []
     parts = [*_header(report), "", *_rows(report, layout), *legend, "", *_grades(report), *_caveats(report)]
+    parts += _events(report)
     return "\n".join(parts)
 
 
@@ -145,7 +156,7 @@ def _header(report: Report) -> list[str]:
     name = f"{device.id}: {title}" if title and device.id != "replay" else title or device.id
     rate = f"{device.sample_rate_hz:g} Hz" if device.sample_rate_hz else "rate unknown"
     lines = [
-        f"{name}  {device.source or ''} {device.stream or ''}  {rate}  {report.state}",
+        f"{name}  {device.source or ''} {stream_noun(device)}  {rate}  {report.state}",
         f"{duration(session.elapsed_s)}, {counted(session.samples, 'sample')}, {session.missing:,} missing "
         f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, invalid_noun(device))}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
@@ -224,8 +235,37 @@ def _caveats(report: Report) -> list[str]:
         f"caveat {caveat}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(caveat)}"
         for caveat, names in caveats(report).items()
     ]
-    warning = filter_not_known(report)
+    warning = filter_warning(report)
     return lines if warning is None else [*lines, f"{FILTER_NOT_KNOWN}: {warning}"]
+
+
+def filter_warning(report: Report) -> str | None:
+    """Return a warning about samples of a sensor whose filter is unknown; None if there is nothing to warn of."""
+    warning = filter_not_known(report)
+    return warning and f"{warning} {driver_advice(report, 'unknown')}".strip()
+
+
+def driver_advice(report: Report, about: str) -> str:
+    """Return what the driver of the sensor says about its filter; empty if the driver is unknown."""
+    device = report.device
+    driver = registry.driver_of_record(device.driver, device.model, device.id)
+    return driver.filter_advice(device.sample_rate_hz).get(about, "") if driver is not None else ""
+
+
+def event_rows(report: Report) -> Iterator[tuple[str, str]]:
+    """Yield time and text of each event of a record, those with a time of the record only."""
+    for event in report.events:
+        if event.elapsed_s is not None:
+            yield f"{event.elapsed_s:,.1f} s", event.text
+
+
+def _events(report: Report) -> list[str]:
+    rows = list(event_rows(report))
+    lines = [f"{at:>14}  {text}" for at, text in rows[:SHOWN_EVENTS]]
+    more = (
+        [f"{'':>14}  {len(rows) - SHOWN_EVENTS} more: --json lists them"] if len(rows) > SHOWN_EVENTS else []
+    )
+    return ["", "events, by the time since the first sample", *lines, *more] if lines else []
 
 
 # ---------------------------------------------------------------- CSV

@@ -299,6 +299,20 @@ class DeviceDriver(ABC):
         """Return what must be known to compare a record of these channels and this rate with the values."""
         return ()
 
+    def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
+        """Return what is known of the sensor's filter, in sentences.
+
+        Parameters
+        ----------
+        rate_hz : Hz, sample rate of the record.
+
+        Returns
+        -------
+        ``aliased`` : how to configure the filter; ``unknown`` : its effect if the settings are unknown. Either may
+        be missing.
+        """
+        return {}
+
     def setting_text(self, name: str, value: str) -> str | None:
         """Return what a setting of the device does, in a few words; None if that is unknown."""
         return None

@@ -387,7 +387,7 @@ def _open_url(url: str, baud: int) -> Any:
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
     except (OSError, ValueError) as error:
-        cure = "check that the server is running and that the URL is right"
+        cure = "check that the server is running and that the URL is correct"
         raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
 
 
@@ -435,7 +435,8 @@ def _open_error(path: str, error: Exception) -> DeviceError:
         return DeviceNotFound("port_vanished", text, "plug the adapter in again, and check the cable")
     if isinstance(error, termios.error) or number == errno.ENOTTY or _is_no_terminal(path):
         return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
-    return DeviceError("port_unusable", f"cannot open {path} ({error})", "check the port with imumon doctor")
+    cure = "unplug the adapter and plug it in again; dmesg shows what its driver reports"
+    return DeviceError("port_unusable", f"cannot open {path} ({error})", cure)
 
 
 def _is_no_terminal(path: str) -> bool:

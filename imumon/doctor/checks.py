@@ -24,7 +24,7 @@ MIN_FREE_BYTES = 10_000_000  # bytes on the file system of the state directory: 
 ALIASED = 1.001  # alias factor above which N counts as inflated, beyond rounding errors. Not critical
 
 DEVICE_CHECKS = (
-    "sensor", "baud", "identity", "stream", "aliasing", "compensation", "bandwidth", "checksums", "rate",
+    "sensor", "baud", "model", "stream", "aliasing", "compensation", "load", "checksums", "rate",
     "clock",
 )  # fmt: skip
 """Order of the checks of a device; others follow."""
@@ -70,7 +70,7 @@ def port(port: PortObservation) -> Iterator[Check]:
     else:
         yield Check("port", "ok", f"{port.path} {port.description}".strip())
         yield _permission(port)
-        yield _holder(port)
+        yield _usage(port)
 
 
 def _permission(port: PortObservation) -> Check:
@@ -85,17 +85,17 @@ def _permission(port: PortObservation) -> Check:
     return Check("permission", "failed", f"{port.user} may not read and write {port.path}", cure)
 
 
-def _holder(port: PortObservation) -> Check:
+def _usage(port: PortObservation) -> Check:
     if port.daemon is not None:
-        return Check("holder", "ok", f"the daemon {port.daemon} reads it and is queried instead")
+        return Check("usage", "ok", f"the daemon {port.daemon} uses the port; its counters are checked")
     if not port.holders:
-        return Check("holder", "ok", "no other program has it open")
+        return Check("usage", "ok", "no other program uses the port")
     cure = "end that program first"
     if any(name.startswith(("imumon", "python")) for name in port.holders):
         cure += "; if it is a daemon of imumon, give its endpoint with --connect"
     if any(name.startswith("ModemManager") for name in port.holders):
         cure = "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1"
-    return Check("holder", "failed", f"{port.path} is in use by {', '.join(port.holders)}", cure)
+    return Check("usage", "failed", f"{port.path} is in use by {', '.join(port.holders)}", cure)
 
 
 def latency(port: PortObservation) -> Iterator[Check]:
@@ -135,7 +135,7 @@ def device(observation: Observation, specific: Iterable[Check]) -> list[Check]:
 def _generic(observation: Observation) -> Iterator[Check]:
     if observation.lost is not None:
         yield Check("sensor", "failed", observation.lost, "check the plug and the strain relief of the cable")
-    yield _identity(observation)
+    yield _model(observation)
     yield _stream(observation)
     if observation.info.stream is not None:
         yield _aliasing(observation)
@@ -147,14 +147,14 @@ def _generic(observation: Observation) -> Iterator[Check]:
         yield from _clock(observation)
 
 
-def _identity(observation: Observation) -> Check:
+def _model(observation: Observation) -> Check:
     info = observation.info
     if info.model is None:
         return Check(
-            "identity", "warning", f"the {info.kind} does not report its model", "identify it by its port"
+            "model", "warning", f"the {info.kind} does not report its model", "identify it by its port"
         )
     serial = info.serial or "without a serial number"
-    return Check("identity", "ok", f"{info.model} {serial}, firmware {info.firmware or 'unknown'}")
+    return Check("model", "ok", f"{info.model} {serial}, firmware {info.firmware or 'unknown'}")
 
 
 def _stream(observation: Observation) -> Check:
@@ -164,7 +164,7 @@ def _stream(observation: Observation) -> Check:
         return Check("stream", "failed", text, "check the power and the cable of the sensor")
     if pause > MAX_PAUSE_S and observation.samples:
         text = f"{info.source}, but no data for {pause:.1f} s"
-        return Check("stream", "warning", text, "check power and cable; another program may be stalling USB")
+        return Check("stream", "warning", text, "check power and cable; another program may delay USB")
     if observation.samples:
         return Check("stream", "ok", f"{info.source}, {info.stream}")
     if observation.messages:
@@ -181,15 +181,18 @@ def _aliasing(observation: Observation) -> Check:
     info = observation.info
     if info.alias_factor is None:
         text = f"unknown: the {info.kind} does not report its filter or its rate"
-        return Check("aliasing", "warning", text, "its filter must average over the output interval")
+        return Check("aliasing", "warning", text, "configure its filter to average over the output interval")
     if info.alias_factor <= ALIASED:
         return Check("aliasing", "ok", "none")
     text = f"N of {info.source} reads {info.alias_factor:.2f} times too high"
-    return Check("aliasing", "warning", text, "have its filter average over the output interval")
+    return Check("aliasing", "warning", text, "configure its filter to average over the output interval")
 
 
 def _compensation(observation: Observation) -> Check:
     info = observation.info
+    if info.stream == "unknown":
+        text = f"unknown whether {info.source} is compensated: B and K may be those of a filter"
+        return Check("compensation", "warning", text, "see the settings of its driver or of the sensor")
     if info.stream != "compensated":
         return Check("compensation", "ok", f"the stream is {info.stream}: B and K are those of the sensor")
     text = f"{info.source} is compensated by a filter: B and K would be those of the filter"
@@ -272,15 +275,15 @@ def zenoh(zenoh: ZenohObservation) -> Check:
             return Check("zenoh", "failed", "no free endpoint", "give one with --listen")
         return Check("zenoh", "failed", zenoh.error.message, zenoh.error.cure or None)
     if not zenoh.reports:
-        return Check("zenoh", "ok", f"no daemon answers, {zenoh.free} is free for one")
+        return Check("zenoh", "ok", f"no daemon is running; the next one can listen on {zenoh.free}")
     waiting = next((report.device for report in zenoh.reports if report.state == "waiting"), None)
     if waiting is not None:
         others = [report.device.id for report in zenoh.reports if report.device != waiting]
-        text = f"{waiting.id} answers, but waits for its sensor on {waiting.port or 'its port'}"
-        text += f"; {', '.join(others)} answers too" if others else ""
+        text = f"the daemon {waiting.id} waits for its sensor on {waiting.port or 'its port'}"
+        text += f"; also running: {', '.join(others)}" if others else ""
         return Check("zenoh", "warning", text, RECONNECT_CURE)
-    free = f", {zenoh.free} is free for another" if zenoh.free else ""
-    return Check("zenoh", "ok", f"{ids} answers{free}")
+    free = f"; another daemon can listen on {zenoh.free}" if zenoh.free else ""
+    return Check("zenoh", "ok", f"running: {ids}{free}")
 
 
 def state(state: StateObservation) -> Check:

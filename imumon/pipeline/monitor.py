@@ -51,7 +51,7 @@ critical."""
 
 LIMIT_CURVES = limit_curves(LIMITS)
 
-STREAM_RANK = {"compensated": 0, "uncompensated": 1, "deltas": 2}
+STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 """Rank of a kind of stream: the highest is characterised."""
 
 

@@ -63,6 +63,7 @@ class Recording:
     Attributes
     ----------
     header : what is known of the device, or None.
+    driver : URL scheme of the driver whose format it has; None: a format of no device.
     problem : why reading ended early, or None.
     remarks : what was left out or is doubtful, one line each.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
@@ -70,6 +71,7 @@ class Recording:
     """
 
     header: Mapping[str, Any] | None = None
+    driver: str | None = None
     problem: str | None = None
     remarks: Sequence[str] = ()
     fed = discarded = bad_checksums = 0

@@ -30,20 +30,26 @@ COMPRESSED_FLUSHES = 10
 """Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression. Not critical."""
 
 
-def check_place(path: str) -> None:
-    """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here."""
-    folder = os.path.dirname(path) or "."
-    place = path if os.path.exists(path) else folder
-    if not os.path.isdir(folder):
-        code, why = "no_folder", f"there is no folder {folder}"
-        cure = "make it, or give another --record"
+def check_place(path: str) -> BinaryIO | None:
+    """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here.
+
+    Returns
+    -------
+    The open pipe at this path, None for a file. Its reader ends if it is closed before the recording starts.
+    """
+    directory = os.path.dirname(path) or "."
+    place = path if os.path.exists(path) else directory
+    if not os.path.isdir(directory):
+        code, why = "no_directory", f"there is no directory {directory}"
+        cure = "create it, or give another --record"
     elif os.path.isdir(path):
-        code, why = "is_folder", "that is a folder"
+        code, why = "is_directory", "that is a directory"
         cure = f"name a file in it, such as {os.path.join(path, 'run.bin')}"
-    elif not os.access(place, os.W_OK) and not os.statvfs(folder).f_flag & os.ST_RDONLY:
+    elif not os.access(place, os.W_OK) and not os.statvfs(directory).f_flag & os.ST_RDONLY:
         code, why, cure = "no_permission", f"no permission to write {place}", "give another --record"
     else:
-        return
+        is_pipe = os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)
+        return _open_pipe(path) if is_pipe else None
     raise RecordingError(code, f"cannot record to {path}: {why}", cure)
 
 

@@ -95,8 +95,18 @@ def layout(
         if (stream := _stream(columns, candidate)) is not None:
             _check_units(stream)
             _check_complete(stream, assigned)
-            return replace(stream, remarks=tuple(_unused(columns, stream)))
+            stream = replace(stream, remarks=tuple(_unused(columns, stream)))
+            return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
     raise _no_stream(names, columns, kind)
+
+
+def _names_kind(found: ColumnLayout) -> bool:
+    """Return whether the names of the columns show the kind of the stream."""
+    sensor = next(s for s in ("gyro", "accel") if any(sensor_of(channel) == s for channel in found.channels))
+    kinds = [
+        c.kind for name, c in zip(found.channels, found.columns, strict=True) if sensor_of(name) == sensor
+    ]
+    return found.kind != "uncompensated" or kinds == ["uncompensated"] * len(kinds)
 
 
 def _assigned(names: Sequence[str], channel: str, text: str, kind: Kind | None) -> Column:

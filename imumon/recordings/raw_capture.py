@@ -48,7 +48,7 @@ _FOREIGN = {
     b"%PDF": ("pdf", "a PDF document", _OTHER),
     b"\x7fELF": ("elf", "a program", _OTHER),
     b"\x93NUMPY": ("npy", "a NumPy array", "save it in an .npz archive"),
-    b"SQLite format 3": ("sqlite", "an SQLite database", "name the folder of the bag, or another file"),
+    b"SQLite format 3": ("sqlite", "an SQLite database", "name the directory of the bag, or another file"),
 }
 """First bytes of other formats: end of the code, what it is, what to do."""
 
@@ -73,9 +73,9 @@ def part_path(path: str, part: int) -> str:
     """
     if part == 0:
         return path
-    folder, name = os.path.split(path)
+    directory, name = os.path.split(path)
     stem, dot, suffix = name.partition(".")
-    return os.path.join(folder, f"{stem}.{part:04d}{dot}{suffix}")
+    return os.path.join(directory, f"{stem}.{part:04d}{dot}{suffix}")
 
 
 class RawCapture:
@@ -280,13 +280,13 @@ def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:
     if not isinstance(number, int) or not isinstance(base, str) or path == "-":
         return found
     following = part_path(base, number + 1)
-    folder = os.path.dirname(path)
-    if not os.path.exists(os.path.join(folder, following)):
-        folder = os.path.dirname(os.path.realpath(path))
+    directory = os.path.dirname(path)
+    if not os.path.exists(os.path.join(directory, following)):
+        directory = os.path.dirname(os.path.realpath(path))
     run, record = header.get("run"), header.get("record")
     while True:
         number += 1
-        following = part_path(os.path.join(folder, base), number)
+        following = part_path(os.path.join(directory, base), number)
         try:
             part = _Part(following, later=True)
         except RecordingError:

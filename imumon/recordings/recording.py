@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 
-from imumon.devices.base import DeviceError, RawDecoder, sample_blocks
+from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver
 from imumon.files import open_regular
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
@@ -51,10 +51,10 @@ class DecodedCapture(Recording):
         if decoder is None:
             raise RecordingError(
                 "no_decoder",
-                f"{capture.path}: the driver {scheme!r} decodes no captures",
+                f"{capture.path}: the driver {scheme!r} reads no recordings",
                 "use its own program",
             )
-        self._decoder: RawDecoder = decoder
+        self.driver, self._decoder = scheme, decoder
 
     def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
         for item in _in_blocks(self._capture.items(), self._block_bytes):

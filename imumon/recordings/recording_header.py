@@ -38,7 +38,7 @@ def _text(value: Any) -> str | None:
 
 
 def _name(value: Any) -> str | None:
-    """Return the name of a file; a path would lead out of the folder of the recording."""
+    """Return the name of a file; a path would lead out of the directory of the recording."""
     return value if isinstance(value, str) and not re.search(r"[\0/]", value) else None
 
 

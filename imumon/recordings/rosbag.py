@@ -1,7 +1,7 @@
 """Bag: `sensor_msgs/Imu` messages from rosbag 1, rosbag 2 and MCAP.
 
 The time of a sample is the stamp in the header of its message, which the driver makes: it is better than the
-time of the recording. A bag does not say whether the values are compensated; they count as uncompensated
+time of the recording. A bag does not say whether the values are compensated; the stream is unknown
 unless ``--stream`` says otherwise. A process of its own reads the bag (`bag_process`).
 """
 
@@ -56,7 +56,7 @@ class RosbagFile(Table):
         self.path = path
         self._check_files()
         self._process = subprocess.Popen(
-            # -P: the folder of the program has a module csv, which is not that of Python
+            # -P: the directory of the program has a module csv, which is not that of Python
             [sys.executable, "-P", bag_process.__file__, path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -71,7 +71,7 @@ class RosbagFile(Table):
         except BaseException:
             self._close()
             raise
-        kind = options.kind or "uncompensated"
+        kind = options.kind or "unknown"
         if kind == "deltas":
             self._close()
             raise RecordingError("no_stream", f"{path}: a bag of {IMU} has no deltas", "leave --stream out")

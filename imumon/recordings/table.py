@@ -47,7 +47,7 @@ ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
 RATE_CURE = "give the sample rate with --rate"
 
 OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
-    "single_row": ("has one row, and a rate needs two", RATE_CURE),
+    "single_row": ("has one row, and a rate needs two", "check that the file is complete, or record longer"),
     "time_descending": ("runs backwards", f"sort the rows by it, or {RATE_CURE}"),
     "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
     "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),

@@ -19,6 +19,7 @@ from imumon.devices import registry
 from imumon.pipeline import Monitor
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
+from imumon.report import Event
 from imumon.samples import Gap, Kind, SampleBlock
 
 PACED_BLOCK_BYTES = 1 << 12
@@ -101,6 +102,7 @@ def replay(
             time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
     run.monitor.flush()
     final = run.report("stopped")
+    final = replace(final, events=run.record_events())
     if not final.session.samples:
         raise recording.no_samples()
     for text in final.device.remarks:
@@ -128,7 +130,7 @@ class _Run:
         driver = registry.driver_of_record(header.get("driver"), header.get("model"), id)
         self.device = report.DeviceDescription(
             id=id,
-            driver=driver.scheme if driver is not None else header.get("driver"),
+            driver=driver.scheme if driver is not None else header.get("driver", recording.driver),
             setting_texts=registry.setting_texts(driver, settings),
             model=header.get("model"),
             serial=serial,
@@ -138,7 +140,9 @@ class _Run:
             settings=settings,
         )
         self.started = header.get("time")
-        self._events: list[report.Event] = []
+        self._events: list[Event] = []  # not published yet
+        self._record_events: list[Event] = []  # the first ones of the record
+        self._unlisted = 0  # events of the record after these
         self._restarts: Counter[str] = Counter()  # breaks of the record by code
         self._restart_texts: dict[str, str] = {}  # the last one by code
 
@@ -182,7 +186,7 @@ class _Run:
         now = datetime.now(UTC)
         current = self.monitor.report(now, self.device, state, session, device_caveats=caveats)
         for event in self.monitor.events():
-            self._events.append(event.stamped(now, self.device.id))
+            self._note(event.stamped(now, self.device.id))
             if event.kind == "restart":
                 self._restarts[event.code] += 1
                 self._restart_texts[event.code] = event.text
@@ -192,6 +196,21 @@ class _Run:
         ]
         remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks)))
         return replace(current, device=replace(current.device, remarks=remarks))
+
+    def _note(self, event: Event) -> None:
+        self._events.append(event)
+        if len(self._record_events) < report.MAX_ITEMS:
+            self._record_events.append(event)
+        else:
+            self._unlisted += 1
+
+    def record_events(self) -> tuple[Event, ...]:
+        """Return the events of the record in the order of their time; the last one counts those left out."""
+        events = sorted(self._record_events, key=lambda event: event.elapsed_s or 0.0)
+        if self._unlisted:
+            text = f"{self._unlisted + 1:,} later events are not listed"
+            events[-1] = replace(events[-1], kind="remark", text=text, channel=None, length_s=None, size=None)
+        return tuple(events)
 
 
 def progress_bar(stream: TextIO | None = None) -> Callable[[float | None, float], None] | None:

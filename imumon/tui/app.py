@@ -373,7 +373,8 @@ class ImumonApp(App[int]):
             target.write_text(content, encoding="utf-8")
             saved = export.convert_to_png(target) if form == "png" else target
             hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
-            self.notify(f"saved {saved or target}{hint}", markup=False)
+            files = f"{target} and {saved.name}" if saved not in (None, target) else target
+            self.notify(f"saved {files}{hint}", markup=False)
         except (OSError, ValueError) as error:
             self.notify(f"not saved: {error}", severity="error", markup=False)
 

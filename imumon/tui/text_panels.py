@@ -74,8 +74,9 @@ def _stream(report: Report) -> list[Line]:
         "deltas": "true averages over each interval",
         "uncompensated": "samples before the bias filter",
         "compensated": "samples after the bias filter",
+        "unknown": "samples, compensated or not",
     }
-    alias, note, role = None, "unknown: the filter register was not read", "text"
+    alias, note, role = None, "unknown: the filter of the sensor is unknown", "text"
     if d.alias_factor == 1.0:
         alias, note = "1.00", "N is not inflated"
     elif d.alias_factor is not None:

@@ -229,7 +229,7 @@ class SaveDialog(DialogWindow):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("v", "dismiss('svg')", "picture, SVG"),
-        Binding("p", "dismiss('png')", "picture, PNG"),
+        Binding("p", "dismiss('png')", "picture, PNG, and the SVG it is made from"),
         Binding("c", "dismiss('csv')", "numbers of this view, CSV"),
         Binding("j", "dismiss('json')", "the whole report, JSON (a baseline for later)"),
     ]

@@ -1,4 +1,4 @@
-"""Doctor checks of a VN-100: baud, bandwidth, and the registers that change the noise."""
+"""Doctor checks of a VN-100: baud rate, load of the line, and the registers that change the noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_LOAD = 0.955
 """Share of the baud that a VN-100 was seen to transmit without loss."""
 
 IMPOSSIBLE_LOAD = 1.05
-"""Share of the baud that no serial line carries: the port is a pseudo-terminal, or ignores the baud."""
+"""Share of the baud rate that no serial line can transmit: the port is a pseudo-terminal, or ignores it."""
 
 ALIASED = 1.001
 """Alias factor above which N counts as inflated: rounding errors lie below. Not critical."""
@@ -34,12 +34,12 @@ def checks(observation: Observation, settings: Any) -> Iterator[Check]:
     """
     info = observation.info
     yield _baud(info, settings.baud)
-    yield from _identity(info)
+    yield from _model(info)
     if info.stream is not None:
         yield _aliasing(info)
         yield from _compensation(info)
     if observation.messages:
-        yield _bandwidth(observation)
+        yield _load(observation)
 
 
 def _baud(info: DeviceInfo, configured: int | str) -> Check:
@@ -50,19 +50,19 @@ def _baud(info: DeviceInfo, configured: int | str) -> Check:
         return Check("baud", "failed", text, 'set device.baud = "auto"')
     rate = LOOP_RATE / divisors("deltas", info.baud)[0]
     if rate < SLOW_HZ:
-        text = f"{info.baud} baud carries the deltas at {rate:g} Hz only"
+        text = f"{info.baud} baud is enough for the deltas at {rate:g} Hz only"
         return Check("baud", "warning", text, "imumon run --set-baud 115200 (until the next power-up)")
-    return Check("baud", "ok", f"{info.baud} baud, carries the deltas at {rate:g} Hz")
+    return Check("baud", "ok", f"{info.baud} baud, enough for the deltas at {rate:g} Hz")
 
 
-def _identity(info: DeviceInfo) -> Iterator[Check]:
+def _model(info: DeviceInfo) -> Iterator[Check]:
     if info.model is None:
-        text = "unknown: with listen_only the sensor is not asked"
-        yield Check("identity", "warning", text, "without listen_only its model and settings are read")
+        text = "unknown: device.listen_only prevents imumon from asking the sensor"
+        yield Check("model", "warning", text, "set device.listen_only = false to read model and settings")
     elif not info.model.upper().startswith("VN-100"):
         serial = info.serial or "without a serial number"
         text = f"{info.model} {serial}, firmware {info.firmware or 'unknown'}: it is treated like a VN-100"
-        yield Check("identity", "warning", text, "check its filter yourself")
+        yield Check("model", "warning", text, "check its filter yourself")
 
 
 def _register(info: DeviceInfo, number: int) -> str | None:
@@ -75,11 +75,13 @@ def _aliasing(info: DeviceInfo) -> Check:
     register = f", register {IMU_FILTER} is {windows}" if windows else ""
     if info.alias_factor is None:
         text = "unknown: the filter or the rate of the sensor could not be read"
-        return Check("aliasing", "warning", text, "without listen_only it is read, and deltas have none")
+        return Check(
+            "aliasing", "warning", text, "set device.listen_only = false to read them, or use the deltas"
+        )
     if info.alias_factor <= ALIASED:
         return Check("aliasing", "ok", f"none{register}")
     text = f"N of {info.source} reads {info.alias_factor:.2f} times too high{register}"
-    cure = "imumon run uses the deltas, which are right; docs/SENSOR.md explains it and other cures"
+    cure = "use the deltas, as imumon run does; docs/SENSOR.md explains why, and lists other cures"
     return Check("aliasing", "warning", text, cure)
 
 
@@ -93,16 +95,16 @@ def _compensation(info: DeviceInfo) -> Iterator[Check]:
         yield Check("compensation", "warning", text, "imumon run uses the uncompensated deltas")
 
 
-def _bandwidth(observation: Observation) -> Check:
+def _load(observation: Observation) -> Check:
     bytes_per_s = observation.bytes / observation.seconds
     baud = observation.info.baud
     if not baud:
-        return Check("bandwidth", "ok", f"{bytes_per_s:.0f} bytes/s")
+        return Check("load", "ok", f"{bytes_per_s:.0f} bytes/s")
     load = bytes_per_s / (baud / 10)
     text = f"{load:.0%} of {baud} baud"
     if load > IMPOSSIBLE_LOAD:
-        return Check("bandwidth", "ok", f"{text}: not a real serial line, the baud is no limit")
+        return Check("load", "ok", f"{text}: no real serial line, so the baud rate is no limit")
     if load <= HIGH_LOAD:
-        return Check("bandwidth", "ok", text)
-    cure = "request a lower rate, or raise the baud with --set-baud"
-    return Check("bandwidth", "warning" if load <= MAX_LOAD else "failed", text, cure)
+        return Check("load", "ok", text)
+    cure = "request a lower rate, or raise the baud rate with --set-baud"
+    return Check("load", "warning" if load <= MAX_LOAD else "failed", text, cure)

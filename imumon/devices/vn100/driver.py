@@ -56,6 +56,11 @@ class Vn100Driver(DeviceDriver):
 
         return reference_notes(channels, rate_hz) if _is_vn100(model) else ()
 
+    def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
+        from imumon.devices.vn100.reference_values import filter_advice
+
+        return filter_advice(rate_hz)
+
     def setting_text(self, name: str, value: str) -> str | None:
         from imumon.devices.vn100.register_text import describe_setting
 

@@ -29,6 +29,9 @@ stream is aliased and compensated: N is about √5 too high, and B describes the
 MAG_HZ = 250.0
 """Hz, rate at which a VN-100 reads its magnetometer, unfiltered."""
 
+FILTERED_BELOW_HZ = 200.0
+"""Hz, output rate below which the factory filter passes noise that folds: it averages 4 samples of 800 Hz."""
+
 
 def _values() -> dict[tuple[str, str], Sequence[ReferenceValue]]:
     values: dict[tuple[str, str], Sequence[ReferenceValue]] = {}
@@ -66,3 +69,14 @@ def reference_notes(channels: Sequence[str], rate_hz: float | None) -> Sequence[
         f"A VN-100 reads its magnetometer {MAG_HZ:g} times a second, unfiltered: at {rate_hz:g} Hz its N is "
         f"{(MAG_HZ / rate_hz) ** 0.5:.2f} times too high.",
     )
+
+
+def filter_advice(rate_hz: float | None) -> Mapping[str, str]:
+    """Return how to configure the filter, and the effect of the factory filter; see `DeviceDriver.filter_advice`."""
+    folds = rate_hz is not None and 0.0 < rate_hz < FILTERED_BELOW_HZ
+    here = f", here {(FILTERED_BELOW_HZ / rate_hz) ** 0.5:.2f}" if rate_hz and folds else ""
+    return {
+        "aliased": "The filter of a VN-100 is register 85: set it to 800 Hz divided by the rate.",
+        "unknown": "With the factory settings of a VN-100, N of point samples below 200 Hz is too high by "
+        f"√(200 Hz / rate){here}.",
+    }
