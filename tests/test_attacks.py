@@ -68,6 +68,14 @@ def test_queries_and_messages_take_bounded_memory(way: Callable[..., int]) -> No
         assert counts["reports"] >= 3
 
 
+def test_a_query_with_data_or_a_long_selector_gets_no_reply() -> None:
+    with publisher() as (_, address, _), attackers.session(address) as querier:
+        until(lambda: list(querier.get("imumon/a/report", timeout=1.0)))
+        for options in ({"payload": b"x"}, {"attachment": b"x"}):
+            assert not list(querier.get("imumon/a/report", timeout=1.0, **options))
+        assert not list(querier.get(f"imumon/a/report?{'x' * 2000}", timeout=1.0))
+
+
 @pytest.mark.slow
 def test_a_stopped_querier_delays_no_other_subscriber() -> None:
     with publisher(period=0.05, columns=20000) as (_, address, start):
