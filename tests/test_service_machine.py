@@ -167,6 +167,25 @@ def test_stop_is_quick_and_a_restart_goes_on_with_the_record(machine: Machine) -
     assert round(after.session.elapsed_s * rate) == after.session.samples + after.session.missing
 
 
+def test_the_service_beyond_its_memory_is_ended_and_its_record_continues(machine: Machine) -> None:
+    before = status(machine, start(machine).session.samples + 300)
+    process = machine.process(UNIT)
+    limits = Path(f"/proc/{process}/limits").read_text("utf-8").splitlines()
+    files = next(line for line in limits if line.startswith("Max open files")).split()
+    assert files[3:5] == ["8192", "8192"]
+    assert machine.show(UNIT, "MemoryMax") == str(256 << 20)
+    machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=20M")
+    try:
+        machine.until(lambda: machine.show(UNIT, "NRestarts") != "0")
+    finally:
+        machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=256M")
+    assert any("oom" in line.lower() for line in machine.journal(UNIT))
+    machine.until(lambda: machine.show(UNIT, "ActiveState") == "active")
+    after = status(machine)
+    assert after.session.started == before.session.started
+    assert after.session.restarts > before.session.restarts
+
+
 def test_the_journal_knows_errors_from_the_rest(machine: Machine) -> None:
     machine.run("journalctl", "--rotate", "--vacuum-time=1s")
     start(machine)
