@@ -43,15 +43,16 @@ def session(endpoint: str, **settings: object) -> zenoh.Session:
 
 
 def repeat(endpoint: str, seconds: float, pause_s: float, act: Callable[[zenoh.Session, int], object]) -> int:
-    """Do something again and again; open another session when the daemon has closed one."""
-    end, count, open_session = time.monotonic() + seconds, 0, session(endpoint)
+    """Do something again and again; open another session when there is none or the daemon has closed it."""
+    end, count, open_session = time.monotonic() + seconds, 0, None
     while time.monotonic() < end:
         try:
+            if open_session is None:
+                open_session = session(endpoint)
             act(open_session, count)
             count += 1
         except zenoh.ZError:
-            with suppress(zenoh.ZError):
-                open_session = session(endpoint)
+            open_session = None
         time.sleep(pause_s)
     return count
 
@@ -155,8 +156,8 @@ def half_open(endpoint: str, id: str, seconds: float) -> int:
 
 def stopped(endpoint: str, id: str, seconds: float) -> int:
     """A subscriber that queries signals, with replies that must not be dropped, and then stops."""
-    lease = {"transport/link/tx/lease": 60_000}
-    with session(endpoint, **lease) as open_session:
+    patient = {"transport/link/tx/lease": 60_000, "connect/timeout_ms": 10_000}
+    with session(endpoint, **patient) as open_session:
         open_session.declare_subscriber("imumon/**", ignore)
         end, count = time.monotonic() + 1.0, 0
         while time.monotonic() < end:

@@ -24,7 +24,12 @@ from daemons import Daemon, free_endpoint
 from imumon.cli import parsers
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "SECURITY.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 OWN_TESTS = {"ZENOH.md"}  # tests/test_bus_docs.py
 REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "hook"}
 
@@ -172,6 +177,16 @@ def test_the_index_names_every_document() -> None:
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
     pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
     assert not [name for name in pages if f"({name}" not in index]
+
+
+def test_every_attack_in_security_names_a_test_that_exists() -> None:
+    text = (ROOT / "SECURITY.md").read_text("utf-8").partition("## What was tried")[2]
+    rows = [row for row in text.splitlines() if row.startswith("|")][2:]
+    assert rows
+    for row in rows:
+        named = re.search(r"`(test_\w+\.py)::(test_\w+)` \|$", row)
+        assert named is not None, row
+        assert f"def {named[2]}(" in (ROOT / "tests" / named[1]).read_text("utf-8"), row
 
 
 def test_the_walk_of_a_sample_names_files_that_exist() -> None:

@@ -167,6 +167,48 @@ def test_stop_is_quick_and_a_restart_goes_on_with_the_record(machine: Machine) -
     assert round(after.session.elapsed_s * rate) == after.session.samples + after.session.missing
 
 
+def test_the_limits_of_the_unit_apply(machine: Machine) -> None:
+    start(machine)
+    limits = Path(f"/proc/{machine.process(UNIT)}/limits").read_text("utf-8").splitlines()
+    files = next(line for line in limits if line.startswith("Max open files")).split()
+    assert files[3:5] == ["8192", "8192"]
+    assert machine.show(UNIT, "MemoryMax") == str(256 << 20)
+
+
+def _saved(machine: Machine) -> Report:
+    """Start the service with a record that it has saved; return its report."""
+    status(machine, start(machine).session.samples + 300)
+    machine.run("systemctl", "restart", UNIT)
+    return status(machine)
+
+
+def _continues(machine: Machine, before: Report) -> None:
+    machine.until(lambda: machine.show(UNIT, "NRestarts") != "0")
+    machine.until(lambda: machine.show(UNIT, "ActiveState") == "active")
+    after = status(machine)
+    assert after.session.started == before.session.started
+    assert after.session.missing > before.session.missing  # the record has a gap until now
+
+
+def test_a_killed_service_is_started_again_and_its_record_continues(machine: Machine) -> None:
+    before = _saved(machine)
+    machine.run("kill", "-KILL", machine.show(UNIT, "MainPID"))  # as the kernel does beyond MemoryMax
+    _continues(machine, before)
+
+
+def test_the_service_beyond_its_memory_is_ended_and_its_record_continues(machine: Machine) -> None:
+    controllers = machine.run("cat", "/sys/fs/cgroup/cgroup.controllers", check=False)
+    if "memory" not in controllers.split():
+        pytest.skip("the kernel does not offer its memory controller to cgroup v2")
+    before = _saved(machine)
+    machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=20M")
+    try:
+        machine.until(lambda: machine.show(UNIT, "NRestarts") != "0")
+    finally:
+        machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=256M")
+    _continues(machine, before)
+
+
 def test_the_journal_knows_errors_from_the_rest(machine: Machine) -> None:
     machine.run("journalctl", "--rotate", "--vacuum-time=1s")
     start(machine)

@@ -26,6 +26,7 @@ EVENTS_KEPT = 100
 _SIGNAL_WAIT_S = 3.0  # s; a query for a signal that is not published by then gets no reply. Not critical
 _MAX_PENDING = 32  # queries that wait for a signal; the oldest gets no reply. Not critical
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks. Not critical
+_MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to. Not critical
 _MAX_NAME = 64  # characters of a channel that no report had yet; a longer one is not requested. Not critical
 
 
@@ -82,7 +83,11 @@ class LastValues:
                     self._pending.append((query, since))
 
     def reply(self, query: zenoh.Query) -> None:
-        """Reply to a query for any key, also with wildcards."""
+        """Reply to a query for any key, also with wildcards; drop one with data, which would be kept while it waits."""
+        data = query.payload is not None or query.attachment is not None
+        if data or len(str(query.selector)) > _MAX_SELECTOR:
+            query.drop()
+            return
         for name, text, timestamp in self.messages():
             key = f"{self._root}/{name}"
             if query.key_expr.intersects(key):
