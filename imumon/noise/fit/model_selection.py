@@ -158,11 +158,15 @@ def select_models(
     """
     base = _fitted(problems, [(used, _BASE) for used in problems.used])
     models = _with_scored_terms(problems, base, previous)
+    rejected = {row: model for row, model in enumerate(models) if not model.passes}
+    for row, found in _searched(problems, rejected, previous, spectrum=spectrum).items():
+        models[row] = found
+    rows = [(row, each) for row, model in enumerate(models) for each in (model, *model.others)]
+    fits = _with_error(problems.take([row for row, _ in rows]), [each for _, each in rows])
     selected = []
-    for row, model in enumerate(models):
-        one = problems.take([row])
-        found = model if model.passes else _searched(one, model, previous[row], spectrum)
-        selected.append(_with_error(one, found))
+    for model in models:
+        own = [fits.pop(0) for _ in range(1 + len(model.others))]
+        selected.append(replace(own[0], others=tuple(own[1:])))
     return selected
 
 
@@ -258,18 +262,27 @@ def _with_terms(problem: FitProblems, model: SelectedModel, terms: list[int]) ->
 
 
 def _searched(
-    problem: FitProblems, rejected: SelectedModel, previous: SelectedModel | None, spectrum: bool
-) -> SelectedModel:
-    """Return the cheapest description that passes with those beside it, or the best that does not."""
-    available = problem.used[0]
-    whole = _possible(problem, _fitted_all(problem, _candidates(available)))
-    best = _cheapest(whole, available, REJECTED_P, previous)
-    if best is None:
-        cut = _possible(problem, _fitted_all(problem, _cut_candidates(available, only_end=spectrum)))
-        best = _cheapest(cut, available, ACCEPTED_CUT_P, previous)
-    if best is not None:
-        return best
-    return min([rejected, *whole], key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof)
+    problems: FitProblems,
+    rejected: dict[int, SelectedModel],
+    previous: Sequence[SelectedModel | None],
+    *,
+    spectrum: bool,
+) -> dict[int, SelectedModel]:
+    """Return the cheapest description that passes with those beside it, or the best that does not, by row."""
+    found: dict[int, SelectedModel] = {}
+    whole = _fitted_all(problems, {row: _candidates(problems.used[row]) for row in rejected})
+    for row, models in whole.items():
+        if (best := _cheapest(models, problems.used[row], REJECTED_P, previous[row])) is not None:
+            found[row] = best
+    left = [row for row in rejected if row not in found]
+    cut = _fitted_all(problems, {row: _cut_candidates(problems.used[row], only_end=spectrum) for row in left})
+    for row in left:
+        best = _cheapest(cut[row], problems.used[row], ACCEPTED_CUT_P, previous[row])
+        tried = [rejected[row], *whole[row]]
+        found[row] = best or min(
+            tried, key=lambda model: np.inf if model.chi2 is None else model.chi2 / model.dof
+        )
+    return found
 
 
 def _cheapest(
@@ -288,8 +301,17 @@ def _cheapest(
     return replace(best, passes=True, others=tuple(others[: KEPT - 1]))
 
 
-def _fitted_all(problem: FitProblems, candidates: list[tuple[Bools, Bools]]) -> list[SelectedModel]:
-    return _fitted(problem.take([0] * len(candidates)), candidates)
+def _fitted_all(
+    problems: FitProblems, candidates: dict[int, list[tuple[Bools, Bools]]]
+) -> dict[int, list[SelectedModel]]:
+    """Return the possible fits of the candidates of some rows."""
+    rows = [row for row, each in candidates.items() for _ in each]
+    fits = _fitted(problems.take(rows), [each for every in candidates.values() for each in every])
+    result: dict[int, list[SelectedModel]] = {row: [] for row in candidates}
+    for row, fit in zip(rows, fits, strict=True):
+        if _is_possible(problems, row, fit):
+            result[row].append(fit)
+    return result
 
 
 def _candidates(available: Bools) -> list[tuple[Bools, Bools]]:
@@ -329,16 +351,13 @@ def _enough(used: Bools, free: Bools) -> bool:
     return bool(used.sum() >= LEAST_OCTAVES - 3 + free.sum())
 
 
-def _possible(problem: FitProblems, models: list[SelectedModel]) -> list[SelectedModel]:
-    """Return the models whose 1/tau^2 term can be a correlation, and whose ramp is not zero."""
-    design = problem.tables[problem.kind[0]].design
-    possible = []
-    for model in models:
-        first = int(np.argmax(model.used))
-        tail = abs(model.p[QUANTISATION]) * design[first, QUANTISATION]
-        if tail <= MAX_LAGS * model.p[0] * design[first, 0] and (model.p[RAMP] > 0.0 or not model.free[RAMP]):
-            possible.append(model)
-    return possible
+def _is_possible(problems: FitProblems, row: int, model: SelectedModel) -> bool:
+    """Return whether the 1/tau^2 term of a model can be a correlation, and its ramp is not zero."""
+    design = problems.tables[problems.kind[row]].design
+    first = int(np.argmax(model.used))
+    tail = abs(model.p[QUANTISATION]) * design[first, QUANTISATION]
+    ramp = bool(model.p[RAMP] > 0.0) or not model.free[RAMP]
+    return bool(tail <= MAX_LAGS * model.p[0] * design[first, 0]) and ramp
 
 
 def _cost(model: SelectedModel, available: Bools) -> int:
@@ -352,23 +371,27 @@ def _same(model: SelectedModel, previous: SelectedModel, available: Bools) -> bo
     return np.array_equal(model.used, used) and np.array_equal(model.free, previous.free)
 
 
-def _with_error(problem: FitProblems, model: SelectedModel) -> SelectedModel:
-    """Return a model, and those beside it, with the error that makes chi-square its expectation."""
-    batch = replace(problem, used=model.used[None], free=model.free[None])
+def _with_error(problems: FitProblems, models: Sequence[SelectedModel]) -> list[SelectedModel]:
+    """Return the models with the error, or the scale, that makes chi-square its expectation."""
+    used, free = (np.array([getattr(model, name) for model in models]) for name in ("used", "free"))
+    batch = replace(problems, used=used, free=free)
     prepared = batch.prepare()
-    p = solve(prepared, batch.free, start=model.p[None])
+    p = solve(prepared, batch.free, start=np.array([model.p for model in models]))
     chi2, dof = misfit(prepared, p)
-    others = tuple(_with_error(problem, other) for other in model.others)
-    if dof[0] <= 0:
-        return replace(model, p=p[0], chi2=None, dof=0, p_value=None, others=others)
-    statistic, degrees, powers, excess, scale = float(chi2[0]), int(dof[0]), p[0], 0.0, 1.0
-    p_value = float(chdtrc(degrees, statistic))
-    if p_value < REJECTED_P:
-        powers, excess = _model_error(batch, powers, degrees)
-    elif not model.plain:
-        scale = max(1.0, statistic / degrees)
-    fit = replace(model, p=powers, excess=excess, scale=scale, fits=excess <= MAX_ERROR**2)
-    return replace(fit, chi2=statistic, dof=degrees, p_value=p_value, others=others)
+    result = []
+    for row, model in enumerate(models):
+        if dof[row] <= 0:
+            result.append(replace(model, p=p[row], chi2=None, dof=0, p_value=None))
+            continue
+        statistic, degrees, powers, excess, scale = float(chi2[row]), int(dof[row]), p[row], 0.0, 1.0
+        p_value = float(chdtrc(degrees, statistic))
+        if p_value < REJECTED_P:
+            powers, excess = _model_error(batch.take([row]), powers, degrees)
+        elif not model.plain:
+            scale = max(1.0, statistic / degrees)
+        fit = replace(model, p=powers, excess=excess, scale=scale, fits=excess <= MAX_ERROR**2)
+        result.append(replace(fit, chi2=statistic, dof=degrees, p_value=p_value))
+    return result
 
 
 def _model_error(problem: FitProblems, p: Floats, dof: int) -> tuple[Floats, float]:
