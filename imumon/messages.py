@@ -84,6 +84,10 @@ CAVEATS: Mapping[str, CaveatText] = {
         "The numbers describe the rest. Put the sensor where nothing touches or moves it.",
     ),
     "saturated": CaveatText("a range was exceeded"),
+    "outliers": CaveatText(
+        "outliers raise N; they are kept as noise",
+        "N counts them. Without them it would be lower by about the ratio that is shown as robust.",
+    ),
     "quantised": CaveatText("the resolution of the values shows in the curve"),
     "temperature": CaveatText("the temperature explains part of the drift"),
 }
@@ -166,6 +170,16 @@ def spreadsheet_cell(value: object) -> object:
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
+def line_with_size(report: Report, caveat: str) -> str:
+    """Return the meaning of a caveat in one line, with its size if the report has it."""
+    ratios = [
+        c.robust.ratio for c in report.channels.values() if caveat in c.caveats and c.robust is not None
+    ]
+    if caveat == "outliers" and ratios:
+        return f"{line(caveat)}: up to {max(ratios):.2f} times the N without them"
+    return line(caveat)
+
+
 def caveats(report: Report) -> dict[str, list[str]]:
     """Return the channels by caveat; empty for a caveat of the whole record."""
     by_caveat: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
@@ -191,7 +205,8 @@ def joined(channels: Iterable[str]) -> str:
 
 def caveat_lines(report: Report) -> list[str]:
     """Return each caveat in one line, with its channels."""
-    return [f"{joined(names)}: {line(c)}" if names else line(c) for c, names in caveats(report).items()]
+    lines = {caveat: line_with_size(report, caveat) for caveat in caveats(report)}
+    return [f"{joined(names)}: {lines[c]}" if names else lines[c] for c, names in caveats(report).items()]
 
 
 def follows_temperature(drift: Drift | None) -> bool:

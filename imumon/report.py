@@ -283,6 +283,14 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Robust:
+    """Deviation at the sampling interval that outliers hardly raise, from the median of the differences."""
+
+    sigma: float  # channel unit, comparable with the Allan deviation at the shortest tau
+    ratio: float  # Allan deviation of the same differences over sigma: 1 for Gaussian noise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
     """One channel; temperature and pressure have no curve. Its own key omits allan, histogram, spectrum."""
 
@@ -307,6 +315,7 @@ class Channel:
     distribution: Distribution | None = None  # shape of the values, and the bias
     histogram: Histogram | None = None  # at most 64 bins, warm-up included
     spectrum: Spectrum | None = None  # at most 24 points a decade, warm-up included; null: no curve
+    robust: Robust | None = None  # white noise without outliers; null: no curve, too coarse, or too short
     drift: Drift | None = None  # slope of the mean; null: noise unknown, or record too short
     changes: tuple[Change, ...] = ()  # changes beyond chance
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from imumon.datasheet.tables import report_table
+from imumon.messages import caveat_lines
 from imumon.noise.detection import Guard
-from imumon.samples import Bools, Floats
+from imumon.pipeline import Monitor
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)
@@ -114,3 +119,21 @@ def test_real_sensor_with_single_outliers_is_hardly_excluded(name: str) -> None:
     assert guard.at_rest
     assert "motion" not in guard.excluded
     assert guard.excluded_samples < 0.01 * len(values)
+
+
+def test_the_report_gives_the_size_of_what_outliers_add() -> None:
+    """5 % outliers of ten deviations: N is 2.4 times that of the core, and the report says so."""
+    monitor = Monitor(rate_hz=RATE)
+    stream = Stream("uncompensated", GYRO + ACCEL, "table", "none")
+    values = contaminated(60_000, 0.05, [0])
+    monitor.feed(SampleBlock(stream, values, None, np.zeros(len(values), dtype=np.int64)))
+    monitor.flush()
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    report = monitor.report(now, DeviceDescription(id="x"), "stopped", SessionCounters())
+    assert "outliers" in report.channels["gyro/x"].caveats
+    assert "outliers" not in report.channels["gyro/y"].caveats
+    robust = report.channels["gyro/x"].robust
+    assert robust is not None
+    assert robust.ratio > 1.4
+    assert any(f"{robust.ratio:.2f} times" in text for text in caveat_lines(report))
+    assert any(f"{robust.ratio:.2f} times" in text for text in report_table(report).splitlines())

@@ -16,7 +16,7 @@ from imumon.messages import (
     filter_not_known,
     grade_text,
     joined,
-    line,
+    line_with_size,
     no_value_text,
     spreadsheet_cell,
     uncertainty,
@@ -232,7 +232,8 @@ def _caveats(report: Report) -> list[str]:
     """Return each caveat by its name, with its channels and its meaning."""
     with_curve = sum(1 for channel in report.channels.values() if channel.allan is not None)
     lines = [
-        f"caveat {caveat}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: {line(caveat)}"
+        f"caveat {caveat}{f' ({joined(names)})' if 0 < len(names) < with_curve else ''}: "
+        + line_with_size(report, caveat)
         for caveat, names in caveats(report).items()
     ]
     warning = filter_warning(report)

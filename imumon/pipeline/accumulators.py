@@ -22,11 +22,12 @@ from imumon.noise.detection.disturbance import Disturbance, subset
 from imumon.noise.fit import fit_curve
 from imumon.noise.nonstationarity import HourlyStatistics
 from imumon.noise.nonstationarity.warmup import is_warming_up
+from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDeviation
 from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.statistics.psd import SpectrumAccumulator
 from imumon.pipeline.gap_fill import Break, LongGap, fill_gaps
-from imumon.samples import sensor_of
+from imumon.samples import Floats, sensor_of
 from imumon.timebase.sample_clock import PlacedSamples
 
 ALLAN_SENSORS = ("gyro", "accel", "mag")
@@ -57,6 +58,7 @@ class GuardedStatistics:
     history : curve of these columns and moments of all, without the warm-up.
     spectrum : of these columns.
     histogram : of all columns.
+    differences : of neighbouring samples in the columns with a curve, warm-up included.
     """
 
     allan_channels: int
@@ -64,10 +66,13 @@ class GuardedStatistics:
     history: HourlyStatistics
     spectrum: SpectrumAccumulator
     histogram: HistogramAccumulator
+    differences: DifferenceAccumulator
 
     def update(self, items: Iterable[GuardedSamples]) -> None:
         """Add what the guard passed on."""
         for item in items:
+            if item.broken or item.skipped:
+                self.differences.break_()
             for accumulator in (self.history, self.spectrum):  # the histogram does not depend on time
                 if item.broken:
                     accumulator.break_()
@@ -79,6 +84,7 @@ class GuardedStatistics:
                 self.history.update(item.values, valid)
                 self.spectrum.update(item.values[:, : self.allan_channels], allan_valid)
                 self.histogram.update(item.values, valid)
+                self.differences.update(item.values[:, : self.allan_channels], allan_valid)
 
 
 class Accumulators:
@@ -192,6 +198,22 @@ class Accumulators:
         """Share of the received samples that were excluded as stuck, 0 to 1."""
         return self.guard.excluded.get("stuck", 0) / max(self.samples, 1)
 
+    def excess_kurtosis(self) -> Floats:
+        """Return (c,) the excess kurtosis of the samples of each channel with a curve; 0.0 where unknown.
+
+        Slow drift does not enter. The relative variance of N^2 gains it over the number of samples.
+        """
+        return self.statistics.differences.excess_kurtosis()
+
+    def robust_deviations(self, steps: Sequence[float]) -> list[RobustDeviation | None]:
+        """Return the robust companion of the shortest Allan deviation of each channel with a curve.
+
+        Parameters
+        ----------
+        steps : (c,) channel unit, quantisation steps; 0.0 without.
+        """
+        return self.statistics.differences.result(steps)
+
     def is_warming_up(self) -> bool:
         """Return whether the temperature of the sensor still rises."""
         return is_warming_up(self.statistics.history.drift, self.temperature)
@@ -208,6 +230,7 @@ class Accumulators:
             "history": self._statistics.history.save(),
             "spectrum": self._statistics.spectrum.save(least_s=SAVED_HOP_S),
             "histogram": self._statistics.histogram.save(),
+            "differences": self._statistics.differences.save(),
         }
         named = {f"{name}.{key}": array for name, part in parts.items() for key, array in part.items()}
         return {name: getattr(self, name) for name in COUNTERS}, {
@@ -227,6 +250,7 @@ class Accumulators:
         self._statistics.history.restore(subset(wide, "history."))
         self._statistics.spectrum = SpectrumAccumulator.restore(subset(wide, "spectrum."))
         self._statistics.histogram = HistogramAccumulator.restore(subset(wide, "histogram."))
+        self._statistics.differences = DifferenceAccumulator.restore(subset(wide, "differences."))
 
     def _new_statistics(self) -> GuardedStatistics:
         groups = self.groups[: self.allan_channels]
@@ -242,4 +266,6 @@ class Accumulators:
         spectrum = SpectrumAccumulator(groups, 1.0 / self.interval_s)
         histogram = HistogramAccumulator(self.groups)
         allan_groups = max(groups, default=-1) + 1
-        return GuardedStatistics(self.allan_channels, allan_groups, history, spectrum, histogram)
+        differences = DifferenceAccumulator(groups)
+        allan = self.allan_channels, allan_groups
+        return GuardedStatistics(*allan, history, spectrum, histogram, differences)

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grading import LIMITS, GradedCoefficient, grade_sensor
+from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
@@ -53,6 +54,7 @@ class Analysis:
     ----------
     trends : drift of each channel, steps and settling of its mean.
     fits : by channel, of those with a curve.
+    robust : by channel, of those with a curve, the robust companion of its shortest deviation.
     shapes : (c,) shape of the distribution of each channel; None without samples.
     channels : by channel, the fields of a report that come from the analysis.
     grades : headline of each graded sensor, from the fits alone.
@@ -67,6 +69,7 @@ class Analysis:
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
+        self.robust: dict[str, RobustDeviation | None] = {}
         self.shapes: list[DistributionShape | None] = []
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
@@ -89,8 +92,11 @@ class Analysis:
             renew=force or None,
             resolution=steps,
             bands=density.bands,
+            kurtosis=record.excess_kurtosis().tolist(),
             blocks=history.drift.blocks(record.allan_channels, history.begin_s),
         )
+        robust = record.robust_deviations(steps)
+        self.robust = dict(zip(record.channels, robust, strict=False))
         self.fits = dict(zip(record.channels, fits, strict=False))
         self.trends.update(fits, curve, density.bands, force=force)
         graded: dict[str, dict[str, dict[str, GradedCoefficient]]] = {}  # N and B by sensor and axis
@@ -106,5 +112,6 @@ class Analysis:
                     report_builder.with_fit(channel, sensor, curve, column, fit, self.trends.scatter(column)),
                     spectrum=report_builder.spectrum(sensor, density, column),
                     drift=report_builder.drift(sensor, trend, steady),
+                    robust=report_builder.robust(self.robust[name]),
                 )
             self.channels[name] = channel

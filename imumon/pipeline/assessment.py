@@ -121,12 +121,15 @@ def assess_channels(
         axes = [name for name, own in zip(record.channels, record.groups, strict=True) if own == group]
         correlations |= report_builder.correlations(axes, covariance)
     constant, channels = constant_channels(analysis), {}
+    noisy = record.guard.noisy_outliers
     for column, name in enumerate(record.channels):
         channel, fit, shape = analysis.channels[name], fits.get(name), analysis.shapes[column]
         own = moments.channels[column]
         caveats: tuple[str, ...] = ()
         if fit is not None:
+            robust = analysis.robust.get(name)
             holds = {
+                "outliers": bool(noisy[column]) or (robust is not None and robust.disagrees),
                 "constant": name in constant,
                 "changed": column in changes,
                 "temperature": channel.drift is not None and channel.drift.steady_N is not None,

@@ -19,6 +19,7 @@ from imumon.noise.fit.results import FittedCoefficient
 from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.nonstationarity.drift import Trend
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
 from imumon.noise.statistics.histogram import DistributionShape
 from imumon.noise.statistics.psd import PowerSpectrum
@@ -249,6 +250,11 @@ def drift(sensor: str, trend: Trend | None, steady: ChannelFit | None) -> report
         steady_B=coefficient(sensor, "B", steady.B) if steady else None,
         steady_K=coefficient(sensor, "K", steady.K) if steady else None,
     )
+
+
+def robust(deviation: RobustDeviation | None) -> report.Robust | None:
+    """Return the robust companion of the shortest Allan deviation."""
+    return None if deviation is None else report.Robust(sigma=deviation.sigma, ratio=deviation.ratio)
 
 
 def change_text(channel: str, change: report.Change) -> str:

@@ -1,0 +1,83 @@
+"""Differences: the robust deviation and the kurtosis of known noise, for any blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.noise.statistics.differences import DENSE, PERIOD, WINDOW, DifferenceAccumulator
+from imumon.samples import Floats
+
+N = 1_000_000
+
+
+def accumulated(x: Floats, groups: tuple[int, ...] = (0,)) -> DifferenceAccumulator:
+    differences = DifferenceAccumulator(groups)
+    for at in range(0, len(x), 7777):
+        differences.update(x[at : at + 7777])
+    return differences
+
+
+@pytest.mark.parametrize("scale", [1e-6, 0.3, 9.8])
+def test_gaussian_noise_has_a_ratio_of_one(scale: float) -> None:
+    x = scale * np.random.default_rng(1).standard_normal((N, 1))
+    differences = accumulated(x + 9.8)
+    (robust,) = differences.result([0.0])
+    assert robust is not None
+    assert robust.sigma == pytest.approx(scale, rel=0.015)
+    assert robust.ratio == pytest.approx(1.0, abs=0.012)
+    assert not robust.disagrees
+    assert differences.excess_kurtosis() == pytest.approx(0.0, abs=0.15)
+
+
+@pytest.mark.parametrize("steps", [3.2, 4.0, 7.5, 20.0])
+def test_quantised_noise_has_a_ratio_of_one(steps: float) -> None:
+    x = np.rint(steps * np.random.default_rng(2).standard_normal((N, 1))) * 0.1
+    (robust,) = accumulated(x).result([0.1])
+    assert robust is not None
+    assert robust.ratio == pytest.approx(1.0, abs=0.02)
+    assert accumulated(x).result([0.1 * steps / 2.0]) == [None]
+
+
+def test_contaminated_noise_disagrees() -> None:
+    """The core is 1, the deviation 2.44; a tenth of the differences raises their median by 12 %."""
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((N, 1)) * np.where(rng.random((N, 1)) < 0.05, 10.0, 1.0)
+    differences = accumulated(x)
+    (robust,) = differences.result([0.0])
+    assert robust is not None
+    assert robust.disagrees
+    assert robust.ratio == pytest.approx(2.18, abs=0.08)
+    assert differences.excess_kurtosis()[0] == pytest.approx(3 * 500.95 / 5.95**2 - 3, rel=0.15)
+
+
+def test_blocks_gaps_and_saved_states_change_nothing() -> None:
+    rng = np.random.default_rng(4)
+    x, valid = rng.standard_normal((20_000, 4)), rng.random((20_000, 2)) > 0.01
+    groups = (0, 0, 1, 1)
+    whole = DifferenceAccumulator(groups)
+    whole.update(x, valid)
+    parts = DifferenceAccumulator(groups)
+    for rows in np.split(np.arange(20_000), np.sort(rng.integers(0, 20_000, 50))):
+        parts.update(x[rows], valid[rows])
+        parts = DifferenceAccumulator.restore(parts.save())
+    a, b = whole.save(), parts.save()
+    assert np.array_equal(a["places"], b["places"])
+    assert np.array_equal(a["counts"], b["counts"])
+    np.testing.assert_allclose(a["sums"], b["sums"], rtol=1e-12)
+    assert sum(array.nbytes for array in a.values()) < 20_000
+    place = np.arange(1, 20_000)
+    pairs = valid[1:] & valid[:-1] & ((place < DENSE) | (place % PERIOD < WINDOW))[:, None]
+    for c, group in enumerate(groups):
+        assert whole._counts[c].sum() == pairs[:, group].sum()
+
+
+def test_a_break_is_not_spanned() -> None:
+    differences = DifferenceAccumulator((0,))
+    differences.update(np.zeros((10, 1)))
+    differences.break_()
+    differences.update(np.ones((10, 1)))
+    assert differences.save()["counts"].sum() == 18
+    assert differences.save()["sums"].tolist() == [[0.0, 0.0]]
+    assert differences.result([0.0]) == [None]
+    assert differences.excess_kurtosis().tolist() == [0.0]
