@@ -90,7 +90,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
     if drifts_with_temperature(drift):
-        yield "time and temperature are not separable: the drift per hour includes the effect of the temperature"
+        yield "time and temperature are not separable: the drift includes the effect of the temperature"
     if drift is not None and drift.per_degC is not None and follows_temperature(drift):
         half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
         share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"

@@ -46,8 +46,8 @@ COLLINEAR = 0.95
 three times less certain than alone. Not critical."""
 TEMPERATURE_SNR = 3.0
 """Least ratio of the deviation of the temperature from a straight line to its own noise. Not critical."""
-HALVINGS = 36
-"""Bisections of a root, in log K^2 or between two limits: the last step is below 1e-9 of the range. Not
+HALVINGS = 30
+"""Bisections of a root, in log K^2 or between two limits: the last step is below 1e-8 of the range. Not
 critical."""
 FIRST_STEPS, NEXT_STEPS = 10, 3
 """Steps of Fisher scoring of B^2, at the first K^2 of a search and at each one after it. Not critical."""
