@@ -24,8 +24,7 @@ GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer
 Axis: TypeAlias = Literal["x", "y", "z"]
 COEFFICIENTS = ("N", "B", "K")
 
-MAX_NUMBER = 1e150
-"""Numbers from outside are smaller: their squares and their values in any unit are finite. Not critical."""
+MAX_NUMBER = 1e150  # numbers from outside are smaller: squares and other units are finite. Not critical
 MAX_BYTES = 4_000_000  # bytes of JSON that is read; 64 channels with line breaks have 0.7 MB. Not critical
 MAX_CHANNELS = 64  # channels of a report; a sensor has about 11. Not critical
 MAX_POINTS = 4096  # numbers in an array; the longest has 225. Not critical
@@ -388,6 +387,7 @@ T = typing.TypeVar("T")
 _CONTROL = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff\U000e0000-\U000e007f]"
 )
+_NUMBERS = {float, int, bool, float | None}
 _DEVICE_NAME = re.compile("[a-z0-9_-]{1,64}")
 _CHANNEL_NAME = re.compile("[A-Za-z0-9_-]{1,32}(/[A-Za-z0-9_-]{1,32})?")
 
@@ -454,23 +454,19 @@ def _reader(hint: Any) -> Callable[[Any], Any]:
     return lambda data: None if data is None else inner(data)
 
 
-_NUMBERS = {float, int, bool, float | None}
-
-
 def _dataclass_reader(cls: Any) -> Callable[[Any], Any]:
     """Return the function that makes a `cls`: its arrays of numbers have equal lengths."""
     hints = typing.get_type_hints(cls)
     readers = {name: _reader(hint) for name, hint in hints.items()}
     tuples = {name: typing.get_args(hint) for name, hint in hints.items() if typing.get_origin(hint) is tuple}
     arrays = [name for name, arguments in tuples.items() if arguments[0] in _NUMBERS]
-    check = _CHECKS.get(cls)
+    check = _CHECKS.get(cls, lambda part: None)
 
     def read(data: Any) -> Any:
         part = cls(**{name: readers[name](value) for name, value in data.items() if name in readers})
         if len({len(getattr(part, name)) for name in arrays}) > 1:
             raise TypeError(f"arrays of different lengths in {cls.__name__}")
-        if check is not None:
-            check(part)
+        check(part)
         return part
 
     return read
@@ -535,10 +531,8 @@ def _check_session(session: SessionCounters) -> None:
 
 def _check_report(report: Report) -> None:
     _check(report.period_s > 0.0 and report.speed > 0.0, "a period or speed that is not positive")
-    _check_channels(report.channels)
-    _check_channels(report.grade)
-    _check_channels(report.limits)
-    _check_channels(report.limit_curves)
+    for names in (report.channels, report.grade, report.limits, report.limit_curves):
+        _check_channels(names)
 
 
 _CHECKS: Mapping[Any, Callable[[Any], None]] = {

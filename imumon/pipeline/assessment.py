@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 
-from imumon.noise.fit import ChannelFit
-from imumon.noise.statistics.histogram import DistributionShape
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
@@ -18,11 +16,6 @@ from imumon.pipeline.trends import compare_with_baseline
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
-COARSE_STEP = 0.3
-"""Quantisation step, as a share of the Allan deviation at the shortest tau, from which rounding may show in
-the curve: uniform rounding then adds 1 % to the deviation. Not critical."""
-STRONG_LINE = 0.05
-"""Share of the variance of a channel from which a spectral line bends the curve visibly. Not critical."""
 DISTURBED_SHARE = 0.1
 """Share of the samples excluded from which the record has the caveat ``disturbed``. Not critical."""
 GAPS_SHARE = 0.1
@@ -43,28 +36,6 @@ def record_caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
         "warming_up": guarded and record.is_warming_up(),
     }
     return tuple(caveat for caveat, true in holds.items() if true)
-
-
-def fit_caveats(
-    fit: ChannelFit, channel: Channel, shape: DistributionShape | None, std: float | None
-) -> tuple[str, ...]:
-    """Return the caveats of a fit, with the right name for what bends its shortest octaves.
-
-    The curve alone cannot distinguish a spectral line from rounding or a filter. The spectrum and the
-    quantisation step can.
-
-    Parameters
-    ----------
-    std : channel unit, standard deviation of the channel.
-    """
-    lines = channel.spectrum.lines if channel.spectrum is not None else ()
-    vibrates = any(0.5 * line.amplitude**2 > STRONG_LINE * (std or 0.0) ** 2 for line in lines)
-    step = shape.step if shape is not None else None
-    sigma = channel.allan.sigma if channel.allan is not None else ()
-    coarse = step is not None and len(sigma) > 0 and step > COARSE_STEP * sigma[0]
-    other = "vibration" if vibrates else "correlated"
-    names = {"correlated": other, "quantised": "quantised" if coarse else other}
-    return tuple(names.get(caveat, caveat) for caveat in fit.caveats)
 
 
 def no_grade_reason(record: Accumulators) -> str | None:
@@ -137,7 +108,7 @@ def assess_channels(
             }
             caveats = (
                 *record_caveats,
-                *fit_caveats(fit, channel, shape, own.std),
+                *fit.caveats,
                 *(caveat for caveat, true in holds.items() if true),
             )
         distribution = report_builder.distribution(

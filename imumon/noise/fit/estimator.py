@@ -216,7 +216,8 @@ def _problems(
         if kurtosis is not None and kurtosis[row] > 0.0:
             white = float(variance[row, 0])
             extra[row] += kurtosis_covariance(white, kurtosis[row], int(curve.valid[row]), curve.m)
-    steps = np.zeros(len(used)) if resolution is None else np.array(resolution[: len(used)], dtype=np.float64)
-    quantisation = np.where(steps > 0.0, MAX_STEPS**2 * steps**2 / 12.0, np.inf)
+    quantisation = np.full(len(used), np.inf)
+    if resolution is not None:
+        quantisation = (MAX_STEPS * np.array(resolution[: len(used)], dtype=np.float64)) ** 2 / 12.0
     problems = FitProblems(table, kind, variance, thinning, used, free, excess, offset, extra, quantisation)
     return problems, reasons

@@ -72,7 +72,7 @@ MAX_LONG = 6
 critical."""
 
 MAX_BLOCK = 10
-"""Octaves in the middle that may be excluded where no spectrum is known: so many does a strong line bend. Not
+"""Octaves in the middle that may be excluded where no spectrum is known: a strong line bends about ten. Not
 critical."""
 
 MAX_SHORT_BESIDE_BLOCK = 2
