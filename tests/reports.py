@@ -131,7 +131,7 @@ def _samples(
     n, b, k = ([scale * TRUTH[name][i] for name in NOISE] for i, scale in enumerate(scales))
     noise = synthesise(count, rate_hz, N=n, B=b, K=k, seed=seed, averaged=False)
     time = np.arange(count) / rate_hz
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed, 1])  # not the numbers of the noise: they would follow the temperature
     heat = 1.0 - np.exp(-time / (400.0 if warm_up else 3600.0))
     values = noise + [TRUTH[name][3] for name in NOISE]
     if 0.5 * rate_hz > VIBRATION_HZ:

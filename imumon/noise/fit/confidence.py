@@ -26,7 +26,7 @@ from scipy.special import gammaincinv, ndtri
 
 from imumon.noise.fit import intervals
 from imumon.noise.fit.covariance import FLICKER_FLOOR
-from imumon.noise.fit.leastsquares import SIGNED, FitProblems
+from imumon.noise.fit.leastsquares import RAMP, SIGNED, FitProblems, solve
 from imumon.noise.fit.model_selection import SelectedModel, select_models, with_selection
 from imumon.noise.fit.restricted_likelihood import BlockMeans, fit_slow_terms
 from imumon.noise.fit.time_to_precision import seconds_to
@@ -39,7 +39,10 @@ OCTAVES_FOR_B_K = 5
 """Octaves without which B and K are pending: three terms and two degrees of freedom. Sensitivity: halved 0 %,
 doubled changes which values appear (gyro x drift steady_K low of the record "warm-up")."""
 
-DETECTED_SCORE = float(ndtri(0.986))
+FALSE_DETECTION = 0.014
+"""1, share of records in which a coefficient is measured that is zero, see rule 1. Not critical."""
+
+DETECTED_SCORE = float(ndtri(1.0 - FALSE_DETECTION))
 """Standard deviations from which on a coefficient is measured: 1.4 % false detections, see rule 1."""
 
 BOUND_SCORE = -float(ndtri(0.961))
@@ -61,8 +64,8 @@ then the description is wrong. Not critical."""
 EARLY_BLOCKS = 2.0
 """Blocks; a walk that exceeds the other noise at a tau of this many is measured on the curve. Not critical."""
 
-LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval. Not critical."""
+GUESS = 1e-9
+"""1, share of the whole fit added to that of the short octaves, so that no model vanishes. Not critical."""
 
 LEAST_B_K_S = 10.0
 """s, shortest record for B and K: before, a filter, a vibration, and the start look like them. Not critical."""
@@ -118,7 +121,7 @@ def confidences(
     fitted = with_selection(problems, models)
     powers = np.array([model.p for model in models])
     low, high, status, reasons = _united_limits(problems, models, span * tau0)
-    walks = _walk_limits(blocks, models, tau0, (low, high, status, reasons))
+    walks = _walk_limits(blocks, fitted, powers, tau0, (low, high, status, reasons))
     times = [TimeTo()] * len(models)
     if precision is not None:
         widths = _half_widths(powers, low, high, status)
@@ -166,41 +169,45 @@ def _united_limits(
 
 def _walk_limits(
     blocks: BlockMeans | None,
-    models: Sequence[SelectedModel],
+    fitted: FitProblems,
+    p: Floats,
     tau0: float,
     limits: tuple[Floats, Floats, list[tuple[Status, ...]], list[tuple[str | None, ...]]],
 ) -> list[float | None]:
     """Replace the limits of K by those of block means, which know drift and temperature; return their K^2.
 
-    The curve keeps its K where the walk exceeds flicker already at a tau of few blocks: a drift does not show
-    there, and the blocks are too long.
+    Beside the means, what the octaves up to the length of a block say of B is used. The longer ones would count
+    twice. The curve keeps its K where the walk exceeds flicker already at a tau of few blocks: a drift does not
+    show there, and the blocks are too long.
     """
     low, high, status, reasons = limits
     if blocks is None:
-        return [None] * len(models)
-    p = np.array([model.p for model in models])
-    measured = np.array([names[1] == "measured" for names in status])
-    error = np.where(measured, (high[:, 1] - low[:, 1]) / (2.0 * LIMIT_95), high[:, 1] / LIMIT_95)
-    known = np.isfinite(error) & (p[:, 0] > 0.0)
+        return [None] * len(p)
+    short = fitted.used & (tau0 * 2.0 ** np.arange(fitted.used.shape[1]) <= blocks.length_s)
+    part = replace(fitted, used=short, free=fitted.free & (np.arange(p.shape[1]) != RAMP))
+    prepared = part.prepare()
+    alone = solve(prepared, part.free)
+    error = intervals.deviations(prepared, part.free, np.where(alone > 0.0, alone, 0.0) + GUESS * p)[:, 1]
+    known = p[:, 0] > 0.0
     terms = fit_slow_terms(
         blocks.means,
         blocks.length_s,
         np.where(known, p[:, 0], 1.0) * tau0,
-        p[:, 1],
-        B2_error=np.where(known, error, np.inf),
+        alone[:, 1],
+        B2_error=np.where(short.sum(axis=1) >= OCTAVES_FOR_N, error, np.inf),
         share=blocks.share,
         temperature=blocks.temperature,
     )
     walks: list[float | None] = []
-    for row in range(len(models)):
+    for row in range(len(p)):
         k2, bounds = terms.K2[row] * tau0, (terms.K2_low[row] * tau0, terms.K2_high[row] * tau0)
         floor = max(p[row, 1], 0.0) * FLICKER_FLOOR + p[row, 0] * tau0 / blocks.length_s
         early = k2 * (EARLY_BLOCKS * blocks.length_s / tau0) / 3.0 > floor
         if not known[row] or not np.isfinite(k2) or (early and status[row][2] == "measured"):
             walks.append(None)
             continue
-        low[row, 2], high[row, 2] = bounds
-        shows = bounds[0] > 0.0
+        shows = bounds[0] > 0.0 and terms.p_value[row] < FALSE_DETECTION
+        low[row, 2], high[row, 2] = bounds[0] if shows else 0.0, bounds[1]
         status[row] = (*status[row][:2], "measured" if shows else "upper_bound")
         reasons[row] = (*reasons[row][:2], None if shows else NOT_SHOWN)
         walks.append(float(k2))

@@ -57,6 +57,9 @@ combination of the means suggests. Not critical."""
 MOST_FREEDOM = 1e6
 """Degrees of freedom above which the chi-square is a normal distribution. Not critical."""
 
+STEP_FACTOR = 3.0
+"""Most by which a step of Fisher scoring multiplies or divides B^2. Not critical."""
+
 INSEPARABLE = "collinear"
 _TINY = 1e-300
 """Least divisor. Not critical."""
@@ -302,12 +305,17 @@ class _WalkSearch:
         """
         f, r = self._f, self._r
         fixed = self._n2 + k2 * r
+        at_zero = 0.5 * np.sum(f / fixed * (self._square / fixed - 1.0), axis=0) + self._weight * self._b2
+        rises = at_zero > 0.0  # else the best value is zero
         for _ in range(steps):
             v = fixed + b2 * f
             g = f / v
             slope = 0.5 * np.sum(g * (self._square / v - 1.0), axis=0) + self._weight * (self._b2 - b2)
             information = 0.5 * np.sum(g * g, axis=0) + self._weight
-            b2 = np.where(self._known, b2, np.maximum(b2 + slope / information, 0.0))
+            # a bounded step: a large z^2 sends an undamped one far beyond, and the next one to zero
+            least, most = b2 / STEP_FACTOR, STEP_FACTOR * (b2 + 1.0 / np.sqrt(information))
+            free = np.where(rises, np.clip(b2 + slope / information, least, most), 0.0)
+            b2 = np.where(self._known, b2, free)
         v = fixed + b2 * f
         g, h, excess = f / v, r / v, self._square / v - 1.0
         information = 0.5 * np.sum(g * g, axis=0) + self._weight
