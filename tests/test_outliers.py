@@ -73,10 +73,12 @@ def test_many_outliers_are_noise_and_stay(columns: list[int]) -> None:
     assert valid[20_000:].mean() > 0.99
 
 
-@pytest.mark.parametrize("columns", [[0], [0, 1, 2]])
+@pytest.mark.parametrize("columns", [[0], [0, 1, 2], [0, 1, 2, 3, 4, 5]])
 def test_heavy_tails_are_noise_from_the_beginning(columns: list[int]) -> None:
     guard, valid = guarded(contaminated(60_000, 0.05, columns))
+    assert np.flatnonzero(guard.noisy_outliers).tolist() == columns
     assert guard.at_rest
+    assert guard.excluded["glitch"] < 0.005 * 60_000
     assert valid.mean() > 0.95
 
 
@@ -134,6 +136,6 @@ def test_the_report_gives_the_size_of_what_outliers_add() -> None:
     assert "outliers" not in report.channels["gyro/y"].caveats
     robust = report.channels["gyro/x"].robust
     assert robust is not None
-    assert robust.ratio > 1.4
+    assert robust.ratio > 1.9
     assert any(f"{robust.ratio:.2f} times" in text for text in caveat_lines(report))
     assert any(f"{robust.ratio:.2f} times" in text for text in report_table(report).splitlines())

@@ -38,7 +38,7 @@ _BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other
 _MAX_SESSIONS = 100  # peers; Zenoh may keep 16 unfinished messages, so 1 MB, for each. Not critical
 _ACCEPT_PENDING = 500
 """Connections that have not finished their handshake; further ones are closed. Zenoh keeps a buffer of 64 kB for
-each: during the attacks of the tests the daemon has at most 138 MB with 500, and 185 MB with 2000. A new viewer
+each: during the attacks of the tests the daemon has at most 146 MB with 500, and 185 MB with 2000. A new viewer
 waits equally long with both when 1,500 connect at once, because the queue of the kernel is full. Not critical."""
 _ACCEPT_LOCAL_S, _ACCEPT_NETWORK_S = 0.5, 3.0
 """s that a handshake may take on this machine, and from another one: idle connections must not use up

@@ -78,10 +78,13 @@ def add_config(parser: Parser) -> None:
 def config(arguments: argparse.Namespace) -> int:
     """Show or check the settings."""
     settings = options.settings(arguments)
+    from imumon.report import plain
+
+    path = plain(str(settings.path)) if settings.path else ""
     if arguments.action == "check":
-        print(f"{settings.path}: no faults" if settings.path else "no file, the defaults apply")
+        print(f"{path}: no faults" if path else "no file, the defaults apply")
         return SUCCESS
     from imumon.config import render
 
-    print(f"# {settings.path or 'no file, the defaults apply'}\n{render(settings, origins=True)}", end="")
+    print(f"# {path or 'no file, the defaults apply'}\n{render(settings, origins=True)}", end="")
     return SUCCESS

@@ -19,7 +19,7 @@ from logging.handlers import QueueHandler, QueueListener
 from queue import Full, Queue
 from typing import Any
 
-from imumon.report import stamp
+from imumon.report import plain, stamp
 
 LEVELS: dict[str, int] = {
     "error": logging.ERROR,
@@ -179,7 +179,7 @@ class _Formatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         prefix = f"<{PRIORITIES.get(record.levelno, 6)}>" if self._priority else ""
-        return prefix + self.line(record).replace("\n", " ")
+        return prefix + plain(self.line(record).replace("\n", " "))  # devices and Zenoh word some messages
 
     def line(self, record: logging.LogRecord) -> str:
         """Return the line without the prefix."""

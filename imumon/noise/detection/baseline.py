@@ -368,7 +368,7 @@ class NoiseBaseline(ArrayState):
         coloured |= parts > COLOURED_PARTS * self._white * rms
         # the median of few steps scatters
         limit = self._rest_limit * (1.0 + REST_MARGIN * (k**-0.5 - REST_FRAMES**-0.5))
-        moves = (step > limit) & (coloured | (step > WHITE_FACTOR * limit))
+        moves = ((step > limit) & coloured) | (step > WHITE_FACTOR * self._rest_limit)
         # the steps of a single axis may be great by chance
         return int(moves.sum()) < min(2, len(moves)) and not bool(
             np.any(moves & (step > ONE_AXIS_FACTOR * limit))

@@ -233,7 +233,9 @@ class DisturbanceDetector(ArrayState):
         unusual, outliers = baseline.unusual(frames), None
         untried = self.moving or not baseline.ready  # no usual noise, or not this one
         if untried or unusual.any():
-            limit = own_limit(d, usable) if untried else baseline.peak
+            limit = own_limit(d, usable)  # by a median, because outliers raise the usual deviation
+            if not untried:
+                limit = np.minimum(limit, baseline.peak)
             outliers = self.outliers.find(d, usable, limit)
             if outliers is not None:
                 without = self._without(outliers, d, usable)

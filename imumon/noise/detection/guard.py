@@ -133,7 +133,7 @@ class Guard:
 
     @property
     def noisy_outliers(self) -> Bools:
-        """(c,) Channels with so high a share of outliers that these are noise now and are not excluded."""
+        """(c,) Channels whose outliers are noise and are not excluded."""
         noisy = np.zeros(len(self.groups), dtype=bool)
         for detector in self._detectors:
             noisy[detector.channels] = detector.outliers.noise
