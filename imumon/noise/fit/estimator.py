@@ -25,6 +25,7 @@ from imumon.noise.fit.model_selection import select_models
 from imumon.noise.fit.narrow_band_offset import band_offset, kurtosis_covariance
 from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
+from imumon.noise.fit.slow_regressors import without_slow_regressors
 from imumon.noise.statistics.narrow_bands import NarrowBand
 from imumon.samples import Floats
 
@@ -111,7 +112,7 @@ class Estimator:
         if octaves == 0:
             return (pending_fit(0, "no difference yet"),) * count
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
-        problems, reasons = _problems(curve, flags, resolution, bands, kurtosis)
+        problems, reasons = _problems(curve, flags, resolution, bands, kurtosis, blocks)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._confidences.get(channel)
@@ -187,6 +188,7 @@ def _problems(
     resolution: Sequence[float] | None,
     bands: Sequence[Sequence[NarrowBand]] | None = None,
     kurtosis: Sequence[float] | None = None,
+    blocks: BlockMeans | None = None,
 ) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
     """Return one problem per channel, and why a channel cannot be fitted (text and code)."""
     kinds = sorted(set(averaged))
@@ -210,9 +212,14 @@ def _problems(
     free = np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0)
     variance, excess = np.where(used, variance, 1.0), np.zeros(len(used))
     offset, extra = np.zeros(used.shape), np.zeros((*used.shape, used.shape[1]))
+    if blocks is not None:
+        slow, added = without_slow_regressors(curve, blocks)
+        variance = np.where(used, slow, 1.0)
+        extra += added[:, :, None] * np.eye(used.shape[1])
     for row in range(len(used)):
         if bands is not None and len(bands[row]):
-            offset[row], extra[row] = band_offset(bands[row], curve.m, curve.tau0)
+            offset[row], more = band_offset(bands[row], curve.m, curve.tau0)
+            extra[row] += more
         if kurtosis is not None and kurtosis[row] > 0.0:
             white = float(variance[row, 0])
             extra[row] += kurtosis_covariance(white, kurtosis[row], int(curve.valid[row]), curve.m)

@@ -1,0 +1,429 @@
+"""Limits of N, B and K on records with what real sensors add to white noise, flicker and random walk.
+
+    python benchmarks/real_effects.py                       60 records a cell
+    python benchmarks/real_effects.py --records 2000        also part of accuracy.py --full
+    python benchmarks/real_effects.py --only lines,ramp     some effects
+
+Truth: N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, records of 2.5 h at 20 Hz, point samples. K is 0, twice
+the smallest that generalised least squares separates from zero (`DETECTION`), or larger. An effect is added to
+the samples; the truth of N includes what it turns into white noise (rounding, outliers above 1 % of them).
+
+Two ways lead to the limits. "estimator": octaves, spectrum and block means of the record, then the fit.
+"pipeline": the whole `Monitor`, with its guards, six channels at a time. The fit with the known description is
+that of the same record without the effect, which is given the same nuisance terms (drift, temperature).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import multiprocessing.pool
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from imumon.noise import Estimator, OctaveCascade, synthesise
+from imumon.noise.fit.restricted_likelihood import unit_covariances
+from imumon.noise.nonstationarity.drift import DriftAccumulator
+from imumon.noise.statistics.psd import SpectrumAccumulator
+from imumon.pipeline import Monitor
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+
+N, B = 6.1e-5, 2.4e-5
+RATE, LENGTH = 20.0, 180_000
+SIGMA = N * math.sqrt(RATE)
+DETECTION = 1.7e-6
+"""rad/s^2/sqrt(Hz), twice the smallest K that differs from zero by 1.96 standard deviations of `bound`, K = 0."""
+WALKS = (0.0, DETECTION, 4.5e-6, 1e-5)
+CHUNK, BATCH = 9_000, 12
+TIME = np.arange(LENGTH) / RATE
+TOTAL_S = LENGTH / RATE
+DEGREES = 25.0 + 3.0 * np.sin(2.0 * np.pi * TIME / 5_000.0) + 2.0 * TIME / TOTAL_S
+STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
+WARM_STREAM = Stream("uncompensated", (*GYRO, *ACCEL, "temperature"), "simulated", "startup")
+NOW = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One thing that real sensors do.
+
+    Attributes
+    ----------
+    change : takes samples (n,) and a generator, returns the samples with the effect.
+    white : variance that it adds as white noise, in variances of a sample.
+    step : resolution, in standard deviations of a sample; 0: none.
+    heated : a temperature channel is given.
+    pipeline : the whole `Monitor` has to run.
+    hidden : the resolution hides the noise, and no value is expected.
+    """
+
+    change: Callable[[np.ndarray, np.random.Generator], np.ndarray]
+    white: float = 0.0
+    step: float = 0.0
+    heated: bool = False
+    pipeline: bool = False
+    hidden: bool = False
+
+
+# Effects -------------------------------------------------------------------------
+
+
+def nothing(y: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    return y
+
+
+def with_lines(*lines: tuple[float, float]) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
+    """Lines (Hz, standard deviations of a sample) whose frequency wanders by 1 % over a minute."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        out = y.copy()
+        pole = math.exp(-1.0 / 60.0)
+        for frequency, size in lines:
+            steps = rng.standard_normal(int(TOTAL_S) + 2) * math.sqrt(1.0 - pole * pole)
+            steps[0] = rng.standard_normal()
+            for at in range(1, len(steps)):
+                steps[at] += pole * steps[at - 1]
+            wander = np.interp(TIME, np.arange(len(steps)), steps)
+            phase = 2.0 * np.pi * np.cumsum(frequency * (1.0 + 0.01 * wander)) / RATE
+            out += size * SIGMA * np.sin(phase + rng.uniform(0.0, 2.0 * np.pi))
+        return out
+
+    return change
+
+
+def filtered(response: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
+    """Filter of gain 1 at zero frequency; `response` takes cycles per sample."""
+
+    def change(y: np.ndarray, _: np.random.Generator) -> np.ndarray:
+        # mirrored, so that the ends do not meet with a step
+        whole = np.fft.rfft(np.concatenate((y, y[::-1])))
+        return np.fft.irfft(whole * response(np.arange(len(whole)) / (2.0 * len(y))), 2 * len(y))[: len(y)]
+
+    return change
+
+
+def boxcar(length: int) -> Callable[..., np.ndarray]:
+    def change(y: np.ndarray, _: np.random.Generator) -> np.ndarray:
+        total = np.concatenate((np.zeros(1), np.cumsum(np.concatenate((y[: length - 1][::-1], y)))))
+        return (total[length:] - total[:-length]) / length
+
+    return change
+
+
+def low_pass(samples: float) -> Callable[..., np.ndarray]:
+    """First order, time constant in samples."""
+    pole = math.exp(-1.0 / samples)
+    return filtered(lambda f: (1.0 - pole) / (1.0 - pole * np.exp(-2j * np.pi * f)))
+
+
+def butterworth(corner: float) -> Callable[..., np.ndarray]:
+    """Second order, corner in cycles per sample, bilinear."""
+
+    def response(f: np.ndarray) -> np.ndarray:
+        s = 1j * np.tan(np.pi * np.minimum(f, 0.4999999)) / math.tan(math.pi * corner)
+        return np.asarray(1.0 / (1.0 + math.sqrt(2.0) * s + s * s))
+
+    return filtered(response)
+
+
+def rounded(step: float) -> Effect:
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        q = step * SIGMA
+        return q * np.round((y + rng.uniform(0.0, q)) / q)
+
+    return Effect(change, white=step**2 / 12.0, step=step, hidden=step > 2.5)
+
+
+def ramp(size: float) -> Effect:
+    """Straight drift, rad/s over the record."""
+    return Effect(lambda y, _: y + size * TIME / TOTAL_S)
+
+
+def warm_up(size: float, constant_s: float) -> Effect:
+    return Effect(lambda y, _: y + size * np.exp(-TIME / constant_s), pipeline=True)
+
+
+def outliers(share: float, *, contaminated: bool = False) -> Effect:
+    """Single samples 8 to 20 sigma away; contaminated: ten times the noise, which is noise then."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        out, hit = y.copy(), rng.random(len(y)) < share
+        count = int(hit.sum())
+        if contaminated:
+            out[hit] += math.sqrt(99.0) * SIGMA * rng.standard_normal(count)
+        else:
+            out[hit] += rng.choice([-1.0, 1.0], count) * rng.uniform(8.0, 20.0, count) * SIGMA
+        return out
+
+    return Effect(change, white=99.0 * share if contaminated else 0.0, pipeline=True)
+
+
+LINES = ((1.3, 0.3), (3.7, 0.6), (5.9, 1.0), (7.1, 0.2))
+EFFECTS = {
+    "clean": Effect(nothing),
+    "clean, temperature known": Effect(nothing, heated=True),
+    "four lines": Effect(with_lines(*LINES)),
+    "one weak line, 0.41 Hz": Effect(with_lines((0.41, 0.15))),
+    "one strong line, 6.3 Hz": Effect(with_lines((6.3, 3.0))),
+    "boxcar of 4": Effect(boxcar(4)),
+    "low-pass, 2 samples": Effect(low_pass(2.0)),
+    "low-pass, 6 samples": Effect(low_pass(6.0)),
+    "Butterworth, 0.1 of the rate": Effect(butterworth(0.1)),
+    "rounded to 0.5 sigma": rounded(0.5),
+    "rounded to 1 sigma": rounded(1.0),
+    "rounded to 2 sigma": rounded(2.0),
+    "rounded to 3 sigma": rounded(3.0),
+    "ramp of 1e-4 rad/s": ramp(1e-4),
+    "ramp of 1e-3 rad/s": ramp(1e-3),
+    "temperature, 2e-5 rad/s/K": Effect(lambda y, _: y + 2e-5 * DEGREES, heated=True),
+    "temperature, 2e-4 rad/s/K": Effect(lambda y, _: y + 2e-4 * DEGREES, heated=True),
+    "clean, pipeline": Effect(nothing, pipeline=True),
+    "lines, pipeline": Effect(with_lines(*LINES), pipeline=True),
+    "warm-up 2e-4 rad/s, 20 min": warm_up(2e-4, 1200.0),
+    "warm-up 1e-3 rad/s, 20 min": warm_up(1e-3, 1200.0),
+    "warm-up 2e-4 rad/s, 1 h": warm_up(2e-4, 3600.0),
+    "warm-up 1e-3 rad/s, 1 h": warm_up(1e-3, 3600.0),
+    "outliers 0.01 %": outliers(1e-4),
+    "outliers 0.1 %": outliers(1e-3),
+    "outliers 5 %": outliers(0.05, contaminated=True),
+}
+
+
+# Records and fits ----------------------------------------------------------------
+
+
+def record(seed: int, K: float) -> np.ndarray:
+    """(n,) samples of known N, B and K; the white noise and flicker of a seed do not depend on K."""
+    parts = [
+        synthesise(LENGTH, RATE, *row, seed=np.random.default_rng([77, seed, at]), averaged=False).ravel()
+        for at, row in enumerate(((N, 0.0, 0.0), (0.0, B, 0.0), (0.0, 0.0, 1.0))[: 3 if K else 2])
+    ]
+    return parts[0] + parts[1] + (K * parts[2] if K else 0.0)
+
+
+Row = tuple[list[float], list[float], list[float], list[int]]
+"""Point estimate, low, high and status (0 pending, 1 bound, 2 measured) of N, B and K."""
+
+
+def row_of(found: list[object], point: list[float]) -> Row:
+    status = [("pending", "upper_bound", "measured").index(c.status) for c in found]
+    values = [c.value for c in found]
+    low = [math.nan if not s else c.low or 0.0 for c, s in zip(found, status, strict=True)]
+    high = [math.nan if not s else c.high for c, s in zip(found, status, strict=True)]
+    return [p if v is None else v for v, p in zip(values, point, strict=True)], low, high, status
+
+
+def by_estimator(values: np.ndarray, effect: Effect) -> list[Row]:
+    """Fit the columns of values, (n, c), from their octaves, spectrum and block means."""
+    count = values.shape[1]
+    rng = np.random.default_rng(5)
+    cascade = OctaveCascade(count, tau0=1.0 / RATE)
+    spectrum = SpectrumAccumulator([0] * count, RATE)
+    drift = DriftAccumulator([0] * (count + 1), RATE, count if effect.heated else None)
+    degrees = (DEGREES + 0.02 * rng.standard_normal(LENGTH))[:, None]
+    for begin in range(0, LENGTH, CHUNK):
+        part = values[begin : begin + CHUNK]
+        cascade.update(part)
+        spectrum.update(part)
+        drift.update(np.concatenate((part, degrees[begin : begin + CHUNK]), axis=1))
+    estimator = Estimator(averaged=False, time_to=False)
+    fits = estimator.fit(
+        cascade.result(),
+        resolution=[effect.step * SIGMA] * count,
+        bands=spectrum.result().bands,
+        blocks=drift.blocks(count),
+    )
+    rows = []
+    unit = np.sqrt([1.0 / RATE, 1.0, RATE])
+    for column, fit in enumerate(fits):
+        known = estimator._confidences.get(column)
+        point = np.full(3, math.nan)
+        if known is not None:
+            point = known.model.p[:3].copy()
+            point[2] = known.walk if known.walk is not None else point[2]
+            point = np.sqrt(np.maximum(point, 0.0)) * unit
+        rows.append(row_of([fit.N, fit.B, fit.K], point.tolist()))
+    return rows
+
+
+def by_pipeline(values: np.ndarray, effect: Effect) -> list[Row]:
+    """Run the monitor on six columns at a time."""
+    rows: list[Row] = []
+    for first in range(0, values.shape[1], 6):
+        part = values[:, first : first + 6]
+        columns = part.shape[1]
+        part = np.pad(part, ((0, 0), (0, 6 - columns)), mode="wrap")
+        monitor = Monitor()
+        stream = WARM_STREAM if effect.heated else STREAM
+        if effect.heated:
+            part = np.column_stack((part, DEGREES))
+        for begin in range(0, LENGTH, CHUNK):
+            block = part[begin : begin + CHUNK]
+            tick = (np.arange(begin, begin + len(block)) * round(1e9 / RATE)).astype(np.int64)
+            monitor.feed(SampleBlock(stream, block, tick, np.zeros(len(block), dtype=np.int64)))
+        monitor.flush()
+        monitor.report(NOW, DeviceDescription(id="x"), "stopped", SessionCounters())
+        assert monitor._analysis is not None
+        fits = [monitor._analysis.fits[name] for name in STREAM.channels[:columns]]
+        rows += [row_of([fit.N, fit.B, fit.K], [math.nan] * 3) for fit in fits]
+    return rows
+
+
+def run(job: tuple[str, float, list[int]]) -> list[Row]:
+    """Fit the records of some seeds."""
+    name, K, seeds = job
+    effect = EFFECTS[name]
+    at = list(EFFECTS).index(name)
+    made = [effect.change(record(seed, K), np.random.default_rng([at, seed])) for seed in seeds]
+    fit = by_pipeline if effect.pipeline else by_estimator
+    return fit(np.stack(made, axis=1), effect)
+
+
+# Bounds --------------------------------------------------------------------------
+
+
+@lru_cache
+def bound(K: float, heated: bool, blocks: int = 600) -> float:
+    """Standard deviation of K^2 by generalised least squares on block means, beside N, B, drift, temperature."""
+    length = TOTAL_S / blocks
+    at = (np.arange(blocks) + 0.5) * length
+    regressors = [np.ones(blocks), at]
+    if heated:
+        regressors.append(DEGREES.reshape(blocks, -1).mean(axis=1))
+    free = np.linalg.qr(np.stack(regressors, axis=1), mode="complete")[0][:, len(regressors) :]
+    flicker, walk = unit_covariances(blocks)
+    parts = [N**2 / length * np.eye(blocks), B**2 * flicker, length * walk]
+    parts = [free.T @ part @ free for part in parts]
+    inverse = np.linalg.inv(parts[0] + parts[1] + K**2 * parts[2])
+    slopes = [inverse @ parts[1], inverse @ parts[2]]
+    information = np.array([[0.5 * np.sum(a * b.T) for b in slopes] for a in slopes])
+    return float(math.sqrt(np.linalg.inv(information)[1, 1]))
+
+
+# Table ---------------------------------------------------------------------------
+
+
+@dataclass
+class Result:
+    """Fits of one cell: (r, 3) arrays of N, B and K."""
+
+    effect: Effect
+    K: float
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    status: np.ndarray
+
+    @property
+    def truth(self) -> np.ndarray:
+        return np.array([N * math.sqrt(1.0 + self.effect.white), B, self.K])
+
+    @property
+    def held(self) -> np.ndarray:
+        """(3,) share of the records with limits whose limits hold the truth."""
+        given = self.status > 0
+        inside = given & (self.low <= self.truth) & (self.truth <= self.high)
+        return np.asarray(inside.sum(axis=0) / np.maximum(given.sum(axis=0), 1))
+
+    @property
+    def width(self) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.nanmedian(self.high - self.low, axis=0))
+
+
+def cell(pool: multiprocessing.pool.Pool, name: str, K: float, count: int) -> Result:
+    seeds = np.array_split(np.arange(count), max(1, count // BATCH))
+    rows = [row for part in pool.imap(run, [(name, K, s.tolist()) for s in seeds]) for row in part]
+    return Result(EFFECTS[name], K, *(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
+def judged(result: Result, known: Result | None) -> list[str]:
+    """Columns of a cell; ! marks what misses its goal by more than two standard errors."""
+    least = 0.91 if result.effect.pipeline else 0.93
+    count = len(result.value)
+    held, none = result.held, (result.status == 0).mean(axis=0)
+    ratio = result.width / known.width if known else np.ones(3)
+
+    def error(share: float) -> float:
+        return 2.0 * math.sqrt(max(share * (1.0 - share), 1.0 / count) / count)
+
+    coverage = [f"{100 * s:.1f}{' **!**' if s + error(least) < least else ''}" for s in held]
+    missing = [
+        f"{100 * s:.0f}{' **!**' if s - error(0.1) > 0.1 and not result.effect.hidden else ''}" for s in none
+    ]
+    widths = [
+        f"{r:.2f}{' **!**' if s - error(0.97) > 0.97 and r > 1.5 else ''}"
+        for r, s in zip(ratio, held, strict=True)
+    ]
+    bias = []
+    for term, truth in enumerate(result.truth):
+        seen = result.value[:, term][result.status[:, term] == 2]
+        bias.append(f"{100 * (np.median(seen) / truth - 1.0):+.2g}" if truth and seen.size else "–")
+    measured = float((result.status[:, 2] == 2).mean())
+    goal = measured <= 0.05 + error(0.05) if not result.K else measured >= 0.8 - error(0.8)
+    columns = [" / ".join(part) for part in (coverage, missing, widths, bias)]
+    columns.append(f"{100 * measured:.0f}{'' if goal else ' **!**'}")
+    spread = bound(result.K, result.effect.heated)
+    squares = result.value[:, 2] ** 2
+    squares = squares[np.isfinite(squares)]
+    if 4.0 * spread < result.K**2 and squares.size:
+        rmse = float(np.sqrt(np.mean((squares - result.K**2) ** 2)) / spread)
+        columns.append(f"{rmse:.2f}{' **!**' if rmse > 1.15 * (1.0 + 2.0 / math.sqrt(squares.size)) else ''}")
+    else:
+        columns.append("–")
+    return columns
+
+
+def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[str] | None = None) -> None:
+    """Print the table: `count` records a cell by the estimator, `piped` by the pipeline."""
+    columns = (
+        "effect",
+        "K",
+        "N / B / K held, %",
+        "no value, %",
+        "width",
+        "bias, %",
+        "K measured, %",
+        "K² rmse",
+    )
+    print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|", flush=True)
+    known: dict[tuple[str, float], Result] = {}
+    for name, effect in EFFECTS.items():
+        if only and not name.startswith("clean") and not any(part in name for part in only):
+            continue
+        reference = (
+            "clean, pipeline" if effect.pipeline else "clean, temperature known" if effect.heated else "clean"
+        )
+        for K in WALKS:
+            begin = time.monotonic()
+            result = cell(pool, name, K, piped if effect.pipeline else count)
+            known[name, K] = result
+            row = judged(result, known.get((reference, K)))
+            print(f"| {name} | {K:.2g} | " + " | ".join(row) + " |", flush=True)
+            if os.environ.get("TIMES"):
+                print(f"{time.monotonic() - begin:.0f} s")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--records", type=int, default=60, help="records a cell")
+    parser.add_argument("--piped", type=int, help="records a cell of the whole pipeline")
+    parser.add_argument("--only", help="parts of the names of effects, with commas")
+    options = parser.parse_args()
+    with multiprocessing.Pool(2) as pool:
+        only = options.only.split(",") if options.only else None
+        table(pool, options.records, options.piped or min(options.records, 400), only)
+
+
+if __name__ == "__main__":
+    main()
