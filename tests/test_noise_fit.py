@@ -18,6 +18,7 @@ from imumon.noise.fit import covariance
 from imumon.noise.fit.covariance import PAIRS, tables
 from imumon.noise.fit.leastsquares import cube_root_score
 from imumon.noise.fit.results import _few_differences_quantile, _share_of_expectation
+from imumon.noise.statistics.psd import SpectrumAccumulator
 
 N, B = 6.1e-5, 2.4e-5
 PARTS = [name for _, name, _ in pkgutil.walk_packages(imumon.noise.__path__, "imumon.noise.")]
@@ -262,13 +263,28 @@ def time_of(values):
     return np.arange(len(values))[:, None] / 40.0
 
 
-def test_a_vibration_line_excludes_octaves_and_keeps_the_accuracy(quiet):
+@pytest.mark.parametrize(("amplitude", "frequency"), [(3e-4, 0.37), (3e-4, 3.7), (1e-3, 0.05)])
+def test_a_line_of_the_spectrum_is_subtracted_and_keeps_the_accuracy(quiet, amplitude, frequency):
+    values = quiet + amplitude * np.sin(2 * np.pi * frequency * time_of(quiet))
+    spectrum = SpectrumAccumulator([0] * values.shape[1], 40.0)
+    spectrum.update(values)
+    for fit in fit_curve(curve_of(values), averaged=False, bands=spectrum.result().bands):
+        assert fit.caveats == ("vibration",)
+        assert fit.used.all()
+        assert fit.N.value == pytest.approx(N, rel=0.01)
+        assert fit.B.value == pytest.approx(B, rel=0.25)
+        assert fit.N.high - fit.N.low < 0.02 * N
+
+
+def test_a_line_without_a_spectrum_excludes_octaves_or_gives_no_value(quiet):
     line = 3e-4 * np.sin(2 * np.pi * 0.37 * time_of(quiet))
     for fit in fit_curve(curve_of(quiet + line), averaged=False):
         assert "vibration" in fit.caveats
         assert not fit.used.all()
-        assert fit.N.value == pytest.approx(N, rel=0.01)
-        assert B / 2 < (fit.B.value or fit.B.high) < 2 * B
+        if fit.N.status == "measured":
+            assert fit.N.low <= 1.01 * N
+            assert fit.N.high >= 0.99 * N
+            assert fit.N.value == pytest.approx(N, rel=0.02)
 
 
 def test_a_filter_excludes_octaves_and_keeps_the_accuracy(quiet):

@@ -249,7 +249,7 @@ def test_the_axes_do_not_move_while_a_curve_grows() -> None:
 
 
 def test_the_chart_marks_only_measured_coefficients() -> None:
-    for age, letters in ((8.0, "N"), (reports.LENGTH_S, "NBK")):
+    for age, letters in ((8.0, "N"), (reports.LENGTH_S, "NB"), (reports.LONG_S, "NBK")):
         report = reports.report(age)
         text = text_of(
             charts.allan_chart(running().updated(reports={reports.ID: report}, channel="gyro/x"), 100, 40)
@@ -264,7 +264,14 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
 
 
 def test_unused_octaves_are_dimmed() -> None:
-    lines = charts.allan_chart(running().updated(channel="accel/y"), 100, 40)
+    report = reports.report()
+    channel = report.channels["accel/y"]
+    assert channel.allan is not None
+    used = (False, False, *channel.allan.used[2:])
+    channel = replace(channel, allan=replace(channel.allan, used=used))
+    report = replace(report, channels={**report.channels, "accel/y": channel})
+    state = running().updated(reports={reports.ID: report}, channel="accel/y")
+    lines = charts.allan_chart(state, 100, 40)
     assert any(role.startswith("unused") for line in lines[1:] for _, role in line)
     assert not any(
         role.startswith("unused") for line in charts.allan_chart(running(), 100, 40) for _, role in line

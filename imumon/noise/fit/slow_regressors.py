@@ -113,7 +113,7 @@ class _Found:
         present, series = np.cumsum(present), np.cumsum(series, axis=1)
         covariances = covariances.cumsum(axis=1).cumsum(axis=2)
         lengths, found = [], []
-        for m in _LENGTHS[_LENGTHS <= n // 2].tolist():
+        for m in _LENGTHS[n // 2 >= _LENGTHS].tolist():
             begin = np.arange(n - 2 * m + 1)
             begin = begin[present[begin + 2 * m] - present[begin] == 2 * m]
             if not len(begin):
