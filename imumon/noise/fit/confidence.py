@@ -190,6 +190,7 @@ def _walk_limits(
         B2_error=np.where(known, error, np.inf),
         share=blocks.share,
         temperature=blocks.temperature,
+        settling=True,
     )
     walks: list[float | None] = []
     for row in range(len(models)):
