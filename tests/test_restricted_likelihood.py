@@ -147,3 +147,16 @@ def test_units_do_not_matter() -> None:
     np.testing.assert_allclose(other.K2, 1e6 * one.K2, rtol=1e-4)
     np.testing.assert_allclose(other.drift, 1e3 * one.drift, rtol=1e-4)
     np.testing.assert_allclose(other.temperature_high, 1e3 * one.temperature_high, rtol=1e-4)
+
+
+def test_an_exponential_is_no_random_walk() -> None:
+    settles = 3e-5 * np.exp(-AT_S / 5000.0)[:, None]
+    means, ones = block_means(0.0) + settles, np.ones(RECORDS)
+    arguments = means, LENGTH_S, N**2 * ones, B**2 * ones
+    without, beside = (
+        fit_slow_terms(*arguments, B2_error=0.4 * B**2 * ones, settling=sought) for sought in (False, True)
+    )
+    assert np.mean(without.K2_low > 0.0) > 0.5
+    assert np.mean(beside.K2_low > 0.0) <= 0.07
+    walks = fit_slow_terms(block_means(1e-6), *arguments[1:], B2_error=0.4 * B**2 * ones, settling=True)
+    assert np.mean(walks.K2_low > 0.0) >= 0.95

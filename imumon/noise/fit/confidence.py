@@ -197,6 +197,7 @@ def _walk_limits(
         B2_error=np.where(short.sum(axis=1) >= OCTAVES_FOR_N, error, np.inf),
         share=blocks.share,
         temperature=blocks.temperature,
+        settling=True,
     )
     walks: list[float | None] = []
     for row in range(len(p)):

@@ -29,7 +29,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.special import gammainc, gammaincc, ndtr
 
-from imumon.samples import Floats
+from imumon.samples import Floats, Ints
 
 TAIL = 0.025
 """Probability of each tail of a 95 % interval. Not critical."""
@@ -59,6 +59,16 @@ MOST_FREEDOM = 1e6
 
 STEP_FACTOR = 3.0
 """Most by which a step of Fisher scoring multiplies or divides B^2. Not critical."""
+
+SETTLING_SHARES = np.array([0.04, 0.06, 0.09, 0.13, 0.19, 0.28, 0.4, 0.6])
+"""Time constants of an exponential that still bends the record, as shares of its length. Not critical."""
+SETTLING_EVIDENCE = 4.0
+"""Twice the logarithm of the ratio of the likelihoods from which on K must survive an exponential. Low,
+because it costs little: the limits of K become the union of those with it and without. Not critical."""
+SETTLING_FLICKER = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 6.0)
+"""B^2 over its expected value, at which the exponential is tried. Not critical."""
+SETTLING_WALK = (0.0, *(2.0**i for i in range(-2, 16)))
+"""K^2 over its standard deviation without a walk, at which the exponential is tried. Not critical."""
 
 INSEPARABLE = "collinear"
 _TINY = 1e-300
@@ -103,6 +113,9 @@ class SlowTerms:
     temperature, temperature_low, temperature_high, temperature_error : channel unit per degC; NaN: no
         temperature, its range is too small, or not separable from time.
     correlation : of the estimates of both slopes; NaN without a temperature.
+    settling_s : s, time constant of an exponential from the first block on that explains the means better than
+        a walk; NaN: there is none, or it was not sought. K2 is then beside it, and the limits of K2 are the
+        union of those with it and without.
     reasons : (c,) why there is no temperature slope: "", "no_temperature", "small_range" or
         "collinear". The last one applies to the drift, too: it includes what follows the temperature.
     """
@@ -122,6 +135,7 @@ class SlowTerms:
     temperature_high: Floats
     temperature_error: Floats
     correlation: Floats
+    settling_s: Floats
     reasons: tuple[str, ...]
 
 
@@ -149,6 +163,7 @@ def fit_slow_terms(
     B2_error: Floats | None = None,
     share: Floats | None = None,
     temperature: Floats | None = None,
+    settling: bool = False,
 ) -> SlowTerms:
     """Return random walk, drift and temperature slope of channels from their block means.
 
@@ -161,6 +176,7 @@ def fit_slow_terms(
         of infinity, or None, estimates it from the blocks alone.
     share : (n,) or (n, c) valid share of each stretch, above 0 and at most 1; None: all.
     temperature : (n,) degC; None: there is none. NaN: missing, and the stretch does not count.
+    settling : also seek an exponential, as of a warm-up.
 
     Returns
     -------
@@ -176,7 +192,7 @@ def fit_slow_terms(
         usable &= np.isfinite(heat)[:, None]
     flicker, walk = unit_covariances(n)
     error = np.full(c, np.inf) if B2_error is None else np.asarray(B2_error, dtype=np.float64)
-    out = np.full((15, c), np.nan)
+    out = np.full((16, c), np.nan)
     kinds, member = np.unique(np.where(usable, weights, 0.0), axis=1, return_inverse=True)
     for kind, own in enumerate(kinds.T):
         columns, rows = np.flatnonzero(member.ravel() == kind), np.flatnonzero(own)
@@ -195,12 +211,60 @@ def fit_slow_terms(
         contrasts = Combinations.of(np.ones((len(rows), 1)), white, flicker[grid], walk[grid])
         k2, at_b2, score, p_value = search.result()
         lines = _slopes(contrasts, y, x, n2, at_b2, k2)
-        out[:, columns] = np.concatenate((k2[:3], np.stack((score, p_value)), at_b2[:1], lines))
+        out[:15, columns] = np.concatenate((k2[:3], np.stack((score, p_value)), at_b2[:1], lines))
+        if not settling:
+            continue
+        curves = np.exp(-(rows - rows[0])[:, None] / (len(rows) * SETTLING_SHARES))
+        best = _best_settling(free, free.basis @ y, free.basis @ curves, n2, b2, error[columns])
+        for one in np.unique(best[best >= 0]):
+            with_it = np.flatnonzero(best == one)
+            curve = curves[:, one]
+            # to first order, the derivative stands for another time constant
+            line = np.column_stack((np.ones(len(rows)), x, curve, -curve * np.log(curve)))
+            beside = Combinations.of(line, white, flicker[grid], walk[grid])
+            z, own_n2, own_b2 = beside.basis @ y[:, with_it], n2[with_it], b2[with_it]
+            k2, at_b2, _, _ = _WalkSearch(beside, z, own_n2, own_b2, error[columns][with_it]).result()
+            at = columns[with_it]
+            out[0, at], out[5, at], out[15, at] = k2[0], at_b2[0], SETTLING_SHARES[one] * len(rows) * length_s
+            out[1, at], out[2, at] = np.minimum(out[1, at], k2[1]), np.maximum(out[2, at], k2[2])
     out[:3] /= length_s
     out[6:10] /= n * length_s
     reasons = tuple(reason or (INSEPARABLE if np.isfinite(v[14]) and np.isnan(v[10]) else "") for v in out.T)
     names = [each.name for each in fields(SlowTerms)]
     return SlowTerms(**dict(zip(names, out, strict=False)), reasons=reasons)
+
+
+def _best_settling(
+    free: Combinations, z: Floats, curves: Floats, n2: Floats, b2: Floats, b2_error: Floats
+) -> Ints:
+    """Return (c,) the number of the exponential that explains each channel better than noise; -1: none.
+
+    Twice the logarithm of the ratio of the likelihoods, with B^2 and K^2 the best of `SETTLING_FLICKER` and
+    `SETTLING_WALK` for each; B^2 has its normal distribution where that is known.
+
+    Parameters
+    ----------
+    z : (m, c) combinations of the means, units of the stretch.
+    curves : (m, t) the same of the exponentials.
+    """
+    guess = np.where(np.isfinite(b2_error), b2, n2 / free.flicker.max() + (z**2).mean(axis=0))
+    scale = 1.0 / np.sqrt(0.5 * np.sum((free.walk / (1.0 + free.flicker)[:, None].T) ** 2))
+    best = np.full((2, z.shape[1]), np.inf)
+    number = np.zeros(z.shape[1], dtype=np.int64)
+    for flicker in SETTLING_FLICKER:
+        at_b2 = flicker * guess
+        prior = np.where(b2_error > 0.0, ((at_b2 - b2) / np.where(b2_error > 0.0, b2_error, 1.0)) ** 2, 0.0)
+        base = n2 + at_b2 * free.flicker[:, None]
+        for walk in SETTLING_WALK:
+            v = base + walk * scale * (n2 + at_b2) * free.walk[:, None]
+            weights = 1.0 / v
+            without = np.sum(np.log(v) + z**2 * weights, axis=0) + prior
+            gain = (curves.T @ (z * weights)) ** 2 / (curves.T**2 @ weights)
+            one = np.argmax(gain, axis=0)
+            fit = without - gain[one, np.arange(len(one))]
+            number = np.where(fit < best[1], one, number)
+            best = np.minimum(best, (without, fit))
+    return np.where(best[0] - best[1] > SETTLING_EVIDENCE, number, -1)
 
 
 def tail_probability(value: Floats | float, second: Floats | float, third: Floats | float) -> Floats:

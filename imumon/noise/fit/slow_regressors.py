@@ -60,17 +60,27 @@ def without_slow_regressors(curve: AllanCurve, blocks: BlockMeans) -> tuple[Floa
     means = np.where(known, blocks.means, np.nan)
     white, floor = np.where(known, white, 1.0), np.where(known, floor, 1.0)
     terms = fit_slow_terms(
-        means, blocks.length_s, white, floor, share=blocks.share, temperature=blocks.temperature
+        means,
+        blocks.length_s,
+        white,
+        floor,
+        share=blocks.share,
+        temperature=blocks.temperature,
+        settling=True,
     )
     drifts = np.abs(terms.drift) > SIGNIFICANT * terms.drift_error
     follows = np.abs(terms.temperature) > SIGNIFICANT * terms.temperature_error
     flicker, walk = unit_covariances(len(means))
-    for c in np.flatnonzero(drifts | follows):
+    for c in np.flatnonzero(drifts | follows | (terms.settling_s > 0.0)):
         rows = np.isfinite(means[:, c]) & (blocks.share[:, c] > 0.0)
         slopes = [np.ones(len(rows)), np.linspace(-1.0, 1.0, len(rows))]
         if blocks.temperature is not None and np.isfinite(terms.temperature[c]):
             rows &= np.isfinite(blocks.temperature)
             slopes.append(blocks.temperature - np.nanmean(blocks.temperature))
+        if terms.settling_s[c] > 0.0:
+            after = np.arange(len(rows)) - np.argmax(rows)
+            exponent = np.maximum(after, 0) * blocks.length_s / terms.settling_s[c]
+            slopes += [np.exp(-exponent), exponent * np.exp(-exponent)]
         if rows.sum() < LEAST_BLOCKS:
             continue
         at = np.flatnonzero(rows)
@@ -113,7 +123,7 @@ class _Found:
         present, series = np.cumsum(present), np.cumsum(series, axis=1)
         covariances = covariances.cumsum(axis=1).cumsum(axis=2)
         lengths, found = [], []
-        for m in _LENGTHS[n // 2 >= _LENGTHS].tolist():
+        for m in _LENGTHS[: np.searchsorted(_LENGTHS, n // 2, "right")].tolist():
             begin = np.arange(n - 2 * m + 1)
             begin = begin[present[begin + 2 * m] - present[begin] == 2 * m]
             if not len(begin):
