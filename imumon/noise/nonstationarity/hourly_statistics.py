@@ -225,7 +225,7 @@ class HourlyStatistics:
         )
         if settled:
             self._start = candidate
-            self._quarters.restart()
+            self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()
             self._hours, self._changes = [], {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:

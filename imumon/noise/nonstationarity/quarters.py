@@ -3,7 +3,8 @@
 The limits of a fit say how far chance may have moved a coefficient in this record, if the sensor is constant.
 Real sensors are not: N moves by 0.5 to 1 % within an hour, a multiple of its limits. The standard deviation
 between the quarters shows that. The record is kept as 8 to 15 sums over stretches of equal length; when there
-are 16, neighbours are joined and stretches double. A quarter is two to four of them.
+are 16, neighbours are joined and stretches double. A quarter is two to four of them, or one or two while the
+record is short or after its warm-up was excluded.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from imumon.noise.detection.disturbance import subset
 
 STRETCHES = 16
 """Stretches that are joined in pairs. More make the quarters more equal. Not critical."""
-LEAST_STRETCHES = 8
-"""Stretches from which on there are quarters: two each. Not critical."""
+LEAST_STRETCHES = 4
+"""Stretches from which on there are quarters. Not critical."""
 STRETCH_S = 8.0
 """s, shortest stretch: a quarter then has 16 s, enough for N. Not critical."""
 
@@ -54,7 +55,8 @@ class Quarters:
         if (
             self._cascade.position > self.next_end
         ):  # a gap of hours: the stretches are not neighbours any more
-            self.restart()
+            self._sums = []
+            self._begin()
             return
         self._sums.append(self._cascade.block_sums_since(self._window))
         if len(self._sums) == STRETCHES:
@@ -63,10 +65,13 @@ class Quarters:
             self._length *= 2
         self._begin()
 
-    def restart(self) -> None:
-        """Forget the stretches: the record before now does not count."""
-        self._sums = []
-        self._begin()
+    def discard_before(self, position: int) -> None:
+        """Forget the stretches that begin before a position, samples of the grid."""
+        first = self._start - len(self._sums) * self._length
+        before = -(-(position - first) // self._length)
+        self._sums = self._sums[max(0, before) :]
+        if position > self._start:
+            self._begin()
 
     def _begin(self) -> None:
         self._cascade.close_window(self._window)
