@@ -163,7 +163,7 @@ class FitQuality:
 
     chi2: float | None = None  # 1, chi-square of the residuals
     dof: int | None = None  # its degrees of freedom
-    p_value: float | None = None  # probability of a larger one if the model holds
+    p_value: float | None = None  # probability of a larger one if this description holds; after selection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
