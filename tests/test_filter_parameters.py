@@ -62,10 +62,12 @@ def test_the_prediction_is_what_an_independent_filter_measures() -> None:
     finally:
         sys.path.pop(0)
     truth = filters.TRUTHS[0]
-    records = filters.simulated(truth, 1000, 77, 1800.0)
-    for made in filters.filters_of(truth.N, truth.B, truth.K, 1800.0):
-        mean, error = filters.measured(truth, made, records)
-        assert np.abs((mean - filters.predicted(truth, made, filters.HORIZONS)) / error).max() < 4.0
+    records = filters.simulated(truth, 1, 1000, 77)
+    exact = (np.array([size]) for size in (truth.N, truth.B, truth.K))
+    for made in filters.filters_of(*exact, 1800.0):
+        ratio = filters.measured(made, records)[0]
+        distance = ratio.mean(axis=0) - filters.predicted(truth, made)[0]
+        assert np.abs(distance / ratio.std(axis=0) * np.sqrt(len(ratio))).max() < 4.0
 
 
 def test_a_filter_with_the_right_model_is_consistent() -> None:

@@ -39,6 +39,13 @@ critical."""
 LEAST_NEES = 0.8
 """1, smallest NEES of the filter with Gauss-Markov terms (contract). Not critical: decades give 0.99 to 1.02."""
 
+LEAST_N, MOST_SIZE = 1e-15, 1e6
+"""unit/sqrt(Hz) and SI, N below and N, B or K above which a report describes no sensor: it may come from any program.
+Not critical."""
+
+NO_WALK = 1e-6
+"""1/s, share of N in the unit of the search: a channel without B and K gets a walk too. Not critical."""
+
 SMALLEST_WALK = 0.1
 """Share of K below which no walk goes, where the reference scenario needs none. Not critical."""
 
@@ -89,7 +96,7 @@ def assumed_noise(channel: Channel) -> AssumedNoise | None:
     """
     sizes = [_size(getattr(channel, letter)) for letter in COEFFICIENTS]
     n, b, k = sizes
-    if n is None or b is None or k is None or n <= 0.0:
+    if n is None or b is None or k is None or n < LEAST_N or max(n, b, k) > MOST_SIZE:
         return None
     return AssumedNoise(N=n, B=b, K=k)
 
@@ -116,7 +123,7 @@ def smallest_walk(truths: ChannelTruths, horizon_s: Floats) -> Floats:
     Two searches on a logarithmic grid, each for all channels at once, then a line between two neighbours. The
     NEES falls as the walk rises.
     """
-    unit = np.hypot(truths.K, truths.B)
+    unit = np.maximum(np.hypot(truths.K, truths.B), NO_WALK * truths.N)
     low, high = COARSE[0] * unit, COARSE[-1] * unit
     for count in (len(COARSE), FINE):
         walks = np.geomspace(low, high, count, axis=1)  # (c, count)
