@@ -167,13 +167,18 @@ def truths_part(runs: int) -> float:
         exact = [np.array([v]) for v in (truth.N, truth.B, truth.K)]
         for name, made in zip(NAMES, filters_of(*exact, HORIZONS[-1]), strict=True):
             ratio, forecast = measured(made, records)[0], predicted(truth, made)[0]
-            mean, error = ratio.mean(axis=0), ratio.std(axis=0, ddof=1) / np.sqrt(runs)
+            mean, error = ratio.mean(axis=0), standard_error(forecast, runs)
             worst = max(worst, float(np.abs((mean - forecast) / error).max()))
             cells = (f"{m:.2f} ±{e:.2f} ({p:.2f})" for m, e, p in zip(mean, error, forecast, strict=True))
             print(f"| {truth.name} | {name} | {' | '.join(cells)} |", flush=True)
     count = len(NAMES) * len(HORIZONS) * len(TRUTHS)
     print(f"\nLargest distance of {count} comparisons: {worst:.1f} standard errors.")
     return worst
+
+
+def standard_error(forecast: np.ndarray, runs: int) -> np.ndarray:
+    """Return the standard error of a measured NEES if the prediction is right: the errors are Gaussian."""
+    return forecast * np.sqrt(2.0 / runs)
 
 
 def fitted(truth: Truth, seed: int, records: int, rate: float = 10.0, hours: float = 5.0) -> np.ndarray:
