@@ -30,7 +30,8 @@ from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import Floats
 
 MOST_NEES = 1.25
-"""1, largest NEES of the recommended numbers (contract). Sensitivity: it decides the walk."""
+"""1, largest NEES of the recommended numbers (contract). Sensitivity: 1.1 raises the walk by 11 to
+45 %, 1.5 lowers it by 11 to 29 %."""
 
 AIM = 0.998 * MOST_NEES
 """1, NEES that the search aims at: what is between the horizons, and rounding, stay within `MOST_NEES`. Not
@@ -50,7 +51,8 @@ SMALLEST_WALK = 0.1
 """Share of K below which no walk goes, where the reference scenario needs none. Not critical."""
 
 COARSE = np.geomspace(1e-4, 10.0, 21)
-"""Walks of the first search, in units of sqrt(K^2 + B^2/s). Not critical: a search that fails extends it."""
+"""Walks of the first search, in units of sqrt(K^2 + B^2/s). Not critical: with half or twice
+as many the walk differs by at most 0.7 %."""
 
 FINE = 9
 """Walks between two neighbours of the first search, in the second; a line between two gives the result. Not
