@@ -24,6 +24,7 @@ import numpy as np
 from cells import Cell, bound, cell
 from figures import Figure
 from peers import peer_errors, realtime
+from real_effects import LEGEND, table
 from simulated import (
     LENGTHS,
     LONGEST,
@@ -327,6 +328,8 @@ def main() -> None:
         realtime()
         disturbed(min(count, 48 if options.full else 8))
         speed(sums[2])
+        say("Effects of real sensors", LEGEND)
+        table(pool, count, min(count, 400))
 
 
 if __name__ == "__main__":

@@ -27,6 +27,8 @@ from imumon.devices.vn100.emulator.command_handler import CommandHandler as Emul
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings, Noise
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import LOOP_RATE
+from imumon.filter_report import DEFAULT_HORIZON_S
+from imumon.noise.filter_parameters import filter_parameters
 from imumon.pipeline import Monitor
 from imumon.report import Channel, Coefficient, DeviceDescription, Report, SessionCounters, from_json
 from imumon.samples import SampleBlock
@@ -156,8 +158,9 @@ def main() -> None:
         (arguments.out / "README.md").write_text(
             README.format(hours=arguments.hours, rate=RATE, comparison=comparison)
         )
+    filters = filter_parameters(made, DEFAULT_HORIZON_S)
     for name, form in DOCUMENTS.items():
-        (arguments.out / name).write_bytes(document(made, form))
+        (arguments.out / name).write_bytes(document(made, form, filters))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   noise/         Allan variance, fit, detection, statistics: mathematics on arrays
   messages.py    caveats, grades and reasons in words
   timebase/      sample clock: which tick each sample belongs to
+  filter_report.py  parameters for Kalman filters, as a message
   report.py      published data model; standard library only
   samples.py     what devices and recordings deliver
   units.py       SI to readable units

@@ -20,6 +20,8 @@ from imumon.cli.wait_condition import WaitCondition
 from imumon.datasheet import FORMS, NoCurve, document
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
 from imumon.datasheet.tables import report_table
+from imumon.filter_report import DEFAULT_HORIZON_S
+from imumon.noise.filter_parameters import filter_parameters
 from imumon.report import Event, Report, Signal, from_json, to_json
 from imumon.tui import channel_table, charts, export, panels, text_panels
 from imumon.tui.formatting import Notation
@@ -193,10 +195,11 @@ def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, 
     ):
         if condition.unmet(report) is None:
             condition.description(report)
+    filters = filter_parameters(report, DEFAULT_HORIZON_S)
     for form in FORMS:
         if drawn or form not in DRAWN_FORMS:
             try:
-                document(report, form)
+                document(report, form, filters)
             except NoCurve:
                 assert form == "png"
     show_on_screen(report, signal, events)

@@ -21,14 +21,18 @@ from daemons import Daemon
 from reports import LENGTH_S, LONG_RATE, LONG_S, RATE, nothing_yet
 from reports import report as make_report
 
-from imumon.datasheet import FORMS, NoCurve, document
+from imumon.datasheet import FORMS, NoCurve, document, short_record_text
 from imumon.datasheet.blocks import DataTable
-from imumon.datasheet.config_snippets import ros, worst_axis
+from imumon.datasheet.config_snippets import ros
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.figures import svg
+from imumon.datasheet.filter_figure import filter_svg
+from imumon.datasheet.filter_values import FilterValue, worst_axis
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
 from imumon.datasheet.tables import FULL, report_table
+from imumon.filter_report import FilterReport
 from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
+from imumon.noise.filter_parameters import filter_parameters
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline.report_builder import effective_samples
 from imumon.report import Allan, Coefficient, Readable, Report, from_json, to_json
@@ -42,8 +46,31 @@ def aged(name: str) -> Report:
     return nothing_yet() if name == "nothing" else make_report(AGES[name])
 
 
+_FILTERS: dict[object, FilterReport] = {}
+
+
+def filters(report: Report, horizon_s: float = 600.0) -> FilterReport:
+    """Return the parameters for filters; those of a noise that was seen before are not computed again."""
+    key = (horizon_s, tuple((name, c.N, c.B, c.K, c.caveats) for name, c in report.channels.items()))
+    if key not in _FILTERS:
+        _FILTERS[key] = filter_parameters(report, horizon_s)
+    return replace(_FILTERS[key], time=report.time, device=report.device, elapsed_s=report.session.elapsed_s)
+
+
+def made(report: Report, form: str) -> bytes:
+    return document(report, form, filters(report))
+
+
 def text(report: Report, form: str) -> str:
-    return document(report, form).decode()
+    return made(report, form).decode()
+
+
+def worst(report: Report, sensor: str, letter: str) -> FilterValue:
+    return worst_axis(report, filters(report), sensor, letter)
+
+
+SETTINGS = [form for form, what in FORMS.items() if what.settings and form != "filter"]
+COVARIANCES = ("ros", "robot_localization")
 
 
 @pytest.mark.parametrize("age", AGES)
@@ -56,7 +83,7 @@ def test_every_form_of_every_age_is_complete(form: str, age: str) -> None:
 
 @pytest.mark.parametrize("age", ["minutes", "hours"])
 def test_the_figure_is_a_png(age: str) -> None:
-    assert document(aged(age), "png").startswith(b"\x89PNG\r\n\x1a\n")
+    assert made(aged(age), "png").startswith(b"\x89PNG\r\n\x1a\n")
 
 
 def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
@@ -74,7 +101,7 @@ def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
 
 def test_a_figure_without_a_curve_is_an_error() -> None:
     with pytest.raises(NoCurve) as raised:
-        document(nothing_yet(), "png")
+        made(nothing_yet(), "png")
     assert raised.value.code == "no_curve"
 
 
@@ -103,32 +130,41 @@ def settings(report: Report, form: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("form", ["kalibr", "openvins"])
-def test_densities_are_those_of_the_worst_axis(form: str) -> None:
+def test_densities_and_walks_are_those_of_the_worst_axis(form: str) -> None:
     report = make_report(LONG_S)
     values = settings(report, form)
     for sensor, name in (("gyro", "gyroscope"), ("accel", "accelerometer")):
         for letter, key in (("N", "noise_density"), ("K", "random_walk")):
-            parts = [getattr(report.channels[f"{sensor}/{axis}"], letter) for axis in "xyz"]
-            assert all(part.status == "measured" for part in parts)
-            expected = max(part.value for part in parts)
+            numbers = [filters(report).channels[f"{sensor}/{axis}"] for axis in "xyz"]
+            expected = max(number.white if letter == "N" else number.walk for number in numbers)
             assert values[f"{name}_{key}"] == pytest.approx(expected, rel=1e-6)
     assert values["update_rate"] == LONG_RATE
 
 
-def test_a_bounded_coefficient_is_its_bound_with_a_comment() -> None:
-    report = make_report(400.0)
-    bounded = [report.channels[f"gyro/{axis}"].K for axis in "xyz"]
-    assert {part.status for part in bounded if part} == {"upper_bound"}
-    assert settings(report, "kalibr")["gyroscope_random_walk"] == pytest.approx(
-        max(part.high or 0.0 for part in bounded if part), rel=1e-6
-    )
-    bound = "95 % upper bound, not seen in this record"
+def with_bounded_k(report: Report) -> Report:
+    """Return the report with gyroscopes of whose K only a bound is known."""
+    channels = dict(report.channels)
+    for name in ("gyro/x", "gyro/y", "gyro/z"):
+        k = channels[name].K
+        assert k is not None
+        bounded = replace(k, status="upper_bound", value=None, low=0.0)
+        channels[name] = replace(channels[name], K=bounded)
+    return replace(report, channels=channels)
+
+
+def test_a_walk_that_rests_on_a_bound_has_a_comment() -> None:
+    report = with_bounded_k(make_report(LONG_S))
+    bound = "K not seen in this record: made for half its 95 % upper bound"
     for form, line in (
         ("kalibr", "gyroscope_random_walk: "),
         ("openvins", "gyroscope_random_walk: "),
         ("px4", "param set EKF2_GYR_B_NOISE "),
         ("ardupilot", "# EK3_GBIAS_P_NSE in "),  # above the value: on its line it would be part of the value
         ("gtsam", "params.setBiasOmegaCovariance("),
+        ("vins", "gyr_w: "),
+        ("fastlio", "b_gyr_cov: "),
+        ("liosam", "imuGyrBiasN: "),
+        ("orbslam3", "IMU.GyroWalk: "),
     ):
         assert re.search(rf"^ *{re.escape(line)}.*  # {bound}$", text(report, form), re.MULTILINE)
         assert bound not in text(make_report(LONG_S), form)
@@ -140,10 +176,8 @@ def test_an_unknown_coefficient_is_never_a_number(age: str) -> None:
     for sensor in ("gyro", "accel"):
         for letter, key in (("N", "noise_density"), ("K", "random_walk")):
             name = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor] + f"_{key}"
-            assert (name in settings(report, "kalibr")) == (
-                worst_axis(report, sensor, letter).value is not None
-            )
-            if worst_axis(report, sensor, letter).value is None:
+            assert (name in settings(report, "kalibr")) == (worst(report, sensor, letter).value is not None)
+            if worst(report, sensor, letter).value is None:
                 assert f"# {name}: ?" in text(report, "kalibr")
 
 
@@ -168,7 +202,7 @@ def with_k(report: Report, code: str | None, *, gyro: bool) -> Report:
     ],
 )
 def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: bool, cure: str) -> None:
-    for form in ("kalibr", "px4", "ardupilot", "gtsam", "openvins"):
+    for form in SETTINGS:
         shown = text(with_k(make_report(), code, gyro=gyro), form)
         assert cure in shown
         assert ("record longer" in shown) == (cure == "record longer")
@@ -178,7 +212,7 @@ def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: 
 def test_caveats_precede_the_numbers(caveat: str) -> None:
     report = make_report()
     one = {"gyro/x": replace(report.channels["gyro/x"], caveats=(caveat,))}
-    for form in ("kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins"):
+    for form in SETTINGS:
         assert f"WARNING: {caveat.replace('_', ' ')}: " in text(replace(report, caveats=(caveat,)), form)
         shown = text(replace(report, channels=report.channels | one), form)
         assert f"WARNING: {caveat.replace('_', ' ')} (gyro x" in shown
@@ -210,7 +244,8 @@ def test_ros_covariance_of_a_constant_sensor_is_unknown() -> None:
         for name in report.channels
         if name[:4] == "gyro"
     }
-    lines = ros(replace(report, channels=report.channels | dead)).splitlines()
+    report = replace(report, channels=report.channels | dead)
+    lines = ros(report, filters(report)).splitlines()
     assert "# angular_velocity_covariance: all zeros, which means unknown" in lines
     assert not any(line.startswith("angular_velocity_covariance") for line in lines)
 
@@ -241,8 +276,104 @@ def test_the_variance_of_an_autopilot_filter_grows_as_that_of_the_sensor(
     parts = [(sensor, letter) for sensor in ("gyro", "accel") for letter in "NK"]
     for name, (sensor, letter) in zip(names, parts, strict=True):
         grown = sum((float(values[name]) * step_s) ** 2 for _ in range(round(12.0 / step_s)))
-        expected = worst_axis(report, sensor, letter).value or 0.0
+        expected = worst(report, sensor, letter).value or 0.0
         assert grown == pytest.approx(12.0 * expected**2, rel=1e-3)
+
+
+def number(shown: str, name: str) -> float:
+    """Return the value of a line ``name: number``, whatever its indent."""
+    found = re.search(rf"^ *{re.escape(name)}: ([-+.\de]+)(?:  # .*)?$", shown, re.MULTILINE)
+    assert found, name
+    return float(found[1])
+
+
+def test_a_sample_of_vins_and_fastlio_adds_what_the_sensor_adds() -> None:
+    """The steps of their sources, for a second of samples: the variances grow by N^2 and walk^2."""
+    report = make_report(LONG_S)
+    dt = 1.0 / LONG_RATE
+    for sensor, short in (("gyro", "gyr"), ("accel", "acc")):
+        white, walk = (worst(report, sensor, letter).value or 0.0 for letter in "NK")
+        vins, fastlio = text(report, "vins"), text(report, "fastlio")
+        n, w = number(vins, f"{short}_n"), number(vins, f"{short}_w")
+        # integration_base.h: V has 0.5 dt twice for the rate and dt for the bias
+        assert LONG_RATE * 2.0 * (0.5 * dt * n) ** 2 == pytest.approx(white**2, rel=1e-5)
+        assert LONG_RATE * (dt * w) ** 2 == pytest.approx(walk**2, rel=1e-5)
+        # esekfom.hpp: (dt f_w) Q (dt f_w)^T
+        assert LONG_RATE * dt**2 * number(fastlio, f"{short}_cov") == pytest.approx(white**2, rel=1e-5)
+        assert LONG_RATE * dt**2 * number(fastlio, f"b_{short}_cov") == pytest.approx(walk**2, rel=1e-5)
+
+
+def test_liosam_and_orbslam3_take_continuous_time() -> None:
+    report = make_report(LONG_S)
+    for sensor, lio, orb in (("gyro", "Gyr", "Gyro"), ("accel", "Acc", "Acc")):
+        white, walk = (worst(report, sensor, letter).value for letter in "NK")
+        liosam, orbslam3 = text(report, "liosam"), text(report, "orbslam3")
+        assert number(liosam, f"imu{lio}Noise") == pytest.approx(white, rel=1e-6)
+        assert number(liosam, f"imu{lio}BiasN") == pytest.approx(walk, rel=1e-6)
+        assert number(orbslam3, f"IMU.Noise{orb}") == pytest.approx(white, rel=1e-6)
+        assert number(orbslam3, f"IMU.{orb}Walk") == pytest.approx(walk, rel=1e-6)
+    assert number(orbslam3, "IMU.Frequency") == LONG_RATE
+
+
+def test_kfgins_drives_its_bias_by_the_walk() -> None:
+    """gi_engine.cpp: the process is driven by 2 std^2 / corrtime."""
+    report = make_report(LONG_S)
+    shown = text(report, "kfgins")
+    seconds = number(shown, "corrtime") * 3600.0
+    for name, sensor, unit in (("gbstd", "gyro", np.pi / 180.0 / 3600.0), ("abstd", "accel", 1e-5)):
+        row = re.search(rf"^  {name}: \[(.*)\]  # ", shown, re.MULTILINE)
+        assert row
+        for axis, std in zip("xyz", row[1].split(","), strict=True):
+            walk = filters(report).channels[f"{sensor}/{axis}"].walk
+            assert 2.0 * (float(std) * unit) ** 2 / seconds == pytest.approx(walk**2, rel=1e-4)
+    n = report.channels["gyro/x"].N
+    assert n is not None
+    assert float(re.search(r"^  arw: \[([^,]*),", shown, re.MULTILINE)[1]) == pytest.approx(  # type: ignore[index]
+        n.readable.value, rel=1e-5
+    )
+
+
+def test_robot_localization_has_the_error_of_the_bias_in_the_covariance() -> None:
+    """Integrated over the horizon, the samples have the variance of white noise and walk together."""
+    report = make_report(LONG_S)
+    row = re.search(
+        r"^angular_velocity_covariance: \[(.*)\]", text(report, "robot_localization"), re.MULTILINE
+    )
+    assert row
+    made = filters(report).channels["gyro/x"]
+    variance = float(row[1].split(",")[0]) / LONG_RATE * 600.0
+    assert variance == pytest.approx(made.white**2 * 600.0 + made.walk**2 * 600.0**3 / 3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("form", SETTINGS)
+def test_every_number_says_what_it_is_and_what_it_rests_on(form: str) -> None:
+    report = make_report(LONG_S)
+    shown = text(report, form)
+    units = ("rad/s*sqrt(Hz)", "m/s^2*sqrt(Hz)")
+    assert all(unit in shown for unit in units)
+    assert "smallest with NEES <= 1.25 for 1 to 600 s" in shown
+    factor = filters(report).channels["gyro/x"].walk_factor
+    assert factor is not None
+    assert f"{factor:.1f} times K" in shown
+    assert len(re.findall(r"rests on \d", shown)) >= (2 if form == "ros" else 4)
+
+
+@pytest.mark.parametrize("form", [form for form in SETTINGS if form not in COVARIANCES])
+def test_a_longer_horizon_needs_other_walks(form: str) -> None:
+    report = make_report(LONG_S)
+    short, long = (document(report, form, filters(report, h)).decode() for h in (1.0, 20000.0))
+    assert "at most 20000 s" in long
+    numbers = [
+        [line for line in shown.splitlines() if not line.strip().startswith("#")] for shown in (short, long)
+    ]
+    assert numbers[0] != numbers[1]
+
+
+@pytest.mark.parametrize("form", ["vins", "fastlio"])
+def test_a_discrete_setting_needs_the_rate(form: str) -> None:
+    report = make_report(LONG_S)
+    shown = text(replace(report, device=replace(report.device, sample_rate_hz=None)), form)
+    assert shown.count(": ? (the sample rate is unknown)") == 4
 
 
 def test_openvins_gets_every_required_matrix() -> None:
@@ -265,7 +396,7 @@ def test_gtsam_is_python_and_leaves_no_covariance_of_one(age: str) -> None:
     assert "params.setIntegrationCovariance(" in code
 
 
-@pytest.mark.parametrize("form", ["kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins", "md", "html"])
+@pytest.mark.parametrize("form", [*SETTINGS, "md", "html"])
 def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
     report = make_report()
     report = replace(report, caveats=("aliased", "compensated"))
@@ -278,10 +409,22 @@ def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
 # ---------------------------------------------------------------- the datasheet and its forms
 
 
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
+    report = make_report(LONG_S)
+    root = ET.fromstring(filter_svg(filters(report), sensor))
+    assert len([line for line in root.iter("path") if "stroke-dasharray" in (line.get("style") or "")]) >= 3
+    assert 'class="allan"' in text(report, "html")
+    sheet = text(report, "md")
+    assert "## For a Kalman filter" in sheet
+    assert ("angle error of axis" if sensor == "gyro" else "velocity error of axis") in sheet
+    assert filter_svg(filters(nothing_yet()), sensor) == ""
+
+
 @pytest.mark.parametrize("age", AGES)
 def test_tables_have_a_cell_for_each_column(age: str) -> None:
     report = aged(age)
-    for block in datasheet_content(report).blocks:
+    for block in datasheet_content(report, filters(report)).blocks:
         if isinstance(block, DataTable):
             assert {len(row) for row in block.rows} <= {len(block.head)}
     lines = text(report, "md").splitlines()
@@ -409,6 +552,39 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path
     assert "nothing changed" not in printed
 
 
+@pytest.mark.parametrize("source", ["recording", "saved"])
+def test_filter_parameters_of_a_file(source: str, recording: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "saved.json"
+    imumon("report", recording, "-o", saved)
+    path = recording if source == "recording" else saved
+    found = from_json(FilterReport, imumon("report", path, "--format", "filter", "--horizon", "1m"))
+    report = from_json(Report, saved.read_text())
+    assert found.schema == "imumon.filter/1"
+    assert found.horizon_s == 60.0
+    assert found.device == report.device
+    assert found.channels == filters(report, 60.0).channels
+
+
+def test_a_short_record_prints_a_warning(recording: Path) -> None:
+    for form in ("filter", "kalibr", "vins"):
+        done = subprocess.run(
+            [sys.executable, "-m", "imumon", "report", recording, "--format", form],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert re.fullmatch(
+            r"imumon: recorded 10 min: N ±\S+ %, B only bounded, K only bounded; record at least 8 h\n",
+            done.stderr,
+        )
+    assert short_record_text(make_report(LONG_S)) is None or make_report(LONG_S).session.elapsed_s < 8 * 3600
+
+
+@pytest.mark.parametrize("horizon", ["0", "0.5", "2d", "soon"])
+def test_a_horizon_is_from_a_second_to_a_day(horizon: str, recording: Path) -> None:
+    imumon("report", recording, "--format", "filter", "--horizon", horizon, code=2)
+
+
 def test_records_without_common_coefficients_are_not_called_unchanged() -> None:
     unchanged = baseline_summary(make_report(), make_report())
     assert unchanged == "nothing changed against the baseline"
@@ -432,6 +608,8 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     with Daemon("sim", tmp_path, "--speed", "20", "--seed", "3") as daemon:
         live = daemon.samples(3000)
         shown = imumon("report", "--connect", daemon.endpoint, "--format", "md")
+        numbers = imumon("report", "--connect", daemon.endpoint, "--format", "filter")
+        assert from_json(FilterReport, numbers).device.id == live.device.id
         assert live.device.serial is not None
         assert live.device.serial in shown
         code, _, _ = daemon.stop()
@@ -527,9 +705,7 @@ def test_tables_and_datasheet_name_both_grades(form: str, provisional: bool) -> 
     assert ("industrial, provisional" in shown) == provisional
 
 
-@pytest.mark.parametrize(
-    "form", ["text", "kalibr", "ros", "px4", "ardupilot", "gtsam", "openvins", "md", "html"]
-)
+@pytest.mark.parametrize("form", ["text", *SETTINGS, "md", "html"])
 def test_every_form_warns_of_an_unknown_filter(form: str) -> None:
     """N of a stream in listen-only mode is too high by a factor that depends on its rate."""
     report = make_report(200.0)

@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from imumon.datasheet import document
+from imumon.filter_report import FilterReport
 from imumon.report import MAX_CHANNELS, Event, Report, Signal, from_json, is_device_name, plain, to_json
 from imumon.tui.export import exported_text
 from imumon.tui.view_state import VIEWS, ViewState
@@ -200,7 +201,7 @@ def test_cells_that_a_spreadsheet_would_execute_are_escaped() -> None:
     report = from_json(Report, changed("channels", "gyro/x", "unit", to=formula))
     event = Event(time="+1", kind="@x", text="-2+3", device=report.device.id, channel=None)
     state = ViewState(reports={report.device.id: report}, id=report.device.id, events=(event,))
-    texts = [document(report, "csv").decode()]
+    texts = [document(report, "csv", FilterReport(time=report.time, device=report.device)).decode()]
     texts += [exported_text(state.updated(view=view), "csv") for view in VIEWS]
     cells = [cell for text in texts for row in csv.reader(text.splitlines()) for cell in row]
     assert f"'{formula}" in cells

@@ -36,8 +36,9 @@ def test_the_quarters_follow_a_change_of_n() -> None:
     sums = fed(noise(n, scale), 999)[1].result()
     assert sums is not None
     found = [point_estimates(each.curve(1.0 / RATE), averaged=[False] * 2)[:, 0] for each in sums]
-    # the last stretch is incomplete
-    np.testing.assert_allclose(np.array(found).T / N, [[1.0, 1.1, 1.2, 1.3]] * 2, rtol=0.05)
+    np.testing.assert_allclose(
+        np.array(found).T / N, [[1.0, 1.1, 1.2, 1.3]] * 2, rtol=0.05
+    )  # the last stretch is incomplete
 
 
 def test_the_quarters_do_not_depend_on_chunks() -> None:

@@ -15,9 +15,12 @@ from typing import Any, Literal
 import pytest
 
 from imumon import report
+from imumon.filter_report import FILTER_SCHEMA, FilterReport
 from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_json
 
-FILE = Path(__file__).parents[1] / "docs" / "report.schema.json"
+DOCS = Path(__file__).parents[1] / "docs"
+FILE = DOCS / "report.schema.json"
+FILTER_FILE = DOCS / "filter.schema.json"
 OMITTED = ("allan", "histogram", "spectrum")  # of a channel on its own key
 PLAIN: dict[Any, str] = {str: "string", int: "integer", float: "number", bool: "boolean"}
 
@@ -35,6 +38,19 @@ def schema() -> dict[str, Any]:
         "description": "imumon/{id}/report; Channel is imumon/{id}/{sensor}/{axis}, Grade imumon/{id}/grade, "
         "Event imumon/{id}/event, Signal imumon/{id}/signal/{sensor}/{axis}. Fields may be added.",
         "$ref": "#/$defs/Report",
+        "$defs": dict(sorted(defs.items())),
+    }
+
+
+def filter_schema() -> dict[str, Any]:
+    """Return the JSON Schema of the parameters for filters."""
+    defs: dict[str, Any] = {}
+    define(FilterReport, defs)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": FILTER_SCHEMA,
+        "description": "imumon report --format filter (docs/FILTERS.md). Fields may be added.",
+        "$ref": "#/$defs/FilterReport",
         "$defs": dict(sorted(defs.items())),
     }
 
@@ -140,8 +156,22 @@ def test_the_schema_file_matches_the_code() -> None:
     assert json.loads(FILE.read_text("utf-8")) == schema(), "run python tests/test_report_schema.py"
 
 
-def test_every_message_and_every_field_has_a_description() -> None:
-    defs = json.loads(FILE.read_text("utf-8"))["$defs"]
+def test_the_schema_file_of_filters_matches_the_code() -> None:
+    assert json.loads(FILTER_FILE.read_text("utf-8")) == filter_schema(), (
+        "run python tests/test_report_schema.py"
+    )
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_parameters_for_filters_match_their_schema(empty: bool) -> None:
+    message = filled(FilterReport, empty=empty)
+    assert violations(json.loads(to_json(message)), filter_schema(), filter_schema()) == []
+    assert from_json(FilterReport, to_json(message)) == message
+
+
+@pytest.mark.parametrize("file", [FILE, FILTER_FILE], ids=lambda file: file.name)
+def test_every_message_and_every_field_has_a_description(file: Path) -> None:
+    defs = json.loads(file.read_text("utf-8"))["$defs"]
     assert [name for name, rule in defs.items() if not rule.get("description")] == []
     fields = [
         (f"{name}.{field}", rule)
@@ -219,4 +249,5 @@ def test_text_that_is_read_has_no_control_characters() -> None:
 
 
 if __name__ == "__main__":
-    FILE.write_text(json.dumps(schema(), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    for file, made in ((FILE, schema()), (FILTER_FILE, filter_schema())):
+        file.write_text(json.dumps(made, indent=1, ensure_ascii=False) + "\n", "utf-8")

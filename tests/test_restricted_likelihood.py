@@ -150,7 +150,7 @@ def test_units_do_not_matter() -> None:
 
 
 def test_an_exponential_is_no_random_walk() -> None:
-    settles = 3e-5 * np.exp(-AT_S / 5000.0)[:, None]
+    settles = 6e-5 * np.exp(-AT_S / 5000.0)[:, None]
     means, ones = block_means(0.0) + settles, np.ones(RECORDS)
     arguments = means, LENGTH_S, N**2 * ones, B**2 * ones
     without, beside = (

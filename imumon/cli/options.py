@@ -104,6 +104,17 @@ def seconds(text: str) -> float:
     return total
 
 
+def horizon(text: str) -> float:
+    """Return the longest time without a fix, s, within the limits of the parameters for filters."""
+    from imumon.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S
+
+    value = seconds(text)
+    if not SHORTEST_HORIZON_S <= value <= LONGEST_HORIZON_S:
+        message = f"{text} is no horizon; give one from {SHORTEST_HORIZON_S:g} s to {LONGEST_HORIZON_S:g} s"
+        raise argparse.ArgumentTypeError(message)
+    return value
+
+
 def share(text: str) -> float:
     """Return a share of a value.
 

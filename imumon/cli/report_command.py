@@ -25,12 +25,14 @@ REPORT_CURE = "make one with imumon report --format json"
 def add_report(parser: Parser) -> None:
     from imumon.datasheet import FORMS
 
-    forms = "; ".join(f"{name}: {what}" for name, (_, what) in FORMS.items())
+    forms = "; ".join(f"{name}: {form.text}" for name, form in FORMS.items())
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
     add("file", nargs="?", metavar="FILE", help=text)
     add("--id", metavar="NAME", help="device of the daemon; default: the first by name")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
+    horizon = "longest time without a fix that numbers for filters hold for, such as 90, 10m; default 600 s"
+    add("--horizon", type=options.horizon, metavar="S", help=horizon)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
     add_read_options(parser.add_argument_group("of a recording"))
     options.add_config(parser)
@@ -39,7 +41,7 @@ def add_report(parser: Parser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
-    from imumon.datasheet import document
+    from imumon.datasheet import FORMS, document, short_record_text
 
     form = _form(arguments)
     if form == "png" and arguments.output is None and sys.stdout.isatty():
@@ -57,7 +59,9 @@ def report(arguments: argparse.Namespace) -> int:
             cure = "give a FILE (imumon report --help)"
             source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
             source = replace(source, events=tuple(subscriber.events(source.device.id)))
-    data = document(source, form)
+    if FORMS[form].settings and (warning := short_record_text(source)) is not None:
+        print_message(warning)
+    data = document(source, form, _filters(source, arguments.horizon, FORMS[form].filters))
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
@@ -67,6 +71,17 @@ def report(arguments: argparse.Namespace) -> int:
         message = f"cannot write {arguments.output}: {_reason(error)}"
         raise CommandError("output_not_writable", message, "name another file with -o") from None
     return SUCCESS
+
+
+def _filters(report: Any, horizon_s: float | None, needed: bool) -> Any:
+    """Return the parameters for filters of a report; without channels where the form does not use them."""
+    from imumon.filter_report import DEFAULT_HORIZON_S, FilterReport
+
+    if not needed:
+        return FilterReport(time=report.time, device=report.device)
+    from imumon.noise.filter_parameters import filter_parameters
+
+    return filter_parameters(report, horizon_s or DEFAULT_HORIZON_S)
 
 
 def _form(arguments: argparse.Namespace) -> str:

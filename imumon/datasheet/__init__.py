@@ -6,11 +6,15 @@ blocks           the blocks, and their form in Markdown
 html             the form as one self-contained HTML page
 figures          Allan deviation as SVG and PNG, by matplotlib
 tables           table for a terminal, curves and coefficients as CSV
+filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
+filter_figure    predicted error of a filter: figure and table
 signal_text      bias, drift, spectral lines and changes as lines of text
 config_snippets  settings for Kalibr, ROS, PX4, ArduPilot, GTSAM, OpenVINS
+slam_snippets    settings for VINS, FAST-LIO, LIO-SAM, ORB-SLAM3, robot_localization, KF-GINS
 """
 
 from imumon.datasheet.datasheet import FORMS, document
 from imumon.datasheet.figures import NoCurve
+from imumon.datasheet.filter_values import short_record_text
 
-__all__ = ["FORMS", "NoCurve", "document"]
+__all__ = ["FORMS", "NoCurve", "document", "short_record_text"]

@@ -56,12 +56,23 @@ class CurveFigure:
 
 
 @dataclass(frozen=True, slots=True)
+class FilterFigure:
+    """Predicted error of a filter: a figure where the form has figures, else its numbers."""
+
+    sensor: str
+    caption: str
+    numbers: DataTable
+
+
+@dataclass(frozen=True, slots=True)
 class CodeBlock:
     language: str
     text: str
 
 
-Block: TypeAlias = Heading | Paragraph | Caution | GradeSummary | DataTable | CurveFigure | CodeBlock
+Block: TypeAlias = (
+    Heading | Paragraph | Caution | GradeSummary | DataTable | CurveFigure | FilterFigure | CodeBlock
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +103,8 @@ def _markdown_block(block: Block) -> str:
             return _markdown_table(block)
         case CurveFigure(_, caption, numbers):
             return f"{_markdown_table(numbers)}\n\n{caption.partition(' with')[0]}."
+        case FilterFigure(_, caption, numbers):
+            return f"{_markdown_table(numbers)}\n\n{caption}"
         case CodeBlock(language, text):
             return f"```{language}\n{text}\n```"
 

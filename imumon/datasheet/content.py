@@ -15,11 +15,13 @@ from imumon.datasheet.blocks import (
     CurveFigure,
     DataTable,
     Document,
+    FilterFigure,
     GradeSummary,
     Heading,
     Paragraph,
 )
 from imumon.datasheet.config_snippets import kalibr
+from imumon.datasheet.filter_figure import QUANTITIES, filter_table, shown_axis
 from imumon.datasheet.signal_text import spectral_lines, with_half_width
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
@@ -35,6 +37,7 @@ from imumon.datasheet.tables import (
     sensor_title,
 )
 from imumon.devices import registry
+from imumon.filter_report import FilterReport
 from imumon.messages import (
     CAVEATS,
     CLOCKS,
@@ -56,13 +59,13 @@ MARKED = ("aliased", "compensated", "not_at_rest", "warming_up")
 """Caveats that are repeated below the table of coefficients."""
 
 
-def datasheet_content(report: Report) -> Document:
+def datasheet_content(report: Report, filters: FilterReport) -> Document:
     """Return the datasheet of the sensor of a report."""
     subtitle = f"Noise datasheet · {record_title(report)} · {report.time}"
-    return Document(sensor_title(report), subtitle, tuple(_blocks(report)))
+    return Document(sensor_title(report), subtitle, tuple(_blocks(report, filters)))
 
 
-def _blocks(report: Report) -> Iterator[Block]:
+def _blocks(report: Report, filters: FilterReport) -> Iterator[Block]:
     yield from _grade_summaries(report)
     yield from _cautions(report)
     sensors = [sensor for sensor in SENSOR_TITLES if any(_axes(report, sensor))]
@@ -86,9 +89,13 @@ def _blocks(report: Report) -> Iterator[Block]:
     yield from _values(report)
     if sensors:
         yield from _fit(report, sensors)
+        yield from _filters(filters)
         yield Heading("For Kalibr")
-        yield Paragraph("Other formats: imumon report --format ros, px4, ardupilot, gtsam or openvins.")
-        yield CodeBlock("yaml", kalibr(report).rstrip("\n"))
+        yield Paragraph(
+            "Other formats: imumon report --format filter, ros, px4, ardupilot, gtsam, openvins, vins, fastlio, "
+            "liosam, orbslam3, robot_localization or kfgins."
+        )
+        yield CodeBlock("yaml", kalibr(report, filters).rstrip("\n"))
 
 
 # ---------------------------------------------------------------- grades and caveats
@@ -245,6 +252,44 @@ def _grade_limits(report: Report) -> Iterator[Block]:
 def _limit_text(report: Report, sensor: str, letter: str, grade: str) -> str:
     limit = report.limits[sensor][letter].get(grade)
     return "–" if limit is None else figures(limit * READABLE[sensor, letter].factor, 2)
+
+
+# ---------------------------------------------------------------- filters
+
+
+def _filters(filters: FilterReport) -> Iterator[Block]:
+    """Yield the numbers for a filter, and the predicted error of filters with and without them."""
+    if not filters.channels:
+        return
+    yield Heading("For a Kalman filter")
+    rows = []
+    for name, made in filters.channels.items():
+        factor = figures(made.walk_factor, 2) if made.walk_factor is not None else "K is only bounded"
+        nees = (max(made.nees.n_and_k), max(made.nees.white_walk))
+        rows.append(
+            (name, f"{made.white:.3e}", f"{made.walk:.3e}", factor, *(figures(value, 3) for value in nees))
+        )
+    head = (
+        "",
+        "white noise, SI",
+        "walk, SI",
+        "walk over K",
+        "NEES of N and K alone",
+        "NEES of white and walk",
+    )
+    yield DataTable(head, tuple(rows))
+    yield Paragraph(
+        f"For at most {filters.horizon_s:g} s without a fix (--horizon). NEES is the mean squared error over the "
+        "variance that the filter states, at its worst time: 1 is consistent, above 1 is overconfident. Gauss–Markov "
+        "terms, which are better still: imumon report --format filter."
+    )
+    for sensor in QUANTITIES:
+        if (shown := shown_axis(filters, sensor)) is not None:
+            caption = (
+                f"{SENSOR_TITLES[sensor]} {shown[0]}, predicted error of the {QUANTITIES[sensor][0]} since the last "
+                "fix: solid or first, the error that a filter has; dashed or second, the error that it states."
+            )
+            yield FilterFigure(sensor, caption, filter_table(filters, sensor))
 
 
 # ---------------------------------------------------------------- the record

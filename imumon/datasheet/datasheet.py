@@ -1,42 +1,73 @@
-"""Formats of a datasheet, and how each is made from a report."""
+"""Formats of a datasheet, and how each is made from a report and the parameters for filters."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from imumon.datasheet import config_snippets, figures
+from imumon.datasheet import config_snippets, figures, slam_snippets
 from imumon.datasheet.blocks import markdown
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.html import html_page
 from imumon.datasheet.tables import csv_tables
+from imumon.filter_report import FilterReport
 from imumon.report import Report, to_json
 
 
-def document(report: Report, form: str) -> bytes:
+class DocumentForm(NamedTuple):
+    """How a document is made, and what it is."""
+
+    make: Callable[[Report, FilterReport], str | bytes]
+    text: str
+    filters: bool = True  # whether it uses the parameters for filters
+    settings: bool = False  # whether it holds numbers for a filter, for which a record can be too short
+
+
+def document(report: Report, form: str, filters: FilterReport) -> bytes:
     """Return the document of a report in one of the `FORMS`.
+
+    Parameters
+    ----------
+    filters : parameters for filters of this report. They may be without channels where the form does not use them.
 
     Raises
     ------
     NoCurve : the format is a figure, and the report has no curve yet.
     """
-    data = FORMS[form][0](report)
+    data = FORMS[form].make(report, filters)
     return data if isinstance(data, bytes) else data.encode(errors="replace")
 
 
-FORMS: Mapping[str, tuple[Callable[[Report], str | bytes], str]] = {
-    "md": (lambda report: markdown(datasheet_content(report)), "the datasheet as Markdown"),
-    "html": (
-        lambda report: html_page(datasheet_content(report), report),
-        "the datasheet as one page to print",
+def _settings(make: Callable[[Report, FilterReport], str], text: str) -> DocumentForm:
+    return DocumentForm(make, text, settings=True)
+
+
+FORMS: Mapping[str, DocumentForm] = {
+    "md": DocumentForm(lambda r, f: markdown(datasheet_content(r, f)), "the datasheet as Markdown"),
+    "html": DocumentForm(
+        lambda r, f: html_page(datasheet_content(r, f), r, f), "the datasheet as one page to print"
     ),
-    "png": (figures.png, "the Allan curves as a picture"),
-    "json": (lambda report: to_json(report, indent=1) + "\n", "the report itself; --baseline reads it"),
-    "csv": (csv_tables, "the curves and coefficients as a table"),
-    "kalibr": (config_snippets.kalibr, "Kalibr imu.yaml"),
-    "ros": (config_snippets.ros, "covariances of a ROS sensor_msgs/Imu"),
-    "px4": (config_snippets.px4, "PX4 EKF2 parameters"),
-    "ardupilot": (config_snippets.ardupilot, "ArduPilot EKF3 parameters"),
-    "gtsam": (config_snippets.gtsam, "GTSAM preintegration parameters, Python"),
-    "openvins": (config_snippets.openvins, "OpenVINS kalibr_imu_chain.yaml"),
+    "png": DocumentForm(lambda r, _: figures.png(r), "the Allan curves as a picture", filters=False),
+    "json": DocumentForm(
+        lambda r, _: to_json(r, indent=1) + "\n", "the report itself; --baseline reads it", filters=False
+    ),
+    "csv": DocumentForm(lambda r, _: csv_tables(r), "the curves and coefficients as a table", filters=False),
+    "filter": _settings(
+        lambda _, f: to_json(f, indent=1) + "\n", "numbers that keep a Kalman filter consistent, JSON"
+    ),
+    "kalibr": _settings(config_snippets.kalibr, "Kalibr imu.yaml"),
+    "ros": _settings(config_snippets.ros, "covariances of a ROS sensor_msgs/Imu"),
+    "px4": _settings(config_snippets.px4, "PX4 EKF2 parameters"),
+    "ardupilot": _settings(config_snippets.ardupilot, "ArduPilot EKF3 parameters"),
+    "gtsam": _settings(config_snippets.gtsam, "GTSAM preintegration parameters, Python"),
+    "openvins": _settings(config_snippets.openvins, "OpenVINS kalibr_imu_chain.yaml"),
+    "vins": _settings(slam_snippets.vins, "VINS-Mono and VINS-Fusion noise"),
+    "fastlio": _settings(slam_snippets.fastlio, "FAST-LIO covariances"),
+    "liosam": _settings(slam_snippets.liosam, "LIO-SAM noise"),
+    "orbslam3": _settings(slam_snippets.orbslam3, "ORB-SLAM3 IMU noise"),
+    "robot_localization": _settings(
+        slam_snippets.robot_localization, "covariances of a ROS sensor_msgs/Imu for robot_localization"
+    ),
+    "kfgins": _settings(slam_snippets.kfgins, "KF-GINS imunoise"),
 }
-"""Function that makes a document, and what the document is, by the name of the format."""
+"""Forms of a document by name."""

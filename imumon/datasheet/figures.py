@@ -13,7 +13,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from imumon.datasheet.tables import SENSOR_TITLES, readable_curves, record_title, sensor_title
@@ -79,24 +79,34 @@ def png(report: Report) -> bytes:
 
 def svg(report: Report, sensor: str) -> str:
     """Return the curves of a sensor as an SVG element of the HTML page; empty if there are none."""
+    if not _drawable(readable_curves(report, sensor)):
+        return ""
+    label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
+    return page_svg(lambda panel: _draw(panel, report, sensor, PAGE), sensor, label, PAGE_INCHES)
+
+
+def page_svg(draw: Callable[[Axes], None], salt: str, label: str, inches: tuple[float, float]) -> str:
+    """Return what `draw` draws into a panel as an SVG element of the HTML page.
+
+    Parameters
+    ----------
+    salt : makes the ids in the element differ from those of other elements.
+    """
     _load_fonts()
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    if not _drawable(readable_curves(report, sensor)):
-        return ""
     # text stays text, in the font of the page; ids do not depend on the run
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": sensor, "font.family": "sans-serif"}):
-        figure = Figure(figsize=PAGE_INCHES, layout="constrained")
-        _draw(figure.subplots(), report, sensor, PAGE)
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "font.family": "sans-serif"}):
+        figure = Figure(figsize=inches, layout="constrained")
+        draw(figure.subplots())
         drawn = _saved(figure, "svg").decode()
     body = drawn[drawn.index("<svg ") : drawn.rindex("</svg>")].partition(">")[2]
     for pattern, replacement in _SVG_REPLACEMENTS:
         body = re.sub(pattern, replacement, body, flags=re.DOTALL)
     for role, colour in PAGE.items():
         body = body.replace(colour, f"var(--{role})")
-    width, height = (72.0 * inches for inches in PAGE_INCHES)
-    label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
+    width, height = (72.0 * side for side in inches)
     view = f'viewBox="0 0 {width:g} {height:g}"'
     return f'<svg class="allan" role="img" aria-label="{label}" {view}>{body}</svg>'
 

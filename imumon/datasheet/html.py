@@ -11,11 +11,14 @@ from imumon.datasheet.blocks import (
     CurveFigure,
     DataTable,
     Document,
+    FilterFigure,
     GradeSummary,
     Heading,
     Paragraph,
 )
 from imumon.datasheet.figures import svg
+from imumon.datasheet.filter_figure import filter_svg
+from imumon.filter_report import FilterReport
 from imumon.report import Report
 
 SHORT = 14  # rows up to which a table is not broken between two printed pages
@@ -74,10 +77,14 @@ pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow
 """
 
 
-def html_page(document: Document, report: Report) -> str:
-    """Return the whole datasheet; the curves are drawn from the report."""
-    grades = "".join(_block(block, report) for block in document.blocks if isinstance(block, GradeSummary))
-    rest = [_block(block, report) for block in document.blocks if not isinstance(block, GradeSummary)]
+def html_page(document: Document, report: Report, filters: FilterReport) -> str:
+    """Return the whole datasheet; the curves are drawn from the report and the parameters for filters."""
+    grades = "".join(
+        _block(block, report, filters) for block in document.blocks if isinstance(block, GradeSummary)
+    )
+    rest = [
+        _block(block, report, filters) for block in document.blocks if not isinstance(block, GradeSummary)
+    ]
     title = html.escape(document.title)
     return "\n".join(
         [
@@ -92,7 +99,7 @@ def html_page(document: Document, report: Report) -> str:
     )
 
 
-def _block(block: Block, report: Report) -> str:
+def _block(block: Block, report: Report, filters: FilterReport) -> str:
     match block:
         case Heading(text):
             return f"<h2>{html.escape(text)}</h2>"
@@ -107,6 +114,9 @@ def _block(block: Block, report: Report) -> str:
             return _table(block)
         case CurveFigure(sensor, caption, _):
             drawn = svg(report, sensor)
+            return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
+        case FilterFigure(sensor, caption, _):
+            drawn = filter_svg(filters, sensor)
             return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
         case CodeBlock(_, text):
             return f"<pre>{html.escape(text)}</pre>"

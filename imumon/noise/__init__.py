@@ -40,6 +40,7 @@ restarts the estimator: it never returns limits of one record for another.
 | `statistics/` | moments, histogram, spectrum and its lines, envelope |
 | `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
 | `nonstationarity/` | hour against hour: drift, warm-up, changes |
+| `filter_parameters`, `filter_consistency` | numbers that keep a Kalman filter consistent |
 | `validity_groups` | channels that miss the same samples |
 | `synthesis` | noise of given N, B, K |
 """

@@ -1,0 +1,100 @@
+"""Predicted error of a filter against the time since its last fix: figure and table of the datasheet.
+
+Per sensor, the axis whose filter with N and K alone is the most overconfident. Solid: the error of the angle or
+velocity that the filter has. Dashed: the one that it states. A filter is consistent where both agree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from imumon.datasheet.blocks import DataTable
+from imumon.datasheet.figures import PAGE, PAGE_INCHES, page_svg
+from imumon.filter_report import FilterChannel, FilterReport
+from imumon.units import DEG, figures
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FILTERS = {
+    "n_and_k": "N and K alone",
+    "white_walk": "white and walk",
+    "gauss_markov": "with Gauss–Markov terms",
+}
+COLOURS = {"n_and_k": "y", "white_walk": "x", "gauss_markov": "z"}
+"""Colours of the filters, by the axis that has this colour in the other figures."""
+
+QUANTITIES = {"gyro": ("angle", "°", DEG), "accel": ("velocity", "m/s", 1.0)}
+"""What a filter integrates from a sensor: name, unit, factor from SI."""
+
+
+def shown_axis(filters: FilterReport, sensor: str) -> tuple[str, FilterChannel] | None:
+    """Return the axis of a sensor whose filter with N and K alone is the most overconfident; None without one."""
+    axes = {n.partition("/")[2]: c for n, c in filters.channels.items() if n.startswith(f"{sensor}/")}
+    return max(axes.items(), key=lambda item: max(item[1].nees.n_and_k)) if axes else None
+
+
+def filter_table(filters: FilterReport, sensor: str) -> DataTable:
+    """Return the error that each filter has and states, at times since its last fix."""
+    shown = shown_axis(filters, sensor)
+    quantity, unit, factor = QUANTITIES[sensor]
+    head = [f"{quantity} error of axis {shown[0] if shown else '–'}, {unit}: s since the last fix"]
+    for title in FILTERS.values():
+        head += [title, "it states"]
+    rows = []
+    if shown is not None:
+        errors = {name: _errors(shown[1], name, factor) for name in FILTERS}
+        for i, horizon in enumerate(shown[1].nees.horizon_s):
+            cells = [
+                figures(value, 2) for name in FILTERS for value in (errors[name][0][i], errors[name][1][i])
+            ]
+            rows.append((f"{horizon:g}", *cells))
+    return DataTable(tuple(head), tuple(rows))
+
+
+def filter_svg(filters: FilterReport, sensor: str) -> str:
+    """Return the figure of a sensor as an SVG element of the HTML page; empty without a channel."""
+    shown = shown_axis(filters, sensor)
+    if shown is None:
+        return ""
+    quantity, unit, factor = QUANTITIES[sensor]
+
+    def draw(panel: Axes) -> None:
+        _draw(panel, shown[1], factor, PAGE)
+        panel.set_xlabel("time since the last fix, s", color=PAGE["text"])
+        panel.set_ylabel(f"error of the {quantity}, {unit}", color=PAGE["text"])
+
+    label = f"Predicted {quantity} error of a filter"
+    return page_svg(draw, f"filter-{sensor}", label, PAGE_INCHES)
+
+
+def _errors(channel: FilterChannel, name: str, factor: float) -> tuple[list[float], list[float]]:
+    """Return the root mean square of the error that a filter has, and the one that it states."""
+    stated = [factor * value for value in getattr(channel.std, name)]
+    nees = getattr(channel.nees, name)
+    return [s * math.sqrt(ratio) for s, ratio in zip(stated, nees, strict=True)], stated
+
+
+def _draw(panel: Axes, channel: FilterChannel, factor: float, colours: Mapping[str, str]) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for name, title in FILTERS.items():
+        colour = colours[COLOURS[name]]
+        true, stated = _errors(channel, name, factor)
+        panel.plot(channel.nees.horizon_s, true, color=colour, linewidth=1.4)
+        panel.plot(channel.nees.horizon_s, stated, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))
+        handles.append(Line2D([], [], color=colour, linewidth=1.4, label=title))
+    handles.append(Line2D([], [], color=colours["muted"], linestyle=(0, (4, 2)), label="stated"))
+    panel.set(xscale="log", yscale="log", xlim=(channel.nees.horizon_s[0], channel.nees.horizon_s[-1]))
+    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
+    panel.set_axisbelow(True)
+    panel.tick_params(which="both", color=colours["muted"], labelcolor=colours["text"], labelsize=9)
+    for spine in panel.spines.values():
+        spine.set_color(colours["muted"])
+    panel.legend(
+        handles=handles, frameon=False, ncols=len(handles), loc="lower right", bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.1, fontsize=8, labelcolor=colours["text"],
+    )  # fmt: skip

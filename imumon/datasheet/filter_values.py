@@ -1,0 +1,179 @@
+"""Numbers for filters with their comments: what the settings of other software are made of.
+
+Rules: `white` is N, `walk` is the random walk of `filter_report`: the smallest that keeps a Kalman filter
+consistent up to the horizon. Where a program takes one number for three axes, the worst axis decides. A
+coefficient that the record does not show counts with half its 95 % upper bound. Where not even a bound is known,
+the setting is a comment without a number. Every number carries its unit, where it comes from, its factor against
+plain K, and the length of the record. Every caveat comes first. No margin for the vehicle is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from imumon.datasheet.tables import filter_warning, record_title, sensor_axes, sensor_title
+from imumon.filter_report import FilterReport
+from imumon.messages import (
+    FILTER_NOT_KNOWN,
+    caveats,
+    joined,
+    line,
+    no_value_text,
+)
+from imumon.report import Coefficient, Report
+from imumon.units import duration, figures
+
+NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
+MEANINGS = {"N": "white noise density", "K": "random walk of the bias"}
+CURES = {
+    "constant": "find out why it is dead or stuck, and record again",
+    "resolution": "record with more digits, or a finer range",
+}
+"""What to do about a coefficient that more data will not give, by its `reason_code`."""
+
+RECOMMENDED_RECORD_S = 8 * 3600.0
+"""s, record that usually shows K or bounds it well below what matters. Not critical: only a warning depends on it."""
+
+BOUNDED = {
+    "N": "half a 95 % upper bound, not seen in this record",
+    "K": "K not seen in this record: made for half its 95 % upper bound",
+}
+"""Comments after a number that rests on a bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterValue:
+    """A number for a filter: of one axis, or the largest of three."""
+
+    value: float | None  # SI, None if it is unknown for every axis
+    lines: tuple[str, ...]  # comments: meaning, unit and origin of the value, and every axis
+    comment: str = ""  # comment after the value if it rests on a bound; else empty
+
+
+def axis_values(report: Report, filters: FilterReport, sensor: str, letter: str) -> dict[str, float]:
+    """Return white noise ("N") or walk ("K") of the axes where it is known, SI."""
+    values = {}
+    for axis, channel in sensor_axes(report, sensor):
+        made = filters.channels.get(f"{sensor}/{axis}")
+        if letter == "K":
+            size = made.walk if made is not None else None
+        else:
+            size = _size(channel.N)
+        if size is not None:
+            values[axis] = size
+    return values
+
+
+def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) -> FilterValue:
+    """Return the white noise ("N") or walk ("K") of a sensor for a setting that takes one number."""
+    parts: dict[str, Coefficient] = {
+        axis: part for axis, channel in sensor_axes(report, sensor) if (part := getattr(channel, letter))
+    }
+    values = axis_values(report, filters, sensor, letter)
+    title = f"{NAMES[sensor]} {'N' if letter == 'N' else 'walk'}, {MEANINGS[letter]}"
+    if not values:
+        return FilterValue(None, (f"{title}: {_unknown(sensor, parts)}; do not guess",))
+    axis = max(values, key=lambda name: values[name])
+    lines = [f"{title}, {parts[axis].unit}; worst axis {axis}"]
+    if letter == "N":
+        lines += [f"  {name}: {value_text(part)}" for name, part in parts.items()]
+        lines.append(f"  N of the fit; rests on {duration(report.session.elapsed_s)} of record")
+    else:
+        lines += [f"  {name}: {walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
+        lines += walk_origin(report, filters)
+    measured = parts[axis].status == "measured"
+    return FilterValue(values[axis], tuple(lines), "" if measured else f"  # {BOUNDED[letter]}")
+
+
+def walk_text(report: Report, filters: FilterReport, name: str) -> str:
+    """Return the walk of a channel, its factor against K, and K."""
+    part, made = report.channels[name].K, filters.channels.get(name)
+    if made is None or part is None:
+        return "not known: N, B or K is unknown"
+    if made.walk_factor is None:
+        return f"{made.walk:.4e}; K {value_text(part)}, made for K {made.assumed.K:.3e}"
+    return f"{made.walk:.4e}, {figures(made.walk_factor, 2)} times K {value_text(part)}"
+
+
+def walk_origin(report: Report, filters: FilterReport) -> list[str]:
+    """Return where a walk comes from, as comments."""
+    return [
+        f"  from N, B and K: the smallest with NEES <= 1.25 for 1 to {filters.horizon_s:g} s without a fix;",
+        f"  rests on {duration(report.session.elapsed_s)} of record",
+    ]
+
+
+def _unknown(sensor: str, parts: Mapping[str, Coefficient]) -> str:
+    """Return why no axis has even a bound, and what to do."""
+    if not parts:
+        return f"the record holds no {NAMES[sensor]}; make one that does"
+    for part in parts.values():
+        if part.reason_code in CURES:
+            return f"will not be known ({no_value_text(part)}); {CURES[part.reason_code]}"
+    reason = next((part.reason for part in parts.values() if part.reason), "too few samples")
+    return f"not known yet ({reason}); record longer"
+
+
+def _size(part: Coefficient | None) -> float | None:
+    if part is None or part.status == "measured":
+        return part.value if part is not None else None
+    return part.high / 2.0 if part.status == "upper_bound" and part.high is not None else None
+
+
+def value_text(part: Coefficient) -> str:
+    """Return a coefficient with its 95 % limits."""
+    if part.status == "measured" and part.value is not None:
+        known = part.low is not None and part.high is not None
+        return f"{part.value:.4e}" + (f" (95 %: {part.low:.3e} to {part.high:.3e})" if known else "")
+    if part.status == "upper_bound" and part.high is not None:
+        return f"< {part.high:.3e} (95 %), not seen"
+    return no_value_text(part) or "not known yet"
+
+
+def settings_header(report: Report, filters: FilterReport) -> list[str]:
+    """Return the comments in front of every format: sensor, record, horizon and caveats."""
+    device, excluded = report.device, report.session.excluded_s + report.session.warmup_s
+    lines = [
+        f"{sensor_title(report)}: noise at rest, measured by imumon, {report.time}",
+        f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
+        f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
+    ]
+    if (short := short_record_text(report)) is not None:
+        lines.append(f"WARNING: {short}")
+    by_caveat = caveats(report)
+    if "aliased" in by_caveat:
+        by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
+        lines.append(f"WARNING: aliased: N is too high{by}: right for this stream, wrong for the sensor")
+    if (warning := filter_warning(report)) is not None:
+        lines.append(f"WARNING: {FILTER_NOT_KNOWN}: {warning.replace('√', 'sqrt')}")
+    for caveat, channels in by_caveat.items():
+        if caveat != "aliased":
+            where = f" ({joined(channels)})" if channels else ""
+            lines.append(f"WARNING: {caveat.replace('_', ' ')}{where}: {line(caveat)}")
+    return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
+
+
+def short_record_text(report: Report) -> str | None:
+    """Return a warning about a short record, with what it shows of N, B and K; None if it is long enough."""
+    if report.session.elapsed_s >= RECOMMENDED_RECORD_S:
+        return None
+    known = ", ".join(_precision(report, letter) for letter in ("N", "B", "K"))
+    length = duration(report.session.elapsed_s)
+    return f"recorded {length}: {known}; record at least {RECOMMENDED_RECORD_S / 3600.0:.0f} h"
+
+
+def _precision(report: Report, letter: str) -> str:
+    """Return how well a coefficient is known on the worst axis of gyroscope and accelerometer."""
+    parts = [
+        part
+        for sensor in NAMES
+        for _, channel in sensor_axes(report, sensor)
+        if (part := getattr(channel, letter)) is not None
+    ]
+    if not parts or any(part.status == "pending" for part in parts):
+        return f"{letter} not known yet"
+    if any(part.status == "upper_bound" for part in parts):
+        return f"{letter} only bounded"
+    widths = [50.0 * (p.high - p.low) / p.value for p in parts if p.value and p.high and p.low is not None]
+    return f"{letter} ±{figures(max(widths), 2)} %" if widths else f"{letter} measured"
