@@ -22,7 +22,7 @@ def disturbed(kind: str, at: int, x: Floats, steps: Ints, saturated: np.ndarray)
     """Disturb a record in place from row `at` on."""
     rng = np.random.default_rng(at)
     if kind == "knock":
-        x[at : at + 30, :6] += 20.0 * rng.standard_normal((30, 6))
+        x[at : at + 30, :6] += 20.0 * rng.standard_normal((30, 6))[: len(x) - at]
     elif kind == "glitch":
         x[at, at % 9] += 50.0
     elif kind == "tail":

@@ -28,10 +28,6 @@ changes in less, and inverting 128 by 128 matrices costs milliseconds a channel.
 TREND_PAUSE_S = 10.0
 """s, shortest pause between two computations. Not critical."""
 
-RISE = 1.05
-"""1, least ratio of the modelled Allan deviation at the longest tau to its minimum for a curve that rises. Not
-critical."""
-
 
 class Trends:
     """Drift of each channel of a record, and its noise at a constant temperature."""
@@ -73,8 +69,10 @@ class Trends:
             self._steady = fit_curve(steady, averaged=self._averaged, time_to=False, bands=bands)
         self._scatter = self._scatter_of_quarters(bands)
         self._settling = [
-            self._may_settle(name, fit) and find_settling(drift, c, begin) is not None
-            for c, (name, fit) in enumerate(zip(self._record.channels, fits, strict=False))
+            self._record.guarded
+            and sensor_of(name) in ("gyro", "accel")
+            and find_settling(drift, c, begin) is not None
+            for c, name in enumerate(self._record.channels[: len(fits)])
         ]
         if still_wanders_less(drift, history.warmup_channels, begin):
             # all axes warm up together
@@ -94,12 +92,6 @@ class Trends:
         if self._scatter is None or column >= len(self._scatter):
             return (None, None, None)
         return tuple(float(value) if np.isfinite(value) else None for value in self._scatter[column])
-
-    def _may_settle(self, name: str, fit: ChannelFit) -> bool:
-        """Return whether settling matters: if the curve does not rise, nothing is mistaken for K."""
-        known = fit.model[fit.model > 0.0]
-        rises = known.size > 0 and float(known[-1]) > RISE * float(known.min())
-        return self._record.guarded and rises and sensor_of(name) in ("gyro", "accel")
 
     def is_settling(self, column: int) -> bool:
         """Return whether the mean of a channel settles in the samples that count, as during a warm-up."""
