@@ -36,6 +36,7 @@ restarts the estimator: it never returns limits of one record for another.
 |---|---|
 | `allan/` | octave cascade: Allan variance of an endless stream, also since several starts |
 | `fit/` | `Estimator`: N, B, K from exact covariances, with limits, and the time to a precision |
+| `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
 | `grading` | navigation, tactical, industrial or consumer grade |
 | `statistics/` | moments, histogram, spectrum and its lines, envelope |
 | `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
