@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import ros2_actors
 from daemons import free_endpoint
 from fake_device import RATE_HZ, FakeDriver
 
@@ -58,7 +59,7 @@ class Bench:
         return self.driver.create(options)
 
 
-@pytest.fixture(params=["vn100", "fake"])
+@pytest.fixture(params=["vn100", "ros2", "fake"])
 def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
     """Every registered device, and the fake."""
     path = tmp_path / "device"
@@ -66,6 +67,22 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
         path.touch()
         url, missing = f"fake:{path}", f"fake:{tmp_path / 'missing'}"
         yield Bench(FakeDriver(), url, missing, path.unlink, path.touch, lambda: None, tmp_path)
+        return
+    if request.param == "ros2":
+        endpoint = ros2_actors.free_router()
+        with (
+            ros2_actors.router(endpoint),
+            ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver,
+        ):
+            yield Bench(
+                registry.driver("ros2"),
+                f"ros2:/imu/data?router={endpoint}",
+                f"ros2:/missing?router={endpoint}",
+                lambda: driver.ask("unplug"),
+                lambda: driver.ask("replug"),
+                lambda: driver.ask("hide 9"),
+                tmp_path,
+            )
         return
     with spawn(EmulatorSettings(seed=1, link=str(path))) as sensor:
 
@@ -84,7 +101,7 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
 
 
 def test_every_registered_device_has_a_bench() -> None:
-    assert set(registry.schemes()) == {"vn100"}
+    assert set(registry.schemes()) == {"vn100", "ros2"}
 
 
 def read_for(device: Device, seconds: float, enough: int = 10**9) -> list[Item]:

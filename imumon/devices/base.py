@@ -54,6 +54,7 @@ class DeviceOptions:
     url : value of ``--port``: scheme and parameters; empty: the one device that is found.
     settings : the table ``[device]``, with attributes of the names in `imumon.config.DeviceSettings`. Only the
         devices of this distribution use it; others take their parameters from the URL.
+    table : the table that has the name of the scheme, such as ``[ros2]``, in the same way; None: there is none.
     state_directory : for what must survive a crash, such as settings to put back; None: keep nothing.
     speed : seconds of the device per second of the host; other than 1 for an emulator in time-lapse, which
         waits for its reader.
@@ -61,6 +62,7 @@ class DeviceOptions:
 
     url: str
     settings: Any = None
+    table: Any = None
     state_directory: Path | None = None
     speed: float = 1.0
 
@@ -94,6 +96,13 @@ class Device(ABC):
         DeviceError : it does not answer any more.
         """
         return self.info()
+
+    def expected(self) -> DeviceInfo | None:
+        """Return what is known of the device while it is absent; None: nothing.
+
+        A device with a fixed name and place, such as a topic, is waited for; for others a run ends.
+        """
+        return None
 
     @abstractmethod
     def info(self) -> DeviceInfo:
@@ -234,23 +243,6 @@ class Observation:
     state: str = "running"
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceValue:
-    """A published value of a device model, to show beside the measured one.
-
-    Attributes
-    ----------
-    source : short name of the source, a heading such as "manufacturer".
-    value : number in the readable unit of the coefficient, or the upper end of a range; None if a measured
-        value cannot be compared with it.
-    text : as the source prints it.
-    """
-
-    source: str
-    value: float | None
-    text: str
-
-
 class DeviceDriver(ABC):
     """What imumon knows of one kind of device. Only `scheme` and `create` are required.
 
@@ -289,15 +281,22 @@ class DeviceDriver(ABC):
         """
         yield from ()
 
-    def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
-        """Return published values by (sensor, coefficient), such as ``("gyro", "N")``."""
-        return {}
+    def reference_sheet(self, model: str | None) -> Path | None:
+        """Return a file with the published limits of this model (`imumon.references`); None if there is none.
 
-    def reference_notes(
-        self, model: str | None, channels: Sequence[str], rate_hz: float | None
-    ) -> Sequence[str]:
-        """Return what must be known to compare a record of these channels and this rate with the values."""
-        return ()
+        The sensors that `imumon.references` knows need none.
+        """
+        return None
+
+    def alias_factor(self, window: int | None, rate_hz: float) -> float | None:
+        """Return the factor by which aliasing inflates N of point samples; None if it is unknown.
+
+        Parameters
+        ----------
+        window : samples that the filter of the sensor averages, 1: no filter; None: with its factory settings.
+        rate_hz : Hz, output rate.
+        """
+        return None
 
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
         """Return what is known of the sensor's filter, in sentences.

@@ -15,7 +15,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from imumon.devices.base import Device, DeviceDriver, DeviceError, DeviceOptions, Interrupted
+from imumon.devices.base import (
+    Device,
+    DeviceDriver,
+    DeviceError,
+    DeviceNotFound,
+    DeviceOptions,
+    Interrupted,
+)
 from imumon.errors import ImumonError
 from imumon.samples import DeviceInfo, Item
 
@@ -48,6 +55,7 @@ class OpenFailed:
 
     error: DeviceError
     again: bool  # after a loss
+    expected: DeviceInfo | None = None  # of a device that is waited for
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +197,10 @@ class DeviceReader:
             except DeviceError as error:
                 self._leave()
                 self._changed = False
-                self._put(OpenFailed(error, again=False))
+                absent = isinstance(error, DeviceNotFound)
+                self._put(
+                    OpenFailed(error, again=False, expected=self._device.expected() if absent else None)
+                )
             self._wait(FIRST_RETRY_S)
 
     def _connect_again(self) -> None:

@@ -244,6 +244,11 @@ class HostStamps:
         self._level: float | None = None
         self.back_s = 0.0
 
+    @property
+    def next_ns(self) -> float:
+        """Time at which the next row would be stamped with the smallest delay, ns."""
+        return (self._rows + self._lost + (self._level or 0.0)) * self._tick
+
     def place(self, times: Floats, *, final: bool = False) -> Ints:
         """Return the samples lost before each row; rows of the last second wait for those after them.
 

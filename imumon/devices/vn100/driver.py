@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -15,7 +15,6 @@ from imumon.devices.base import (
     InvalidOption,
     Observation,
     RawDecoder,
-    ReferenceValue,
 )
 
 STREAMS = ("deltas", "uncompensated", "compensated")
@@ -44,20 +43,13 @@ class Vn100Driver(DeviceDriver):
 
         return checks(observation, settings)
 
-    def reference_values(self, model: str | None) -> Mapping[tuple[str, str], Sequence[ReferenceValue]]:
-        from imumon.devices.vn100.reference_values import REFERENCE_VALUES
+    def alias_factor(self, window: int | None, rate_hz: float) -> float:
+        from imumon.devices.vn100.stream_settings import FACTORY_WINDOW, alias_factor
 
-        return REFERENCE_VALUES if _is_vn100(model) else {}
-
-    def reference_notes(
-        self, model: str | None, channels: Sequence[str], rate_hz: float | None
-    ) -> Sequence[str]:
-        from imumon.devices.vn100.reference_values import reference_notes
-
-        return reference_notes(channels, rate_hz) if _is_vn100(model) else ()
+        return alias_factor(FACTORY_WINDOW if window is None else window, rate_hz)
 
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
-        from imumon.devices.vn100.reference_values import filter_advice
+        from imumon.devices.vn100.stream_settings import filter_advice
 
         return filter_advice(rate_hz)
 
@@ -132,8 +124,3 @@ def _rate(text: str) -> float:
         limits = f"from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
         raise argparse.ArgumentTypeError(f"{text} Hz is not a sample rate; give a number {limits}")
     return value
-
-
-def _is_vn100(model: str | None) -> bool:
-    """Return whether a sensor that this driver reads is a VN-100; one of unknown model counts as one."""
-    return model is None or model.startswith("VN-100")

@@ -28,6 +28,8 @@ Texts: TypeAlias = Mapping[int, str]
 
 LOAD = 0.6
 """Share of the baud rate for the requested stream: replies and a second stream need the rest. Not critical."""
+FACTORY_WINDOW = 4
+"""Samples that the filter of register 85 averages with factory settings."""
 OFF = "0,0,00"
 UNCOMPENSATED_DELTAS = "0,0,0,0,0"
 
@@ -153,8 +155,29 @@ def alias_factors(kind: Kind, rate_hz: float | None, filtering: str | None) -> d
     factors: dict[str, float | None] = {}
     for sensor, column in (("gyro", 2), ("accel", 1)):
         window = max(1, int(fields[column])) if int(fields[column + 5]) & bit else 1
-        factors[sensor] = max(1.0, math.sqrt(LOOP_RATE / (window * rate_hz)))
+        factors[sensor] = alias_factor(window, rate_hz)
     return factors
+
+
+def alias_factor(window: int, rate_hz: float) -> float:
+    """Return the nominal factor by which aliasing inflates N of averages of `window` samples; see `alias_factors`.
+
+    >>> alias_factor(20, 40.0), alias_factor(0, 800.0)
+    (1.0, 1.0)
+    """
+    return max(1.0, math.sqrt(LOOP_RATE / (max(1, window) * rate_hz)))
+
+
+def filter_advice(rate_hz: float | None) -> Mapping[str, str]:
+    """Return how to configure the filter, and the effect of the factory filter; see `DeviceDriver.filter_advice`."""
+    factor = alias_factor(FACTORY_WINDOW, rate_hz) if rate_hz else 1.0
+    here = f", here {factor:.2f}" if factor > 1.0 else ""
+    folds_below = LOOP_RATE // FACTORY_WINDOW
+    return {
+        "aliased": f"The filter of a VN-100 is register {IMU_FILTER}: set it to {LOOP_RATE} Hz divided by the rate.",
+        "unknown": f"With the factory settings of a VN-100, N of point samples below {folds_below} Hz is too high by "
+        f"√({folds_below} Hz / rate){here}.",
+    }
 
 
 def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) -> dict[int, str]:

@@ -57,7 +57,8 @@ def run(settings: EmulatorSettings) -> int:
         return 2
     if emulator.baud != (settings.baud or FACTORY_BAUD):
         print(f"imumon sim: {settings.rate:g} Hz needs {emulator.baud} baud", file=sys.stderr)
-    print(emulator.terminal.path, flush=True)
+    with contextlib.suppress(BrokenPipeError):  # what started it was interrupted: then its control input ends
+        os.write(sys.stdout.fileno(), f"{emulator.terminal.path}\n".encode())
     try:
         _loop(emulator, control, stop)
     finally:

@@ -1,0 +1,182 @@
+"""An IMU topic of ROS 2 as a device: a node that subscribes to it, found, lost and found again.
+
+The device is there as long as the topic has a publisher. A publisher that is silent stays a device: the daemon
+reports that nothing arrives. If the publisher is gone, or the router, the device is lost; a publisher that starts
+again within a second is the same one, and its stamps show the gap.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from imumon.devices.base import (
+    Device,
+    DeviceError,
+    DeviceLost,
+    DeviceNotFound,
+    DeviceOptions,
+    InvalidOption,
+)
+from imumon.devices.ros2.imu_assembler import TYPES, ImuAssembler
+from imumon.ros2.message_types import IMU
+from imumon.ros2.node import RosError, RosNode, Subscription, absent_topic, open_node, parse_url
+from imumon.samples import DeviceCounters, DeviceInfo, Item
+
+FIND_S = 5.0
+"""s to wait for a topic that is absent, before the topics that exist are listed."""
+POLL_S = 0.05
+"""s between two looks for it. Not critical."""
+GONE_S = 1.0
+"""s without a publisher and without a message after which the topic is gone. Not critical."""
+BATCH_S = 0.2
+"""s for which messages are collected: each batch has a fixed cost. Not critical."""
+
+
+class Ros2Device(Device):
+    """One IMU topic.
+
+    Raises
+    ------
+    InvalidOption : the URL is wrong.
+    """
+
+    def __init__(self, options: DeviceOptions) -> None:
+        super().__init__()
+        try:
+            self._url = parse_url(options.url, options.table)
+        except RosError as error:
+            raise InvalidOption(error.code, error.message, error.cure) from None
+        self._port = options.url
+        self._node: RosNode | None = None
+        self._main: Subscription | None = None
+        self._others: dict[str, Subscription] = {}
+        self._assembler = ImuAssembler(self._url)
+        self._earlier = DeviceCounters()  # of earlier connections
+        self._nodes: tuple[str, ...] = ()  # that publish the topic
+        self._heard_s = 0.0  # monotonic, of the last message or publisher
+        self._pending: DeviceError | None = None
+        self._items: list[Item] = []  # that arrived while the topic was looked for
+        self._sent: tuple[DeviceInfo, DeviceCounters] | None = None
+
+    # ------------------------------------------------------------------ start and end
+
+    def open(self) -> DeviceInfo:
+        try:
+            self._node = open_node(self._url)
+            if self._url.topic:
+                self._main = self._node.subscribe(self._url.topic, IMU)
+            self._others = {
+                name: self._node.subscribe(getattr(self._url, name), kind)
+                for name, kind in TYPES.items()
+                if getattr(self._url, name)
+            }
+            self._wait_for_topic(self._node)
+        except RosError as error:
+            self.close()
+            raise DeviceNotFound(error.code, error.message, error.cure) from None
+        except BaseException:
+            self.close()
+            raise
+        return self.info()
+
+    def _wait_for_topic(self, node: RosNode) -> None:
+        """Wait until the topic has a publisher; raise `RosError` with the topics that exist."""
+        self.progress(f"looking for {self._url.topic or 'IMU topics'} in {self._url.where}")
+        end = time.monotonic() + FIND_S
+        while True:
+            if self._publishing(node) or self._take():
+                self._heard_s = time.monotonic()
+                return
+            if time.monotonic() >= end or not self._url.topic:
+                raise absent_topic(self._url, node.publishers())
+            self.wait(POLL_S)
+
+    def _publishing(self, node: RosNode) -> bool:
+        """Return whether the graph shows a publisher of the topic."""
+        found = [each for each in node.publishers() if (each.topic, each.type) == (self._url.topic, IMU)]
+        if found:
+            self._nodes = tuple(sorted({each.node for each in found if each.node}))
+        return bool(found)
+
+    def close(self) -> None:
+        if self._node is not None:
+            self._earlier = self.counters
+            self._node.close()
+        self._assembler, self._items = ImuAssembler(self._url, self._assembler), []
+        self._node = self._main = self._pending = None
+        self._others = {}
+
+    def expected(self) -> DeviceInfo | None:
+        return self.info() if self._url.topic else None
+
+    # ------------------------------------------------------------------ while it streams
+
+    def info(self) -> DeviceInfo:
+        stream = self._assembler.stream
+        return DeviceInfo(
+            id=f"ros2{self._url.topic.replace('/', '-')}",
+            kind="ROS 2 topic",
+            port=self._port,
+            stream="unknown",
+            source=f"{IMU} on {self._url.topic}",
+            clock=None if stream is None else stream.clock,
+            settings={"publisher": ", ".join(self._nodes)} if self._nodes else {},
+            caveats=("unknown_compensation",),
+            remarks=tuple(self._assembler.remarks),
+        )
+
+    def read(self, timeout_s: float) -> list[Item]:
+        if self._pending is not None:
+            error, self._pending = self._pending, None
+            raise error
+        node = self._node
+        if node is None:
+            raise DeviceError("device_closed", "the device is not open", "open it first")
+        self.wait(min(timeout_s, BATCH_S))
+        received = self._take()
+        items, self._items = self._items, []
+        now = time.monotonic()
+        if received or self._publishing(node):
+            self._heard_s = now
+        elif not node.connected or now - self._heard_s > GONE_S:
+            items += self._assembler.finish()
+            self._pending = self._gone(node)
+        return self._with_changes(items)
+
+    def _take(self) -> bool:
+        """Take what has arrived; return whether a message of the topic is among it."""
+        messages = self._main.take() if self._main is not None else []
+        others = {name: topic.take() for name, topic in self._others.items()}
+        self._items += self._assembler.add(messages, others, time.time_ns())
+        return bool(messages)
+
+    def _gone(self, node: RosNode) -> DeviceLost:
+        if not node.connected:
+            text = f"the Zenoh router at {self._url.router} is gone"
+            return DeviceLost("ros2_router_gone", text, "start it again")
+        text = f"{self._url.topic} has no publisher any more"
+        return DeviceLost("ros2_publisher_gone", text, "start the driver again")
+
+    def _with_changes(self, items: list[Item]) -> list[Item]:
+        """Return items with the facts and counters that have changed."""
+        now = (self.info(), self.counters)
+        before, self._sent = self._sent, now
+        facts: list[Item] = [] if before and before[0] == now[0] else [now[0]]
+        counts: list[Item] = [] if before and before[1] == now[1] else [now[1]]
+        return [*facts, *counts, *items]
+
+    def finish(self) -> list[Item]:
+        return self._with_changes(self._assembler.finish())
+
+    @property
+    def counters(self) -> DeviceCounters:
+        made, before = self._assembler, self._earlier
+        return replace(
+            before,
+            received_bytes=before.received_bytes + made.bytes,
+            messages=before.messages + made.messages - made.invalid,
+            discarded_bytes=before.discarded_bytes + made.invalid_bytes,
+            bad_checksums=before.bad_checksums + made.invalid,
+            overruns=before.overruns + made.losses,
+        )

@@ -1,0 +1,207 @@
+"""ROS 2 node over DDS, with Cyclone DDS for Python: for systems that run another middleware than Zenoh.
+
+ROS 2 maps the topic ``/imu/data`` to the DDS topic ``rt/imu/data`` and ``sensor_msgs/msg/Imu`` to the type
+``sensor_msgs::msg::dds_::Imu_`` (https://design.ros2.org/articles/topic_and_service_names.html). Messages are the same
+CDR bytes as over Zenoh: the classes here hand them on without decoding.
+
+Two things are missing compared with Zenoh: the interface of Cyclone DDS shows no sequence numbers, so lost messages
+count as missing samples only, and DDS knows participants, not nodes.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from typing import Any
+
+from imumon.ros2.message_types import DEFINITIONS, dds_name, fields_of, ros_name
+from imumon.ros2.node import (
+    Publication,
+    Received,
+    RosError,
+    RosNode,
+    Subscription,
+    TopicPublisher,
+    is_plain,
+)
+
+QUEUE_MESSAGES = 1 << 14
+"""Messages of a topic that may wait: 16 s at 1 kHz. Not critical."""
+MOST_PUBLISHERS = 1 << 12
+"""Publishers of a domain that are looked at. Not critical."""
+WAIT_MS = 200
+"""ms after which a wait for a message sees the end of the node. Not critical."""
+PREFIX = "rt/"
+"""Begins the DDS topic of each ROS 2 topic."""
+
+_SCALARS = {"byte": "uint8", "bool": "bool", "string": "str"}
+"""Names of types in `cyclonedds.idl.types` that differ, and those of Python."""
+
+
+def _import_dds() -> None:
+    """Import Cyclone DDS; raise `RosError` if it is not installed."""
+    try:
+        import cyclonedds.domain  # noqa: F401
+    except ImportError as error:
+        text = f"rmw=dds needs Cyclone DDS, which cannot be imported ({error})"
+        raise RosError("dds_not_installed", text, "pip install 'imumon[dds]'") from None
+
+
+@cache
+def _dds_class(type_name: str, *, raw: bool) -> Any:
+    """Return the class of a type for Cyclone DDS.
+
+    Parameters
+    ----------
+    raw : its instances hold the bytes of a message in `payload`, not the fields.
+    """
+    from cyclonedds.idl import make_idl_struct
+
+    kinds: dict[str, Any] = {}
+    for name, kind, length in fields_of(type_name):
+        inner = _dds_class(kind, raw=False) if kind in DEFINITIONS else _scalar(kind)
+        kinds[name] = inner if length is None else _several(inner, length)
+    made: Any = make_idl_struct(dds_name(type_name).rpartition("::")[2], dds_name(type_name), kinds)
+    if raw:
+        made.deserialize = staticmethod(lambda data, *_, **__: _with_payload(made, bytes(data)))
+        made.serialize = lambda self, *_, **__: self.payload
+    return made
+
+
+def _with_payload(made: Any, payload: bytes) -> Any:
+    """Return a message of a raw class."""
+    message = made.__new__(made)
+    message.payload = payload
+    return message
+
+
+def _scalar(kind: str) -> Any:
+    from cyclonedds.idl import types
+
+    name = _SCALARS.get(kind, kind)
+    return {"str": str, "bool": bool}.get(name) or getattr(types, name)
+
+
+def _several(inner: Any, length: int) -> Any:
+    """Return the type of an array, or of a sequence if the length is 0."""
+    from cyclonedds import idl
+
+    types: Any = idl.types
+    return types.array[inner, length] if length else types.sequence[inner]
+
+
+class DdsSubscription(Subscription):
+    """Messages of one topic."""
+
+    def __init__(self, node: DdsNode, topic: str, type_name: str) -> None:
+        from cyclonedds.core import Policy, Qos
+        from cyclonedds.sub import DataReader
+
+        # best effort matches every publisher; the queue keeps what is not taken yet
+        qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(QUEUE_MESSAGES))
+        self._node = node
+        self._reader = DataReader(node.participant, node.topic(topic, type_name), qos)
+
+    def take(self) -> list[Received]:
+        found = []
+        for sample in self._reader.take(QUEUE_MESSAGES):
+            info = sample.sample_info
+            if info.valid_data:
+                publisher = int(info.publication_handle).to_bytes(8, "little", signed=False)
+                found.append(Received(sample.payload, None, info.source_timestamp, publisher))
+        return found
+
+    def messages(self) -> Iterator[Received]:
+        from cyclonedds.core import ReadCondition, SampleState, WaitSet
+        from cyclonedds.util import duration
+
+        waiting = WaitSet(self._node.participant)
+        waiting.attach(ReadCondition(self._reader, SampleState.NotRead))
+        while not self._node.closing.is_set():
+            if waiting.wait(duration(milliseconds=WAIT_MS)):
+                yield from self.take()
+
+
+class DdsPublication(Publication):
+    """A topic of this node."""
+
+    def __init__(self, node: DdsNode, topic: str, type_name: str) -> None:
+        from cyclonedds.core import Policy, Qos
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.util import duration
+
+        # as the publishers of ROS 2: reliable, keep last 10; never wait for a slow subscriber
+        qos = Qos(Policy.Reliability.Reliable(duration(seconds=0)), Policy.History.KeepLast(10))
+        self._class = _dds_class(type_name, raw=True)
+        self._writer = DataWriter(node.participant, node.topic(topic, type_name), qos)
+
+    def publish(self, payload: bytes, source_ns: int) -> None:
+        from cyclonedds.core import DDSException
+
+        with suppress(DDSException):  # a subscriber that is too slow
+            self._writer.write(_with_payload(self._class, payload), source_ns)
+
+
+class DdsNode(RosNode):
+    """A participant in one domain.
+
+    Raises
+    ------
+    RosError : Cyclone DDS is not installed, or finds no network.
+    """
+
+    def __init__(self, domain: int) -> None:
+        _import_dds()
+        from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+        from cyclonedds.core import DDSException
+        from cyclonedds.domain import DomainParticipant
+
+        self.closing = threading.Event()
+        self._topics: dict[tuple[str, str], Any] = {}
+        try:
+            self.participant: Any = DomainParticipant(domain)
+            self._graph: Any = BuiltinDataReader(self.participant, BuiltinTopicDcpsPublication)
+        except DDSException as error:
+            text = f"DDS cannot be used in domain {domain} ({error.msg})"
+            raise RosError("dds_failed", text, "check CYCLONEDDS_URI and the network interface") from None
+
+    @property
+    def connected(self) -> bool:
+        return not self.closing.is_set()
+
+    def publishers(self) -> set[TopicPublisher]:
+        from cyclonedds.core import InstanceState
+
+        found = set()
+        for each in self._graph.read(MOST_PUBLISHERS):
+            info = each.sample_info
+            alive = info.valid_data and info.instance_state == InstanceState.Alive
+            other = alive and each.participant_key != self.participant.guid
+            if other and each.topic_name.startswith(PREFIX) and is_plain(each.topic_name, each.type_name):
+                topic = each.topic_name.removeprefix(PREFIX[:-1])
+                node = f"participant {str(each.participant_key)[:8]}"
+                found.add(TopicPublisher(topic, ros_name(each.type_name), node, ""))
+        return found
+
+    def topic(self, topic: str, type_name: str) -> Any:
+        """Return the DDS topic; one object for all its readers and writers."""
+        from cyclonedds.topic import Topic
+
+        key = (topic, type_name)
+        if key not in self._topics:
+            name = PREFIX + topic.lstrip("/")
+            self._topics[key] = Topic(self.participant, name, _dds_class(type_name, raw=True))
+        return self._topics[key]
+
+    def subscribe(self, topic: str, type_name: str) -> Subscription:
+        return DdsSubscription(self, topic, type_name)
+
+    def advertise(self, topic: str, type_name: str) -> Publication:
+        return DdsPublication(self, topic, type_name)
+
+    def close(self) -> None:
+        self.closing.set()
+        self._topics.clear()
+        self._graph = self.participant = None  # Cyclone DDS deletes what nothing refers to

@@ -1,0 +1,153 @@
+"""Reports as ``diagnostic_msgs/msg/DiagnosticArray``, and the covariances that a report has measured.
+
+There is one status for the stream and one for each sensor with a curve. The level follows `imumon check`: a sensor
+that is gone is an error; a loss, a stuck or constant axis or a change is a warning. A caveat that only limits what the
+numbers mean, such as an unknown compensation, leaves the level at OK and is listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from imumon.messages import grade_text, line
+from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
+from imumon.ros2.cdr import encode, header
+from imumon.ros2.message_types import DIAGNOSTIC_ARRAY
+from imumon.samples import AXES, sensor_of
+from imumon.units import figures
+
+DIAGNOSTICS = "/diagnostics"
+OK, WARN, ERROR, STALE = range(4)
+"""Levels of a DiagnosticStatus."""
+MAX_LOSS = 0.01
+"""Share of missing samples above which the stream has a warning, as in `imumon check`. Not critical."""
+WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated", "loop")
+"""Caveats that make a warning."""
+STATES: Mapping[str, tuple[int, str]] = {
+    "starting": (STALE, "no sample yet"),
+    "running": (OK, "running"),
+    "waiting": (ERROR, "the sensor is disconnected or silent"),
+    "stopped": (STALE, "stopped"),
+}
+"""Level and text of a state."""
+
+
+def diagnostics(report: Report, stamp_ns: int, node: str) -> bytes:
+    """Return a report as the bytes of a DiagnosticArray.
+
+    Parameters
+    ----------
+    stamp_ns : ns since the Unix epoch, time of the report.
+    node : name of the node, with which the name of each status begins.
+    """
+    device = report.device
+    statuses = [
+        {
+            "level": level,
+            "name": f"{node}: {name}",
+            "message": message,
+            "hardware_id": device.serial or device.id,
+            "values": [{"key": key, "value": value} for key, value in values],
+        }
+        for name, level, message, values in (_stream(report), *_sensors(report))
+    ]
+    return encode(DIAGNOSTIC_ARRAY, {"header": header(stamp_ns), "status": statuses})
+
+
+def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:
+    """Return name, level, message and values of the status of the stream."""
+    session, device = report.session, report.device
+    level, message = STATES[report.state]
+    total = session.samples + session.missing
+    loss = session.missing / total if total else 0.0
+    if level == OK and loss > MAX_LOSS:
+        level, message = WARN, f"{100.0 * loss:.2g} % of the samples are missing"
+    rate = device.sample_rate_hz
+    return (
+        "stream",
+        level,
+        message,
+        [
+            ("state", report.state),
+            ("device", device.id),
+            ("source", device.source or "unknown"),
+            ("sample_rate_hz", "unknown" if rate is None else f"{rate:.6g}"),
+            ("elapsed_s", f"{session.elapsed_s:.3f}"),
+            ("samples", str(session.samples)),
+            ("missing", str(session.missing)),
+            ("gaps", str(session.gaps)),
+            ("overruns", str(session.overruns)),
+            ("restarts", str(session.restarts)),
+            ("excluded_s", f"{session.excluded_s:.3f}"),
+            ("caveats", ", ".join(report.caveats) or "none"),
+        ],
+    )
+
+
+def _sensors(report: Report) -> Iterator[tuple[str, int, str, list[tuple[str, str]]]]:
+    """Yield name, level, message and values of the status of each sensor."""
+    for sensor, grade in report.grade.items():
+        axes = {name: each for name, each in report.channels.items() if sensor_of(name) == sensor}
+        if not axes:
+            continue
+        caveats = list(dict.fromkeys(c for each in axes.values() for c in each.caveats))
+        warnings = [line(caveat) for caveat in WARNINGS if caveat in caveats]
+        level = WARN if warnings else STATES[report.state][0]
+        message = "; ".join(warnings) or grade.nearest or grade.reason or "no grade yet"
+        yield (
+            sensor,
+            level,
+            message,
+            [*_grade(grade), ("caveats", ", ".join(caveats) or "none"), *_axes(axes)],
+        )
+
+
+def _grade(grade: SensorGrade) -> Iterator[tuple[str, str]]:
+    yield "grade", grade.nearest or "none"
+    yield "meets", grade.meets or "nothing"
+    yield "provisional", str(grade.provisional).lower()
+    yield "summary", grade_text(grade)
+    if grade.reason:
+        yield "reason", grade.reason
+
+
+def _axes(axes: Mapping[str, Channel]) -> Iterator[tuple[str, str]]:
+    """Yield the coefficients and the drift of each axis."""
+    for name, channel in axes.items():
+        axis = name.rpartition("/")[2]
+        for letter in COEFFICIENTS:
+            coefficient: Coefficient | None = getattr(channel, letter)
+            if coefficient is not None:
+                yield f"{letter} {axis}", _coefficient(coefficient)
+        drift = channel.drift
+        if drift is not None and drift.per_hour is not None:
+            yield f"drift {axis}", f"{figures(drift.per_hour)} {channel.unit}/h"
+
+
+def _coefficient(coefficient: Coefficient) -> str:
+    """Return a coefficient with its 95 % limits, in the readable unit."""
+    shown = coefficient.readable
+    if coefficient.status == "measured" and shown.value is not None:
+        limits = f" ({figures(shown.low or 0.0)} to {figures(shown.high)})" if shown.high is not None else ""
+        return f"{figures(shown.value)}{limits} {shown.unit}"
+    if coefficient.status == "upper_bound" and shown.high is not None:
+        return f"< {figures(shown.high)} {shown.unit}"
+    return f"pending: {coefficient.reason}" if coefficient.reason else "pending"
+
+
+def sample_variances(report: Report, sensor: str) -> Sequence[float] | None:
+    """Return the variance of one sample of x, y and z: N^2 times the rate. None: not all of them are measured.
+
+    White noise of the density N, averaged over 1 / rate or sampled at that rate, has this variance (IEEE Std 952,
+    annex C). A bound is no measurement.
+    """
+    rate = report.device.sample_rate_hz
+    found: list[float] = []
+    for axis in AXES:
+        channel = report.channels.get(f"{sensor}/{axis}")
+        n: Any = None if channel is None else channel.N
+        if rate is None or n is None or n.status != "measured" or n.value is None:
+            return None
+        found.append(n.value**2 * rate)
+    return found

@@ -1,0 +1,1 @@
+"""Starts imumon in a ROS 2 system."""

@@ -1,0 +1,108 @@
+"""zenoh-ros2-sdk, another implementation of a ROS 2 node over Zenoh, in a process of its own.
+
+    python ros2_sdk.py publish HOST PORT TOPIC
+    python ros2_sdk.py listen HOST PORT TOPIC COUNT
+    python ros2_sdk.py info HOST PORT TOPIC
+
+``publish`` sends 200 messages at 200 Hz with the sample number as angular_velocity.x. ``listen`` prints the
+messages, and ``info`` what `ros2 topic list` and `ros2 topic info` show, as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from typing import Any
+
+SEPARATOR = f"\n{'=' * 80}\n"
+IMU_DEFINITION = SEPARATOR.join(
+    [
+        "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+        "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+        "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
+        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec",
+        "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+        "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z",
+    ]
+)
+IMU_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
+COUNT, RATE_HZ = 400, 200.0
+
+
+def publish(topic: str, where: dict[str, Any]) -> None:
+    import numpy as np
+    from zenoh_ros2_sdk import ROS2Publisher
+
+    made = ROS2Publisher(
+        topic, "sensor_msgs/msg/Imu", IMU_DEFINITION, node_name="sdk_driver", type_hash=IMU_HASH, **where
+    )
+    types = made.session_mgr.store.types
+    vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    begin = time.time()
+    for k in range(COUNT):
+        stamp_ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE_HZ)
+        stamp = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+        made.publish(
+            header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="sdk"),
+            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=zeros,
+            angular_velocity=vector(x=float(k), y=0.25, z=-0.5),
+            angular_velocity_covariance=zeros,
+            linear_acceleration=vector(x=0.0, y=0.0, z=9.8125 + k),
+            linear_acceleration_covariance=zeros,
+        )
+        time.sleep(max(0.0, begin + (k + 1) / RATE_HZ - time.time()))
+    print("sent", flush=True)
+    sys.stdin.readline()
+
+
+def listen(topic: str, where: dict[str, Any], count: int) -> None:
+    from zenoh_ros2_sdk import ROS2Subscriber
+
+    got: list[Any] = []
+    done = threading.Event()
+
+    def note(message: Any) -> None:
+        got.append(
+            {
+                "frame": message.header.frame_id,
+                "stamp": [message.header.stamp.sec, message.header.stamp.nanosec],
+                "gyro": [message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z],
+                "gyro_covariance": [float(each) for each in message.angular_velocity_covariance],
+                "accel_z": message.linear_acceleration.z,
+                "accel_covariance": [float(each) for each in message.linear_acceleration_covariance],
+            }
+        )
+        if len(got) >= count:
+            done.set()
+
+    ROS2Subscriber(topic, "sensor_msgs/msg/Imu", note, IMU_DEFINITION, type_hash=IMU_HASH, **where)
+    print("ready", flush=True)
+    done.wait(30.0)
+    print(json.dumps(got), flush=True)
+
+
+def info(topic: str, where: dict[str, Any]) -> None:
+    from zenoh_ros2_sdk import discovery
+
+    end, ends, topics = time.monotonic() + 10.0, [], {}
+    while len(ends) < 2 and time.monotonic() < end:  # a publisher and a subscription
+        topics = discovery.get_topic_names_and_types(**where)
+        found = discovery.get_topic_info(topic, verbose=True, **where)
+        ends = [] if found is None else [*found.publishers, *found.subscribers]
+    print(json.dumps({"topics": dict(topics), "nodes": [each.node_name for each in ends]}), flush=True)
+
+
+if __name__ == "__main__":
+    where = {"router_ip": sys.argv[2], "router_port": int(sys.argv[3])}
+    if sys.argv[1] == "publish":
+        publish(sys.argv[4], where)
+    elif sys.argv[1] == "listen":
+        listen(sys.argv[4], where, int(sys.argv[5]))
+    else:
+        info(sys.argv[4], where)

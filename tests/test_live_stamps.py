@@ -1,0 +1,192 @@
+"""Live stamps: samples that arrive with stamps of any quality get a place on one grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from imumon.samples import Ints, SampleBlock, Stream
+from imumon.timebase.live_stamps import LiveStamps
+from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
+
+STREAM = Stream("unknown", ("gyro/x",), "test", "startup")
+UNIX_NS = 1_700_000_000_000_000_000
+RATE_HZ = 200.0
+SECONDS = 60.0
+
+
+@dataclass
+class Placed:
+    """What the sample clock makes of a record."""
+
+    samples: int = 0
+    missing: int = 0
+    gaps: int = 0
+    duplicates: int = 0
+    restarts: int = 0  # breaks, and changes of the rate
+
+
+def measure(
+    stamps: Ints, published: Ints | None = None, lost: Ints | None = None, chunk: int = 40
+) -> tuple[Placed, float, LiveStamps]:
+    """Counters, rate and stamps of a record that arrives in chunks."""
+    live, clock, made, done = LiveStamps(), SampleClock("startup"), Placed(), 0
+    published = stamps if published is None else published
+    lost = np.zeros(len(stamps), np.int64) if lost is None else lost
+    placed: list[PlacedSamples] = []
+
+    def count(placed: list[PlacedSamples]) -> None:
+        for each in placed:
+            made.samples += len(each.steps)
+            made.missing += int((each.steps[each.steps > 1] - 1).sum())
+            made.gaps += int((each.steps > 1).sum())
+            made.restarts += int((each.steps == BREAK).sum())
+
+    for at in range(0, len(stamps), chunk):
+        part = slice(at, at + chunk)
+        times = live.place(
+            stamps[part], published[part], published[part], lost[part], final=at + chunk >= len(stamps)
+        )
+        done += len(times)
+        block = SampleBlock(STREAM, np.zeros((len(times), 1)), times, np.zeros(len(times), np.int64))
+        placed = clock.place(block) if len(times) else []
+        count(placed)
+        while (rest := clock.rest) is not None:
+            made.duplicates += clock.duplicates
+            made.restarts += 1
+            clock = SampleClock("startup")
+            count(clock.place(rest))
+    count(clock.finish())
+    made.duplicates += clock.duplicates
+    assert done == len(stamps)
+    assert clock.interval_s is not None
+    return made, 1.0 / clock.interval_s, live
+
+
+def grid(rate_hz: float = RATE_HZ, seconds: float = SECONDS) -> Ints:
+    return UNIX_NS + np.rint(np.arange(int(seconds * rate_hz)) * 1e9 / rate_hz).astype(np.int64)
+
+
+def test_stamps_of_a_sample_clock_are_used_as_they_are() -> None:
+    stamps = np.delete(grid(), [1000, 2000, 2001])
+    session, rate, live = measure(stamps)
+    assert (session.samples, session.missing, session.gaps) == (len(stamps), 3, 2)
+    assert rate == RATE_HZ
+    assert live.remark is None
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "batch_ms"), [(50.0, 60.0), (200.0, 16.0), (200.0, 60.0), (1000.0, 16.0)]
+)
+def test_bunched_stamps_lose_nothing(rate_hz: float, batch_ms: float) -> None:
+    """Host stamps of a bus that delivers batches: every sample counts, none is missing, and the rate is right."""
+    batch = round(batch_ms * 1e6)
+    stamps = -(-grid(rate_hz) // batch) * batch
+    session, rate, live = measure(stamps)
+    assert (session.samples, session.missing, session.duplicates) == (len(stamps), 0, 0)
+    assert session.restarts == 0
+    assert rate == pytest.approx(rate_hz, rel=5e-4)
+    assert live.remark is not None
+
+
+def test_late_stamps_lose_nothing() -> None:
+    """Each stamp is late by another delay, and some by much."""
+    random = np.random.default_rng(2)
+    true = grid()
+    late = random.exponential(3e6, len(true)).astype(np.int64)
+    late[random.random(len(true)) < 0.003] += 80_000_000
+    stamps = np.maximum.accumulate(true + late)
+    session, rate, live = measure(stamps)
+    assert (session.samples, session.duplicates, session.restarts) == (len(stamps), 0, 0)
+    assert session.missing <= 2
+    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
+    assert live.remark is not None
+
+
+def test_a_gap_in_bunched_stamps_is_missing_samples() -> None:
+    keep = np.delete(np.arange(len(grid())), np.arange(6000, 6200))
+    stamps = (-(-grid() // 16_000_000) * 16_000_000)[keep]
+    session, _, _ = measure(stamps)
+    assert session.samples == len(stamps)
+    assert session.missing == pytest.approx(200, abs=3)
+
+
+def test_messages_that_are_known_to_be_lost_show_in_bunched_stamps() -> None:
+    """One lost message in a batch does not show in its stamp; the sequence number tells."""
+    all_stamps = -(-grid() // 40_000_000) * 40_000_000
+    gone = np.arange(3000, 11000, 400)
+    keep = np.delete(np.arange(len(all_stamps)), gone)
+    lost = np.diff(keep, prepend=-1) - 1
+    session, rate, _ = measure(all_stamps[keep], lost=lost)
+    assert session.samples == len(keep)
+    assert session.missing == pytest.approx(len(gone), abs=1)
+    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
+
+
+def test_duplicated_stamps_count_once() -> None:
+    stamps = np.sort(np.concatenate([grid(), grid()[5000:5010]]))
+    session, _, _ = measure(stamps)
+    assert session.samples + session.duplicates == len(stamps)
+    assert session.duplicates == 10
+    assert session.missing == 0
+
+
+def test_missing_stamps_are_replaced_by_the_time_of_publication() -> None:
+    published = grid() + np.random.default_rng(3).integers(0, 1_500_000, len(grid()))
+    session, rate, live = measure(np.zeros(len(published), np.int64), published)
+    assert (session.samples, session.missing) == (len(published), 0)
+    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
+    assert live.remark is not None
+    assert "not set" in live.remark
+
+
+@pytest.mark.parametrize("wrong", [0, 4_000_000_000 * 10**9])
+@pytest.mark.parametrize("batch_ns", [1, 16_000_000])
+def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
+    true = grid()
+    stamps = -(-true // batch_ns) * batch_ns
+    stamps[[400, 7000, 9000]] = wrong
+    session, rate, _ = measure(stamps, true)
+    assert session.samples >= len(stamps) - 3
+    assert session.samples + session.missing == len(stamps)
+    assert session.restarts == 0
+    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
+
+
+@pytest.mark.parametrize("batch_ns", [1, 40_000_000])
+def test_another_rate_begins_another_record(batch_ns: int) -> None:
+    first = grid(200.0, 60.0)
+    second = first[-1] + 12_500_000 * np.arange(1, 12001)
+    stamps = -(-np.concatenate([first, second]) // batch_ns) * batch_ns
+    session, rate, _ = measure(stamps)
+    assert rate == pytest.approx(80.0, rel=1e-3)
+    assert session.restarts == 1
+
+
+@pytest.mark.parametrize("step_s", [-3600, 3600])
+def test_a_clock_that_is_set_is_one_break(step_s: int) -> None:
+    true = grid()
+    stamps = -(-true // 16_000_000) * 16_000_000
+    stamps[6000:] += step_s * 10**9
+    session, _, _ = measure(stamps, true)
+    assert session.samples == len(stamps)
+
+
+def test_stamps_that_turn_uneven_are_noticed() -> None:
+    stamps = grid()
+    stamps[3000:] = -(-stamps[3000:] // 50_000_000) * 50_000_000
+    session, rate, live = measure(stamps)
+    assert live.remark is not None
+    assert rate == pytest.approx(RATE_HZ, rel=5e-4)
+    assert session.restarts <= 1
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_a_short_stream_is_returned_at_its_end(count: int) -> None:
+    live = LiveStamps()
+    stamps = grid()[:count]
+    nothing = np.zeros(count, np.int64)
+    assert not len(live.place(stamps, stamps, stamps, nothing))
+    assert live.place(stamps[:0], stamps[:0], stamps[:0], nothing[:0], final=True).tolist() == stamps.tolist()

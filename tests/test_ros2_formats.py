@@ -1,0 +1,360 @@
+"""ROS 2 wire formats: the vectors of the design document of rmw_zenoh, and other people's encoders and decoders."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imumon.ros2 import cdr
+from imumon.ros2.cdr import CdrError, decode, encode, header, imu_message, with_imu_covariances
+from imumon.ros2.message_types import (
+    DIAGNOSTIC_ARRAY,
+    IMU,
+    MAGNETIC_FIELD,
+    NO_HASH,
+    TEMPERATURE,
+    dds_name,
+    hashed_text,
+    type_hash,
+)
+from imumon.ros2.node import RosError, TopicPublisher, absent_topic, parse_url
+from imumon.ros2.topic_keys import (
+    Attachment,
+    Qos,
+    entity_token,
+    gid_of,
+    node_token,
+    parse_attachment,
+    parse_token,
+    topic_key,
+)
+
+STAMP_NS = 1_700_000_000_123_456_789
+DIAGONAL = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+
+
+def xyz(x: float, y: float, z: float) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}
+
+
+IMU_FIELDS: dict[str, Any] = {
+    "header": header(STAMP_NS, "imu_link"),
+    "orientation": {**xyz(0.0, 0.0, 0.0), "w": 1.0},
+    "orientation_covariance": [-1.0, *[0.0] * 8],
+    "angular_velocity": xyz(0.001, -0.002, 0.003),
+    "angular_velocity_covariance": [1e-6 * each for each in DIAGONAL],
+    "linear_acceleration": xyz(0.25, -0.5, -9.8125),
+    "linear_acceleration_covariance": [1e-4 * each for each in DIAGONAL],
+}
+TEMPERATURE_FIELDS = {"header": header(STAMP_NS, "imu_link"), "temperature": 25.5, "variance": 0.0}
+TEMPERATURE_BYTES = (
+    "00 01 00 00 00 f1 53 65 15 cd 5b 07 09 00 00 00 69 6d 75 5f 6c 69 6e 6b 00 00 00 00"
+    "00 00 00 00 00 80 39 40 00 00 00 00 00 00 00 00"
+)
+DIAGNOSTIC_FIELDS = {
+    "header": header(STAMP_NS),
+    "status": [
+        {
+            "level": 0,
+            "name": "imumon: gyro",
+            "message": "industrial",
+            "hardware_id": "0100056785",
+            "values": [{"key": "grade", "value": "industrial"}],
+        }
+    ],
+}
+DIAGNOSTIC_BYTES = """
+    00 01 00 00 00 f1 53 65 15 cd 5b 07 01 00 00 00 00 00 00 00 01 00 00 00 00 00 00 00 0d 00 00 00
+    69 6d 75 6d 6f 6e 3a 20 67 79 72 6f 00 00 00 00 0b 00 00 00 69 6e 64 75 73 74 72 69 61 6c 00 00
+    0b 00 00 00 30 31 30 30 30 35 36 37 38 35 00 00 01 00 00 00 06 00 00 00 67 72 61 64 65 00 00 00
+    0b 00 00 00 69 6e 64 75 73 74 72 69 61 6c 00"""
+HASHES = {
+    IMU: "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    MAGNETIC_FIELD: "e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
+    TEMPERATURE: "72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8",
+    "sensor_msgs/msg/FluidPressure": "22dfb2b145a0bd5a31a1ac3882a1b32148b51d9b2f3bab250290d66f3595bc32",
+    DIAGNOSTIC_ARRAY: "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+    "std_msgs/msg/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    "geometry_msgs/msg/Vector3Stamped": "d4829622288cbb443886e7ea94ea5671a3b1be6bab4ad04224432a65f7d7887a",
+}
+MESSAGES = [(IMU, IMU_FIELDS), (TEMPERATURE, TEMPERATURE_FIELDS), (DIAGNOSTIC_ARRAY, DIAGNOSTIC_FIELDS)]
+
+
+# ---------------------------------------------------------------------- vectors
+
+
+@pytest.mark.parametrize("name", HASHES)
+def test_type_hashes(name: str) -> None:
+    assert type_hash(name) == f"RIHS01_{HASHES[name]}"
+
+
+def test_the_hashed_text_of_an_imu_has_2405_bytes() -> None:
+    assert len(hashed_text(IMU).encode()) == 2405
+
+
+def test_an_imu_has_the_bytes_of_the_vector() -> None:
+    payload = encode(IMU, IMU_FIELDS)
+    assert len(payload) == 324
+    assert (
+        hashlib.sha256(payload).hexdigest()
+        == "61f4b54182c27ebeb0b542884dd8ab2dba2a6867de3b8464e7ce4705f4db9a87"
+    )
+    assert decode(IMU, payload) == IMU_FIELDS
+    read = imu_message(payload)
+    assert (read.stamp_ns, read.gyro, read.accel) == (STAMP_NS, (0.001, -0.002, 0.003), (0.25, -0.5, -9.8125))
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "text"),
+    [
+        (TEMPERATURE, TEMPERATURE_FIELDS, TEMPERATURE_BYTES),
+        (DIAGNOSTIC_ARRAY, DIAGNOSTIC_FIELDS, DIAGNOSTIC_BYTES),
+    ],
+)
+def test_other_messages_have_the_bytes_of_the_vectors(name: str, fields: dict[str, Any], text: str) -> None:
+    payload = bytes.fromhex(text)
+    assert encode(name, fields) == payload
+    assert decode(name, payload) == fields
+
+
+@pytest.mark.parametrize(
+    ("frame", "length"), [("", 316), ("imu", 316), ("imu_link", 324), ("camera_imu_optical_frame", 340)]
+)
+def test_the_length_of_an_imu_follows_from_its_frame(frame: str, length: int) -> None:
+    payload = encode(IMU, {**IMU_FIELDS, "header": header(STAMP_NS, frame)})
+    assert len(payload) == length
+    assert imu_message(payload) == imu_message(encode(IMU, IMU_FIELDS))
+
+
+ZID = "aac3178e146ba6f1fc6e6a4085e77f21"
+IMU_TYPE = f"sensor_msgs::msg::dds_::Imu_/RIHS01_{HASHES[IMU]}"
+
+
+def test_key_token_gid_and_attachment_of_the_vector() -> None:
+    assert topic_key(0, "/imu/data_cov", IMU, type_hash(IMU)) == f"0/imu/data_cov/{IMU_TYPE}"
+    token = entity_token(0, ZID, "imumon", "MP", "/imu/data_cov", IMU, type_hash(IMU), Qos(), entity_id=10)
+    assert token == f"@ros2_lv/0/{ZID}/0/10/MP/%/%/imumon/%imu%data_cov/{IMU_TYPE}/::,10:,:,:,,"
+    assert gid_of(token).hex(" ") == "52 7f 04 b6 35 76 45 98 95 f4 51 e0 bc 2d 00 b7"
+    attachment = Attachment(1, STAMP_NS, gid_of(token))
+    data = "01 00 00 00 00 00 00 00 15 cd 85 3d fe 9c 97 17 10 " + gid_of(token).hex(" ")
+    assert attachment.encode().hex(" ") == data
+    assert parse_attachment(bytes.fromhex(data)) == attachment
+    assert parse_attachment(bytes.fromhex(data)[:-1]) is None
+
+
+STRING = "std_msgs/msg/String"
+STRING_TYPE = f"std_msgs::msg::dds_::String_/RIHS01_{HASHES[STRING]}"
+
+
+def test_keys_of_the_design_document() -> None:
+    assert topic_key(0, "/robot1/chatter/", STRING, type_hash(STRING)) == f"0/robot1/chatter/{STRING_TYPE}"
+    assert topic_key(0, "chatter", STRING, NO_HASH).endswith("String_/TypeHashNotSupported")
+
+
+def test_tokens_of_the_design_document() -> None:
+    assert node_token(2, ZID, "listener") == f"@ros2_lv/2/{ZID}/0/0/NN/%/%/listener"
+    token = entity_token(2, ZID, "listener", "MS", "/chatter", STRING, type_hash(STRING), Qos(), entity_id=10)
+    assert token == f"@ros2_lv/2/{ZID}/0/10/MS/%/%/listener/%chatter/{STRING_TYPE}/::,10:,:,:,,"
+    entity = parse_token(token)
+    assert entity is not None
+    assert (entity.kind, entity.node, entity.topic, entity.type) == ("MS", "/listener", "/chatter", STRING)
+    talker = token.replace("MS", "MP").replace("listener", "talker").replace(",10", ",7")
+    made = entity_token(
+        2, ZID, "talker", "MP", "/chatter", STRING, type_hash(STRING), Qos(depth=7), entity_id=10
+    )
+    assert made == talker
+
+
+@pytest.mark.parametrize("key", ["", "0/imu", "@ros2_lv", "@ros2_lv/0/a/0/0/NN", "@/x/peer"])
+def test_other_keys_are_no_tokens(key: str) -> None:
+    assert parse_token(key) is None
+
+
+# ---------------------------------------------------------------------- laws
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=400))
+def test_any_bytes_are_a_message_or_an_error(data: bytes) -> None:
+    for payload in (data, b"\0\1\0\0" + data, b"\0\0\0\0" + data):
+        for name, _ in MESSAGES:
+            with contextlib.suppress(CdrError):
+                decode(name, payload)
+        with contextlib.suppress(CdrError):
+            imu_message(payload)
+
+
+def test_a_truncated_imu_is_an_error_at_every_length() -> None:
+    payload = encode(IMU, IMU_FIELDS)
+    for length in range(len(payload)):
+        with pytest.raises(CdrError):
+            imu_message(payload[:length])
+    with pytest.raises(CdrError):
+        imu_message(payload + bytes(8))
+
+
+def test_big_endian_messages_are_read() -> None:
+    import struct
+
+    body = struct.pack(">iII4s", 5, 6, 1, b"\0") + struct.pack(">37d", *range(37))
+    assert imu_message(b"\0\0\0\0" + body).stamp_ns == 5_000_000_006
+    assert imu_message(b"\0\0\0\0" + body).gyro == (13.0, 14.0, 15.0)
+
+
+def test_covariances_replace_those_of_the_input() -> None:
+    payload = with_imu_covariances(encode(IMU, IMU_FIELDS), [1.0, 2.0, 3.0], None)
+    fields = decode(IMU, payload)
+    assert fields["angular_velocity_covariance"] == [1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0]
+    changed = {"angular_velocity_covariance"}
+    assert all(fields[name] == IMU_FIELDS[name] for name in IMU_FIELDS if name not in changed)
+
+
+def test_a_quantity_without_an_estimate_stays_without_one() -> None:
+    without = {**IMU_FIELDS, "linear_acceleration_covariance": [-1.0, *[0.0] * 8]}
+    payload = encode(IMU, without)
+    assert imu_message(payload).accel is None
+    assert with_imu_covariances(payload, None, [1.0, 1.0, 1.0]) == payload
+
+
+# ---------------------------------------------------------------------- URLs and messages for people
+
+
+def test_a_url_overrides_the_settings() -> None:
+    class Table:
+        domain, router = 5, "tcp/10.0.0.1:7447"
+
+    assert parse_url("ros2:/imu", Table).domain == 5
+    url = parse_url(
+        "ros2:/imu/data?rmw=zenoh&domain=3&router=tcp/[::1]:7448&accel=/a&mag=m&temperature=/t", Table
+    )
+    assert (url.topic, url.domain, url.router) == ("/imu/data", 3, "tcp/[::1]:7448")
+    assert (url.accel, url.mag, url.temperature) == ("/a", "/m", "/t")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "ros2:/imu data",
+        "ros2:/imu//data",
+        "ros2:/imu/data/",
+        "ros2:/imu/*",
+        "ros2:/imu?domain=x",
+        "ros2:/imu?domain=233",
+        "ros2:/imu?domain=",
+        "ros2:/imu?rmw=fastdds",
+        "ros2:/imu?router=localhost",
+        "ros2:/imu?topic=/x",
+        "ros2:/imu?domain",
+        "ros2:/imu?accel=",
+    ],
+)
+def test_a_wrong_url_is_an_error_with_a_cure(url: str) -> None:
+    with pytest.raises(RosError) as caught:
+        parse_url(url)
+    assert caught.value.cure
+
+
+def test_an_absent_topic_names_what_there_is() -> None:
+    url = parse_url("ros2:/imu")
+    others = {TopicPublisher("/a", IMU, "/n", ""), TopicPublisher("/b", STRING, "/n", "")}
+    assert "IMU topics: /a:" in str(absent_topic(url, others))
+    assert absent_topic(url, {TopicPublisher("/imu", STRING, "/n", "")}).code == "ros2_topic_type"
+    assert "1 topic, none" in str(absent_topic(url, {TopicPublisher("/b", STRING, "/n", "")}))
+    assert "RMW_IMPLEMENTATION" in str(absent_topic(url, set()))
+
+
+# ---------------------------------------------------------------------- rosbags
+
+
+def test_rosbags_reads_and_writes_the_same_bytes() -> None:
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, fields in MESSAGES:
+        payload = encode(name, fields)
+        message = store.deserialize_cdr(payload, name)
+        assert bytes(store.serialize_cdr(message, name)) == payload
+        assert store.hash_rihs01(name) == type_hash(name)
+
+
+# ---------------------------------------------------------------------- Foxglove's decoder
+
+NODE_PROGRAM = """
+const { parse } = require("@foxglove/rosmsg");
+const { MessageReader, MessageWriter } = require("@foxglove/rosmsg2-serialization");
+const input = JSON.parse(require("fs").readFileSync(0, "utf8"));
+const answer = input.map(({ definition, hex }) => {
+  const parsed = parse(definition, { ros2: true });
+  const message = new MessageReader(parsed).readMessage(Buffer.from(hex, "hex"));
+  const again = new MessageWriter(parsed).writeMessage(message);
+  const plain = JSON.parse(JSON.stringify(message, (k, v) => ArrayBuffer.isView(v) ? Array.from(v) : v));
+  return { message: plain, hex: Buffer.from(again).toString("hex") };
+});
+console.log(JSON.stringify(answer));
+"""
+PACKAGES = ("@foxglove/rosmsg2-serialization@3.1.0", "@foxglove/rosmsg@5.0.5")
+
+
+@pytest.fixture(scope="module")
+def foxglove() -> Path:
+    """Directory with Foxglove's packages: a cache of the user, filled with npm."""
+    npm, node = shutil.which("npm"), shutil.which("node")
+    if npm is None or node is None:
+        pytest.skip("npm is not installed")
+    directory = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "imumon-tests" / "foxglove"
+    directory.mkdir(parents=True, exist_ok=True)
+    if not (directory / "node_modules" / "@foxglove" / "rosmsg2-serialization").exists():
+        command = [npm, "install", "--silent", "--prefix", str(directory), *PACKAGES]
+        done = subprocess.run(command, capture_output=True, timeout=120, check=False, cwd=directory)
+        if done.returncode:
+            pytest.skip("npm cannot install Foxglove's packages")
+    return directory
+
+
+def definition_text(name: str) -> str:
+    """The definition of a type with those it refers to, as Foxglove reads it."""
+    from imumon.ros2.message_types import DEFINITIONS, _referenced
+
+    parts = [DEFINITIONS[name]]
+    parts += [f"MSG: {other}\n{DEFINITIONS[other]}" for other in sorted(_referenced(name) - {name})]
+    lines = f"\n{'=' * 80}\n".join(parts).splitlines()
+    return "\n".join(line.strip().replace("/msg/", "/") for line in lines)
+
+
+def test_foxglove_reads_what_we_write_and_writes_what_we_read(foxglove: Path) -> None:
+    words = [{"definition": definition_text(n), "hex": encode(n, f).hex()} for n, f in MESSAGES]
+    done = subprocess.run(
+        ["node", "-e", NODE_PROGRAM],
+        input=json.dumps(words),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        cwd=foxglove,
+    )
+    answers = json.loads(done.stdout)
+    for (name, fields), answer in zip(MESSAGES, answers, strict=True):
+        payload = bytes.fromhex(answer["hex"])
+        assert payload == encode(name, fields)
+        assert decode(name, payload) == fields
+    read = answers[0]["message"]
+    stamp = read["header"]["stamp"]
+    assert (stamp["sec"], stamp["nanosec"]) == (1_700_000_000, 123_456_789)
+    assert read["angular_velocity"] == {"x": 0.001, "y": -0.002, "z": 0.003}
+    assert read["linear_acceleration_covariance"][0] == 1e-4
+    assert answers[2]["message"]["status"][0]["values"] == [{"key": "grade", "value": "industrial"}]
+
+
+def test_the_names_of_types() -> None:
+    assert dds_name(IMU) == "sensor_msgs::msg::dds_::Imu_"
+    assert cdr.doubles_offset(encode(IMU, IMU_FIELDS)) == 28

@@ -1,0 +1,188 @@
+"""What the daemon publishes in a ROS 2 system: diagnostics of any device, and measured covariances."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import ros2_actors
+from daemons import Daemon
+from reports import Run, nothing_yet
+from ros2_actors import free_router
+
+from imumon.cli.exit_codes import exit_code
+from imumon.config import Settings
+from imumon.report import Report
+from imumon.ros2.cdr import decode
+from imumon.ros2.diagnostics import DIAGNOSTICS, ERROR, OK, STALE, WARN, diagnostics, sample_variances
+from imumon.ros2.message_types import DIAGNOSTIC_ARRAY, IMU
+from imumon.ros2.node import RosError, open_node, parse_url
+from imumon.ros2.ros_output import RosOutput
+
+
+@cache
+def report() -> Report:
+    """A report of two minutes."""
+    return Run(120.0, seed=3).report_at(120.0)
+
+
+def statuses(report: Report) -> dict[str, dict[str, Any]]:
+    """Statuses of a report by name, with their values as a dict."""
+    fields = decode(DIAGNOSTIC_ARRAY, diagnostics(report, 1_700_000_000_000_000_000, "imumon"))
+    assert fields["header"]["stamp"]["sec"] == 1_700_000_000
+    return {
+        each["name"]: {**each, "values": {pair["key"]: pair["value"] for pair in each["values"]}}
+        for each in fields["status"]
+    }
+
+
+def test_each_sensor_and_the_stream_have_a_status() -> None:
+    made = report()
+    shown = statuses(made)
+    assert list(shown) == ["imumon: stream", "imumon: gyro", "imumon: accel"]
+    gyro = shown["imumon: gyro"]
+    assert gyro["hardware_id"] == made.device.serial
+    assert gyro["values"]["grade"] == made.grade["gyro"].nearest
+    assert gyro["values"]["provisional"] == str(made.grade["gyro"].provisional).lower()
+    n = made.channels["gyro/x"].N
+    assert n is not None
+    assert gyro["values"]["N x"].startswith(f"{n.readable.value:.3g}"[:4])
+    assert "deg/sqrt(h)" in gyro["values"]["N x"]
+    drift = made.channels["gyro/x"].drift
+    assert ("drift x" in gyro["values"]) == (drift is not None and drift.per_hour is not None)
+    stream = shown["imumon: stream"]["values"]
+    assert stream["samples"] == str(made.session.samples)
+    assert stream["missing"] == str(made.session.missing)
+    assert stream["gaps"] == str(made.session.gaps)
+
+
+def test_the_level_follows_the_severity() -> None:
+    calm = replace(report(), session=replace(report().session, missing=0))
+    assert statuses(calm)["imumon: stream"]["level"] == OK
+    lossy = replace(calm, session=replace(calm.session, missing=calm.session.samples // 50))
+    assert statuses(lossy)["imumon: stream"]["level"] == WARN
+    assert "missing" in statuses(lossy)["imumon: stream"]["message"]
+    gone = statuses(replace(calm, state="waiting"))
+    assert {each["level"] for each in gone.values()} == {ERROR}
+    assert statuses(nothing_yet())["imumon: stream"]["level"] == STALE
+    axes = {name: replace(each, caveats=("not_at_rest",)) for name, each in calm.channels.items()}
+    assert statuses(replace(calm, channels=axes))["imumon: gyro"]["level"] == WARN
+
+
+def test_a_caveat_that_limits_the_meaning_only_is_listed() -> None:
+    channels = {
+        name: replace(each, caveats=("unknown_compensation",)) for name, each in report().channels.items()
+    }
+    made = statuses(replace(report(), channels=channels))["imumon: gyro"]
+    assert made["level"] == OK
+    assert "unknown_compensation" in made["values"]["caveats"]
+
+
+def test_variances_are_those_of_measured_coefficients_only() -> None:
+    made = report()
+    found = sample_variances(made, "gyro")
+    assert found is not None
+    n, rate = made.channels["gyro/y"].N, made.device.sample_rate_hz
+    assert n is not None
+    assert n.value is not None
+    assert rate is not None
+    assert found[1] == pytest.approx(n.value**2 * rate)
+    std = made.channels["gyro/y"].std
+    assert std is not None
+    bounded = replace(n, value=None, status="upper_bound")
+    channels = {**made.channels, "gyro/y": replace(made.channels["gyro/y"], N=bounded)}
+    assert sample_variances(replace(made, channels=channels), "gyro") is None
+    assert sample_variances(nothing_yet(), "gyro") is None
+
+
+# ---------------------------------------------------------------------- a system
+
+
+def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
+    endpoint = free_router()
+    with (
+        ros2_actors.router(endpoint),
+        ros2_actors.publisher(endpoint, "/imu/data", 200.0),
+        Daemon(
+            f"ros2:/imu/data?router={endpoint}",
+            tmp_path,
+            *("--publish-diagnostics", "--publish-covariance", "/imu/data_cov"),
+        ) as daemon,
+    ):
+        daemon.wait(
+            lambda r: bool(r.channels) and all(c.N and c.N.status == "measured" for c in r.channels.values())
+        )
+        node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
+        given, out, shown = (
+            node.subscribe(topic, kind)
+            for topic, kind in (("/imu/data", IMU), ("/imu/data_cov", IMU), (DIAGNOSTICS, DIAGNOSTIC_ARRAY))
+        )
+        graph = {(each.topic, each.type, each.node) for each in node.publishers()}
+        time.sleep(2.5)
+        inputs = {each.payload[:28]: decode(IMU, each.payload) for each in given.take()}
+        outputs = out.take()
+        arrays = shown.take()
+        node.close()
+        code, _, log = daemon.stop()
+    assert code == 0, log
+    assert ("/imu/data_cov", IMU, "/imumon_output") in graph
+    assert (DIAGNOSTICS, DIAGNOSTIC_ARRAY, "/imumon_output") in graph
+    assert len(outputs) > 300
+    sequences = [each.sequence for each in outputs]
+    assert sequences == list(range(sequences[0] or 0, (sequences[0] or 0) + len(sequences)))
+    both = [each.payload for each in outputs if each.payload[:28] in inputs]
+    assert len(both) > 300
+    for payload in both:
+        fields = decode(IMU, payload)
+        before = inputs[payload[:28]]
+        assert fields["angular_velocity"] == before["angular_velocity"]
+        assert fields["orientation_covariance"] == before["orientation_covariance"]
+        assert fields["orientation_covariance"][0] == -1.0
+        variances = fields["angular_velocity_covariance"]
+        assert variances[0::4] == pytest.approx([1e-6] * 3, rel=0.5)  # the driver's noise is 1e-3 rad/s
+        assert fields["linear_acceleration_covariance"][0::4] == pytest.approx([1e-4] * 3, rel=0.5)
+    names = {each["name"] for each in decode(DIAGNOSTIC_ARRAY, arrays[-1].payload)["status"]}
+    assert names == {"imumon: stream", "imumon: gyro", "imumon: accel"}
+
+
+@pytest.mark.parametrize(
+    ("port", "topic", "words"),
+    [
+        ("sim", "/out", "needs messages"),
+        ("ros2:/imu", "imu", "is the topic"),
+        ("ros2:/imu", "a b", "no name"),
+    ],
+)
+def test_covariances_need_another_topic(port: str, topic: str, words: str) -> None:
+    with pytest.raises(RosError) as caught:
+        RosOutput(Settings().ros2.model_copy(update={"covariance": topic}), port)
+    assert words in caught.value.message
+    assert caught.value.cure
+    assert exit_code(caught.value) == 2
+
+
+@pytest.mark.slow
+def test_a_vn100_publishes_diagnostics_as_soon_as_the_router_is_there(tmp_path: Path) -> None:
+    endpoint = free_router()
+    settings = tmp_path / "imumon.toml"
+    settings.write_text(f'[ros2]\nrouter = "{endpoint}"\ndiagnostics = true\ndomain = 4\n')
+    with Daemon("sim", tmp_path / "state", "--config", str(settings)) as daemon:
+        daemon.samples()
+        with ros2_actors.router(endpoint):
+            node = open_node(parse_url(f"ros2:/x?router={endpoint}&domain=4"), "listener")
+            topic = node.subscribe(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
+            end = time.monotonic() + 15.0
+            found: list[Any] = []
+            while not found and time.monotonic() < end:
+                time.sleep(0.2)
+                found = topic.take()
+            nodes = {each.node for each in node.publishers()}
+            node.close()
+        _, _, log = daemon.stop()
+    assert found
+    assert nodes == {"/imumon"}
+    assert "nothing is published in ROS 2 yet" in log

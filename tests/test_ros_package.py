@@ -1,0 +1,129 @@
+"""The package for a ROS 2 workspace, as far as it can be checked without ROS."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+import types
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import imumon
+from imumon.cli import parsers
+from imumon.ros2.node import parse_url
+
+PACKAGE = Path(__file__).parents[1] / "ros" / "imumon_ros"
+
+
+class Recorded:
+    """Stands for a class of launch; keeps what it is made with."""
+
+    def __init__(self, *words: Any, **options: Any) -> None:
+        self.words, self.options = words, options
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        return context[self.words[0]]
+
+
+@pytest.fixture
+def launch_file(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The launch file as a module, with stubs of launch."""
+    for name in ("launch", "launch.actions", "launch.substitutions"):
+        stub: Any = types.ModuleType(name)
+        for each in (
+            "LaunchDescription",
+            "DeclareLaunchArgument",
+            "ExecuteProcess",
+            "OpaqueFunction",
+            "LaunchConfiguration",
+        ):
+            setattr(stub, each, Recorded)
+        monkeypatch.setitem(sys.modules, name, stub)
+    monkeypatch.syspath_prepend(str(PACKAGE))
+    spec = importlib.util.spec_from_file_location("imumon_launch", PACKAGE / "launch" / "imumon.launch.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def defaults(module: Any, **values: str) -> dict[str, str]:
+    return {name: values.get(name, default) for name, (default, _) in module.ARGUMENTS.items()}
+
+
+def test_the_launch_file_starts_a_command_that_exists(
+    launch_file: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    description = launch_file.generate_launch_description()
+    declared = {each.words[0] for each in description.words[0] if each.words}
+    assert declared == set(launch_file.ARGUMENTS)
+    values = defaults(
+        launch_file,
+        topic="/a",
+        accel="/b",
+        router="tcp/10.0.0.1:7447",
+        diagnostics="true",
+        covariance="/c",
+        state="/tmp/x",
+    )
+    (process,) = launch_file.start(values)
+    program, *words = process.options["cmd"]
+    assert program == "imumon"
+    parsed = parsers()[0].parse_args(words)
+    assert parsed.publish_diagnostics
+    assert parsed.publish_covariance == "/c"
+    url = parse_url(parsed.port)
+    assert (url.topic, url.rmw, url.domain) == ("/a", "zenoh", 7)
+    assert (url.accel, url.router) == ("/b", "tcp/10.0.0.1:7447")
+
+
+def test_dds_is_the_middleware_unless_the_environment_names_zenoh(launch_file: Any) -> None:
+    program = launch_file.words(defaults(launch_file), {})
+    url = parse_url(program[3])
+    assert (url.topic, url.rmw, url.domain, url.accel) == ("/imu/data", "dds", 0, "")
+    assert program[4:] == []
+
+
+def test_the_program_passes_on_its_words_without_those_of_ros(launch_file: Any) -> None:
+    from imumon_ros.monitor import without_ros_arguments  # type: ignore[import-not-found]
+
+    words = ["/imu", "--ros-args", "-r", "__node:=x", "--", "--json", "--ros-args", "-p", "a:=b"]
+    assert without_ros_arguments(words) == ["/imu", "--json"]
+
+
+def test_the_manifest_is_valid() -> None:
+    package = pytest.importorskip("catkin_pkg.package").parse_package(str(PACKAGE))
+    package.validate()
+    assert (package.name, package.get_build_type()) == ("imumon_ros", "ament_python")
+    assert package.version == imumon.__version__
+
+
+@pytest.mark.slow
+def test_it_installs_where_ros_looks(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    subprocess.run(["cp", "-r", str(PACKAGE), str(source)], check=True)
+    # as colcon does
+    options = [
+        "--prefix",
+        str(tmp_path / "prefix"),
+        "--single-version-externally-managed",
+        "--record",
+        "files",
+    ]
+    command = [sys.executable, "setup.py", "-q", "install", *options]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True, timeout=150, check=False)
+    assert done.returncode == 0, done.stderr
+    for name in (
+        "share/ament_index/resource_index/packages/imumon_ros",
+        "share/imumon_ros/package.xml",
+        "share/imumon_ros/launch/imumon.launch.py",
+        "lib/imumon_ros/monitor",
+    ):
+        assert (tmp_path / "prefix" / name).exists(), name
