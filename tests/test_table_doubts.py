@@ -270,8 +270,8 @@ def test_a_map_overrides_what_it_names_and_nothing_else(
 
 
 def test_a_map_of_a_part_of_a_sensor_is_an_error() -> None:
-    with pytest.raises(RecordingError, match="gyro/y, gyro/z is missing") as error:
-        layout(["t", "p", "ax", "ay", "az"], None, parse_map("gyro/x=p"))
+    with pytest.raises(RecordingError, match="gyro/z is missing") as error:
+        layout(["t", "p", "q", "ax", "ay", "az"], None, parse_map("gyro/x=p,gyro/y=q"))
     assert error.value.code == "map_incomplete"
 
 
@@ -304,12 +304,12 @@ def test_sensors_with_rows_of_their_own_are_an_error(tmp_path: Path) -> None:
 
 def test_the_source_names_the_sensors_and_an_error_the_other_columns(tmp_path: Path) -> None:
     t, gyro, accel = truth()
-    path = csv(tmp_path / "a.csv", ["Zeit (s)", *BARE[1:]], t, gyro, accel)
-    with pytest.raises(RateRequired, match=r"Zeit \(s\)") as error:
+    path = csv(tmp_path / "a.csv", ["Hora (s)", *BARE[1:]], t, gyro, accel)
+    with pytest.raises(RateRequired, match=r"Hora \(s\)") as error:
         replayed(path)
     assert error.value.code == "rate_required"
     assert "--map t=COLUMN:UNIT" in error.value.cure
-    report, _ = replayed(path, columns={"t": "Zeit (s)"})
+    report, _ = replayed(path, columns={"t": "Hora (s)"})
     assert report.device.source == "csv (gyro, accel)"
     assert report.device.sample_rate_hz == pytest.approx(RATE)
 

@@ -5,8 +5,10 @@ base              contract of recordings, options for reading, errors
 raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 recording_header  description of the device in a capture
-csv, npz, rosbag  tables and bags
-bag_process       program that reads a bag, with limits
+csv, npz          tables
+sentence_table    tables of raw sentences of a device
+log_file          topics of bags and of logs of autopilots
+log_process       program that reads them, with limits
 table             rows of numbers as samples
 columns           columns of a table that form a stream
 column_names      quantity, axis and unit in the name of a column

@@ -46,7 +46,7 @@ class ReadOptions:
     kind : stream of a table that has several; None: the best.
     columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; other channels are found by the names.
     rate_hz : Hz, configured sample rate; None: not configured.
-    topic : of a bag; None: the only one.
+    topic : of a bag or log; None: the only or best one.
     block_bytes : bytes of a raw capture that are decoded at once.
     """
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -43,8 +44,8 @@ _SPELLINGS = {
         ("t", "tesla"),
         ("degc", "c celsius"),
         ("k", "kelvin"),
-        ("s", "sec secs second seconds"),
-        ("ms", "msec milliseconds"),
+        ("s", "sec secs second seconds sek sekunden secondes"),
+        ("ms", "msec milliseconds millisekunden millisecondes"),
         ("us", "usec microseconds"),
         ("ns", "nsec nsecs nanosec nanoseconds"),
         ("m/s", "ms-1 mps"),
@@ -77,9 +78,29 @@ _EXCLUDED = {
 _NEUTRAL = {
     "imu", "sensor", "data", "field", "msg", "rs", "s", "b", "body", "linear", "angular", "velocity",
     "vel", "time", "header", "stamp", "uncomp", "comp", "uncompensated", "compensated", "raw",
-    "specific", "delta"
+    "specific", "delta", "axis", "of", "in", "der", "de", "du"
 }  # fmt: skip
 """Words without a meaning of their own."""
+
+_ENGLISH = {
+    german_or_french: english
+    for english, words in (
+        ("gyro", "drehrate drehraten drehratensensor winkelgeschwindigkeit winkelgeschw gyroskop gyrometre"),
+        ("accel", "beschleunigung beschleunigungen beschleunigungssensor beschl accelerometre"),
+        ("mag", "magnetfeld magnetometre magnetique"),
+        ("temperature", "temperatur"),
+        ("pressure", "druck luftdruck pression"),
+        ("time", "zeit temps"),
+        ("timestamp", "zeitstempel horodatage horodate"),
+        ("seconds", "sekunden secondes"),
+        ("milliseconds", "millisekunden millisecondes"),
+        ("angular", "angulaire"), ("velocity", "vitesse geschwindigkeit"), ("linear", "lineaire"),
+        ("field", "champ"), ("axis", "achse axe"), ("raw", "roh brut brute"), ("delta", "increment inkrement"),
+        ("angle", "winkel"),
+    )
+    for german_or_french in words.split()
+}  # fmt: skip
+"""English words for the German and French ones in names of columns, without accents."""
 
 _AXIS_SUFFIX = re.compile(r"^(w|g|gyr|gyro|omega|rate|a|acc|accel|f|m|mag)([xyz])$")
 _NO_TIME_RANK = 9
@@ -178,13 +199,19 @@ def _parts(name: str) -> tuple[list[str], str | None, str | None]:
         else:
             unit = match[1]
     words, suffix = _suffix(words_of(text))
-    if axis is None and words and words[-1] in AXES:
-        axis = words.pop()
+    for at in (-1, 0):  # gyro_x, also X-Beschleunigung
+        if axis is None and len(words) > (at == 0) and words[at] in AXES:
+            axis = words.pop(at)
     return words, axis, unit or suffix
 
 
 def words_of(text: str) -> list[str]:
-    """Return the words of a name in lower case: split at signs, blanks and capitals."""
+    """Return the English words of a name in lower case: split at signs, blanks and capitals.
+
+    >>> words_of("Accélération linéaire X"), words_of("DrehrateZ")
+    (['acceleration', 'linear', 'x'], ['gyro', 'z'])
+    """
+    text = "".join(c for c in unicodedata.normalize("NFD", text) if not unicodedata.combining(c))
     text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", text)
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
     words = []
@@ -192,7 +219,8 @@ def words_of(text: str) -> list[str]:
         if match := _AXIS_SUFFIX.match(word):
             words += ["gyro" if match[1] == "g" else match[1], match[2]]
         else:
-            words.append(word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word)
+            word = word if word in ("s2", "mps2", "ms2") else word.rstrip("0123456789") or word
+            words.append(_ENGLISH.get(word, word))
     return words
 
 

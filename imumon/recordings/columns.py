@@ -153,7 +153,15 @@ def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:
         else:
             why = f"the stream used is {found.kind}, --stream or --map selects another"
         reasons.setdefault(why, []).append(column.name)
-    return [f"{_list(names)} not used: {why}" for why, names in reasons.items()]
+    alone = [
+        c for c in found.columns if SENSORS.get(c.quantity or "") in INERTIAL and _alone(c, found.columns)
+    ]
+    notes = [f"{SENSORS[c.quantity or '']} has one axis only, {c.axis} (column {c.name})" for c in alone]
+    return [*notes, *(f"{_list(names)} not used: {why}" for why, names in reasons.items())]
+
+
+def _alone(column: Column, columns: Sequence[Column]) -> bool:
+    return [c.quantity for c in columns].count(column.quantity) == 1
 
 
 def _same(one: Column, other: Column) -> bool:
@@ -185,16 +193,17 @@ def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
         return None
     rest = [_triple(columns, "mag", "uncompensated")]
     rest += [(one,) if (one := _best(columns, name)) else () for name in ("temperature", "pressure")]
-    names = (GYRO, ACCEL, MAG, ("temperature",), ("pressure",))
-    chosen = [(names[k], found) for k, found in enumerate([*sets, *rest]) if found]
-    channels = tuple(name for group, _ in chosen for name in group)
-    used = tuple(c for _, found in chosen for c in found)
+    used = tuple(column for found in (*sets, *rest) for column in found)
+    channels = tuple(map(channel_of, used))
     times, split_time = _times(columns)
     return ColumnLayout(kind, channels, used, times, _best(columns, "dt"), split_time)
 
 
 def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:
-    """Return the axes of a sensor of a kind, else of unknown, else of any other kind but deltas."""
+    """Return the axes of a sensor of a kind, else of unknown, else of any other kind but deltas.
+
+    A sensor has three axes, or one: two are a part of one.
+    """
     others: tuple[Kind | None, ...] = ("deltas",) if kind == "deltas" else (kind, None)
     if kind != "deltas" and quantity != "gyro":
         others += ("uncompensated", "compensated")
@@ -203,7 +212,11 @@ def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Colum
         axes = [_best([c for c in fitting if c.axis == axis], quantity) for axis in AXES]
         if None not in axes:
             return tuple(filter(None, axes))
-    return ()
+    present = [c for c in columns if c.quantity == quantity and c.axis]
+    alone = len({column.axis for column in present}) == 1 and SENSORS[quantity] in INERTIAL
+    fitting = [c for c in present if c.kind in others or c.rank < 0]
+    best = _best(fitting, quantity) if alone else None
+    return () if best is None else (best,)
 
 
 def _best(columns: Iterable[Column], quantity: str) -> Column | None:
@@ -248,7 +261,12 @@ def parse_map(text: str) -> dict[str, str]:
     for part in text.split(","):
         channel, equals, column = part.strip().partition("=")
         if not equals or channel not in channels:
-            similar = difflib.get_close_matches(channel, channels, 1, SIMILAR)
+            named = channel_of(
+                parse_name(0, channel)
+            )  # gx means gyro/x, not mag/x, whose letters are more similar
+            similar = (
+                [named] if named in channels else difflib.get_close_matches(channel, channels, 1, SIMILAR)
+            )
             cure = f"write {similar[0] if similar else 'gyro/x'}=COLUMN:UNIT"
             raise OptionError("map_syntax", f"--map {part.strip()!r} names no channel", cure)
         columns[channel] = column.strip()

@@ -8,11 +8,13 @@ a number, a date or a time of day. Memory does not grow with the length.
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, time, timedelta
-from itertools import chain
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +40,14 @@ INVALID_ROWS = 10
 LONGEST_LINE = 1 << 16
 """Bytes of a line; a longer one is an invalid row. Not critical."""
 
+BLOCK_BYTES = 1 << 23
+"""Bytes of lines that are parsed at once. Not critical."""
+
 _TOO_LONG = "\udfff"
 """Line in place of one that is too long; no text in UTF-8 or Latin-1 has this character."""
+
+_TOO_LONG_BYTES = b"\xed\xbf\xbf"
+"""The same in front of the decoder: it is no UTF-8."""
 
 TIME_ROWS = 1000
 """Rows that show whether a column of time is readable. Not critical."""
@@ -49,6 +57,9 @@ QUOTED = 30
 
 DAY_S = 86_400.0
 """Not critical."""
+
+ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]
+"""Spellings of these that the fast reader knows. A block with another one is read line by line."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
@@ -66,19 +77,22 @@ class CsvFile(Table):
         self._dates: dict[int, DateReader] = {}  # by column, of those with dates instead of numbers
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
-        lines = self._lines()
-        waiting, before = self._read_head(lines)
-        for line in chain.from_iterable(lines):
-            if len(waiting) >= ROWS:
-                yield self._parsed(waiting, before)
-                before += len(waiting)
-                waiting = []
-            waiting.append(line)
-        if waiting:
-            yield self._parsed(waiting, before, last=True)
+        blocks = self._line_blocks()
+        first, before = self._read_head(blocks)
+        waiting, count, size = [first], first.count(b"\n"), len(first)
+        for block in blocks:
+            if count >= ROWS or size > BLOCK_BYTES:
+                yield self._parsed(b"".join(waiting), before)
+                before += count
+                waiting, count, size = [], 0, 0
+            waiting.append(block)
+            count += block.count(b"\n")
+            size += len(block)
+        if size:
+            yield self._parsed(b"".join(waiting), before, last=True)
         yield self._with_invalid_rows(self._finish())
 
-    def _parsed(self, lines: list[str], before: int, *, last: bool = False) -> list[SampleBlock]:
+    def _parsed(self, lines: bytes, before: int, *, last: bool = False) -> list[SampleBlock]:
         return self._with_invalid_rows(self._blocks(*self._parser.numbers(lines, before, last=last)))
 
     def _with_invalid_rows(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
@@ -86,14 +100,17 @@ class CsvFile(Table):
         self.remarks = [*self._parser.remarks, *self.remarks]
         return blocks
 
-    def _lines(self) -> Iterator[list[str]]:
+    def _line_blocks(self) -> Iterator[bytes]:
         """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
         rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
+        carriage = b""  # at the end of a chunk: its line feed may follow
         for chunk in self._capture:
             self.fed += len(chunk)
             self.problem, self.progress = self._capture.problem, self._capture.progress
-            if b"\r" in chunk:
-                chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            if carriage or b"\r" in chunk:
+                chunk = carriage + chunk
+                carriage = b"\r" if chunk.endswith(b"\r") else b""
+                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             first, end, more = chunk.partition(b"\n")
             if not skipping:
                 rest += first
@@ -101,20 +118,21 @@ class CsvFile(Table):
             if not end:
                 rest = b"" if skipping else rest
                 continue
-            *whole, last = more.split(b"\n")
-            yield [_TOO_LONG if skipping else _decoded(rest), *map(_decoded, whole)]
-            rest, skipping = last, False
+            whole = more.rfind(b"\n") + 1
+            yield (_TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            rest, skipping = more[whole:], False
         self.problem = self._capture.problem
         if skipping or rest.strip():
-            yield [_TOO_LONG if skipping else _decoded(rest)]
+            yield (_TOO_LONG_BYTES if skipping else rest) + b"\n"
 
-    def _read_head(self, lines: Iterator[list[str]]) -> tuple[list[str], int]:
+    def _read_head(self, blocks: Iterator[bytes]) -> tuple[bytes, int]:
         """Find the header and the columns; return the lines read behind them, and how many are before."""
-        seen: list[str] = []
-        for some in lines:
-            seen += some
-            if len(seen) > PREAMBLE:
+        head = b""
+        for block in blocks:
+            head += block
+            if head.count(b"\n") > PREAMBLE:
                 break
+        seen = _lines_of(head)
         if _TOO_LONG in seen[:PREAMBLE]:
             text = f"{self.path} line {seen.index(_TOO_LONG) + 1} is longer than {LONGEST_LINE:,} bytes"
             raise RecordingError("line_too_long", text, "check that it is a table with one row per line")
@@ -140,7 +158,7 @@ class CsvFile(Table):
         found = self._with_readable_times(found, seen[begin : begin + TIME_ROWS], separator)
         self._rows = TableRows(self.path, found, "csv", self._options.rate_hz, names)
         self._parser = _RowParser(self.path, header, separator, self._rows.columns, self._dates)
-        return seen[begin:], begin
+        return head.split(b"\n", begin)[begin], begin
 
     def _with_readable_times(
         self, found: ColumnLayout, lines: Sequence[str], separator: str | None
@@ -151,9 +169,9 @@ class CsvFile(Table):
         for column in found.times:
             texts = [row[column.index] for row in cells if len(row) > column.index]
             texts = [text for text in texts if text.lower() not in MISSING]
-            if not texts or any(_is_number(text.replace(",", ".")) for text in texts):
+            if not texts or any(is_number(text.replace(",", ".")) for text in texts):
                 times.append(column)
-            elif any(_is_number(text, DateReader().seconds) for text in texts):
+            elif any(is_number(text, DateReader().seconds) for text in texts):
                 self._dates[column.index] = DateReader()
                 times.append(replace(column, unit="s"))
             else:
@@ -167,9 +185,14 @@ class CsvFile(Table):
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
 
 
-def _decoded(line: bytes) -> str:
+def _lines_of(block: bytes) -> list[str]:
+    """Return the lines of a block, which ends with the end of one."""
+    return [decoded(line) for line in block.split(b"\n")[:-1]]
+
+
+def decoded(line: bytes) -> str:
     """Return a line in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
-    if len(line) > LONGEST_LINE:
+    if len(line) > LONGEST_LINE or line == _TOO_LONG_BYTES:
         return _TOO_LONG
     try:
         return line.decode("utf-8-sig")
@@ -190,9 +213,9 @@ def header_line(lines: Sequence[str]) -> int | None:
     candidates: list[int] = []
     for k, line in enumerate(lines[:PREAMBLE]):
         cells = split(line, separator_of(line))
-        if len(cells) > 1 and sum(not _is_number(cell) for cell in cells if cell) > len(cells) / 2:
+        if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
             candidates.append(k)
-        elif len(cells) > 1 and sum(_is_number(cell) for cell in cells) > len(cells) / 2:
+        elif len(cells) > 1 and sum(is_number(cell) for cell in cells) > len(cells) / 2:
             fitting = [at for at in candidates if _same_width(lines[at], line)]
             return fitting[0] if fitting else None
     return candidates[0] if candidates else None
@@ -233,7 +256,7 @@ def split(line: str, separator: str | None) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in line.split(separator)]
 
 
-def _is_number(text: str, read: Callable[[str], float] = float) -> bool:
+def is_number(text: str, read: Callable[[str], float] = float) -> bool:
     try:
         read(text)
     except ValueError:
@@ -280,6 +303,16 @@ class DateReader:
             raise ValueError(str(moment)) from None
 
 
+@cache
+def _arrow() -> Any:
+    """Return the module of pyarrow that reads CSV; None if it is not installed."""
+    try:
+        from pyarrow import csv
+    except ImportError:
+        return None
+    return csv
+
+
 class _RowParser:
     """Parses lines to numbers.
 
@@ -310,21 +343,22 @@ class _RowParser:
         )
         return [f"{rows} as lost; first {self._first_invalid}"] if self.invalid else []
 
-    def numbers(self, lines: list[str], before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
+    def numbers(self, block: bytes, before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the columns, and (n,) the line number of each row.
 
         An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
         """
-        try:
-            convert: dict[int | str, Callable[[str], float]] = {k: d.seconds for k, d in self._dates.items()}
-            found: Floats = np.loadtxt(
-                lines, usecols=self._columns, delimiter=self._separator, converters=convert or None,
-                comments=None, quotechar='"', encoding="utf-8", ndmin=2
-            )  # fmt: skip
+        places: Sequence[int] = range(before + 1, before + 1 + block.count(b"\n"))
+        regular = block
+        if b"\n\n" in block or block.startswith(b"\n"):
+            lines = block.split(b"\n")[:-1]
             places = [before + k + 1 for k, line in enumerate(lines) if line.strip()]
-        except (ValueError, IndexError):
-            end = len(lines) - 1 if last else -1
-            parsed = [self._row(line, before + k + 1, k == end) for k, line in enumerate(lines)]
+            regular = b"\n".join(line for line in lines if line.strip()) + b"\n"
+        found = self._regular(regular) if len(places) else np.empty((0, len(self._columns)))
+        if found is None or len(found) != len(places):
+            whole = _lines_of(block)
+            end = len(whole) - 1 if last else -1
+            parsed = [self._row(line, before + k + 1, k == end) for k, line in enumerate(whole)]
             found = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
             places = [place for row, place in parsed if row]
         self.read += len(found)
@@ -332,6 +366,47 @@ class _RowParser:
             text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
             raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
         return found, places
+
+    def _regular(self, block: bytes) -> Floats | None:
+        """Return the numbers of lines that all are rows of numbers; None if one is not."""
+        if self._separator != ",":
+            block = block.replace(b",", b".")  # the decimal sign
+        if self._separator is not None and not self._dates and (found := self._by_arrow(block)) is not None:
+            return found
+        convert: dict[int | str, Callable[[str], float]] = {k: d.seconds for k, d in self._dates.items()}
+        try:
+            rows: Floats = np.loadtxt(
+                io.StringIO(block.decode("latin-1")), usecols=self._columns, delimiter=self._separator,
+                converters=convert or None, comments=None, quotechar='"', ndmin=2,
+            )  # fmt: skip
+        except (ValueError, IndexError):
+            return None
+        return rows
+
+    def _by_arrow(self, block: bytes) -> Floats | None:
+        """Return the numbers, read by pyarrow; None if it is not installed or a line is no row of numbers."""
+        if (arrow := _arrow()) is None:
+            return None
+        first = block[: block.index(b"\n")].decode("latin-1")
+        names = [str(k) for k in range(len(split(first, self._separator)))]
+        if max(self._columns) >= len(names):
+            return None
+        used = [names[k] for k in self._columns]
+        try:
+            table = arrow.read_csv(
+                io.BytesIO(block),
+                read_options=arrow.ReadOptions(
+                    use_threads=False, block_size=len(block) + 1, column_names=names
+                ),
+                parse_options=arrow.ParseOptions(delimiter=self._separator),
+                convert_options=arrow.ConvertOptions(
+                    column_types=dict.fromkeys(used, "float64"), include_columns=[*dict.fromkeys(used)],
+                    null_values=ARROW_MISSING,
+                ),
+            )  # fmt: skip
+        except (ValueError, KeyError):  # ArrowInvalid is a ValueError
+            return None
+        return np.column_stack([table.column(name).to_numpy() for name in used])
 
     def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:
         """Return the numbers of an irregular line; none for a line that is no sample."""

@@ -48,6 +48,7 @@ _FOREIGN = {
     b"%PDF": ("pdf", "a PDF document", _OTHER),
     b"\x7fELF": ("elf", "a program", _OTHER),
     b"\x93NUMPY": ("npy", "a NumPy array", "save it in an .npz archive"),
+    b"FMT, 128, ": ("dataflash_text", "an ArduPilot log as text", "use the .BIN file it was made from"),
     b"SQLite format 3": ("sqlite", "an SQLite database", "name the directory of the bag, or another file"),
 }
 """First bytes of other formats: end of the code, what it is, what to do."""

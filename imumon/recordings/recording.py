@@ -10,14 +10,18 @@ from imumon.devices.registry import DEFAULT_SCHEME, driver
 from imumon.files import open_regular
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
-from imumon.recordings.csv import CsvFile, header_line, separator_of, split
+from imumon.recordings.csv import CsvFile, header_line, is_number, separator_of, split
+from imumon.recordings.log_file import LogFile, log_kind
 from imumon.recordings.npz import NpzFile
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.rosbag import RosbagFile, is_bag
+from imumon.recordings.sentence_table import sentence_table
 from imumon.samples import Gap, SampleBlock
 
 SNIFF_BYTES = 1 << 14
 """Bytes of a text that are searched for its header line. Not critical."""
+
+NUMBER_LINES = 20
+"""Lines that show whether a text without a header is a table of numbers. Not critical."""
 
 UTF_16_ZEROS = 50
 """Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16. Not
@@ -104,28 +108,39 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     Raises
     ------
     RecordingError : it cannot be read, or is something else.
-    OptionNotApplicable : a topic was given, and it is no bag.
+    OptionNotApplicable : a topic was given, and it has no topics.
     """
     head = b""
     if path != "-":
         # not of a pipe, which can be read only once
         with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
             head = file.read(16)
-    if is_bag(path, head):
-        return RosbagFile(path, options)
+    if (kind := log_kind(path, head)) is not None:
+        return LogFile(path, kind, options)
     archive = head.startswith(b"PK\x03\x04") and path.endswith(".npz")
     opened = NpzFile(path, options) if archive else RawCapture(path)
     if options.topic is not None:
-        text = f"--topic is for bags, and {path} is not a bag"
+        text = f"--topic is for bags and logs of autopilots, and {path} is none"
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
     if isinstance(opened, NpzFile):
         return opened
     start = opened.head[:200]
     if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:
         raise RecordingError("utf_16", f"{path} is text in UTF-16", "save it as UTF-8")
+    if opened.header is None and (decoder := driver().decoder()) is not None:
+        table = sentence_table(opened, options, decoder, DEFAULT_SCHEME)
+        if table is not None:
+            return table
     if _is_csv(opened, options):
         return CsvFile(opened, options)
     return DecodedCapture(opened, options.block_bytes)
+
+
+def _is_numbers(lines: Sequence[str]) -> bool:
+    """Return whether the first lines are rows of as many numbers: a table without a header."""
+    rows = [split(line, separator_of(line)) for line in lines[:NUMBER_LINES] if line.strip()]
+    rows = rows[:-1] if len(rows) > 1 else rows  # the last one may end elsewhere
+    return bool(rows) and all(len(row) == len(rows[0]) > 1 and all(map(is_number, row)) for row in rows)
 
 
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
@@ -145,7 +160,7 @@ def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     lines = head.decode("utf-8-sig", "replace").splitlines()
     at = header_line(lines)
     if at is None:
-        return False
+        return _is_numbers(lines)
     try:
         layout(split(lines[at], separator_of(lines[at])))
     except RecordingError:

@@ -41,7 +41,14 @@ LONGEST_NS = 4e18
 """ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits. Not
 critical."""
 
-ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message"}
+MOST_COPIES = 4
+"""Rows in a row with one stamp up to which they may be copies of one. Not critical."""
+
+COPIED = 0.99
+"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled. Not
+critical."""
+
+ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message", "px4": "message", "ardupilot": "message"}
 """Word for a row of a table in messages."""
 
 RATE_CURE = "give the sample rate with --rate"
@@ -82,9 +89,10 @@ class TableRows:
     ----------
     path : for messages.
     columns : columns of the stream.
-    what : kind of the table: ``csv``, ``npz``, ``bag``.
+    what : kind of the table: ``csv``, ``npz``, ``bag``, ``px4``, ``ardupilot``.
     rate_hz : Hz, configured sample rate; None: not configured.
     names : of all columns of the table.
+    source : what the samples are taken from, for people; empty: `what`.
 
     Attributes
     ----------
@@ -92,7 +100,13 @@ class TableRows:
     """
 
     def __init__(
-        self, path: str, columns: ColumnLayout, what: str, rate_hz: float | None, names: Sequence[str] = ()
+        self,
+        path: str,
+        columns: ColumnLayout,
+        what: str,
+        rate_hz: float | None,
+        names: Sequence[str] = (),
+        source: str = "",
     ) -> None:
         self._path, self._layout, self._what, self._rate = path, columns, what, rate_hz
         self._stream: Stream | None = None
@@ -102,11 +116,14 @@ class TableRows:
         self._used: list[int] = []  # columns that are not left out
         self._host: HostStamps | None = None  # rows wait until their stamps have been placed
         self._waiting: list[Floats] = []
-        self._names = names
+        self._names, self._source = names, source or what
         self._remarks = list(columns.remarks)
         self._incomplete, self._first_incomplete = 0, ""  # rows that lacked a number, and where the first is
         self._back, self._first_back = 0, ""  # steps back of a clock, and where the first is
         self._last: Ints | None = None  # ns, the last two times
+        self._doubled = False  # rows may be copies of the row before
+        self._last_row: Floats | None = None
+        self._copies = 0  # rows left out because of that
         self.lost = 0
 
     @property
@@ -121,6 +138,9 @@ class TableRows:
                 else f"{self._incomplete:,} rows lack a number and count"
             )
             remarks.append(f"{rows} as lost; first {self._first_incomplete}")
+        if self._copies:
+            rows = "1 row repeats" if self._copies == 1 else f"{self._copies:,} rows repeat"
+            remarks.append(f"{rows} the row before with its stamp: each sample counts once")
         if self._back:
             times = "once" if self._back == 1 else f"{self._back:,} times"
             remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
@@ -155,6 +175,8 @@ class TableRows:
             rows = self._begin(rows)
         else:
             return
+        if self._doubled:
+            rows, places = self._without_copies(rows, places)
         columns, width = self._layout, len(self._layout.columns)
         good = _present(rows).all(axis=1)
         kept = np.flatnonzero(good)
@@ -182,6 +204,15 @@ class TableRows:
         self._waiting.append(values)
         stamps = rows[:, width : width + len(columns.times)]
         yield from self._placed(self._host.place(self._nanoseconds(stamps).astype(np.float64)))
+
+    def _without_copies(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
+        """Return the rows that differ from the row before."""
+        before = rows[:1] if self._last_row is None else self._last_row
+        copies = _copies(np.concatenate([before, rows]))
+        copies[0] &= self._last_row is not None
+        self._last_row = rows[-1:] if len(rows) else self._last_row
+        self._copies += int(copies.sum())
+        return rows[~copies], [place for place, copy in zip(places, copies.tolist(), strict=True) if not copy]
 
     def _note_incomplete(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
         """Count rows that lack a number and note where the first is."""
@@ -223,14 +254,17 @@ class TableRows:
         """Decide on columns, clock and interval; return the rows without the columns that are left out."""
         rows = self._without_empty(rows)
         found = self._layout
+        width = len(found.columns)
         check_magnitudes(self._path, self._what, found, np.where(_present(rows), rows, np.nan))
         self._remarks += unit_remarks(self._what, found.columns)
+        self._doubled = bool(found.times) and _are_doubled(rows, slice(width, width + len(found.times)))
         whole = rows[_present(rows).all(axis=1)]
+        if self._doubled:
+            whole = whole[~np.append(False, _copies(whole))]
         if not len(whole):
             text = f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}"
             cure = "if each sensor has separate rows, write one file per sensor"
             raise RecordingError("no_complete_row", text, cure)
-        width = len(found.columns)
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
         if found.times:
@@ -241,7 +275,7 @@ class TableRows:
         elif interval is None:
             raise self._rate_required()
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
-        self._stream = Stream(found.kind, found.channels, f"{self._what} ({sensors})", clock, interval)
+        self._stream = Stream(found.kind, found.channels, f"{self._source} ({sensors})", clock, interval)
         return rows
 
     def _rate_required(self) -> RateRequired:
@@ -328,13 +362,17 @@ class TableRows:
         return "none", interval * 1e-9 if self._rate is None else 1.0 / self._rate
 
     def _over_interval(self, values: Floats, rows: Floats) -> Floats:
-        """Divide angles and velocities by the interval of each sample, else by the common one."""
+        """Divide angles and velocities by the interval of each sample, else by the common one.
+
+        Averages that are rates and accelerations remain as they are.
+        """
         found = self._layout
         assert self._stream is not None
         own = found.interval
         interval: Any = self._stream.interval_s if own is None else rows[:, -1:] * own.factor
-        inertial = [k for k, name in enumerate(found.channels) if sensor_of(name) in INERTIAL]
-        values[:, inertial] /= interval
+        increments = [k for k, column in enumerate(found.columns) if column.quantity in ("angle", "velocity")]
+        if increments:
+            values[:, increments] /= interval
         return values
 
     def _times(self, rows: Floats) -> Ints | None:
@@ -357,3 +395,33 @@ class TableRows:
 def _present(rows: Floats) -> Bools:
     """Return which of some numbers are there: finite and possible."""
     return np.abs(rows) < LARGEST
+
+
+def _copies(rows: Floats) -> Bools:
+    """Return (n - 1,) which rows are the same as the row before; a missing number is one."""
+    same: Bools = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    return same
+
+
+def _are_doubled(rows: Floats, times: slice) -> bool:
+    """Return whether rows with the stamp of the row before are copies of it, and not samples that came at once.
+
+    >>> noise = np.random.default_rng(0).normal(size=(9, 3))
+    >>> stamped = np.column_stack([noise, np.arange(9) // 2])
+    >>> _are_doubled(stamped, slice(3, 4)), _are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
+    (False, False)
+    >>> stamped[:, 3] = np.arange(9)
+    >>> _are_doubled(stamped, slice(3, 4)), _are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
+    (False, True)
+    """
+    still = (rows[1:, times] == rows[:-1, times]).all(axis=1)
+    if not still.any():
+        return False
+    copies = _copies(rows)
+    moving = np.flatnonzero(~np.concatenate([[False], still, [False]]))
+    constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
+    return bool(
+        copies[still].mean() >= COPIED
+        and np.diff(moving).max() <= MOST_COPIES
+        and (not len(constant) or constant.mean() < 0.5)
+    )

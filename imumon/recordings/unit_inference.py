@@ -39,12 +39,10 @@ ARRAY_SUFFIXES = {"deg/s": "dps", "rad/s": "rads"}
 
 
 def unit_cure(what: str, columns: Sequence[Column], unit: str) -> str:
-    """Return how to give the unit of some columns of a ``csv``, ``npz`` or ``bag``."""
-    if what == "bag":
-        return "its driver must send SI units"
+    """Return how to give the unit of some columns of a table."""
     assigned = (f"{channel_of(column)}={without_unit(column.name)}:{unit}" for column in columns)
     option = f"--map {','.join(assigned)}"
-    if columns[0].name.isdigit():  # there is no header
+    if what not in ("csv", "npz") or columns[0].name.isdigit():  # there is no header
         return option
     if what == "npz":
         return f"let the name of the array end with _{ARRAY_SUFFIXES.get(unit, unit)}, or {option}"
@@ -52,11 +50,13 @@ def unit_cure(what: str, columns: Sequence[Column], unit: str) -> str:
 
 
 def unit_remarks(what: str, columns: Sequence[Column]) -> list[str]:
-    """Return remarks on columns whose unit is assumed: angles and rates, whose size does not show it."""
+    """Return remarks on columns whose unit is assumed: angles and rates, whose size does not show it, and a single
+    axis of an accelerometer, which may be horizontal."""
     remarks = []
-    for quantity, si, other in (("gyro", "rad/s", "deg/s"), ("angle", "rad", "deg")):
-        bare = [c for c in columns if c.quantity == quantity and c.unit is None]
-        if bare:
+    for quantity, si, other in (("gyro", "rad/s", "deg/s"), ("angle", "rad", "deg"), ("accel", "m/s2", "g")):
+        present = [c for c in columns if c.quantity == quantity]
+        bare = [c for c in present if c.unit is None]
+        if bare and (quantity != "accel" or len(present) == 1):
             names = ", ".join(column.name for column in bare)
             text = f"{names} without a unit: {si} is assumed; if it is {other}"
             remarks.append(f"{text}, {unit_cure(what, bare, other)}")

@@ -1,5 +1,6 @@
 """Replay: a recording through the same pipeline as the daemon."""
 
-from imumon.replay.replay import ReplayOptions, progress_bar, replay
+from imumon.replay.progress_bar import ProgressBar
+from imumon.replay.replay import ReplayOptions, SensorFilter, replay
 
-__all__ = ["ReplayOptions", "progress_bar", "replay"]
+__all__ = ["ProgressBar", "ReplayOptions", "SensorFilter", "replay"]

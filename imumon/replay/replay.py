@@ -5,21 +5,24 @@ Time is that of the recording; nothing waits unless a speed is given.
 
 from __future__ import annotations
 
-import sys
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TextIO
+from typing import Literal, TypeAlias
 
 from imumon import pipeline, report
 from imumon.bus import Publisher
 from imumon.devices import registry
+from imumon.devices.base import DeviceDriver
+from imumon.errors import ImumonError
+from imumon.evaluation import Evaluation
 from imumon.pipeline import Monitor
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
-from imumon.report import Event
+from imumon.report import DeviceDescription, Event
 from imumon.samples import Gap, Kind, SampleBlock
 
 PACED_BLOCK_BYTES = 1 << 12
@@ -28,11 +31,46 @@ PACED_BLOCK_BYTES = 1 << 12
 PUBLISH_S = 1.0
 """s between two reports on the bus, as of the daemon."""
 
-BAR_S = 0.1
-"""s between two updates of the progress bar. Not critical."""
 
-BAR_WIDTH = 32
-"""Characters of the progress bar."""
+ALIASED = 1.001
+"""Alias factor above which N is called aliased: more than rounding. Not critical."""
+
+TauGrid: TypeAlias = Literal["octave", "decade"]
+
+
+class FilterUnknown(ImumonError):
+    """The effect of the filter that a user names is unknown for this device."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFilter:
+    """The filter of the sensor, as a user names it for a recording that does not say.
+
+    Attributes
+    ----------
+    window : samples that it averages, 1: none; None: with the factory settings of the device.
+    loop_hz : Hz, rate of the samples that it averages; None: that of the device.
+    text : as it was given.
+    """
+
+    window: int | None
+    loop_hz: float | None
+    text: str
+
+    def alias_factor(self, driver: DeviceDriver | None, rate_hz: float) -> float:
+        """Return the nominal factor by which aliasing inflates N of point samples.
+
+        Raises
+        ------
+        FilterUnknown : the device has no known filter, and no rate is given.
+        """
+        if self.loop_hz is not None and self.window is not None:
+            return max(1.0, math.sqrt(self.loop_hz / (self.window * rate_hz)))
+        factor = (driver or registry.driver()).alias_factor(self.window, rate_hz)
+        if factor is None:
+            message = f"--filter {self.text}: the filter of this device is not known"
+            raise FilterUnknown("filter_unknown", message, "give its samples and their rate, such as 8@1000")
+        return factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +86,9 @@ class ReplayOptions:
     baseline : an earlier report of the same sensor, to compare with.
     kind : stream of a table that has several; None: the best.
     columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
-    topic : of a bag.
+    topic : of a bag or log.
+    filter : of the sensor; used where the recording does not say. None: not known.
+    exact : grid of the exact Allan deviation, which needs memory for all samples; None: leave it out.
     """
 
     path: str
@@ -60,6 +100,8 @@ class ReplayOptions:
     kind: Kind | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     topic: str | None = None
+    filter: SensorFilter | None = None
+    exact: TauGrid | None = None
 
     def open(self) -> Recording:
         """Open the recording; see `open_recording`."""
@@ -103,6 +145,9 @@ def replay(
     run.monitor.flush()
     final = run.report("stopped")
     final = replace(final, events=run.record_events())
+    if options.exact is not None:
+        curves = run.monitor.exact_curves(final, octaves=options.exact == "octave")
+        final = replace(final, evaluation=Evaluation(exact=curves))
     if not final.session.samples:
         raise recording.no_samples()
     for text in final.device.remarks:
@@ -121,7 +166,10 @@ class _Run:
         header = recording.header or {}
         self.recording = recording
         monitored = pipeline.MonitorOptions(
-            guarded=options.guarded, precision=options.precision, baseline=options.baseline
+            guarded=options.guarded,
+            precision=options.precision,
+            baseline=options.baseline,
+            stored=options.exact is not None,
         )
         self.monitor = Monitor(monitored, rate_hz=options.rate_hz or header.get("rate_hz"))
         serial, scheme = header.get("serial"), header.get("driver", registry.DEFAULT_SCHEME)
@@ -140,6 +188,7 @@ class _Run:
             settings=settings,
         )
         self.started = header.get("time")
+        self._driver, self._filter = driver or _driver_of(recording), options.filter
         self._events: list[Event] = []  # not published yet
         self._record_events: list[Event] = []  # the first ones of the record
         self._unlisted = 0  # events of the record after these
@@ -182,9 +231,11 @@ class _Run:
         noted = (self.recording.header or {}).get("caveats", own)  # by the daemon, which could ask the device
         truncated = () if self.recording.problem is None else ("truncated",)
         compensated = (caveat for caveat in own if caveat == "compensated")
-        caveats = tuple(dict.fromkeys((*noted, *compensated, *truncated)))
+        device, remark = self._filtered()
+        aliased = ("aliased",) if device is not self.device and (device.alias_factor or 1.0) > ALIASED else ()
+        caveats = tuple(dict.fromkeys((*noted, *compensated, *aliased, *truncated)))
         now = datetime.now(UTC)
-        current = self.monitor.report(now, self.device, state, session, device_caveats=caveats)
+        current = self.monitor.report(now, device, state, session, device_caveats=caveats)
         for event in self.monitor.events():
             self._note(event.stamped(now, self.device.id))
             if event.kind == "restart":
@@ -194,8 +245,21 @@ class _Run:
             f"{self._restart_texts[code]}{f' (the last of {n:,} such restarts)' if n > 1 else ''}"
             for code, n in self._restarts.items()
         ]
-        remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks)))
+        remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks, *remark)))
         return replace(current, device=replace(current.device, remarks=remarks))
+
+    def _filtered(self) -> tuple[DeviceDescription, tuple[str, ...]]:
+        """Return the device with the filter that the user names, and why that is not used."""
+        stream, rate = self.monitor.stream, self.monitor.sample_rate_hz
+        if self._filter is None or stream is None or rate is None:
+            return self.device, ()
+        if stream.kind == "deltas":
+            return self.device, ("deltas are true averages: --filter is not used",)
+        if self.device.alias_factor is not None:
+            return self.device, ("it names the filter of the sensor: --filter is not used",)
+        factor = self._filter.alias_factor(self._driver, rate)
+        settings = {**self.device.settings, "filter": f"{self._filter.text}, as given with --filter"}
+        return replace(self.device, alias_factor=factor, settings=settings), ()
 
     def _note(self, event: Event) -> None:
         self._events.append(event)
@@ -213,25 +277,6 @@ class _Run:
         return tuple(events)
 
 
-def progress_bar(stream: TextIO | None = None) -> Callable[[float | None, float], None] | None:
-    """Return a function that draws a progress bar on a terminal, default standard error; None for a pipe."""
-    stream = stream or sys.stderr
-    if not stream.isatty():
-        return None
-    shown = 0.0
-
-    def draw(share: float | None, elapsed_s: float) -> None:
-        nonlocal shown
-        now = time.monotonic()
-        if now - shown < BAR_S and share != 1.0:
-            return
-        shown = now
-        if share is None:
-            line = f"{elapsed_s:,.0f} s"
-        else:
-            done = round(share * BAR_WIDTH)
-            line = f"{'━' * done}{'╌' * (BAR_WIDTH - done)} {share:4.0%}  {elapsed_s:,.0f} s of record"
-        stream.write(f"\r{line}\x1b[K" + ("\r\x1b[K" if share == 1.0 else ""))
-        stream.flush()
-
-    return draw
+def _driver_of(recording: Recording) -> DeviceDriver | None:
+    """Return the driver whose format a recording without a header has; None for a table."""
+    return registry.driver(recording.driver) if recording.driver is not None else None

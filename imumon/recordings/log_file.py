@@ -1,0 +1,237 @@
+"""Log file: one topic of a bag or of the log of an autopilot as blocks of samples.
+
+A log has topics: series of messages with fields. The log process knows which of them are an IMU, and with which
+fields and units; ``--topic`` selects another one, and ``--map`` names other fields. The times are those in the
+messages, which the driver makes: they are better than the time of the recording. Such a log does not say whether
+the values are compensated; the stream is unknown unless ``--stream`` says otherwise, or averages of unknown
+compensation. A process of its own reads the file (`log_process`).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import stat
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
+from typing import Any
+
+import numpy as np
+
+from imumon.recordings.base import ReadOptions, RecordingError
+from imumon.recordings.columns import LISTED, ColumnLayout, layout
+from imumon.recordings.table import Table, TableRows
+from imumon.report import plain
+from imumon.samples import SampleBlock
+
+NOUNS = {"bag": "bag", "px4": "PX4 log", "ardupilot": "ArduPilot log"}
+"""Kinds of logs in messages."""
+
+PACKAGES = {"px4": "pyulog", "ardupilot": "pymavlink"}
+"""Packages that are not installed with imumon, but with the extra of the same name as the kind."""
+
+CURES = {"bag": "repair it with ros2 bag reindex, or record it again"}
+"""Cure for a log that cannot be read."""
+
+MAGIC = {
+    b"#ROSBAG V": "bag",
+    b"\x89MCAP0\r\n": "bag",
+    b"SQLite format 3": "bag",
+    b"ULog\x01\x12\x35": "px4",
+    b"\xa3\x95\x80": "ardupilot",  # a message that defines a format is the first one
+}
+"""First bytes of the files of each kind."""
+
+IMU = "sensor_msgs/msg/Imu"
+LONGEST_LINE = 1 << 24
+"""Bytes of a line from the process that reads the log. Not critical."""
+
+
+def log_kind(path: str, head: bytes) -> str | None:
+    """Return the kind of a log: of a file by its first bytes, of a directory by what is in it."""
+    if Path(path, "metadata.yaml").exists():
+        return "bag"
+    return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
+
+
+class LogFile(Table):
+    """Messages of one topic as blocks of samples.
+
+    Raises
+    ------
+    RecordingError : the log cannot be read or has no IMU.
+    """
+
+    def __init__(self, path: str, kind: str, options: ReadOptions) -> None:
+        self.path, self._kind = path, kind
+        package = PACKAGES.get(kind)
+        if package is not None and importlib.util.find_spec(package) is None:
+            text = f"{path} is a {NOUNS[kind]}, and the package {package} that reads it is not installed"
+            raise RecordingError("package_missing", text, f"pip install 'imumon[{kind}]'")
+        self._check_files()
+        self._process = Popen(
+            [sys.executable, "-P", "-m", "imumon.recordings.log_process", kind, path],
+            stdin=PIPE,
+            stdout=PIPE,
+            stderr=DEVNULL,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # a thread of it takes 64 MB of the limit
+            start_new_session=True,  # ^C is for the reader
+        )
+        try:
+            received = self._receive()
+            self._topics: list[dict[str, Any]] = received.get("topics", [])
+            for topic in self._topics:
+                topic["shown"] = plain(topic["name"])
+            self._at = self._chosen(options)
+            found = self._layout(options)
+        except BaseException:
+            self._close()
+            raise
+        facts = {name: plain(value)[:100] for name, value in received.get("facts", {}).items()}
+        self.header = facts or None
+        if received.get("problem"):
+            self.problem = f"{path} {received['problem']}"
+        found = replace(found, remarks=(*self._notes(options, received.get("remarks", ())), *found.remarks))
+        self._columns = [*found.columns, *found.times, *([found.interval] if found.interval else [])]
+        self._names = [self._topic["columns"][column.index] for column in self._columns]
+        source = f"{kind} {self._topic['shown']}"
+        self._rows = TableRows(path, found, kind, options.rate_hz, source=source)
+
+    @property
+    def _topic(self) -> dict[str, Any]:
+        return self._topics[self._at]
+
+    def _check_files(self) -> None:
+        """Check that a log has regular files only: opening a pipe in it would never return."""
+        path = Path(self.path)
+        try:
+            files = list(path.iterdir()) if path.is_dir() else [path]
+            other = [file for file in files if not stat.S_ISREG(file.stat().st_mode) and not file.is_dir()]
+        except OSError as error:
+            raise self._corrupt(error.strerror or str(error)) from None
+        if other:
+            raise self._corrupt(f"{other[0].name} is not a regular file")
+
+    def _corrupt(self, why: str) -> RecordingError:
+        code = "bag_corrupt" if self._kind == "bag" else "log_corrupt"
+        text = f"{self.path} cannot be read as a {NOUNS[self._kind]}: {why}"
+        return RecordingError(code, text, CURES.get(self._kind, "copy it again from the autopilot"))
+
+    def _receive(self) -> dict[str, Any]:
+        """Return the next line of the process; raise `RecordingError` if it failed."""
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline(LONGEST_LINE)
+        if not line.endswith(b"\n"):
+            raise self._corrupt("it needs far more time or memory than its size allows")
+        fields: dict[str, Any] = json.loads(line)
+        if "error" in fields:
+            raise self._corrupt(fields["error"])
+        return fields
+
+    def _close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.communicate()
+
+    def _imus(self) -> list[int]:
+        return [k for k, topic in enumerate(self._topics) if {"gyro/x", "accel/x"} & set(topic["map"])]
+
+    def _chosen(self, options: ReadOptions) -> int:
+        """Return the index of the given topic, else of the best or only one with an IMU."""
+        imus = self._imus()
+        names = sorted({self._topics[k]["shown"] for k in imus})
+        cure = f"choose --topic {' or '.join(names)}"
+        if options.topic is not None:
+            wanted = (options.topic, f"{options.topic}/0")
+            matching = [k for k, topic in enumerate(self._topics) if topic["shown"] in wanted]
+            if not matching:
+                text = f"{self.path} has no topic {options.topic}"
+                raise RecordingError(
+                    "unknown_topic", text, cure if names else f"choose one of {self._listed()}"
+                )
+            return next((k for k in matching if k in imus), matching[0])
+        if not imus:
+            what = IMU if self._kind == "bag" else "topic with a gyroscope or an accelerometer"
+            text = f"{self.path} has no {what}; there are {self._listed() or 'no messages'}"
+            cure = (
+                "name the fields, --topic TOPIC --map gyro/x=FIELD:UNIT,...; --topic TOPIC alone lists them"
+            )
+            raise RecordingError("no_imu_topic", text, cure)
+        if options.kind is not None and self._kind != "bag":
+            fitting = [k for k in imus if self._topics[k]["averaged"] == (options.kind == "deltas")]
+            return (fitting or imus)[0]
+        if self._kind == "bag" and len(names) > 1:
+            text = f"{self.path} has several topics with {IMU}"
+            raise RecordingError("several_topics", text, cure)
+        return imus[0]
+
+    def _listed(self) -> str:
+        """Return the topics with their types."""
+        shown = dict.fromkeys(f"{topic['shown']} ({plain(topic['type'])})" for topic in self._topics)
+        return ", ".join(sorted(shown)[:LISTED]) + (" ..." if len(shown) > LISTED else "")
+
+    def _layout(self, options: ReadOptions) -> ColumnLayout:
+        """Return the columns of the stream: the known ones, unless the user names others."""
+        topic = self._topic
+        names = [plain(name) for name in topic["columns"]]
+        known = {channel: plain(text) for channel, text in topic["map"].items()}
+        if not options.columns and self._at not in self._imus():
+            fields = ", ".join(names) or "none that can be read"
+            text = (
+                f"the topic {topic['shown']} of {self.path} ({plain(topic['type'])}) is not known as an IMU"
+            )
+            cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
+            raise RecordingError("unknown_fields", text, cure)
+        if options.kind == "deltas" and not topic["averaged"]:
+            text = f"{topic['shown']} of {self.path} has no averages over its interval"
+            raise RecordingError("no_stream", text, "leave --stream out")
+        used = {text.rpartition(":")[0] or text for text in known.values()}
+        shown = names if options.columns else [name if name in used else "" for name in names]
+        try:
+            found = layout(shown, None, {**known, **(options.columns or {})})
+        except RecordingError as error:
+            raise error.of(self.path) from None
+        return replace(found, kind="deltas" if topic["averaged"] else options.kind or "unknown")
+
+    def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
+        """Return remarks on the choice of the topic and on the log."""
+        topic, notes = self._topic, [plain(text) for text in remarks]
+        if self._kind != "bag":
+            rate = f" at {topic['rate_hz']:.4g} Hz" if topic["rate_hz"] else ""
+            what = "averages over the interval" if topic["averaged"] else "point samples"
+            others = [self._topics[k]["shown"] for k in self._imus() if k != self._at]
+            more = f"; --topic selects another: {', '.join(others)}" if others and not options.topic else ""
+            notes.insert(0, f"{topic['shown']} is used: {what}{rate}{more}")
+        return [*notes, *([plain(topic["note"])] if topic["note"] else [])]
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        done, total = 0, self._topic["count"] or None
+        try:
+            wanted = {"topic": self._at, "columns": self._names}
+            self._process.stdin.write(json.dumps(wanted).encode() + b"\n")
+            self._process.stdin.flush()
+            while not (received := self._receive()).get("end"):
+                count, width = received["rows"], len(self._names)
+                data = self._process.stdout.read(8 * count * width)
+                if len(data) < 8 * count * width:
+                    raise self._corrupt("it needs far more time or memory than its size allows")
+                rows = np.frombuffer(data, "<f8").reshape(count, width).astype(np.float64)
+                done += count
+                self.fed += received["bytes"]
+                self.progress = None if total is None else min(1.0, done / total)
+                yield self._blocks(rows, range(done - count + 1, done + 1))
+        except BrokenPipeError:
+            raise self._corrupt("its reader ended") from None
+        finally:
+            self._close()
+        yield self._finish()
+
+    def no_samples(self) -> RecordingError:
+        text = f"{self.path} has no message on {self._topic['shown']}"
+        return RecordingError("no_rows", text, "record it again")

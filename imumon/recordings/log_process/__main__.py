@@ -1,0 +1,88 @@
+"""Program that sends the topics of a log and the rows of one of them; see the package."""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from imumon.recordings.log_process.base import Log
+
+BASE_BYTES = 1 << 30
+"""Memory of the process beside a multiple of the size of the log. Not critical."""
+
+SIZE_FACTOR = 4
+"""Bytes of memory per byte of the log. Not critical."""
+
+BASE_S = 20.0
+"""s of processor time beside a share of the size of the log. Not critical."""
+
+BYTES_PER_S = 100e3
+"""Bytes of the log for which there is a second of processor time: an IMU has 10 MB/s. Not critical."""
+
+
+def limit(path: Path) -> None:
+    """Limit memory, processor time and the size of temporary files, by the size of the log."""
+    files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files)
+    memory, seconds = BASE_BYTES + SIZE_FACTOR * size, int(BASE_S + size / BYTES_PER_S)
+    wanted = ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds), (resource.RLIMIT_FSIZE, memory))
+    for name, value in (*wanted, (resource.RLIMIT_CORE, 0)):
+        _, hard = resource.getrlimit(name)
+        value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(name, (value, value))
+
+
+def opened(kind: str, path: Path) -> Log:
+    """Return the log of a kind: ``bag``, ``px4`` or ``ardupilot``."""
+    if kind == "px4":
+        from imumon.recordings.log_process.ulog_reader import ULogLog
+
+        return ULogLog(path)
+    if kind == "ardupilot":
+        from imumon.recordings.log_process.dataflash_reader import DataFlashLog
+
+        return DataFlashLog(path)
+    from imumon.recordings.log_process.bag_reader import BagLog
+
+    return BagLog(path)
+
+
+def serve(kind: str, path: Path, source: BinaryIO, sink: BinaryIO) -> None:
+    """Send the topics of a log, read which is wanted, and send its rows."""
+
+    def send(fields: dict[str, Any]) -> None:
+        sink.write(json.dumps(fields).encode() + b"\n")
+
+    try:
+        log = opened(kind, path)
+        topics = [asdict(topic) for topic in log.topics]
+        send({"topics": topics, "facts": log.facts, "remarks": log.remarks, "problem": log.problem})
+        sink.flush()
+        wanted = json.loads(source.readline() or b"null")
+        if wanted is None:
+            return
+        for rows, size in log.blocks(wanted["topic"], wanted["columns"]):
+            send({"rows": len(rows), "bytes": size})
+            sink.write(np.ascontiguousarray(rows, "<f8").tobytes())
+        send({"end": True})
+        sink.flush()
+    except BrokenPipeError:
+        pass
+    except Exception as error:  # the packages have many of their own
+        text = (
+            "it needs far more memory than its size allows" if isinstance(error, MemoryError) else str(error)
+        )
+        send({"error": text.replace("\n", " ")[:500] or type(error).__name__})
+        sink.flush()
+
+
+if __name__ == "__main__":
+    out, sys.stdout = sys.stdout.buffer, sys.stderr  # a package may print
+    limit(Path(sys.argv[2]))
+    serve(sys.argv[1], Path(sys.argv[2]), sys.stdin.buffer, out)

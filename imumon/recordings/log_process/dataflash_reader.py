@@ -1,0 +1,199 @@
+"""DataFlash reader: inertial messages of an ArduPilot log (.BIN), indexed by pymavlink.
+
+`IMU` has point samples behind the filter of the autopilot (INS_GYRO_FILTER), `GYR` and `ACC` those before it if raw
+logging is on. Batches of raw samples have a header, `ISBH`, and data, `ISBD`: 32 samples of one sensor in a message,
+with pauses between the batches. Definitions of the messages: ArduPilot, libraries/AP_InertialSensor/LogStructure.h.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.recordings.log_process.base import ROWS, Log, Topic, array_blocks, best_first, step_s
+from imumon.samples import AXES, Floats
+
+Rows: TypeAlias = npt.NDArray[Any]
+"""Messages of one type as an array with a field for each column."""
+
+TYPES = {
+    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8", "g": "<f2",
+    "f": "<f4", "d": "<f8", "n": "S4", "N": "S16", "Z": "S64", "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4",
+    "L": "<i4", "M": "u1", "a": "(32,)<i2",
+}  # fmt: skip
+"""Type of numpy for each character of a format (AP_Logger/LogStructure.h)."""
+
+SCALES = {"c": 1e-2, "C": 1e-2, "e": 1e-2, "E": 1e-2, "L": 1e-7}
+"""Factor of formats that count parts of a unit."""
+
+BATCH_ROWS = 32
+"""Samples in an `ISBD` message, by its format. Not critical."""
+
+HEADER_BYTES = 3
+"""Bytes of a message before its fields, by the format. Not critical."""
+
+GYRO, ACCEL = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+BATCHES = {0: ("accel", "m/s2"), 1: ("gyro", "rad/s")}
+"""Sensor and unit of a batch by its type."""
+
+BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
+"""Text with the name of the board and its number."""
+
+
+@dataclass(frozen=True)
+class _Messages:
+    """Messages of one type.
+
+    Attributes
+    ----------
+    data : bytes of the log.
+    places : (n,) of their first fields.
+    dtype : array with a field for each column.
+    """
+
+    data: npt.NDArray[np.uint8]
+    places: npt.NDArray[np.int64]
+    dtype: np.dtype[Any]
+    scales: Mapping[str, float]
+
+    def rows(self, start: int, end: int) -> Rows:
+        """Return some of them."""
+        places = self.places[start:end, None] + np.arange(self.dtype.itemsize)
+        return np.ascontiguousarray(self.data[places]).view(self.dtype)[:, 0]
+
+    def column(self, name: str) -> npt.NDArray[Any]:
+        """Return (n,) or (n, k) values of one column."""
+        parts = [self.rows(k, k + ROWS)[name] for k in range(0, max(len(self.places), 1), ROWS)]
+        return np.concatenate(parts)
+
+    def only(self, chosen: npt.NDArray[Any]) -> _Messages:
+        return replace(self, places=self.places[chosen])
+
+
+class DataFlashLog(Log):
+    """Topics of a DataFlash log."""
+
+    def __init__(self, path: Path) -> None:
+        from pymavlink.DFReader import DFReader_binary
+
+        self._log: Any = DFReader_binary(str(path))
+        self._data = np.frombuffer(self._log.data_map, np.uint8)
+        self._messages: dict[str, _Messages] = {}
+        self._batches: dict[str, dict[str, npt.NDArray[Any]]] = {}
+        self.facts = self._facts()
+        topics = [topic for name in list(self._log.name_to_id) for topic in self._topics(name)]
+        self.topics = best_first([*topics, *self._batch_topics()])
+
+    def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
+        name = self.topics[topic].name
+        if name in self._batches:
+            yield from array_blocks(self._batches[name], columns)
+            return
+        messages = self._messages[name]
+        for start in range(0, len(messages.places), ROWS):
+            rows = messages.rows(start, start + ROWS)
+            parts = [rows[c].astype(np.float64) * messages.scales.get(c, 1.0) for c in columns]
+            yield np.column_stack(parts), rows.nbytes
+
+    def _of(self, name: str) -> _Messages | None:
+        """Return the messages of a type; None if there are none, or their format is unknown."""
+        number = self._log.name_to_id.get(name)
+        form = None if number is None else self._log.formats[number]
+        if form is None or len(form.columns) != len(form.format) or set(form.format) - set(TYPES):
+            return None
+        if "" in form.columns or len(set(form.columns)) != len(form.columns):
+            return None
+        dtype = np.dtype([(c, TYPES[f]) for c, f in zip(form.columns, form.format, strict=True)])
+        scales = {c: SCALES[f] for c, f in zip(form.columns, form.format, strict=True) if f in SCALES}
+        places = np.array(self._log.offsets[number], dtype=np.int64) + HEADER_BYTES
+        places = places[places + form.len - HEADER_BYTES <= len(self._data)]  # the last one may be incomplete
+        if not len(places) or dtype.itemsize != form.len - HEADER_BYTES:
+            return None
+        return _Messages(self._data, places, dtype, scales)
+
+    def _topics(self, name: str) -> Iterator[Topic]:
+        """Yield the topics of a message: of an IMU, one for each instance."""
+        messages = self._of(name)
+        if messages is None:
+            return
+        kinds = {c: messages.dtype[c] for c in messages.dtype.names or ()}
+        numbers = [c for c, kind in kinds.items() if kind.kind in "iuf" and not kind.shape]
+        known: dict[str, str] = {}
+        for sensor, columns, unit in (("gyro", GYRO, "rad/s"), ("accel", ACCEL, "m/s2")):
+            if set(columns) <= set(numbers):
+                known |= {f"{sensor}/{a}": f"{c}:{unit}" for a, c in zip(AXES, columns, strict=True)}
+        if known and "T" in numbers:
+            known["temperature"] = "T:degC"
+        time = next((c for c in ("SampleUS", "TimeUS", "TimeMS") if c in numbers), None)
+        if time is not None:
+            known["t"] = f"{time}:{'ms' if time == 'TimeMS' else 'us'}"
+        instances: dict[str, _Messages] = {name: messages}
+        if "I" in numbers:
+            instance = messages.column("I")
+            instances = {f"{name}/{k}": messages.only(instance == k) for k in np.unique(instance).tolist()}
+        for each, chosen in instances.items():
+            self._messages[each] = chosen
+            step = None if time is None or len(known) < 2 else step_s(chosen.column(time))
+            step = step * 1e3 if step is not None and time == "TimeMS" else step
+            yield Topic(
+                name=each,
+                type=name,
+                count=len(chosen.places),
+                columns=numbers,
+                map=known,
+                rate_hz=None if step is None else 1.0 / step,
+            )
+
+    def _batch_topics(self) -> Iterator[Topic]:
+        """Yield a topic for the batches of each sensor."""
+        headers, data = self._of("ISBH"), self._of("ISBD")
+        if headers is None or data is None:
+            return
+        header, rows = headers.rows(0, len(headers.places)), data.rows(0, len(data.places))
+        of = np.searchsorted(headers.places, data.places) - 1  # the header before each message
+        found = (of >= 0) & (header["N"][of] == rows["N"])
+        if lost := int((~found).sum()):
+            self.remarks = [f"{lost:,} ISBD messages have no ISBH: they are left out"]
+        for kind, instance in sorted({(int(h["type"]), int(h["instance"])) for h in header}):
+            sensor, unit = BATCHES.get(kind, ("", ""))
+            mine = found & (header["type"][of] == kind) & (header["instance"][of] == instance)
+            if not sensor or not mine.any():
+                continue
+            of_mine, part = header[of[mine]], rows[mine]
+            place = part["seqno"].astype(np.int64)[:, None] * BATCH_ROWS + np.arange(BATCH_ROWS)
+            valid = (place < of_mine["smp_cnt"][:, None]).ravel()
+            times = (
+                of_mine["SampleUS"][:, None] + place * 1e6 / of_mine["smp_rate"].astype(np.float64)[:, None]
+            )
+            arrays = {"SampleUS": times.ravel()[valid]}
+            for axis in AXES:
+                scaled = part[axis] / of_mine["mul"].astype(np.float64)[:, None]
+                arrays[axis] = scaled.ravel()[valid]
+            name = f"ISBD/{sensor}/{instance}"
+            self._batches[name] = arrays
+            yield Topic(
+                name=name,
+                type="ISBD",
+                count=int(valid.sum()),
+                columns=list(arrays),
+                map={f"{sensor}/{a}": f"{a}:{unit}" for a in AXES} | {"t": "SampleUS:us"},
+                rate_hz=float(np.median(of_mine["smp_rate"])),
+                note="it has batches of raw samples: the pauses between them count as missing samples",
+            )
+
+    def _facts(self) -> dict[str, str]:
+        """Return board and version of the firmware, which the log has as texts."""
+        messages = self._of("MSG")
+        if messages is None:
+            return {}
+        texts = [text.decode("utf-8", "replace") for text in messages.column("Message").tolist()]
+        boards = [match[1] for text in texts if (match := BOARD.match(text))]
+        versions = [text for text in texts if re.match(r"(Ardu|APM:|AntennaTracker|Blimp|Rover)\S* ", text)]
+        facts = {"model": f"ArduPilot {boards[0]}"} if boards else {}
+        return facts | ({"firmware": versions[0]} if versions else {})

@@ -1,0 +1,197 @@
+"""ULog reader: inertial topics of a PX4 log, read by pyulog.
+
+`vehicle_imu` has true integrals of each IMU, and `sensor_combined` averages of the selected one. They are free of
+aliasing if the integrals cover the time: a log often has only every hundredth of them. `sensor_gyro` and
+`sensor_accel` are point samples, and `sensor_gyro_fifo` and `sensor_accel_fifo` all samples of the chip. Message
+definitions: PX4-Autopilot, msg/.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.recordings.log_process.base import Log, Topic, array_blocks, best_first, step_s
+from imumon.samples import AXES, Floats
+
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+
+COVERED = 0.9
+"""Share of the time that integrals must cover to be averages over the sampling interval. Not critical."""
+
+ONE_STEP = 1.5
+"""Median steps up to which a step is that of two consecutive messages. Not critical."""
+
+MATCHED = 0.99
+"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time. Not critical."""
+
+FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m/s2")}
+"""Topics with all samples of a chip: sensor and unit."""
+
+
+class ULogLog(Log):
+    """Topics of a ULog file; all of it is in memory."""
+
+    def __init__(self, path: Path) -> None:
+        from pyulog.core import ULog
+
+        log = ULog(str(path))
+        data: dict[tuple[str, int], Arrays] = {}
+        for each in log.data_list:
+            data[each.name, each.multi_id] = each.data
+        described = [_described(name, instance, data) for name, instance in data]
+        self._arrays = {topic.name: arrays for topic, arrays in described}
+        self.topics = best_first([topic for topic, _ in described], "vehicle_imu")
+        self.facts = _facts(log.msg_info_dict)
+        if log.file_corruption:
+            self.problem = "is corrupt: only the messages that are intact are used"
+        self.remarks = []
+        best = self.topics[0].type if self.topics else ""
+        unused = [topic for topic in self.topics if topic.type == "vehicle_imu" != best and topic.note]
+        if unused:
+            names = ", ".join(topic.name for topic in unused)
+            self.remarks = [f"{names} not used: {unused[0].note}"]
+        if log.dropouts:
+            lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
+            self.remarks += [f"its logger dropped messages for {lost:.3g} s in total"]
+
+    def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
+        yield from array_blocks(self._arrays[self.topics[topic].name], columns)
+
+
+def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays]) -> tuple[Topic, Arrays]:
+    """Return a topic and its arrays, with those that are derived."""
+    arrays = dict(data[name, instance])
+    if name in FIFO:
+        return _fifo(name, instance, arrays)
+    known: dict[str, str] = {}
+    time = "timestamp_sample" if "timestamp_sample" in arrays else "timestamp"
+    covered, note = None, ""
+    if name == "vehicle_imu":
+        known, covered = _integrals(arrays, time)
+    elif name == "sensor_combined":
+        known, covered = _averages(arrays, time)
+    elif name in ("sensor_gyro", "sensor_accel"):
+        sensor, unit = FIFO[f"{name}_fifo"]
+        known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES}
+        if "temperature" in arrays:
+            known["temperature"] = "temperature:degC"
+        if name == "sensor_gyro" and (other := data.get(("sensor_accel", instance))) is not None:
+            note = _add_accelerometer(arrays, other, time, known)
+    known = known if all(text.rpartition(":")[0] in arrays for text in known.values()) else {}
+    if covered is not None and covered < COVERED:
+        note = f"its integrals cover {covered:.0%} of the time: each value is a short average"
+    times = arrays.get(time, np.zeros(0))
+    step = step_s(times)
+    topic = Topic(
+        name=f"{name}/{instance}",
+        type=name,
+        count=len(times),
+        columns=list(arrays),
+        map={**known, "t": f"{time}:us"},
+        averaged=covered is not None and covered >= COVERED,
+        rate_hz=None if step is None else 1.0 / step,
+        note=note if known else "",
+    )
+    return topic, arrays
+
+
+def _integrals(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
+    """Add the averages of `vehicle_imu`; return their names, and the share of the time that they cover."""
+    known: dict[str, str] = {}
+    covered = 1.0
+    for sensor, field, unit in (("gyro", "delta_angle", "rad/s"), ("accel", "delta_velocity", "m/s2")):
+        interval = arrays.get(f"{field}_dt", np.zeros(0)).astype(np.float64) * 1e-6
+        with np.errstate(divide="ignore", invalid="ignore"):  # an empty interval is a missing value
+            for k, axis in enumerate(AXES):
+                name = f"{field}[{k}]/{field}_dt"
+                if f"{field}[{k}]" in arrays:
+                    arrays[name] = arrays[f"{field}[{k}]"].astype(np.float64) / interval
+                known[f"{sensor}/{axis}"] = f"{name}:{unit}"
+        covered = min(covered, _coverage(interval, arrays[time]))
+    return known, covered
+
+
+def _averages(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
+    """Return the names in `sensor_combined`, and the share of the time that its averages cover."""
+    known: dict[str, str] = {}
+    covered = 1.0
+    fields = (("gyro", "gyro_rad", "gyro", "rad/s"), ("accel", "accelerometer_m_s2", "accelerometer", "m/s2"))
+    for sensor, field, stem, unit in fields:
+        known |= {f"{sensor}/{axis}": f"{field}[{k}]:{unit}" for k, axis in enumerate(AXES)}
+        interval = arrays.get(f"{stem}_integral_dt", np.zeros(0))
+        scale = 1.0 if interval.dtype.kind == "f" else 1e-6  # s in old logs, us since 2016
+        covered = min(covered, _coverage(interval.astype(np.float64) * scale, arrays[time]))
+    return known, covered
+
+
+def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
+    """Return the share of the time between consecutive messages that the intervals of integrals cover."""
+    if len(times_us) < 2 or len(interval_s) != len(times_us):
+        return 0.0
+    steps = np.diff(times_us.astype(np.float64)) * 1e-6
+    near = (steps > 0.0) & (steps < ONE_STEP * float(np.median(steps)))
+    return float(interval_s[1:][near].sum() / steps[near].sum()) if near.any() else 0.0
+
+
+def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str, str]) -> str:
+    """Add the samples of an accelerometer at the same times to those of a gyroscope; return what was left out."""
+    if time not in other or not set(AXES) <= set(other) or (step := step_s(arrays[time])) is None:
+        return ""
+    own, theirs = (each[time].astype(np.float64) for each in (arrays, other))
+    nearest = np.clip(np.searchsorted(theirs, own - step * 0.5e6), 0, max(len(theirs) - 1, 0))
+    near = np.abs(theirs[nearest] - own) < step * 0.5e6 if len(theirs) else np.zeros(len(own), bool)
+    single = len(np.unique(nearest[near])) == int(near.sum())
+    if not single or near.mean() < MATCHED:
+        return "sensor_accel not used: its samples are at other times, --topic reads it alone"
+    for axis in AXES:
+        arrays[f"sensor_accel.{axis}"] = np.where(near, other[axis].astype(np.float64)[nearest], np.nan)
+        known[f"accel/{axis}"] = f"sensor_accel.{axis}:m/s2"
+    return ""
+
+
+def _fifo(name: str, instance: int, arrays: Arrays) -> tuple[Topic, Arrays]:
+    """Return all samples of a FIFO: the stamp of a message is that of its last sample, `dt` is in us."""
+    sensor, unit = FIFO[name]
+    known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES} | {"t": "timestamp_sample:us"}
+    slots = sum(key.startswith("x[") for key in arrays)
+    needed = {
+        "timestamp_sample",
+        "dt",
+        "scale",
+        "samples",
+        *(f"{a}[{k}]" for a in AXES for k in range(slots)),
+    }
+    if not slots or not needed <= set(arrays):
+        return Topic(name=f"{name}/{instance}", type=name, count=0), {}
+    place = np.arange(slots)
+    counts = arrays["samples"].astype(np.int64)[:, None]
+    valid = (place < counts).ravel()
+    times = arrays["timestamp_sample"].astype(np.float64)[:, None]
+    times = times - (counts - 1 - place) * arrays["dt"].astype(np.float64)[:, None]
+    found: Arrays = {"timestamp_sample": times.ravel()[valid]}
+    for axis in AXES:
+        raw = np.column_stack([arrays[f"{axis}[{k}]"] for k in range(slots)]).astype(np.float64)
+        found[axis] = (raw * arrays["scale"].astype(np.float64)[:, None]).ravel()[valid]
+    step = step_s(found["timestamp_sample"])
+    rate = None if step is None else 1.0 / step
+    count = len(found["timestamp_sample"])
+    return Topic(
+        name=f"{name}/{instance}", type=name, count=count, columns=list(found), map=known, rate_hz=rate
+    ), found
+
+
+def _facts(info: Mapping[str, Any]) -> dict[str, str]:
+    """Return board and version of the firmware."""
+    facts = {}
+    if isinstance(board := info.get("ver_hw"), str):
+        facts["model"] = f"PX4 {board}"
+    if isinstance(release := info.get("ver_sw_release"), int):  # major, minor, patch, type: a byte each
+        facts["firmware"] = ".".join(str(release >> shift & 0xFF) for shift in (24, 16, 8))
+    elif isinstance(digest := info.get("ver_sw"), str):
+        facts["firmware"] = digest[:12]
+    return facts

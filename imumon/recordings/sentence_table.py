@@ -1,0 +1,202 @@
+"""Sentence table: a table one of whose columns has the raw sentences of a device, beside a time.
+
+Loggers write the time at which a sentence arrived, and the sentence: ``1700000000.123,$VNYMR,...*4F``, with or without
+quotes. The sentence has the separator of the table in it, so it is taken out first; its decoder gives the samples, and
+the other cells the time. Stamps of a host show lost samples, which the sentences alone do not.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from imumon.devices.base import RawDecoder, sample_blocks
+from imumon.recordings.base import ReadOptions, RecordingError
+from imumon.recordings.column_names import Column, parse_name
+from imumon.recordings.columns import ColumnLayout
+from imumon.recordings.csv import LONGEST_LINE, DateReader, decoded, separator_of, split
+from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.table import ROWS, Table, TableRows
+from imumon.report import plain
+from imumon.samples import SampleBlock, Stream, sensor_of
+
+SENTENCE = re.compile(rb'"?\$[^$"\r\n]*\*[0-9A-Fa-f]{2,4}"?')
+"""Sentence with its check at the end, in quotes or not."""
+
+SI = {"gyro": "rad/s", "accel": "m/s2", "mag": "gauss", "temperature": "degc", "pressure": "kpa"}
+"""Units of samples, as `column_names` spells them."""
+
+SHOWN_BYTES = 1 << 14
+"""Bytes at the start that show the form of the table. Not critical."""
+
+SHOWN_LINES = 30
+"""Lines at the start that show the form of the table. Not critical."""
+
+
+class SentenceTable(Table):
+    """A table with a column of sentences and one of times.
+
+    Parameters
+    ----------
+    scheme : URL scheme of the driver whose decoder it is.
+    decoder : of the driver.
+    stream : of the sentences that are used.
+    time : column of the time, without the sentence.
+    """
+
+    def __init__(
+        self,
+        capture: RawCapture,
+        options: ReadOptions,
+        decoder: RawDecoder,
+        scheme: str,
+        stream: Stream,
+        time: Column,
+    ) -> None:
+        self.path, self.driver = capture.path, scheme
+        self._capture, self._decoder, self._stream, self._time = capture, decoder, stream, time
+        self._dates = DateReader()
+        columns = tuple(
+            Column(k, name, sensor_of(name), name.partition("/")[2] or None, unit=SI[sensor_of(name)])
+            for k, name in enumerate(stream.channels)
+        )
+        found = ColumnLayout(stream.kind, stream.channels, columns, (time,))
+        self._rows = TableRows(self.path, found, "csv", options.rate_hz, source=f"csv of {stream.source}")
+        self._other = self._invalid = self._line = 0
+        self._first_invalid = 0
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        rest = b""
+        waiting: list[bytes] = []
+        for chunk in self._capture:
+            self.fed += len(chunk)
+            self.progress = self._capture.progress
+            *lines, rest = (rest + chunk).split(b"\n")
+            rest = rest[-LONGEST_LINE:]
+            waiting += lines
+            if len(waiting) >= ROWS:
+                yield self._parsed(waiting)
+                waiting = []
+        self.problem = self._capture.problem
+        yield self._parsed([*waiting, rest])
+        yield self._with_own_remarks(self._finish())
+
+    def _parsed(self, lines: Sequence[bytes]) -> list[SampleBlock]:
+        """Return the samples of some lines."""
+        rows: list[list[float]] = []
+        places: list[int] = []
+        for line in lines:
+            self._line += 1
+            match = SENTENCE.search(line)
+            if match is None:
+                continue  # a header, a comment, or the end of a truncated file
+            values = self._values(match[0].strip(b'"') + b"\r\n")
+            if values is None:
+                self._other += 1
+                continue
+            if not values:
+                self._invalid += 1
+                self._first_invalid = self._first_invalid or self._line
+            rest = decoded(line[: match.start()] + line[match.end() :])
+            rows.append([*(values or [math.nan] * len(self._stream.channels)), self._seconds(rest)])
+            places.append(self._line if values else 0)
+        if not rows:
+            return []
+        return self._with_own_remarks(self._blocks(np.array(rows), places))
+
+    def _with_own_remarks(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
+        """Return the same blocks and put the remarks on sentences in front of the others."""
+        own = []
+        if self._invalid:
+            text = f"{self._invalid:,} sentences fail their check and count as lost"
+            own.append(f"{text}; first line {self._first_invalid}")
+        if self._other:
+            own.append(f"{self._other:,} sentences of another type are not used, only {self._stream.source}")
+        self.remarks = [*own, *self.remarks]
+        return blocks
+
+    def _values(self, sentence: bytes) -> list[float] | None:
+        """Return the sample of a sentence; nothing of an invalid one, None of one of another type."""
+        messages = self._decoder.messages
+        blocks = sample_blocks(self._decoder.feed(sentence))
+        if self._decoder.messages == messages:
+            return []
+        if not blocks or blocks[-1].stream != self._stream:
+            return None
+        values: list[float] = blocks[-1].values[-1].tolist()
+        return values
+
+    def _seconds(self, text: str) -> float:
+        """Return the time in the cells beside a sentence; NaN if it is no time."""
+        return cell_time(cells_of(text), self._time.index, self._dates)
+
+    def no_samples(self) -> RecordingError:
+        return RecordingError(
+            "no_rows", f"{self.path} has no valid sentence beside a time", "record it again"
+        )
+
+
+def sentence_table(
+    capture: RawCapture, options: ReadOptions, decoder: RawDecoder, scheme: str
+) -> SentenceTable | None:
+    """Return a capture as a table of sentences; None if it has no time beside them, or a better clock in them.
+
+    Parameters
+    ----------
+    decoder : of the driver of `scheme`, with nothing in it yet.
+    """
+    lines = capture.head[:SHOWN_BYTES].split(b"\n")[:SHOWN_LINES]
+    matches = [SENTENCE.search(line) for line in lines]
+    beside = [
+        cells_of(decoded(line[: match.start()] + line[match.end() :]))
+        for line, match in zip(lines, matches, strict=True)
+        if match is not None
+    ]
+    first = next((k for k, match in enumerate(matches) if match is not None), 0)
+    blocks = [
+        b for m in matches if m is not None for b in sample_blocks(decoder.feed(m[0].strip(b'"') + b"\r\n"))
+    ]
+    if not blocks or blocks[0].stream.clock != "none":
+        return None
+    header = cells_of(decoded(lines[first - 1])) if first else []
+    names = [plain(header[k]) if k < len(header) else f"column {k + 1}" for k in range(len(beside[0]))]
+    columns = [replace(parse_name(k, name), index=k) for k, name in enumerate(names)]
+    dates = DateReader()
+    readable = [k for k in range(len(names)) if _is_time([cell_time(cells, k, dates) for cells in beside])]
+    times = [c for c in columns if c.quantity == "t" and c.index in readable] or [
+        columns[k] for k in readable
+    ]
+    if not times:
+        return None
+    best = min(times, key=lambda column: column.rank)
+    text = beside[0][best.index]
+    unit = "s" if ":" in text else best.unit
+    time = Column(best.index, best.name, "t", unit=unit)
+    return SentenceTable(capture, options, decoder, scheme, blocks[0].stream, time)
+
+
+def cells_of(text: str) -> list[str]:
+    """Return the cells of a line without its sentence, of which a separator is left."""
+    return split(text.strip("\r"), separator_of(text))
+
+
+def cell_time(cells: Sequence[str], index: int, dates: DateReader) -> float:
+    """Return the time in a cell; NaN if it is none."""
+    cell = cells[index] if index < len(cells) else ""
+    try:
+        return float(cell)
+    except ValueError:
+        pass
+    try:
+        return dates.seconds(cell)
+    except ValueError:
+        return math.nan
+
+
+def _is_time(values: Sequence[float]) -> bool:
+    """Return whether some values can be times: each is there, and they grow."""
+    return all(map(math.isfinite, values)) and values[-1] > values[0] and list(values) == sorted(values)
