@@ -48,6 +48,12 @@ class GrowingSource:
     def signal(self) -> tuple[Signal, float] | None:
         return self._signal, time.monotonic()
 
+    def watch_history(self, asked: object) -> None:
+        pass
+
+    def history_answer(self) -> None:
+        return None
+
     def connected(self) -> bool:
         return True
 

@@ -63,7 +63,7 @@ def _number(report: Report, channel: str, letter: str) -> str:
 
 def test_digits_and_tab_change_the_view() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key, name in zip("12345", VIEWS, strict=True):
+        for key, name in zip("123456", VIEWS, strict=True):
             await pilot.press(key)
             assert app.view_state.view == name
             assert [v.id for v in app.query(View) if v.display] == [name]
@@ -71,7 +71,7 @@ def test_digits_and_tab_change_the_view() -> None:
         await pilot.press("tab")
         assert app.view_state.view == "overview"
         await pilot.press("shift+tab")
-        assert app.view_state.view == "sensors"
+        assert app.view_state.view == "history"
 
     drive(reports.FakeSource(reports.report()), script)
 
@@ -159,14 +159,14 @@ def test_help_names_every_key_of_the_visible_view() -> None:
             await pilot.pause()
             text = visible_text(app)
             for _, what in keys_of(list(type(view).BINDINGS), False):
-                assert what in text, what
-            assert "…" not in "".join(
-                t for line in app.screen.query_one(ScrolledPanel).lines() for t, _ in line
-            )
+                assert what.removeprefix("next ").removeprefix("previous ") in text, what
+            window = app.screen.query_one(ScrolledPanel)
+            assert "…" not in "".join(t for line in window.lines() for t, _ in line)
+            assert (window.max_scroll_x, window.max_scroll_y) == (0, 0)
             await pilot.press("escape")
             await pilot.pause()
 
-    drive(reports.FakeSource(reports.report(), reports.report(id=OTHER)), script, (80, 24))
+    drive(reports.FakeSource(reports.report(), reports.report(id=OTHER)), script, (60, 20))
 
 
 def test_events_are_filtered_by_words() -> None:
@@ -385,7 +385,7 @@ def test_the_footer_names_the_views_and_the_keys_that_fit(width: int) -> None:
     assert "? help" in text
     for name in VIEWS if width >= 66 else ():
         assert name in text
-    for key in ("q quit", "s save", "u units") if width >= 80 else ():
+    for key in ("q quit", "s save") if width >= 80 else ():
         assert key in text
     assert "…" not in text
 
@@ -395,13 +395,33 @@ def test_every_mode_shows_the_key_that_ends_it() -> None:
         await pilot.press("f")
         assert "f continues" in status(app)
         await pilot.press("f", "z")
-        assert "z back" in visible_text(app)
-        await pilot.press("z", "4", "slash", "g", "enter")
+        assert "esc back" in visible_text(app)
+        await pilot.press("escape")
+        assert not app.view_state.zoomed
+        await pilot.press("z", "z", "escape", "4", "slash", "g", "enter")
         assert "esc shows all" in visible_text(app)
         await pilot.press("escape")
         assert "esc" not in visible_text(app)
 
     drive(reports.FakeSource(reports.report()), script, (80, 24))
+
+
+@pytest.mark.parametrize("size", [(80, 24), (150, 40)])
+def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) -> None:
+    report = replace(reports.report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
+    to = report.channels["gyro/z"].time_to
+    assert to is not None
+    channel = replace(report.channels["gyro/z"], time_to=replace(to, N=0.0, B=7200.0, K=259_200.0))
+    report = replace(report, channels={**report.channels, "gyro/z": channel})
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("down", "down")
+        text = visible_text(app)
+        assert "±15% in 2.0 h" in text
+        assert "±50% in 3.0 d" in text
+        assert "±0.1%" not in text
+
+    drive(reports.FakeSource(report), script, size)
 
 
 # ---------------------------------------------------------------------------- robustness
@@ -556,6 +576,12 @@ def test_every_view_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     allan = source.reports()[reports.ID][0].channels["gyro/x"].allan
     assert allan is not None
     assert float(rows[1][3]) == allan.sigma[0]
+    heads = [
+        row[0]
+        for row in csv.reader(next(tmp_path.glob("*signal*.csv")).open())
+        if row and row[0].isidentifier()
+    ]
+    assert heads == ["time_s", "bin_start", "frequency_hz"]
     saved = from_json(Report, next(tmp_path.glob("*.json")).read_bytes())
     assert saved == source.reports()[reports.ID][0]
 

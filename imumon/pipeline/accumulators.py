@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from imumon.noise.allan.overlapping import SampleStore
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance, subset
 from imumon.noise.fit import fit_curve
@@ -103,10 +104,17 @@ class Accumulators:
     groups : (c,) number of the sensor of each channel.
     allan_channels : number of leading columns with an Allan curve.
     envelope : sees all received samples, the statistics only those that the guard passes.
+    store : all received samples of the channels with a curve, for exact curves; None: they are not kept.
     """
 
     def __init__(
-        self, channels: tuple[str, ...], interval_s: float, *, averaged: Sequence[bool], guarded: bool
+        self,
+        channels: tuple[str, ...],
+        interval_s: float,
+        *,
+        averaged: Sequence[bool],
+        guarded: bool,
+        stored: bool = False,
     ) -> None:
         self.channels = channels
         self.interval_s = interval_s
@@ -118,6 +126,7 @@ class Accumulators:
         self.guarded, self._averaged = guarded, averaged
         self.guard = Guard(sensors, rate, excludes=guarded)  # without excluding it still detects motion
         self.envelope = Envelope(self.groups, rate)
+        self.store = SampleStore(self.allan_channels) if stored else None
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
         self._statistics = self._new_statistics()
 
@@ -126,6 +135,11 @@ class Accumulators:
         self.samples += len(placed.steps)
         self.gaps += int(np.count_nonzero(placed.steps != 1))
         for segment in fill_gaps(placed):
+            if self.store is not None:
+                if isinstance(segment, Break | LongGap):
+                    self.store.break_()
+                else:
+                    self.store.update(segment.values, segment.present)
             if isinstance(segment, Break):
                 self._statistics.update(self.guard.break_())
             elif isinstance(segment, LongGap):
@@ -152,6 +166,11 @@ class Accumulators:
         preview = self._new_statistics()
         preview.update([pending])
         return preview
+
+    @property
+    def history(self) -> HourlyStatistics:
+        """Statistics of what the guard has passed, split by time."""
+        return self._statistics.history
 
     @property
     def warmup_s(self) -> float:

@@ -15,6 +15,7 @@ from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grading import LIMITS, GradedCoefficient, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.histogram import DistributionShape
+from imumon.noise.statistics.narrow_bands import NarrowBand
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.trends import Trends
@@ -58,6 +59,8 @@ class Analysis:
     shapes : (c,) shape of the distribution of each channel; None without samples.
     channels : by channel, the fields of a report that come from the analysis.
     grades : headline of each graded sensor, from the fits alone.
+    resolution : (c,) channel unit, quantisation steps of the channels with a curve; 0.0 without.
+    bands : narrow bands of the spectrum of each channel with a curve; None before the first analysis.
     """
 
     def __init__(
@@ -73,6 +76,8 @@ class Analysis:
         self.shapes: list[DistributionShape | None] = []
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
+        self.resolution: list[float] | None = None
+        self.bands: Sequence[Sequence[NarrowBand]] | None = None
 
     def update(self, *, force: bool) -> None:
         """Recompute everything if it is due, or, with `force`, if anything has changed."""
@@ -86,6 +91,7 @@ class Analysis:
         curve, density = statistics.history.curve(), statistics.spectrum.result()
         self.shapes = statistics.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
+        self.resolution, self.bands = steps, density.bands
         history = statistics.history
         fits = self._estimator.fit(
             curve,
@@ -104,8 +110,11 @@ class Analysis:
             graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = {"N": each.N, "B": each.B}
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
         for column, name in enumerate(record.channels):
-            sensor, fit = sensor_of(name), self.fits.get(name)
-            channel = Channel(unit=UNITS[sensor], histogram=report_builder.histogram(self.shapes[column]))
+            sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
+            step = shape.step if shape is not None else None
+            channel = Channel(
+                unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
+            )
             if fit is not None:
                 trend, steady = self.trends.trend(column), self.trends.steady_fit(column)
                 channel = replace(

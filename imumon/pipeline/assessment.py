@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 
+from imumon.noise.nonstationarity.change import NoiseSummary, compare_with_report
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
-from imumon.pipeline.trends import compare_with_baseline
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
@@ -66,7 +66,7 @@ def detect_changes(
         if step is not None and not any(change.quantity == "bias" for change in own):
             own.append(step)
         if baseline is not None:
-            own += compare_with_baseline(baseline, name, fit, record.elapsed_s)
+            own += compare_with_report(baseline, name, NoiseSummary.of(fit, None, record.elapsed_s))
     return {column: tuple(own) for column, own in changes.items() if own}
 
 

@@ -10,10 +10,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 
-from imumon.messages import grade_text
+from imumon.messages import EVENT_LEVELS, grade_text
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.loss import LossChange
 from imumon.report import Change, Event, SensorGrade, stamp
+from imumon.samples import Level
 from imumon.units import duration
 
 GAP_EVENT_S = 10.0
@@ -22,6 +24,10 @@ GAP_EVENT_S = 10.0
 GRADE_HOLD = 1.1
 """Growth of the record, as a factor, over which another grade must hold before it is an event: a value near
 the limit of two grades changes sides with every fit. Not critical."""
+
+CHANGE_HOLD_S = 60.0
+"""s of the record without a change after which it is over: one near the limit comes and goes with every fit.
+Not critical."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +41,11 @@ class DetectedEvent:
     channel: str | None = None
     length_s: float | None = None
     size: float | None = None
+    level: Level | None = None  # None: that of the kind
 
     def stamped(self, now: datetime, device: str) -> Event:
         """Return the event of `device` at the time `now`."""
-        published = asdict(self)
+        published = asdict(self) | {"level": self.level or EVENT_LEVELS[self.kind]}
         del published["code"]
         return Event(time=stamp(now), device=device, **published)
 
@@ -54,7 +61,8 @@ class EventLog:
         self._warmup_s = 0.0
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
-        self._changes: set[tuple[int, str, str]] = set()
+        self._stuck = False
+        self._changes: dict[tuple[int, str, str], float] = {}  # when it was last there, s of the record
         self._grades: dict[str, SensorGrade] = {}  # as reported
         self._candidates: dict[str, tuple[SensorGrade, float]] = {}  # other grades, and since when, s
         self._first_grades_known = False
@@ -72,10 +80,11 @@ class EventLog:
         length_s: float | None = None,
         channel: str | None = None,
         code: str = "",
+        level: Level | None = None,
     ) -> None:
         """Add one event, `length_s` long, at the present end of the record."""
         elapsed = record.elapsed_s if record else None
-        self._events.append(DetectedEvent(kind, text, code, elapsed, channel, length_s))
+        self._events.append(DetectedEvent(kind, text, code, elapsed, channel, length_s, level=level))
 
     def record_restored(self, record: Accumulators) -> None:
         """Note that the gaps and grades of a restored record have been reported before."""
@@ -87,7 +96,7 @@ class EventLog:
         for disturbance in record.new_disturbances():
             name = None if disturbance.channel is None else record.channels[disturbance.channel]
             start, length = disturbance.start * record.interval_s, disturbance.length * record.interval_s
-            excluded = duration(length) if length >= 1 else f"{length:.2g} s"
+            excluded = duration(length) if length >= 60.0 else f"{length:.2g} s"
             text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
             event = DetectedEvent("disturbance", text, "", start, name, length, disturbance.size)
             self._events.append(event)
@@ -99,6 +108,7 @@ class EventLog:
             self._at_rest = at_rest
             text = "at rest again" if at_rest else "not at rest: statistics are suspended"
             self.add("rest" if at_rest else "motion", text, record)
+        self._update_stuck(record)
 
     def update_warmup(self, record: Accumulators, warming_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it."""
@@ -127,8 +137,25 @@ class EventLog:
         for name in sorted(now - self._constant):
             self.add("constant", f"{name} never changed: dead, stuck or not measured", record, channel=name)
         for name in sorted(self._constant - now):
-            self.add("constant", f"{name} changes now", record, channel=name)
+            self.add("constant", f"{name} changes now", record, channel=name, level="notice")
         self._constant = now
+
+    def _update_stuck(self, record: Accumulators) -> None:
+        """Add that the sensor or an axis begins, or ends, to repeat its values."""
+        if record.stuck != self._stuck:
+            self._stuck = record.stuck
+            begins = "the values do not change: an axis or the whole sensor hangs"
+            text = begins if self._stuck else "the values change again"
+            self.add("stuck", text, record, level=None if self._stuck else "notice")
+
+    def update_loss(self, changes: Iterable[LossChange], record: Accumulators) -> None:
+        """Add that the link begins, or ends, to lose more samples than it may."""
+        for change in changes:
+            lost = f"{change.missing:,} of the last {change.expected:,} samples did not arrive"
+            text = lost if change.begins else f"the loss has ended: {lost}"
+            level: Level | None = None if change.begins else "notice"
+            elapsed = record.elapsed_s - change.age_s
+            self._events.append(DetectedEvent("loss", text, elapsed_s=elapsed, level=level))
 
     def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
         """Add changes that are new, by column."""
@@ -137,10 +164,18 @@ class EventLog:
             for column, of_channel in changes.items()
             for each in of_channel
         }
+        elapsed = record.elapsed_s
         for key, text in current.items():
             if key not in self._changes:
-                self.add("change", text, record)
-        self._changes = set(current)
+                self.add("change", text, record, channel=record.channels[key[0]])
+            self._changes[key] = elapsed
+        for key, seen in list(self._changes.items()):
+            if not seen <= elapsed < seen + CHANGE_HOLD_S:  # a shorter record is another one
+                del self._changes[key]
+                if elapsed > seen:
+                    name, against, quantity = record.channels[key[0]], *key[1:]
+                    text = f"{name}: {quantity} does not differ from the {against} any more"
+                    self.add("change", text, record, channel=name, level="notice")
 
     def update_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
         """Add a headline grade that differs from the reported one and has held for `GRADE_HOLD`."""

@@ -8,6 +8,9 @@
     assessment      what the results mean: caveats, changes, grades
     report_builder  results as parts of the report
     events          what happened, each thing once
+    exact_curve     Allan deviation of all samples, on request
+    periods         10 minutes, hours and days, for the history
+    loss            the share of samples that the link loses
 
 The pipeline does no I/O and reads no clock: time is an argument. If several streams arrive, the best one is
 characterised: deltas, else uncompensated, else compensated. A better stream that appears later starts a new
@@ -24,11 +27,16 @@ from typing import Any
 import numpy.typing as npt
 
 from imumon.errors import ImumonError, RateRequired
+from imumon.evaluation import ExactCurve
+from imumon.history_report import HistoryPeriod
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.events import DetectedEvent, EventLog
+from imumon.pipeline.exact_curve import exact_curves
+from imumon.pipeline.loss import LossWindow
+from imumon.pipeline.periods import Periods
 from imumon.pipeline.report_builder import limit_curves, signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream
@@ -72,12 +80,18 @@ class MonitorOptions:
     precision : target of the 95 % half-width by coefficient, as a share of the value.
     period_s : s, between two reports.
     baseline : an earlier report of this sensor to compare with; None: there is none.
+    stored : keep all samples, for `Monitor.exact_curves`: memory grows with the record.
+    periods : keep what happens in every 10 minutes, hour and day until `Monitor.periods` returns it.
+    max_loss : share of the samples of a minute that a link may lose before it is an event.
     """
 
     guarded: bool = True
     precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
     period_s: float = 1.0
     baseline: Report | None = None
+    stored: bool = False
+    periods: bool = False
+    max_loss: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +102,7 @@ class _RestoredRecord:
     clock: SampleClock
     record: Accumulators
     restarts: int
+    periods: Mapping[str, Any] | None
 
 
 class Monitor:
@@ -116,7 +131,10 @@ class Monitor:
         self._clock: SampleClock | None = None
         self._record: Accumulators | None = None
         self._analysis: Analysis | None = None
+        self._periods: Periods | None = None
+        self._finished_periods: list[HistoryPeriod] = []
         self._events = EventLog()
+        self._loss: LossWindow | None = None
         self._restored: _RestoredRecord | None = None
         self._no_clock_source = ""  # message of a stream that needs a rate
         self._no_clock_samples, self._no_clock_s = 0, 0.0
@@ -151,6 +169,8 @@ class Monitor:
         """Note that the connection was interrupted for `length_s` by the host clock; None: unknown."""
         if self._clock is not None:
             self._clock.gap(length_s)
+        if self._loss is not None:
+            self._loss.restart()
 
     def flush(self) -> None:
         """Process everything that is held back: the stream has ended or is interrupted.
@@ -166,11 +186,34 @@ class Monitor:
                 self._accumulate(placed)
         if self._record is not None:
             self._record.flush()
+            self._update_periods(self._record)
             self._events.update_guard(self._record)
 
     def events(self) -> list[DetectedEvent]:
         """Return what happened since the last call, in order."""
         return self._events.drain()
+
+    def periods(self) -> list[HistoryPeriod]:
+        """Return the periods that ended since the last call, of `MonitorOptions.periods`."""
+        finished, self._finished_periods = self._finished_periods, []
+        return finished
+
+    def _update_periods(self, record: Accumulators) -> None:
+        if self._periods is None:
+            record.history.stretches.drain()
+        else:
+            self._periods.update()
+            self._finished_periods += self._periods.drain()
+
+    def periods_in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
+        """Return the periods in progress; those of an earlier call unless they have grown, or with `force`."""
+        return [] if self._periods is None else self._periods.in_progress(force=force)
+
+    def end_record(self) -> None:
+        """End the periods in progress: no samples follow in this record."""
+        if self._periods is not None:
+            self._periods.end()
+            self._finished_periods += self._periods.drain()
 
     @property
     def samples(self) -> int:
@@ -203,7 +246,13 @@ class Monitor:
         counters, described = self._counters(session), self._described(device)
         period_s = self.options.period_s
         bare = Report(
-            time=stamp(now), device=described, state=state, session=counters, period_s=period_s, speed=speed
+            time=stamp(now),
+            device=described,
+            state=state,
+            session=counters,
+            period_s=period_s,
+            speed=speed,
+            precision=self.options.precision,
         )
         record, analysis = self._record, self._analysis
         if record is None or analysis is None:
@@ -236,6 +285,14 @@ class Monitor:
             if record is not None and name in record.channels
         }
 
+    def exact_curves(self, report: Report, *, octaves: bool = True) -> dict[str, ExactCurve]:
+        """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
+        record = self._record
+        if record is None or record.store is None:
+            return {}
+        channels = {name: report.channels[name] for name in record.channels[: record.allan_channels]}
+        return exact_curves(record.store, channels, record.interval_s, octaves=octaves)
+
     # ------------------------------------------------------------------ saved state
 
     def save(self) -> tuple[dict[str, Any], Mapping[str, npt.NDArray[Any]]]:
@@ -256,6 +313,7 @@ class Monitor:
             "record": record,
             "guarded": self.options.guarded,
             "restarts": self.restarts,
+            "periods": self._periods.save() if self._periods is not None else None,
         }
         return meta, arrays
 
@@ -280,7 +338,8 @@ class Monitor:
         clock.gap(away_s)
         record = self._new_record(stream, float(meta["clock"]["interval_s"]))
         record.restore(meta["record"], dict(arrays))
-        self._restored = _RestoredRecord(stream, clock, record, int(meta["restarts"]))
+        restarts, periods = int(meta["restarts"]), meta.get("periods")
+        self._restored = _RestoredRecord(stream, clock, record, restarts, periods)
 
     def accept_restored(self) -> None:
         """Use the restored record without samples that confirm its stream: to report, not to continue."""
@@ -302,6 +361,8 @@ class Monitor:
             return False
         self.stream, self._clock, self.restarts = stream, restored.clock, restored.restarts
         self._set_record(restored.record)
+        if self._periods is not None:
+            self._periods.restore(restored.periods)
         self._events.record_restored(restored.record)
         return True
 
@@ -360,18 +421,26 @@ class Monitor:
             self.restarts += breaks
             text = "the clock of the sensor was reset: a gap of unknown length"
             self._events.add("restart", text, self._record, code="clock_reset")
+        assert self._loss is not None
         self._record.feed(placed)
+        self._update_periods(self._record)
         self._events.update_guard(self._record)
+        self._events.update_loss(self._loss.update(placed.steps), self._record)
 
     def _new_record(self, stream: Stream, interval_s: float) -> Accumulators:
-        guarded = self.options.guarded
-        return Accumulators(stream.channels, interval_s, averaged=stream.averaged, guarded=guarded)
+        guarded, stored = self.options.guarded, self.options.stored
+        averaged = stream.averaged
+        return Accumulators(stream.channels, interval_s, averaged=averaged, guarded=guarded, stored=stored)
 
     def _set_record(self, record: Accumulators) -> None:
         assert self.stream is not None
         self._record = record
+        self._loss = LossWindow(record.interval_s, self.options.max_loss)
         averaged, precision = self.stream.averaged, self.options.precision
         self._analysis = Analysis(record, averaged=averaged, precision=precision)
+        self._periods = None
+        if self.options.periods:
+            self._periods = Periods(record, self._analysis, averaged=averaged)
 
     def _start_new_record(self, code: str, cause: str) -> None:
         """End the record; the next samples start a new one. `code` is that of a `RecordMismatch`."""
@@ -379,7 +448,8 @@ class Monitor:
             self.mismatch = _mismatch(code, self.stream, self._record.interval_s)
             self.restarts += 1
         self._events.add("restart", f"{cause}: a new record begins", self._record, code=code)
-        self._record = self._analysis = None
+        self.end_record()
+        self._record = self._analysis = self._periods = self._loss = None
 
     # ------------------------------------------------------------------ parts of the report
 
@@ -401,6 +471,7 @@ class Monitor:
             excluded_by=record.excluded_by,
             warmup_s=record.warmup_s,
             restarts=link.restarts + self.restarts,
+            recent_loss=self._loss.share if self._loss else None,
         )
 
     def _described(self, device: DeviceDescription) -> DeviceDescription:

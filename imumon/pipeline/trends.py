@@ -13,13 +13,12 @@ import numpy as np
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, fit_curve
 from imumon.noise.fit.estimator import point_estimates
-from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import Trend
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.warmup import find_settling, still_wanders_less
 from imumon.noise.statistics.narrow_bands import NarrowBand
 from imumon.pipeline.accumulators import Accumulators
-from imumon.report import Change, Report
+from imumon.report import Change
 from imumon.samples import Floats, sensor_of
 
 TREND_GROWTH = 1.05
@@ -97,6 +96,11 @@ class Trends:
         """Return whether the mean of a channel settles in the samples that count, as during a warm-up."""
         return column < len(self._settling) and self._settling[column]
 
+    @property
+    def any_settling(self) -> bool:
+        """Whether the mean of any channel settles."""
+        return any(self._settling)
+
     def trend(self, column: int) -> Trend | None:
         """Return the trend of a channel; None if too little is known."""
         return self._trends[column] if column < len(self._trends) else None
@@ -110,12 +114,3 @@ class Trends:
         trend = self.trend(column)
         follows = trend is not None and trend.temperature is not None and trend.temperature.significant
         return self._steady[column] if follows and column < len(self._steady) else None
-
-
-def compare_with_baseline(baseline: Report, name: str, fit: ChannelFit, length_s: float) -> list[Change]:
-    """Return what differs between a saved report and the present fit of the same channel."""
-    channel = baseline.channels.get(name)
-    if channel is None or channel.N is None or channel.B is None:
-        return []
-    before = NoiseSummary(channel.N, channel.B, channel.mean, None, baseline.session.elapsed_s)
-    return detect_changes(before, NoiseSummary.of(fit, None, length_s), "baseline", None)

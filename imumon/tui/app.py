@@ -6,6 +6,7 @@ passes it to the visible view. Threads of the bus never call it.
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -19,18 +20,21 @@ from textual.events import Click
 from textual.screen import Screen
 from textual.theme import Theme
 
+from imumon.messages import matching
 from imumon.report import Report
 from imumon.samples import sensor_of
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, length, padded, with_background
+from imumon.tui.history_chart import HistorySeries, parse
 from imumon.tui.panels import status, welcome
 from imumon.tui.svg_export import portable_svg
-from imumon.tui.tui import ReportSource
-from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
+from imumon.tui.tui import HistoryAnswer, ReportSource
+from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, ViewState
 from imumon.tui.views import (
     DeviceView,
     DialogWindow,
     EventsView,
+    HistoryView,
     Overview,
     SaveDialog,
     SensorsView,
@@ -117,11 +121,11 @@ class ImumonApp(App[int]):
         Binding("tab", "turn(1)", "next view", priority=True),
         Binding("shift+tab", "turn(-1)", "previous view", priority=True),
         Binding("n", "device(1)", "next sensor"),
-        Binding("u", "units", "usual units or SI units"),
-        Binding("f", "freeze", "stop the display, or resume"),
+        Binding("u", "units", "usual or SI units"),
+        Binding("f", "freeze", "freeze, or resume"),
         Binding("s", "save", "save this view"),
         Binding("t", "dark", "light or dark"),
-        Binding("ctrl+p", "command_palette", "command palette"),
+        Binding("ctrl+p", "command_palette", "palette"),
         Binding("question_mark,f1", "help", "this help"),
         Binding("q,ctrl+c", "quit", "quit"),
         Binding("ctrl+c", "quit", "", priority=True, show=False),
@@ -159,6 +163,7 @@ class ImumonApp(App[int]):
         self._watched: tuple[str, str | None] | None = None
         self._seen: tuple[int, tuple[object, ...]] | None = None
         self._warned: set[str] = set()
+        self._parsed: tuple[HistoryAnswer | None, HistorySeries | None] = (None, None)
 
     # ------------------------------------------------------------------ start
 
@@ -167,7 +172,7 @@ class ImumonApp(App[int]):
         yield DrawnPanel(status, id="status")
         with Container(id="body"):
             yield DrawnPanel(welcome, id="welcome")
-            for view in (Overview, SignalView, DeviceView, EventsView, SensorsView):
+            for view in (Overview, SignalView, DeviceView, EventsView, SensorsView, HistoryView):
                 yield view(id=view.title)
         yield DrawnPanel(footer, id="footer")
 
@@ -176,7 +181,9 @@ class ImumonApp(App[int]):
         self.set_interval(POLL_S, self.poll)
         self._first_poll = self.set_interval(FIRST_POLL_S, self.poll)
         self.poll()
-        if not self.is_headless:
+        if self.is_web:
+            terminal.exit_with_parent(TERMINAL_POLL_S)
+        elif not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
             terminal.exit_when_closed(TERMINAL_POLL_S)
 
@@ -234,8 +241,21 @@ class ImumonApp(App[int]):
             state = state.updated(
                 events=tuple(self.source.events(state.id)), signal=signal[0] if signal and matches else None
             )
-        self.view_state = state
+        self.view_state = self._with_history(state)
         self._redraw()
+
+    def _with_history(self, state: ViewState) -> ViewState:
+        """Return the state with the history of its channel, which is asked for while its view is shown."""
+        shown = state.view == "history" and state.id is not None and state.channel is not None
+        span, step = SPANS[state.span]
+        asked = (state.id or "", state.channel or "", span, step) if shown else None
+        self.source.watch_history(asked)
+        answer = self.source.history_answer()
+        if answer is None or answer[0] != asked:
+            return state.updated(history=None)
+        if answer is not self._parsed[0]:
+            self._parsed = (answer, parse(answer[0][1], *answer[1:]))
+        return state.updated(history=self._parsed[1])
 
     def _redraw(self) -> None:
         """Pass the state to the visible widgets."""
@@ -308,11 +328,20 @@ class ImumonApp(App[int]):
         """Toggle a field of the state."""
         self.change(**{name: not getattr(self.view_state, name)})
 
+    def action_all_panels(self) -> None:
+        """Leave the chart that fills the screen."""
+        if self.view_state.zoomed:
+            self.change(zoomed=False)
+
     def action_baseline(self) -> None:
         """Use the present report as the baseline, or remove the baseline."""
         baseline = self.view_state.report if self.view_state.baseline is None else None
         name = f"at {baseline.time[11:16]}" if baseline is not None else "saved"
         self.change(baseline=baseline, baseline_name=name, compared_id=None)
+
+    def action_span(self, step: int) -> None:
+        spans = list(SPANS)
+        self.change(span=spans[(spans.index(self.view_state.span) + step) % len(spans)])
 
     def action_window(self, step: int) -> None:
         self.change(window=WINDOWS[(WINDOWS.index(self.view_state.window) + step) % len(WINDOWS)])
@@ -357,7 +386,7 @@ class ImumonApp(App[int]):
                 for key, what in keys_of(list(SaveDialog.BINDINGS), False)
             ),
             [],
-            [(f"into {where}"[:56], "muted")],
+            [(f"into {'the downloads of the browser' if self.is_web else where}"[:56], "muted")],
         ]
         dialog = SaveDialog("save this view", lines, self.view_state.notation)
         self.push_screen(dialog, partial(self.save_view, where))
@@ -370,6 +399,9 @@ class ImumonApp(App[int]):
             target = where / export.file_name(self.view_state, "svg" if form == "png" else form)
             picture = form in ("svg", "png")
             content = self.export_screenshot() if picture else export.exported_text(self.view_state, form)
+            if self.is_web:  # nothing is written here: the browser saves it
+                self.deliver_text(io.StringIO(content), save_filename=target.name, open_method="download")
+                return
             target.write_text(content, encoding="utf-8")
             saved = export.convert_to_png(target) if form == "png" else target
             hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
@@ -408,8 +440,7 @@ def _with_existing_selection(state: ViewState) -> ViewState:
     """Return the state with a device and a channel that exist."""
     reports = state.reports
     if state.id not in reports:
-        id = state.requested_id if state.requested_id is not None else next(iter(reports), None)
-        state = state.updated(id=id if id in reports else None)
+        state = state.updated(id=next(iter(matching(state.requested_id, reports)), None))
     if state.channel not in state.channels:
         state = state.updated(channel=next(iter(state.channels), None))
     if state.compared_id is not None:

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
+from imumon.report import COEFFICIENTS, Allan, Channel, Histogram, Spectrum, Strip
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
 from imumon.tui.formatting import Line, Notation, approximate_duration, length, padded
+from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import ViewState
 from imumon.units import number
 
@@ -24,6 +25,9 @@ FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""
+
+LOW = 14
+"""Lines of a chart below which the screen has no room for the selected channel in full."""
 
 GUTTER = 7
 """Cells to the left of a frame, for its labels."""
@@ -67,11 +71,20 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
         _curve(frame, state.notation, selected, sensor_of(channel), factor)
     for column, row, grade in labels:
         canvas.text(column, row, grade, f"grade-{grade}")
-    return [_allan_title(state, channel, unit, width), *canvas.rows()]
+    return [_allan_title(state, channel, unit, width, state.zoomed or height < LOW), *canvas.rows()]
 
 
-def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
-    """Return what is drawn, its unit, and the legend as far as it fits."""
+def _goals(state: ViewState) -> Line:
+    """Return the time until N, B and K of the channel have their configured precision."""
+    goals = [(letter, precision_goal(state, letter)) for letter in COEFFICIENTS]
+    return [part for letter, goal in goals if goal for part in ((f"   {letter} ", letter), (goal, "muted"))]
+
+
+def _allan_title(state: ViewState, channel: str, unit: str, width: int, alone: bool) -> Line:
+    """Return what is drawn, its unit, the way back, and the legend as far as it fits.
+
+    `alone`: no panel shows the coefficients in full, so what is missing to their precision is here.
+    """
     name = sensor_of(channel) if state.overlay else channel.replace("/", " ")
     title: Line = [
         (" " * GUTTER, "text"),
@@ -93,7 +106,10 @@ def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
             legend.append([(mark, "unused"), ("not used", "muted")])
     if state.baseline is not None:
         legend.insert(1, [("━ ", "baseline"), (state.baseline_name, "muted")])
-    back: Line = [("   z", "key"), (" back ", "muted")] if state.zoomed else []
+    back: Line = [("   esc", "key"), (" back ", "muted")] if state.zoomed else []
+    goals = _goals(state) if alone and not state.overlay else []
+    if length(title) + length(goals) + length(back) <= width:
+        back = [*goals, *back]
     for item in legend:
         if length(title) + length(item) + 3 <= width - length(back):
             title += [("   ", "text"), *item]
@@ -208,7 +224,9 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
         text = name
         if frame.width >= 48 and value is not None:
             unit = notation.coefficient_unit(sensor, name)
-            text += f" {number(value, 3)}{f' {unit}' if name != 'B' else ''}"  # the axis is in the unit of B
+            # the axis is in the unit of B, and the line is at 0.664 B
+            axis = f"{height:.3f} {name} = {number(height * value, 3)}"
+            text = axis if name == "B" else f"{name} {number(value, 3)} {unit}"
         frame.label(at, part.value * height * factor, text, name)
 
 

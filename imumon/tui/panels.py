@@ -55,6 +55,7 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
         (None if device.sample_rate_hz is None else f"{device.sample_rate_hz:.4g} Hz", "text"),
         (duration(session.elapsed_s), "text"),
         (f"time-lapse ×{report.speed:g}" if report.speed != 1.0 else None, "bound"),
+        (f"{100.0 * session.recent_loss:.2g} % lost" if session.recent_loss else None, "warn"),
         (counted(session.gaps, "gap"), "warn" if session.gaps else "text"),
         (counted(session.bad_checksums, "error"), "warn" if session.bad_checksums else "text"),
         (None if degrees is None else f"{degrees:.1f} {state.notation.unit('degC')}", "text"),
@@ -127,7 +128,10 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
     for letter in COEFFICIENTS:
         part = getattr(channel, letter)
         if part is not None:
-            lines.append(_limits(notation, sensor_of(name), letter, part, channel))
+            line = _limits(notation, sensor_of(name), letter, part)
+            if goal := precision_goal(state, letter):
+                line = [*padded(line, 56), (goal, "muted")]
+            lines.append(line)
     if (grade := channel.grade) is not None:
         text = grade_text(SensorGrade(nearest=grade.nearest, meets=grade.meets, provisional=False))
         lines.append([("   grade ", "muted"), (text, "text" if grade.nearest else "faint")])
@@ -166,8 +170,17 @@ def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> lis
     return parts
 
 
-def _limits(notation: Notation, sensor: str, name: str, part: Coefficient, channel: Channel) -> Line:
-    """Return a coefficient with its unit, limits, and the time until the configured precision."""
+def precision_goal(state: ViewState, letter: str) -> str:
+    """Return the time until a coefficient of the selected channel has its configured precision; empty: none."""
+    seconds = getattr(state.selected.time_to, letter, None) if state.selected is not None else None
+    share = state.report.precision.get(letter) if state.report is not None else None
+    if not seconds or share is None:
+        return ""
+    return f"{state.notation.symbol('±')}{100.0 * share:g}% in {approximate_duration(seconds)}"
+
+
+def _limits(notation: Notation, sensor: str, name: str, part: Coefficient) -> Line:
+    """Return a coefficient with its unit and limits."""
     value, low, high = notation.limits(part)
     unit = notation.coefficient_unit(sensor, name)
     line: Line = [(f"   {name} ", f"{name}-strong")]
@@ -180,10 +193,6 @@ def _limits(notation: Notation, sensor: str, name: str, part: Coefficient, chann
         line += [(text, "bound"), ("95 % upper bound; not visible yet", "muted")]
     else:
         line += [(f"{'–':>9} {unit:<12}", "faint"), (part.reason or "the record is too short", "muted")]
-    precision = {"N": 1, "B": 20, "K": 50}[name]
-    if seconds := getattr(channel.time_to, name, None):
-        goal = f"{notation.symbol('±')}{precision}% in {approximate_duration(seconds)}"
-        line = [*padded(line, 56), (goal, "muted")]
     return line
 
 

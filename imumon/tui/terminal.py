@@ -19,8 +19,15 @@ from collections.abc import Callable
 CURE = "the screen needs a terminal; use `imumon status` or `imumon status --json` instead"
 
 
+def in_browser() -> bool:
+    """Return whether the screen is drawn by a browser: `imumon.tui.web` has started this process."""
+    return "WebDriver" in os.environ.get("TEXTUAL_DRIVER", "")
+
+
 def obstacle() -> str | None:
     """Return in one line why the screen cannot be drawn here; None if it can."""
+    if in_browser():
+        return None
     for stream, name in ((sys.stdin, "stdin"), (sys.stderr, "stderr")):
         try:
             usable = stream is not None and os.isatty(stream.fileno())
@@ -57,8 +64,24 @@ def exit_when_closed(period_s: float) -> None:
     threading.Thread(target=check, name="terminal", daemon=True).start()
 
 
+def exit_with_parent(period_s: float) -> None:
+    """End the process when the one that started it has ended; check every `period_s` seconds."""
+    parent = os.getppid()
+
+    def check() -> None:
+        while os.getppid() == parent:
+            time.sleep(period_s)
+        os._exit(128 + signal.SIGHUP)
+
+    threading.Thread(target=check, name="parent", daemon=True).start()
+
+
 def only_ascii() -> bool:
-    """Return whether the encoding of the terminal lacks the characters of the screen."""
+    """Return whether the encoding or the font of the terminal lacks the characters of the screen."""
+    if in_browser():
+        return False
+    if os.environ.get("TERM") == "linux":  # its console has at most 512 glyphs, and no braille
+        return True
     encoding = (getattr(sys.stderr, "encoding", None) or "ascii").lower().replace("-", "")
     return "utf" not in encoding
 

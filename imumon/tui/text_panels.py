@@ -149,14 +149,14 @@ def _notes(report: Report, width: int) -> list[Line]:
     return [_title("Caveats"), *lines] if lines else []
 
 
-_WARNINGS = ("gap", "disturbance", "restart")
-_EVENT_ROLES = {"disconnect": "bad", "connect": "good", "grade": "accent"} | dict.fromkeys(_WARNINGS, "warn")
+_LEVEL_ROLES = {"debug": "faint", "info": "text", "notice": "good", "warning": "warn", "error": "bad"}
 
 
 def filtered_events(events: Sequence[Event], filter_text: str) -> list[Event]:
-    """Return the events whose kind, channel and text contain every word of the filter."""
+    """Return the events whose level, kind, channel and text contain every word of the filter."""
     words = filter_text.casefold().split()
-    return [e for e in events if all(w in f"{e.kind} {e.channel or ''} {e.text}".casefold() for w in words)]
+    texts = [f"{e.level} {e.kind} {e.channel or ''} {e.text}".casefold() for e in events]
+    return [event for event, text in zip(events, texts, strict=True) if all(w in text for w in words)]
 
 
 def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
@@ -172,8 +172,12 @@ def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
     if not shown:
         lines.append([(" no events yet" if not state.events else " no event matches", "faint")])
     for event in reversed(shown):
-        role = next((r for kind, r in _EVENT_ROLES.items() if kind in event.kind), "text")
-        prefix: Line = [(f" {event.time[:10]} {event.time[11:19]} ", "faint"), (f"{event.kind:<14}", role)]
+        role = _LEVEL_ROLES[event.level]
+        mark = "!" if event.level in ("warning", "error") else " "
+        prefix: Line = [
+            (f" {event.time[:10]} {event.time[11:19]} ", "faint"),
+            (f"{mark} {event.kind:<13}", role),
+        ]
         available = max(width - length(prefix) - 1, 12)
         named = event.channel is None or event.channel in event.text
         text = event.text if named else f"{event.channel}: {event.text}"

@@ -7,13 +7,19 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from imumon.report import Event, Report, Signal
 from imumon.tui import terminal
 
 TERMINAL_GONE = 129
 """Exit code when the terminal is closed: 128 + SIGHUP."""
+
+
+HistoryQuestion: TypeAlias = tuple[str, str, float, str]
+"""Device, channel, span in s before now, and step of the rows."""
+HistoryAnswer: TypeAlias = tuple[HistoryQuestion, bytes, bytes]
+"""The question, and the rows and events of the reply as JSON."""
 
 
 class ReportSource(Protocol):
@@ -46,6 +52,12 @@ class ReportSource(Protocol):
 
     def signal(self) -> tuple[Signal, float] | None:
         """Return the newest signal of the watched channel, with its arrival in s of the monotonic clock."""
+
+    def watch_history(self, asked: HistoryQuestion | None) -> None:
+        """Choose the history that is requested every now and then from now on; None: none."""
+
+    def history_answer(self) -> HistoryAnswer | None:
+        """Return the newest replies, with the question."""
 
     def connected(self) -> bool:
         """Return whether any daemon or router can be reached."""

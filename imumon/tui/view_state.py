@@ -9,13 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from imumon.report import Channel, Event, Report, Signal
 from imumon.samples import sensor_of
 from imumon.tui.formatting import Notation, approximate_duration
 
+if TYPE_CHECKING:
+    from imumon.tui.history_chart import HistorySeries
+
 READABLE = Notation()
-VIEWS = ("overview", "signal", "device", "events", "sensors")
+VIEWS = ("overview", "signal", "device", "events", "sensors", "history")
+SPANS = {"day": (86400.0, "10m"), "month": (31 * 86400.0, "1h"), "year": (366 * 86400.0, "1d")}
+"""Spans of the view of the history: s, and step of its rows."""
 WINDOWS = ("minute", "hour", "everything")
 MOTION_CAVEATS = frozenset({"not_at_rest", "motion", "moving"})
 WARMUP_CAVEATS = frozenset({"warming_up", "warm_up", "warmup"})
@@ -71,6 +77,8 @@ class ViewState:
     notation: Notation = READABLE
     view: str = "overview"
     window: str = "minute"
+    history: HistorySeries | None = None
+    span: str = "day"
     show_limits: bool = False
     overlay: bool = False
     zoomed: bool = False

@@ -1,4 +1,4 @@
-"""The five views of the screen and the two dialog windows above them.
+"""The six views of the screen and the two dialog windows above them.
 
 A view arranges panels and owns its keys; pure functions draw the panels. The help of a view is made from its
 own bindings, so it cannot be out of date.
@@ -16,9 +16,9 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from imumon.messages import uncertainty
-from imumon.tui import channel_table, charts, panels, text_panels
+from imumon.tui import channel_table, charts, history_chart, panels, text_panels
 from imumon.tui.formatting import Line, Notation, padded, wrap
-from imumon.tui.view_state import ViewState
+from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class Overview(ChannelView):
         Binding("right,l", "app.sensor(1)", "next quantity: gyro, accel, mag"),
         Binding("left,h", "app.sensor(-1)", "previous quantity"),
         Binding("z,enter", "app.switch('zoomed')", "only the chart, or all"),
+        Binding("escape", "app.all_panels", ""),
         Binding("o", "app.switch('overlay')", "all three axes in one chart"),
         Binding("g", "app.switch('show_limits')", "limits of the grades"),
         Binding("b", "app.baseline", "keep this curve for comparison"),
@@ -98,8 +99,8 @@ class SignalView(ChannelView):
 
     title = "signal"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("w,right", "app.window(1)", "longer window: minute, hour, everything"),
-        Binding("left", "app.window(-1)", "shorter window"),
+        Binding("w,right", "app.window(1)", "next window of time"),
+        Binding("left", "app.window(-1)", "previous window of time"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -108,6 +109,19 @@ class SignalView(ChannelView):
             yield DrawnPanel(charts.histogram_chart, id="histogram")
             yield DrawnPanel(charts.spectrum_chart, id="spectrum")
         yield DrawnPanel(text_panels.drift, id="drift")
+
+
+class HistoryView(ChannelView):
+    """N, B, mean and temperature of the selected channel over a day, a month or a year."""
+
+    title = "history"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("w,right", "app.span(1)", "longer: day, month, year"),
+        Binding("left", "app.span(-1)", "shorter"),
+    ]
+
+    def compose(self) -> ComposeResult:
+        yield DrawnPanel(history_chart.history_chart, id="history-chart")
 
 
 class ScrolledView(View):
@@ -181,7 +195,7 @@ class SensorsView(ScrolledView):
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "app.device(1)", "next sensor"),
-        Binding("up,k", "app.device(-1)", "previous quantity"),
+        Binding("up,k", "app.device(-1)", "previous sensor"),
         Binding("enter", "app.view('overview')", "open its overview"),
         Binding("c", "app.compare", "compare with the next, or stop"),
     ]
@@ -191,8 +205,8 @@ class SensorsView(ScrolledView):
         yield DrawnPanel(charts.allan_chart, id="sensors-allan")
 
 
-WINDOW_WIDTH = 58
-"""Cells of text in a dialog window."""
+WINDOW_WIDTH = 55
+"""Cells of text in a dialog window: it fits a terminal of 60 cells."""
 
 
 class DialogWindow(ModalScreen[str | None]):
@@ -213,7 +227,8 @@ class DialogWindow(ModalScreen[str | None]):
             lambda state, width, height: [padded(line, width) for line in self._text], id="window"
         )
         panel.border_title = self._heading
-        panel.styles.height = len(self._text) + 4
+        short = self.app.size.height < 34  # as in the style sheet, without padding
+        panel.styles.height = len(self._text) + (2 if short else 4)
         yield panel
 
     def on_mount(self) -> None:
@@ -258,14 +273,26 @@ def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[L
     if isinstance(view, Overview):
         notation = Notation(ascii=ascii)
         lines.insert(-1, [(uncertainty(notation.symbol("±"), notation.symbol("×÷")), "muted")])
-    lines += [[(f"{keys:<12}", "key"), (text, "text")] for keys, text in keys_of(own, ascii)]
+    lines += [[(f"{keys:<14}", "key"), (text, "text")] for keys, text in _paired(keys_of(own, ascii))]
     lines += [[], [("everywhere", "title")]]
     shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)
-    shown.insert(0, ("1 to 5", "views"))
+    shown = _paired([(f"1 to {len(VIEWS)}", "views"), *shown])
     half = (len(shown) + 1) // 2
     for k in range(half):
-        line: Line = [(f"{shown[k][0]:<12}", "key"), (f"{shown[k][1]:<22}", "text")]
+        line: Line = [(f"{shown[k][0]:<14}", "key"), (f"{shown[k][1]:<20}", "text")]
         if k + half < len(shown):
-            line += [(f"{shown[k + half][0]:<9}", "key"), (shown[k + half][1], "text")]
+            line += [(f"{shown[k + half][0]:<7}", "key"), (shown[k + half][1], "text")]
         lines.append(line)
     return lines
+
+
+def _paired(keys: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return the keys with "next" and "previous" of the same thing in one entry."""
+    out: list[tuple[str, str]] = []
+    for key, text in keys:
+        word, _, what = text.partition(" ")
+        if word == "previous" and out and out[-1][1].startswith(f"next {what}"):
+            out[-1] = (f"{out[-1][0]} {key}", f"next, previous {out[-1][1].removeprefix('next ')}")
+        else:
+            out.append((key, text))
+    return out

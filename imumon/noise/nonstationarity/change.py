@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from imumon.noise.fit import ChannelFit, FittedCoefficient
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
-from imumon.report import Change, Coefficient
+from imumon.report import Change, Coefficient, Report
 
 CHANGE_SIGMA = 5.0
 """Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years. Not
@@ -75,6 +75,24 @@ def detect_changes(
         None if apart_s is None else _compare_bias(against, before, now, apart_s),
     ]
     return [change for change in compared if change is not None]
+
+
+def compare_with_report(baseline: Report, name: str, now: NoiseSummary) -> list[Change]:
+    """Return what differs between a channel of a saved report and the present noise of the same channel."""
+    channel = baseline.channels.get(name)
+    if channel is None or channel.N is None or channel.B is None:
+        return []
+    before = NoiseSummary(channel.N, channel.B, channel.mean, None, baseline.session.elapsed_s)
+    return detect_changes(before, now, "baseline", None)
+
+
+def compare_reports(baseline: Report, report: Report, name: str) -> list[Change]:
+    """Return what differs between two reports in one channel."""
+    channel = report.channels[name]
+    if channel.N is None or channel.B is None:
+        return []
+    now = NoiseSummary(channel.N, channel.B, channel.mean, None, report.session.elapsed_s)
+    return compare_with_report(baseline, name, now)
 
 
 def _compare_bias(against: str, before: NoiseSummary, now: NoiseSummary, apart_s: float) -> Change | None:

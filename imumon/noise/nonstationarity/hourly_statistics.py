@@ -27,6 +27,7 @@ from imumon.noise.nonstationarity.change import NoiseSummary, detect_changes
 from imumon.noise.nonstationarity.drift import DriftAccumulator
 from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
 from imumon.noise.nonstationarity.quarters import Quarters
+from imumon.noise.nonstationarity.stretches import Stretches
 from imumon.noise.nonstationarity.warmup import (
     CANDIDATES_S,
     DECISION_LENGTH,
@@ -91,6 +92,7 @@ class HourlyStatistics:
     warmup_s : s, valid samples that are excluded as a warm-up, without the missing or otherwise excluded ones
         within it.
     drift : means of the whole record.
+    stretches : every 10 minutes, hour and day.
     warmup_channels : as given.
     """
 
@@ -119,6 +121,7 @@ class HourlyStatistics:
         self._hour_mark = self._cascade.open_window()
         self._quarters = Quarters(self._cascade, rate)
         self._segments: list[tuple[int, Moments]] = [(0, self._new())]
+        self.stretches = Stretches(self._cascade, rate, self._merged)
         self._hours: list[Hour] = []
         self._changes: dict[int, tuple[Change, ...]] = {}
 
@@ -191,7 +194,7 @@ class HourlyStatistics:
         return (*(place for place in places if place > at), (at // self._hour + 1) * self._hour)
 
     def _until_split(self) -> int:
-        return min(*self._splits(), self._quarters.next_end) - self.position
+        return min(*self._splits(), self._quarters.next_end, self.stretches.next_end) - self.position
 
     def _split(self) -> None:
         """Open windows, decide candidates, end the hour and a stretch of a quarter if due at this place."""
@@ -205,6 +208,8 @@ class HourlyStatistics:
                 self._decide(candidate)
         if at % self._hour == 0 and at > 0:
             self._end_hour(at)
+        if self.stretches.close_due() and self._segments[-1][0] != at:
+            self._segments.append((at, self._new()))
 
     def _decide(self, candidate: int) -> None:
         """Decide whether a warm-up ended at a candidate."""
@@ -280,7 +285,7 @@ class HourlyStatistics:
     def _merge_segments(self, at: int) -> None:
         """Merge segments that no later split separates."""
         pending = (c for c in self._candidates if DECISION_LENGTH * c > at)
-        needed = {self._start, *pending, at - self._hour, at}
+        needed = {self._start, *pending, at - self._hour, at, *self.stretches.starts}
         merged: list[tuple[int, Moments]] = []
         for start, moments in self._segments:
             if merged and start not in needed:
@@ -308,6 +313,7 @@ class HourlyStatistics:
         out = {f"cascade.{k}": v for k, v in self._cascade.save().items()}
         out |= {f"drift.{k}": v for k, v in self.drift.save().items()}
         out |= {f"quarters.{k}": v for k, v in self._quarters.save().items()}
+        out |= {f"stretches.{k}": v for k, v in self.stretches.save().items()}
         order = list(self._cascade.windows)
         marks = [[start, order.index(mark)] for start, mark in self._marks.items()]
         out["marks"] = np.array(marks, dtype=np.int64).reshape(-1, 2)
@@ -336,6 +342,7 @@ class HourlyStatistics:
         self.drift = DriftAccumulator.restore(subset(saved, "drift."))
         rate = 1.0 / self._interval
         self._quarters = Quarters.restore(self._cascade, rate, subset(saved, "quarters."))
+        self.stretches.restore(self._cascade, subset(saved, "stretches."))
         marks = self._cascade.windows
         self._start, hour = (int(v) for v in saved["numbers"])
         self._marks = {int(start): marks[int(number)] for start, number in saved["marks"]}

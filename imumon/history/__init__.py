@@ -1,0 +1,17 @@
+"""History: what a sensor did over months, in one SQLite file per device.
+
+history      `History`: what a daemon keeps of its reports, and its answers
+store        the SQLite file: schema, periods, events, power-ups
+selection    which rows are asked for
+rows         published form of the rows: JSON, CSV
+power_ups    when the sensor was switched on, and its bias each time
+repeatability  scatter of N, B and K between days
+
+docs/HISTORY.md describes rows, sizes and questions.
+"""
+
+from imumon.history.history import History
+from imumon.history.selection import Selection
+from imumon.history.store import HistoryError, HistoryStore
+
+__all__ = ["History", "HistoryError", "HistoryStore", "Selection"]

@@ -1,0 +1,108 @@
+"""Changes of a sensor over days: the daily rows of its history, tested for a step in N and B.
+
+A day counts once it is over, with at least an hour of samples and without the warm-up. The days of several records are
+one series: it is the same sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+
+from imumon.history.store import TimedPeriod
+from imumon.noise.nonstationarity.day_change import DAYS_KEPT, find_day_change
+from imumon.report import Change, stamp
+from imumon.samples import sensor_of
+
+STEP_S = 86400
+AGAINST = "history"
+"""What such a change is a change against, in the report."""
+LEAST_CHANGE = {"N": 0.05, "B": 0.5}
+"""Relative changes below which a step does not matter to a user, as for hours (`noise.nonstationarity.change`). Not
+critical."""
+LEAST_S = 3600.0
+"""s of samples that a day must have: B needs an hour. Not critical."""
+
+
+class DayChanges:
+    """The days of one sensor, and the changes that they show.
+
+    Attributes
+    ----------
+    changes : by channel.
+    """
+
+    def __init__(self) -> None:
+        self._days: dict[tuple[str, int], TimedPeriod] = {}
+        self.changes: dict[str, tuple[Change, ...]] = {}
+
+    def add(self, days: Sequence[TimedPeriod]) -> bool:
+        """Add periods of which days that are over count; return whether there were any."""
+        counted = [each for each in days if _counts(each)]
+        for each in counted:
+            self._days[each.record, each.period.number] = each
+        kept = sorted(self._days.items(), key=lambda item: item[1].begin)[-DAYS_KEPT:]
+        self._days = dict(kept)
+        if counted:
+            self._find()
+        return bool(counted)
+
+    def _find(self) -> None:
+        days = list(self._days.values())
+        names = dict.fromkeys(name for each in days for name in each.period.channels)
+        found: dict[str, tuple[Change, ...]] = {}
+        for name in names:
+            if sensor_of(name) not in ("gyro", "accel", "mag"):
+                continue
+            changes = [
+                change for letter in LEAST_CHANGE if (change := _change(days, name, letter)) is not None
+            ]
+            if changes:
+                found[name] = tuple(changes)
+        self.changes = found
+
+
+def _counts(timed: TimedPeriod) -> bool:
+    period = timed.period
+    sampled_s = (
+        min(timed.end - timed.begin, STEP_S) * period.samples / max(period.samples + period.missing, 1)
+    )
+    return period.step_s == STEP_S and period.complete and not period.warming_up and sampled_s >= LEAST_S
+
+
+def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | None:
+    """Return the step in a coefficient of a channel; None if there is none."""
+    known = []
+    for each in days:
+        channel = each.period.channels.get(name)
+        part = getattr(channel, letter) if channel is not None else None
+        if part is not None and part.value:
+            known.append((each, part.value))
+    values = np.array([value for _, value in known], dtype=np.float64)
+    heat = [each.period.temperature for each, _ in known]
+    temperatures = np.array([math.nan if t is None else t for t in heat], dtype=np.float64)
+    step = find_day_change(values, temperatures, LEAST_CHANGE[letter])
+    if step is None:
+        return None
+    return Change(
+        against=AGAINST,
+        quantity=letter,
+        before=step.before,
+        now=step.now,
+        ratio=step.ratio,
+        sigma=step.sigma,
+        since=stamp(datetime.fromtimestamp(known[step.day][0].begin, UTC)),
+        p_value=step.p_value,
+    )
+
+
+def change_text(name: str, change: Change) -> str:
+    """Return a change as text, such as ``N of gyro/y grew by 12 % since 3 November, p = 1e-06``."""
+    verb = "grew" if (change.ratio or 1.0) > 1.0 else "fell"
+    since = datetime.fromisoformat(change.since) if change.since else None
+    when = f" since {since.day} {since:%B}" if since is not None else ""
+    share = f"{abs((change.ratio or 1.0) - 1.0):.0%}".replace("%", " %")
+    return f"{change.quantity} of {name} {verb} by {share}{when}, p = {change.p_value:.0e}"

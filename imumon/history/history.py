@@ -1,0 +1,331 @@
+"""History of one device, as a daemon keeps it: periods, events and power-ups, and the answers to questions.
+
+A thread writes, so that a slow or full disk delays no sample. What cannot be written stays in memory, for two weeks
+at most, and is written once there is room again; what is dropped after that is counted. Answers contain what is not
+written yet and the periods in progress, and do not wait for the disk of the writer: each opens the file for itself.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from imumon.history import selection
+from imumon.history.day_changes import STEP_S, DayChanges, change_text
+from imumon.history.power_ups import PowerUps
+from imumon.history.rows import iso, json_pieces, rows
+from imumon.history.selection import Selection, SelectionError
+from imumon.history.store import SUFFIX, HistoryError, HistoryStore, PowerUp, TimedPeriod, damaged, set_aside
+from imumon.history_report import STEPS, HistoryPeriod
+from imumon.noise.nonstationarity.day_change import DAYS_KEPT
+from imumon.report import Event, Report
+from imumon.samples import Level
+
+MOST_PENDING = 2400
+"""Periods that wait for the disk, two weeks of them; then the oldest is dropped. Not critical."""
+MOST_EVENTS = 1000
+"""Events that wait for the disk; then the oldest is dropped. Not critical."""
+MOST_ROWS = 20_000
+"""Rows of one answer on the bus, 8 MB. More need a longer step. Not critical."""
+CLEAN_S = 86400.0
+"""s between two deletions of what is too old. Not critical."""
+CLOSE_S = 3.0
+"""s that the disk may take at the end. Not critical."""
+EVENTS = "event"
+"""Name of the key of the events below that of the history."""
+
+_Key = tuple[int, str, int]
+
+
+class History:
+    """What a daemon keeps of its reports.
+
+    Parameters
+    ----------
+    directory : of the file; it exists.
+    device : name of the device.
+    keep_days : days after which rows and events are deleted.
+    speed : seconds of the sample clock per second of the host clock.
+    """
+
+    def __init__(self, directory: Path, device: str, *, keep_days: float, speed: float = 1.0) -> None:
+        self.path = directory / f"{device}{SUFFIX}"
+        self._device, self._keep_s, self._speed = device, 86400.0 * keep_days, speed
+        self._changed = threading.Condition()
+        self._pending: dict[_Key, TimedPeriod] = {}
+        self._last: dict[int, HistoryPeriod] = {}  # newest of each length
+        self._events: list[tuple[float, Event]] = []
+        self._power_up: PowerUp | None = None  # to write
+        self._dropped = 0
+        self._save = self._closing = False
+        self._failed: str | None = None
+        self._reported: str | None = None
+        self._notes: list[tuple[str, Level]] = []
+        self._days = DayChanges()
+        self._reported_changes: set[tuple[str, str]] = set()  # channel and coefficient
+        self._power_ups: PowerUps | None = None
+        self._clock: tuple[float, float] | None = None  # s since the power-up, and s since 1970 when that was
+        self._next_clean = 0.0
+        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+        self._thread.start()
+
+    # ------------------------------------------------------------------ input
+
+    def add(self, periods: Sequence[HistoryPeriod], record: str, now: float) -> None:
+        """Keep periods, finished ones or in progress.
+
+        Parameters
+        ----------
+        record : when the record began, as text.
+        now : s since 1970, of the newest sample.
+        """
+        for period in periods:
+            if self._last.get(period.step_s) is period:
+                continue  # nothing new in the period in progress
+            self._last[period.step_s] = period
+            begin, end = (now - age / self._speed for age in (period.begin_age_s, period.end_age_s))
+            timed = TimedPeriod(record=record, begin=begin, end=end, period=period)
+            self._settle(timed, now)
+            with self._changed:
+                self._pending[period.step_s, record, period.number] = timed
+                self._save |= period.complete
+                while len(self._pending) > MOST_PENDING:
+                    del self._pending[next(iter(self._pending))]
+                    self._dropped += 1
+        with self._changed:
+            if self._save:
+                self._changed.notify()
+
+    def event(self, event: Event) -> None:
+        """Keep an event."""
+        when = datetime.fromisoformat(event.time).timestamp()
+        with self._changed:
+            self._events.append((when, event))
+            if len(self._events) > MOST_EVENTS:
+                del self._events[0]
+                self._dropped += 1
+
+    def clock(self, clock_s: float, now: float) -> None:
+        """Note the clock of the sensor, s since its power-up, at the time `now`, s since 1970."""
+        self._clock = (clock_s, now)
+        if self._power_ups is not None:
+            self._power_ups.update(clock_s, now)
+            self._power_up = self._power_ups.newest
+
+    def save(self) -> None:
+        """Let the thread write what is new."""
+        with self._changed:
+            self._save = True
+            self._changed.notify()
+
+    def problems(self) -> list[tuple[str, Level]]:
+        """Return what is new: why nothing can be written, that it can be again, what was set aside."""
+        with self._changed:
+            notes, self._notes = self._notes, []
+            if self._failed != self._reported:
+                self._reported = self._failed
+                if self._failed is None:
+                    dropped = f"; {self._dropped:,} entries were dropped" if self._dropped else ""
+                    notes.append((f"the history is written again{dropped}", "info"))
+                    self._dropped = 0
+                else:
+                    notes.append((f"the history cannot be written: {self._failed}", "error"))
+        return notes
+
+    def new_changes(self) -> list[tuple[str, str]]:
+        """Return the changes over days that are new: channel and text."""
+        found = []
+        for name, changes in self._days.changes.items():
+            for change in changes:
+                if (name, change.quantity) not in self._reported_changes:
+                    self._reported_changes.add((name, change.quantity))
+                    found.append((name, change_text(name, change)))
+        return found
+
+    def annotated(self, report: Report) -> Report:
+        """Return a report with what the history shows: changes over days, and the turn-on bias."""
+        changes, power_ups = self._days.changes, self._power_ups
+        channels = {}
+        for name, channel in report.channels.items():
+            if own := changes.get(name):
+                caveats = tuple(dict.fromkeys((*channel.caveats, "changed")))
+                channel = replace(channel, changes=(*channel.changes, *own), caveats=caveats)
+            channels[name] = channel
+        made = replace(report, channels=channels)
+        return made if power_ups is None else power_ups.annotated(made)
+
+    def close(self) -> None:
+        """Write what is new, and wait for the disk."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(CLOSE_S)
+
+    def _settle(self, timed: TimedPeriod, now: float) -> None:
+        """Take the settled bias of this power-up from a period of 10 minutes."""
+        if self._power_ups is None or self._clock is None or timed.period.step_s != 600:
+            return
+        clock_s, seen = self._clock
+        begin_s = clock_s - timed.period.begin_age_s - (seen - now) * self._speed
+        if self._power_ups.settle(timed, begin_s):
+            self._power_up = self._power_ups.newest
+
+    # ------------------------------------------------------------------ answers
+
+    def answer(self, name: str, parameters: str) -> str:
+        """Return the reply to a query for ``history`` or one of the keys below it, as JSON.
+
+        Raises
+        ------
+        SelectionError, HistoryError : the query is not valid, or the file cannot be read.
+        """
+        now = time.time()
+        chosen = selection.of_parameters(parameters, now)
+        if name == EVENTS:
+            return "".join(json_pieces(self._known_events(chosen)))
+        if name:
+            raise SelectionError("unknown_history", f"no history is named {name[:40]!r}", f"ask for {EVENTS}")
+        return "".join(json_pieces(self._rows(chosen)))
+
+    def _rows(self, chosen: Selection) -> Iterator[dict[str, Any]]:
+        with self._changed:
+            pending = {key: timed for key, timed in self._pending.items() if key[0] == STEPS[chosen.step]}
+        count = 0
+        for timed in self._merged(chosen, pending):
+            for row in rows(timed, self._device, chosen):
+                if (count := count + 1) > MOST_ROWS:
+                    message = f"these are more than {MOST_ROWS:,} rows"
+                    raise SelectionError("too_many_rows", message, "ask for a longer step, or less time")
+                yield row
+
+    def _merged(self, chosen: Selection, pending: dict[_Key, TimedPeriod]) -> Iterator[TimedPeriod]:
+        """Yield the periods of the file, and in their place those that are newer in memory."""
+        with suppress(FileNotFoundError):
+            try:
+                with HistoryStore(self.path) as store:
+                    for timed in store.periods(chosen):
+                        yield pending.pop((timed.period.step_s, timed.record, timed.period.number), timed)
+            except HistoryError as error:
+                if error.code != "no_history" and not pending:
+                    raise
+        for timed in sorted(pending.values(), key=lambda each: each.begin):
+            if timed.begin <= chosen.until and timed.end >= chosen.since:
+                yield timed
+
+    def _known_events(self, chosen: Selection) -> Iterator[dict[str, Any]]:
+        try:
+            with HistoryStore(self.path) as store:
+                known = store.events(chosen.since, chosen.until)
+        except HistoryError:
+            known = []
+        with self._changed:
+            known += [
+                {"time": when, "kind": event.kind, "channel": event.channel, "text": event.text, "count": 1}
+                for when, event in self._events
+                if chosen.since <= when <= chosen.until
+            ]
+        for each in known[-MOST_ROWS:]:
+            yield {**each, "time": iso(each["time"])}
+
+    # ------------------------------------------------------------------ the thread that writes
+
+    def _run(self) -> None:
+        store: HistoryStore | None = None
+        while True:
+            try:
+                store = store or self._opened()
+                self._write(store)
+                self._failed = None
+            except HistoryError as error:  # damaged, or of another version
+                store = _closed(store)
+                self._set_aside(error)
+                continue
+            except sqlite3.DatabaseError as error:
+                store = _closed(store)
+                if not isinstance(error, sqlite3.OperationalError):
+                    self._set_aside(damaged(self.path))
+                    continue
+                self._failed = f"{self.path.parent}: {error}: free space or choose another --state"
+            except (OSError, MemoryError) as error:
+                store = _closed(store)
+                reason = getattr(error, "strerror", None) or "out of memory"
+                self._failed = f"{self.path.parent}: {reason}: free space or choose another --state"
+            with self._changed:
+                if self._closing:
+                    break
+                self._changed.wait_for(lambda: self._save or self._closing)
+                self._save = False
+        if store is not None:
+            store.close()
+
+    def _opened(self) -> HistoryStore:
+        store = HistoryStore(self.path, write=True)
+        if self._power_ups is None:
+            self._load_days(store)
+            known = PowerUps(store.power_ups(), real_time=self._speed == 1.0)
+            if self._clock is not None:
+                known.update(*self._clock)
+            self._power_ups = known
+        return store
+
+    def _load_days(self, store: HistoryStore) -> None:
+        """Judge the days of the file; a change that has an event already is not reported again."""
+        now = time.time()
+        wanted = Selection(since=now - 2 * DAYS_KEPT * STEP_S, until=now, step="1d")
+        self._days.add(list(store.periods(wanted)))
+        reported = {
+            (event["channel"], when)
+            for event in store.events(wanted.since, now)
+            if event["kind"] == "change" and (when := event["time"])
+        }
+        for name, changes in self._days.changes.items():
+            for change in changes:
+                since = datetime.fromisoformat(change.since).timestamp() if change.since else now
+                if any(channel == name and when >= since for channel, when in reported):
+                    self._reported_changes.add((name, change.quantity))
+
+    def _write(self, store: HistoryStore) -> None:
+        """Write everything that is new; what cannot be written stays."""
+        with self._changed:
+            periods, events = dict(self._pending), list(self._events)
+        store.add(list(periods.values()))
+        self._days.add(list(periods.values()))
+        with self._changed:
+            for key, timed in periods.items():
+                if self._pending.get(key) is timed:
+                    del self._pending[key]
+        store.add_events(events)
+        with self._changed:
+            written = set(map(id, (event for _, event in events)))
+            self._events = [each for each in self._events if id(each[1]) not in written]
+        if (power_up := self._power_up) is not None:
+            store.set_power_up(power_up)
+        now = time.time()
+        if now >= self._next_clean:
+            self._next_clean = now + CLEAN_S
+            store.delete_before(now - self._keep_s)
+
+    def _set_aside(self, error: HistoryError) -> None:
+        reason = "other-version" if error.code == "history_version" else "damaged"
+        try:
+            aside = set_aside(self.path, reason)
+        except OSError as failure:
+            self._failed = f"{error.message}, and cannot be renamed: {failure.strerror}"
+            time.sleep(1.0)
+            return
+        with self._changed:
+            self._notes.append((f"{error.message}: kept as {aside.name}, a new history begins", "warning"))
+
+
+def _closed(store: HistoryStore | None) -> HistoryStore | None:
+    """Close a file that can be open; return that there is none."""
+    if store is not None:
+        store.close()
+    return None

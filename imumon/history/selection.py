@@ -1,0 +1,151 @@
+"""Selection: which rows of the history are asked for, from the options of a command or the parameters of a query.
+
+Times are those of Zenoh storages: ``_time=[START..END]`` with RFC 3339 times or ``now(-2h)``, and
+``_time=[START;DURATION]``. A square bracket that faces outwards excludes that end. Commands also take a duration
+before now (``30d``), a date, or a date and time, all in UTC.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from imumon.errors import ImumonError
+from imumon.history_report import STEPS
+
+DEFAULT_S = 86400.0
+"""s before now that a question without a time asks for."""
+FINE_S, MIDDLE_S = 2.0 * 86400.0, 62.0 * 86400.0
+"""s, longest spans that are answered in steps of 10 minutes and of an hour if no step is asked for. Not critical."""
+
+_UNITS = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
+_DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(u|ms|min|s|m|h|d|w)?", re.ASCII)
+
+
+class SelectionError(ImumonError):
+    """What is asked for is not valid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """Rows that are asked for.
+
+    Attributes
+    ----------
+    since, until : s since 1970; a row belongs to it if it begins in between, or lasted into it.
+    channels : names of channels, or of sensors; empty: all.
+    step : one of `STEPS`.
+    """
+
+    since: float
+    until: float
+    channels: tuple[str, ...] = ()
+    step: str = "10m"
+
+    def wants(self, channel: str) -> bool:
+        """Return whether a channel is asked for.
+
+        >>> Selection(since=0.0, until=1.0, channels=("gyro",)).wants("gyro/x")
+        True
+        """
+        return not self.channels or channel in self.channels or channel.partition("/")[0] in self.channels
+
+
+def selection(
+    now: float,
+    *,
+    since: float | None = None,
+    until: float | None = None,
+    channels: tuple[str, ...] = (),
+    step: str | None = None,
+) -> Selection:
+    """Return a selection with the defaults: the last 24 h, and a step that suits the span.
+
+    Parameters
+    ----------
+    now : s since 1970.
+    since, until : s since 1970; None: not given.
+    """
+    until = now if until is None else until
+    since = until - DEFAULT_S if since is None else since
+    if since > until:
+        raise SelectionError("time_invalid", "the end is before the beginning", "exchange the two times")
+    if step is None:
+        span = until - since
+        step = "10m" if span <= FINE_S else "1h" if span <= MIDDLE_S else "1d"
+    if step not in STEPS:
+        raise SelectionError("step_invalid", f"{step[:20]!r} is not a step", f"give {', '.join(STEPS)}")
+    return Selection(since=since, until=until, channels=channels, step=step)
+
+
+def of_parameters(parameters: str, now: float) -> Selection:
+    """Return the selection of the parameters of a query, such as ``_time=[now(-7d)..now()];channel=gyro/x``.
+
+    >>> chosen = of_parameters("_time=[now(-2h)..now()];step=1h;channel=gyro", 7200.0)
+    >>> chosen.since, chosen.until, chosen.step, chosen.channels
+    (0.0, 7200.0, '1h', ('gyro',))
+    """
+    since, until = None, None
+    if (time := re.search(r"(?:^|;)_time=([\[\]][^\[\]]*[\[\]])", parameters)) is not None:
+        since, until = _time_range(time[1], now)
+        parameters = parameters[: time.start()] + parameters[time.end() :]
+    words = dict(part.partition("=")[::2] for part in parameters.split(";") if part)
+    channels = tuple(name for name in words.get("channel", "").split(",") if name)
+    return selection(now, since=since, until=until, channels=channels, step=words.get("step"))
+
+
+def moment(text: str, now: float) -> float:
+    """Return a time in s since 1970: RFC 3339, a date, ``now(-2h)``, or a duration before now.
+
+    >>> moment("1970-01-02", 0.0), moment("1970-01-01T00:00:05Z", 0.0), moment("now(-1h)", 7200.0), moment("2h", 7200.0)
+    (86400.0, 5.0, 3600.0, 0.0)
+    """
+    text = text.strip()
+    if (relative := re.fullmatch(r"now\(\s*([+-]?)\s*([^()]*)\)", text)) is not None:
+        if not relative[2].strip():
+            return now
+        return now + (-1.0 if relative[1] == "-" else 1.0) * _duration(relative[2])
+    if re.fullmatch(r"[\d.]+\s*[a-z]+(\s*[\d.]+\s*[a-z]+)*", text):
+        return now - _duration(text)
+    try:
+        known = datetime.fromisoformat(text)
+        return (known if known.tzinfo else known.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
+        raise _invalid(text) from None
+
+
+def _time_range(text: str, now: float) -> tuple[float | None, float | None]:
+    """Return beginning and end of a time range of Zenoh; None: open."""
+    inner = text[1:-1]
+    if ".." in inner:
+        first, _, last = inner.partition("..")
+        return (moment(first, now) if first else None), (moment(last, now) if last else None)
+    first, separator, length = inner.partition(";")
+    if not separator:
+        raise _invalid(text)
+    since = moment(first, now)
+    return since, since + _duration(length)
+
+
+def _duration(text: str) -> float:
+    """Return a duration such as ``1h30m``, s."""
+    parts = _DURATION.findall(text)
+    if not parts or "".join(a + b for a, b in parts) != re.sub(r"\s", "", text) or len(text) > 40:
+        raise _invalid(text)
+    return float(sum(float(value) * _UNITS[unit or "s"] for value, unit in parts))
+
+
+def _invalid(text: str) -> SelectionError:
+    cure = "write 2h, 30d, 2026-11-03, or 2026-11-03T10:20:00Z"
+    return SelectionError("time_invalid", f"{text[:40]!r} is not a time", cure)
+
+
+def described(parameters: Mapping[str, str]) -> str:
+    """Return parameters as the text of a query.
+
+    >>> described({"channel": "gyro/x", "step": "1d"})
+    'channel=gyro/x;step=1d'
+    """
+    return ";".join(f"{name}={value}" for name, value in parameters.items() if value)

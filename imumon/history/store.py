@@ -1,0 +1,480 @@
+"""Store: the SQLite file of the history of one device.
+
+A period of 10 minutes, an hour or a day is one row of ``period``; each of its channels is one row of ``noise``. Nine
+channels take 80 MB in a year. The file is in WAL mode: readers never wait for the writer, and a killed writer leaves
+a whole file. ``PRAGMA user_version`` is the version of the schema; `MIGRATIONS` brings an older file up to date. A
+file that is damaged, foreign or of a later version is renamed to a name with the reason, like a state
+(`imumon.checkpoint`), and a new one begins.
+
+One process writes: the daemon that holds the lock of the state. A period is identified by its record and its number
+in it, so one that is written again, as after a crash, replaces itself.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import sqlite3
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast, get_args
+
+from imumon.errors import ImumonError
+from imumon.history.selection import Selection
+from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel, PeriodCoefficient
+from imumon.report import Event, GradeName, Status
+
+SUFFIX = ".history.sqlite"
+_STATUSES = get_args(Status)
+_GRADES = get_args(GradeName)
+_BUSY_S = 5.0
+"""s that a reader waits for a file that is being cleaned up. Not critical."""
+_ROWS_AT_ONCE = 500
+"""Rows that are read between two moments at which other threads may run. Not critical."""
+
+MIGRATIONS = (
+    """
+    CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
+    CREATE TABLE period (
+        id INTEGER PRIMARY KEY,
+        step INTEGER NOT NULL,      -- s
+        record TEXT NOT NULL,       -- when the record began
+        number INTEGER NOT NULL,    -- of the period in its record
+        begin REAL NOT NULL,        -- s since 1970
+        end REAL NOT NULL,
+        complete INTEGER NOT NULL,
+        samples INTEGER NOT NULL,
+        missing INTEGER NOT NULL,
+        excluded_s REAL NOT NULL,
+        temperature REAL,           -- degC
+        warming_up INTEGER NOT NULL,
+        UNIQUE (step, record, number)
+    );
+    CREATE INDEX period_time ON period (step, begin);
+    CREATE INDEX period_open ON period (step) WHERE complete = 0;
+    CREATE TABLE noise (
+        period INTEGER NOT NULL,
+        channel INTEGER NOT NULL,
+        n REAL, n_low REAL, n_high REAL, n_status INTEGER,
+        b REAL, b_low REAL, b_high REAL, b_status INTEGER,
+        k REAL, k_low REAL, k_high REAL, k_status INTEGER,
+        mean REAL, std REAL, grade INTEGER,
+        PRIMARY KEY (period, channel)
+    ) WITHOUT ROWID;
+    """,
+    """
+    CREATE TABLE event (
+        id INTEGER PRIMARY KEY,
+        time REAL NOT NULL,         -- s since 1970, of the first
+        kind TEXT NOT NULL,
+        channel TEXT,
+        text TEXT NOT NULL,         -- of the first
+        count INTEGER NOT NULL      -- of this kind and channel within 10 minutes
+    );
+    CREATE INDEX event_time ON event (time);
+    CREATE TABLE power_up (
+        id INTEGER PRIMARY KEY,
+        time REAL NOT NULL,         -- s since 1970
+        clock_s REAL NOT NULL,      -- s since the power-up, when it was last seen
+        seen REAL NOT NULL,         -- s since 1970, when it was last seen
+        settled INTEGER NOT NULL    -- whether turn_on has its bias
+    );
+    CREATE TABLE turn_on (
+        power_up INTEGER NOT NULL,
+        channel INTEGER NOT NULL,
+        mean REAL NOT NULL,         -- channel unit, once settled
+        PRIMARY KEY (power_up, channel)
+    ) WITHOUT ROWID;
+    """,
+)
+"""Each brings the schema from one version to the next."""
+VERSION = len(MIGRATIONS)
+
+EVENT_S = 600.0
+"""s in which events of one kind and channel are one row with a count. Not critical."""
+
+
+class HistoryError(ImumonError):
+    """The history cannot be read or written."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimedPeriod:
+    """A period with its time and record.
+
+    Attributes
+    ----------
+    record : when the record began, as text.
+    begin, end : s since 1970.
+    """
+
+    record: str
+    begin: float
+    end: float
+    period: HistoryPeriod
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerUp:
+    """A power-up of the sensor.
+
+    Attributes
+    ----------
+    time, seen : s since 1970, of the power-up, and when it was last seen.
+    clock_s : s since the power-up at `seen`.
+    means : channel unit, settled mean of each channel; empty: unknown.
+    """
+
+    time: float
+    clock_s: float
+    seen: float
+    means: Mapping[str, float]
+
+
+class HistoryStore:
+    """Open history file.
+
+    Parameters
+    ----------
+    path : of the file.
+    write : create and migrate it; else it must exist.
+
+    Raises
+    ------
+    HistoryError : ``history_unreadable``, ``history_damaged``, ``history_version`` or ``no_history``.
+    OSError, sqlite3.Error : of the disk, only with `write`.
+    """
+
+    def __init__(self, path: Path, *, write: bool = False) -> None:
+        self.path = path
+        _check_file(path, write)
+        name = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+        reason = ""
+        # the last mode is for a directory in which no file may be created beside it
+        for mode in ("rwc",) if write else ("ro", "ro&immutable=1"):
+            try:
+                self._connection = sqlite3.connect(
+                    f"file:{name}?mode={mode}", uri=True, timeout=_BUSY_S, check_same_thread=False
+                )
+                self._open(write)
+                return
+            except sqlite3.OperationalError as error:
+                self.close()
+                if write:
+                    raise
+                reason = str(error)
+            except sqlite3.DatabaseError:
+                self.close()
+                raise damaged(path) from None
+            except HistoryError:
+                self.close()
+                raise
+        message = f"history {path} cannot be read ({reason})"
+        raise HistoryError("history_unreadable", message, "ask the daemon instead, with --connect")
+
+    def _open(self, write: bool) -> None:
+        connection = self._connection
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if version > VERSION or (version < VERSION and not write):
+            message = f"history {self.path} is of another version of imumon (schema {version})"
+            raise HistoryError(
+                "history_version", message, f"use the version that made it; this reads {VERSION}"
+            )
+        if not write:
+            return
+        foreign = version == 0 and connection.execute("SELECT 1 FROM sqlite_schema").fetchone()
+        if foreign:
+            raise damaged(self.path)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = NORMAL")
+        connection.execute("PRAGMA journal_size_limit = 4194304")
+        for number in range(version, VERSION):
+            connection.executescript(
+                f"BEGIN; {MIGRATIONS[number]}; PRAGMA user_version = {number + 1}; COMMIT;"
+            )
+        if connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
+            raise damaged(self.path)
+
+    def close(self) -> None:
+        with suppress(sqlite3.Error, AttributeError):  # without a connection: it could not be opened
+            self._connection.close()
+
+    def __enter__(self) -> HistoryStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ------------------------------------------------------------------ writing
+
+    def add(self, periods: Sequence[TimedPeriod]) -> None:
+        """Write periods in one transaction; one that was written before is replaced."""
+        with self._transaction() as cursor:
+            for each in periods:
+                self._add(cursor, each)
+
+    def _transaction(self) -> Any:
+        return _Transaction(self._connection)
+
+    def _add(self, cursor: sqlite3.Cursor, timed: TimedPeriod) -> None:
+        period = timed.period
+        cursor.execute(  # what was in progress in an earlier record has ended
+            "UPDATE period SET complete = 1 WHERE complete = 0 AND step = ? AND NOT (record = ? AND number = ?)",
+            (period.step_s, timed.record, period.number),
+        )
+        (row,) = cursor.execute(
+            """INSERT INTO period (step, record, number, begin, end, complete, samples, missing, excluded_s,
+                                   temperature, warming_up)
+               VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+               ON CONFLICT (step, record, number) DO UPDATE SET
+                   begin = excluded.begin, end = excluded.end, complete = excluded.complete,
+                   samples = excluded.samples, missing = excluded.missing, excluded_s = excluded.excluded_s,
+                   temperature = excluded.temperature, warming_up = excluded.warming_up
+               RETURNING id""",
+            (
+                *(period.step_s, timed.record, period.number, timed.begin, timed.end, period.complete),
+                *(period.samples, period.missing, period.excluded_s, period.temperature, period.warming_up),
+            ),
+        ).fetchone()
+        values = [
+            (row, self._channel(cursor, name), *_numbers(channel), _grade_number(period, name))
+            for name, channel in period.channels.items()
+        ]
+        cursor.executemany(
+            "INSERT OR REPLACE INTO noise VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", values
+        )
+
+    def _channel(self, cursor: sqlite3.Cursor, name: str) -> int:
+        cursor.execute("INSERT OR IGNORE INTO channel (name) VALUES (?)", (name,))
+        return int(cursor.execute("SELECT id FROM channel WHERE name = ?", (name,)).fetchone()[0])
+
+    def add_events(self, events: Sequence[tuple[float, Event]]) -> None:
+        """Write events with their times, s since 1970; those of one kind and channel within `EVENT_S` are one row."""
+        with self._transaction() as cursor:
+            for time, event in events:
+                known = cursor.execute(
+                    "SELECT id FROM event WHERE kind = ? AND channel IS ? AND time > ? AND time <= ?"
+                    " ORDER BY time DESC",
+                    (event.kind, event.channel, time - EVENT_S, time),
+                ).fetchone()
+                if known:
+                    cursor.execute("UPDATE event SET count = count + 1 WHERE id = ?", known)
+                else:
+                    cursor.execute(
+                        "INSERT INTO event (time, kind, channel, text, count) VALUES (?, ?, ?, ?, 1)",
+                        (time, event.kind, event.channel, event.text),
+                    )
+
+    def set_power_up(self, power_up: PowerUp) -> None:
+        """Write a power-up; the newest one is replaced if it is the same."""
+        with self._transaction() as cursor:
+            newest = cursor.execute("SELECT id, time FROM power_up ORDER BY id DESC LIMIT 1").fetchone()
+            settled = bool(power_up.means)
+            if newest and newest[1] == power_up.time:
+                row = newest[0]
+                cursor.execute(
+                    "UPDATE power_up SET clock_s = ?, seen = ?, settled = ? WHERE id = ?",
+                    (power_up.clock_s, power_up.seen, settled, row),
+                )
+            else:
+                row = cursor.execute(
+                    "INSERT INTO power_up (time, clock_s, seen, settled) VALUES (?, ?, ?, ?)",
+                    (power_up.time, power_up.clock_s, power_up.seen, settled),
+                ).lastrowid
+            for name, mean in power_up.means.items():
+                channel = self._channel(cursor, name)
+                cursor.execute("INSERT OR REPLACE INTO turn_on VALUES (?, ?, ?)", (row, channel, mean))
+
+    def delete_before(self, time: float) -> None:
+        """Delete periods and events that ended before a time, s since 1970; their space is used again."""
+        with self._transaction() as cursor:
+            cursor.execute("DELETE FROM noise WHERE period IN (SELECT id FROM period WHERE end < ?)", (time,))
+            cursor.execute("DELETE FROM period WHERE end < ?", (time,))
+            cursor.execute("DELETE FROM event WHERE time < ?", (time,))
+
+    # ------------------------------------------------------------------ reading
+
+    def periods(self, selected: Selection) -> Iterator[TimedPeriod]:
+        """Yield the periods of a selection, oldest first, with the selected channels."""
+        try:
+            names = dict(self._connection.execute("SELECT id, name FROM channel"))
+            wanted = [number for number, name in names.items() if selected.wants(name)]
+            marks = ", ".join("?" * len(wanted))
+            with closing(
+                self._connection.execute(
+                    f"""SELECT p.id, p.step, p.record, p.number, p.begin, p.end, p.complete, p.samples, p.missing,
+                               p.excluded_s, p.temperature, p.warming_up, n.*
+                        FROM period p JOIN noise n ON n.period = p.id
+                        WHERE p.step = ? AND p.begin <= ? AND p.begin > ? AND p.end >= ? AND n.channel IN ({marks})
+                        ORDER BY p.begin, p.id, n.channel""",
+                    (
+                        *(STEPS[selected.step], selected.until),
+                        *(
+                            selected.since - 30 * 86400.0,
+                            selected.since,
+                        ),  # a period may last through a long gap
+                        *wanted,
+                    ),
+                )
+            ) as cursor:
+                rows = iter(lambda: cursor.fetchmany(_ROWS_AT_ONCE), [])
+                for _, group in itertools.groupby(
+                    itertools.chain.from_iterable(rows), key=lambda row: row[0]
+                ):
+                    yield _timed_period(list(group), names)
+        except sqlite3.DatabaseError:
+            raise damaged(self.path) from None
+
+    def count(self, selected: Selection) -> int:
+        """Return the number of rows of a selection, about."""
+        names = [name for (name,) in self._connection.execute("SELECT name FROM channel")]
+        (periods,) = self._connection.execute(
+            "SELECT count(*) FROM period WHERE step = ? AND begin BETWEEN ? AND ?",
+            (STEPS[selected.step], selected.since, selected.until),
+        ).fetchone()
+        return int(periods) * sum(map(selected.wants, names))
+
+    def events(self, since: float, until: float) -> list[dict[str, Any]]:
+        """Return events, oldest first: time (s since 1970), kind, channel, text and count."""
+        rows = self._connection.execute(
+            "SELECT time, kind, channel, text, count FROM event WHERE time BETWEEN ? AND ? ORDER BY time",
+            (since, until),
+        )
+        return [dict(zip(("time", "kind", "channel", "text", "count"), row, strict=True)) for row in rows]
+
+    def power_ups(self) -> list[PowerUp]:
+        """Return the power-ups, oldest first."""
+        means: dict[int, dict[str, float]] = {}
+        rows = self._connection.execute(
+            "SELECT t.power_up, c.name, t.mean FROM turn_on t JOIN channel c ON c.id = t.channel"
+        )
+        for number, name, mean in rows:
+            means.setdefault(number, {})[name] = mean
+        return [
+            PowerUp(time=time, clock_s=clock_s, seen=seen, means=means.get(number, {}))
+            for number, time, clock_s, seen in self._connection.execute(
+                "SELECT id, time, clock_s, seen FROM power_up ORDER BY id"
+            )
+        ]
+
+
+class _Transaction:
+    """All or nothing: a cursor whose changes are written at the end, or not at all."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def __enter__(self) -> sqlite3.Cursor:
+        return self._connection.cursor()
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            try:
+                self._connection.commit()
+                return
+            except sqlite3.Error:
+                self._rollback()
+                raise
+        self._rollback()
+
+    def _rollback(self) -> None:
+        with suppress(sqlite3.Error):
+            self._connection.rollback()
+
+
+def damaged(path: Path) -> HistoryError:
+    """Return the error of a file that is no history of imumon, or of which parts are lost."""
+    message = f"history {path} is damaged, or not a history of imumon"
+    return HistoryError("history_damaged", message, "the daemon sets it aside and begins a new one")
+
+
+def set_aside(path: Path, reason: str) -> Path:
+    """Rename a file and what belongs to it; return its new path, ``DEVICE.REASON-N.history.sqlite``."""
+    stem = path.name.removesuffix(SUFFIX)
+    names = (path.with_name(f"{stem}.{reason}-{number}{SUFFIX}") for number in itertools.count(1))
+    aside = next(name for name in names if not os.path.lexists(name))
+    os.rename(path, aside)
+    for extra in ("-wal", "-shm"):
+        with suppress(OSError):
+            os.rename(f"{path}{extra}", f"{aside}{extra}")
+    return aside
+
+
+def _check_file(path: Path, write: bool) -> None:
+    """Raise an error if there is no file to read, or something that is no regular file."""
+    try:
+        mode = os.lstat(path).st_mode
+    except FileNotFoundError:
+        if write:
+            return
+        message = f"there is no history {path}"
+        raise HistoryError(
+            "no_history", message, "start a daemon, or name its directory with --state"
+        ) from None
+    if not stat.S_ISREG(mode):
+        raise damaged(path)
+
+
+def devices(directory: Path) -> list[str]:
+    """Return the names of the devices that have a history in a directory."""
+    pattern = re.compile(r"([a-z0-9_-]{1,64})" + re.escape(SUFFIX))
+    try:
+        return sorted(found[1] for name in os.listdir(directory) if (found := pattern.fullmatch(name)))
+    except OSError:
+        return []
+
+
+def _numbers(channel: PeriodChannel) -> list[float | int | None]:
+    """Return the columns of a channel from ``n`` to ``std``."""
+    numbers: list[float | int | None] = []
+    for part in (channel.N, channel.B, channel.K):
+        if part is None:
+            numbers += [None] * 4
+        else:
+            numbers += [part.value, part.low, part.high, _STATUSES.index(part.status)]
+    return [*numbers, channel.mean, channel.std]
+
+
+def _grade_number(period: HistoryPeriod, channel: str) -> int | None:
+    grade = period.grades.get(channel.partition("/")[0])
+    return None if grade is None else _GRADES.index(grade)
+
+
+def _coefficient(columns: Sequence[Any]) -> PeriodCoefficient | None:
+    value, low, high, status = columns
+    if status is None:
+        return None
+    return PeriodCoefficient(value=value, low=low, high=high, status=cast(Status, _STATUSES[status]))
+
+
+def _timed_period(rows: Sequence[Sequence[Any]], names: Mapping[int, str]) -> TimedPeriod:
+    _, step, record, number, begin, end, complete, samples, missing, excluded_s, temperature, warming = rows[
+        0
+    ][:12]
+    channels, grades = {}, {}
+    for row in rows:
+        _, channel, *columns = row[12:]
+        name = names[channel]
+        n, b, k = (_coefficient(columns[i : i + 4]) for i in (0, 4, 8))
+        channels[name] = PeriodChannel(N=n, B=b, K=k, mean=columns[12], std=columns[13])
+        if columns[14] is not None:
+            grades[name.partition("/")[0]] = cast(GradeName, _GRADES[columns[14]])
+    period = HistoryPeriod(
+        step_s=step,
+        number=number,
+        begin_age_s=0.0,
+        end_age_s=0.0,
+        complete=bool(complete),
+        samples=samples,
+        missing=missing,
+        excluded_s=excluded_s,
+        temperature=temperature,
+        warming_up=bool(warming),
+        grades=grades,
+        channels=channels,
+    )
+    return TimedPeriod(record=record, begin=begin, end=end, period=period)

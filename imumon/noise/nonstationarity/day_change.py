@@ -1,0 +1,122 @@
+"""Change of N or B over days, tested against the scatter in the sensor's own history.
+
+The limits of a fit say how well a day determines N, if the sensor is constant. Real sensors scatter more from day to
+day, and only that scatter says whether a difference is one. The test is a regression of the logarithms of the daily
+values on a step, and on the temperature if it varied. Its standard error comes from the residuals; it is larger where
+neighbouring days resemble each other, by the factor for means of a first-order autoregressive process,
+sqrt((1 + r) / (1 - r)) (Brockwell & Davis, Introduction to Time Series and Forecasting, section 2.4). Every day may be
+the day of the step: the probability is multiplied by their number (Bonferroni).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtr
+
+from imumon.samples import Floats
+
+DAYS_BEFORE = 7
+"""Days before a step, at least: the scatter must be known. Not critical."""
+DAYS_KEPT = 90
+"""Days that are looked back. Not critical."""
+ALARM = 1e-5
+"""Probability of a change by chance, over all days of a series, below which it is reported. Days that resemble each
+other more than the correlation of neighbours shows make chance steps likelier: of 30 days of a random walk, 2.6 % give
+one. A sensor with nine channels has 18 series; benchmarks/history_study.py measures its false alarms. Sensitivity: 1e-4
+finds a step of 12 % at a scatter of 1 % a day earlier and doubles the false alarms of a random walk."""
+LEAST_SPAN_DEGC = 1.0
+"""degC, standard deviation of the daily temperatures above which they are a regressor. Not critical."""
+STRONGEST = 0.9
+"""1, largest correlation of neighbouring days that is used: with a larger one, no step can be seen. Not critical."""
+LEAST_SCATTER = 2e-3
+"""1, scatter of the logarithms that is assumed at least: a shorter record than the sensor's own variations would
+show less. Sensitivity: with 0.5 %, steps of N below 4 % take days longer."""
+LEAST_DOF = 8.0
+"""1, degrees of freedom that remain at least, for strongly correlated days. Sensitivity: with 4, steps of 30 % in days
+of correlation 0.8 are found half as often, with as many false alarms."""
+
+
+@dataclass(frozen=True, slots=True)
+class DayChange:
+    """A step in a series of daily values.
+
+    Attributes
+    ----------
+    day : number of the first value after the step.
+    before, now : unit of the values, levels before and after it, at the same temperature.
+    sigma : standard errors by which they differ.
+    p_value : probability of such a step by chance, over all days.
+    """
+
+    day: int
+    before: float
+    now: float
+    sigma: float
+    p_value: float
+
+    @property
+    def ratio(self) -> float:
+        """The level after the step over that before."""
+        return self.now / self.before
+
+
+def find_day_change(values: Floats, temperatures: Floats, least: float) -> DayChange | None:
+    """Return the most significant step in daily values; None if there is none.
+
+    Parameters
+    ----------
+    values : (n,) positive, one per day, oldest first.
+    temperatures : (n,) degC, NaN where unknown.
+    least : relative change below which a step does not matter.
+
+    Examples
+    --------
+    >>> daily = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(30)
+    >>> find_day_change(daily, np.full(30, 25.0), 0.05) is None
+    True
+    >>> daily[25:] *= 1.12
+    >>> change = find_day_change(daily, np.full(30, 25.0), 0.05)
+    >>> change.day, round(change.ratio, 2), change.p_value < 1e-6
+    (25, 1.12, True)
+    """
+    n = len(values)
+    if n <= DAYS_BEFORE:
+        return None
+    logs = np.log(values)
+    base = [np.ones(n)]
+    if np.isfinite(temperatures).all() and float(np.std(temperatures)) > LEAST_SPAN_DEGC:
+        base.append(temperatures - temperatures.mean())
+    steps = (np.arange(n)[None, :] >= np.arange(DAYS_BEFORE, n)[:, None]).astype(np.float64)
+    # Frisch-Waugh: the coefficient of the step from what the other regressors leave of it and of the values
+    basis, _ = np.linalg.qr(np.stack(base, axis=1))
+    y = logs - basis @ (basis.T @ logs)
+    left = steps - (steps @ basis) @ basis.T
+    power = np.maximum((left**2).sum(axis=1), 1e-9)
+    heights = left @ y / power
+    squares = np.maximum((y**2).sum() - heights**2 * power, 0.0)
+    dof = max(n - len(base) - 1, 1)
+    best = int(np.argmin(squares))
+    residuals = y - heights[best] * left[best]
+    r = _correlation(residuals)
+    inflation = math.sqrt((1.0 + r) / (1.0 - r))
+    scatter = max(math.sqrt(float(squares[best]) / dof), LEAST_SCATTER)
+    sigma = abs(float(heights[best])) / (scatter * inflation / math.sqrt(float(power[best])))
+    effective = max(dof * (1.0 - r) / (1.0 + r), LEAST_DOF)
+    p = min(1.0, 2.0 * float(stdtr(effective, -sigma)) * len(steps))
+    if p > ALARM or abs(heights[best]) < math.log1p(least):
+        return None
+    level = np.linalg.lstsq(np.stack((*base, steps[best]), axis=1), logs, rcond=None)[0][0]
+    before = math.exp(float(level))
+    return DayChange(DAYS_BEFORE + best, before, before * math.exp(float(heights[best])), sigma, p)
+
+
+def _correlation(residuals: Floats) -> float:
+    """Return the correlation of neighbouring days, 0 to `STRONGEST`, corrected for its bias (Marriott & Pope 1954)."""
+    n, square = len(residuals), float((residuals**2).sum())
+    if square <= 0.0:
+        return 0.0
+    r = float((residuals[1:] * residuals[:-1]).sum()) / square
+    return min(max(r + (1.0 + 4.0 * r) / n, 0.0), STRONGEST)

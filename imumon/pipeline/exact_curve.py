@@ -1,0 +1,78 @@
+"""Exact curves: the fully overlapping Allan deviation of a record, beside the curve of the fit.
+
+The samples are all valid ones, also those that the guards exclude. The limits use the equivalent degrees of
+freedom of the curve of the fit, interpolated over tau: the two curves overlap almost as much.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from imumon.evaluation import ExactCurve
+from imumon.noise.allan.overlapping import (
+    SampleStore,
+    averaging_lengths,
+    chi_square_limits,
+    overlapping_deviation,
+)
+from imumon.report import Allan, Channel
+from imumon.samples import Floats, Ints
+
+SAME_TAU = 1e-6
+"""Relative difference up to which two averaging times are the same. Not critical."""
+
+
+def exact_curves(
+    store: SampleStore, channels: dict[str, Channel], interval_s: float, *, octaves: bool
+) -> dict[str, ExactCurve]:
+    """Return the exact curve of each channel that has an Allan curve.
+
+    Parameters
+    ----------
+    store : samples of these channels, in this order.
+    channels : of the report, those with a curve.
+    interval_s : s between two samples.
+    octaves : averaging times are the octaves; else ten per decade.
+    """
+    values, valid = store.result()
+    lengths = averaging_lengths(len(values), octaves=octaves)
+    return {
+        name: _curve(channel, *overlapping_deviation(values[:, k], valid, lengths), lengths, interval_s)
+        for k, (name, channel) in enumerate(channels.items())
+    }
+
+
+def _curve(channel: Channel, sigma: Floats, terms: Ints, lengths: list[int], interval_s: float) -> ExactCurve:
+    allan = channel.allan or Allan()
+    known = [(math.log(t), edf) for t, edf in zip(allan.tau_s, allan.edf, strict=True) if edf]
+    places, edfs = [tau for tau, _ in known], [edf for _, edf in known]
+    kept = [k for k in range(len(lengths)) if terms[k] > 0]
+    low: list[float | None] = []
+    high: list[float | None] = []
+    differences: list[float | None] = []
+    for k in kept:
+        tau = lengths[k] * interval_s
+        limits: tuple[float | None, float | None] = (None, None)
+        if known and sigma[k] > 0.0:
+            limits = chi_square_limits(float(sigma[k]), float(np.interp(math.log(tau), places, edfs)))
+        low.append(limits[0])
+        high.append(limits[1])
+        differences.append(_difference(allan, tau, float(sigma[k])))
+    return ExactCurve(
+        tau_s=tuple(lengths[k] * interval_s for k in kept),
+        sigma=tuple(float(sigma[k]) for k in kept),
+        low=tuple(low),
+        high=tuple(high),
+        terms=tuple(int(terms[k]) for k in kept),
+        difference=tuple(differences),
+    )
+
+
+def _difference(allan: Allan, tau_s: float, sigma: float) -> float | None:
+    """Return the deviation of the curve of the fit over `sigma`, minus 1; None at another averaging time."""
+    for tau, own in zip(allan.tau_s, allan.sigma, strict=True):
+        if abs(tau / tau_s - 1.0) < SAME_TAU and sigma > 0.0:
+            return own / sigma - 1.0
+    return None

@@ -1,0 +1,141 @@
+"""Periods: what the record showed in each 10 minutes, hour and day, for the history.
+
+N, B and K belong to the period alone. Counters are read when a period ends, while the guard still holds some samples
+back; so they may belong to samples of some seconds later, but their sums are those of the record. What is in progress
+is fitted again when it has grown enough to show, like the record itself (`imumon.pipeline.analysis`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
+from imumon.noise.fit import Estimator, FittedCoefficient
+from imumon.noise.nonstationarity.stretches import STEPS_S, Stretch
+from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.analysis import Analysis, pause_s
+
+COUNTED = ("samples", "missing", "excluded")
+
+
+class Periods:
+    """Periods of one record that have ended, and those in progress.
+
+    Parameters
+    ----------
+    record : as it grows.
+    analysis : of this record, for resolution, grades and settling.
+    averaged : (c,) channels that are true averages over their interval.
+    """
+
+    def __init__(self, record: Accumulators, analysis: Analysis, *, averaged: Sequence[bool]) -> None:
+        self._record, self._analysis = record, analysis
+        self._estimator = Estimator(averaged=averaged, time_to=False)
+        self._counted = {step: dict.fromkeys(COUNTED, 0) for step in STEPS_S}  # up to the last period
+        self._finished: list[HistoryPeriod] = []
+        self._current: dict[int, HistoryPeriod] = {}
+        self._due_s = 0.0
+
+    def update(self) -> None:
+        """Keep the periods that have ended; call it after all samples that are added."""
+        stretches = self._record.history.stretches
+        for stretch in stretches.drain():
+            self._finished.append(self._period(stretch, complete=True))
+            self._counted[stretch.step_s] = self._counts()
+            self._due_s = 0.0
+
+    def end(self) -> None:
+        """End the periods in progress: the record ends here."""
+        self.update()
+        for step in STEPS_S:
+            if (stretch := self._stretch(step)) is not None:
+                self._finished.append(self._period(stretch, complete=True))
+        self._current = {}
+
+    def drain(self) -> list[HistoryPeriod]:
+        """Return and forget the periods that have ended since the last call."""
+        finished, self._finished = self._finished, []
+        return finished
+
+    def in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
+        """Return the periods in progress; those of the last call unless they have grown, or with `force`.
+
+        Longer ones are fitted again only when a shorter one has ended.
+        """
+        record = self._record
+        if not force and record.elapsed_s < self._due_s:
+            return list(self._current.values())
+        again = force or self._due_s == 0.0
+        for step in STEPS_S if again else STEPS_S[:1]:
+            stretch = self._stretch(step)
+            if stretch is None:
+                self._current.pop(step, None)
+            else:
+                self._current[step] = self._period(stretch, complete=False)
+        own = record.elapsed_s % STEPS_S[0]
+        self._due_s = max(record.elapsed_s + pause_s(own), 1e-9)
+        return list(self._current.values())
+
+    def save(self) -> dict[str, Any]:
+        """Return the state as JSON values."""
+        return {"counted": {str(step): counts for step, counts in self._counted.items()}}
+
+    def restore(self, saved: Mapping[str, Any] | None) -> None:
+        """Continue from a saved state; None: the record had no periods, and its earlier samples belong to none."""
+        for step in STEPS_S:
+            counts = self._counts() if saved is None else saved["counted"][str(step)]
+            self._counted[step] = {name: int(counts[name]) for name in COUNTED}
+
+    def _stretch(self, step_s: int) -> Stretch | None:
+        return self._record.history.stretches.in_progress(STEPS_S.index(step_s))
+
+    def _counts(self) -> dict[str, int]:
+        record = self._record
+        return {
+            "samples": record.samples,
+            "missing": record.missing,
+            "excluded": record.guard.excluded_samples,
+        }
+
+    def _period(self, stretch: Stretch, *, complete: bool) -> HistoryPeriod:
+        record, interval_s = self._record, self._record.interval_s
+        before, now = self._counted[stretch.step_s], self._counts()
+        moments = stretch.moments.result().channels
+        length = max(1, round(STEPS_S[0] / interval_s)) * (stretch.step_s // STEPS_S[0])
+        temperature = None if record.temperature is None else moments[record.temperature].mean
+        return HistoryPeriod(
+            step_s=stretch.step_s,
+            number=stretch.start // length,
+            begin_age_s=(record.span - stretch.start) * interval_s,
+            end_age_s=(record.span - stretch.end) * interval_s,
+            complete=complete,
+            samples=now["samples"] - before["samples"],
+            missing=now["missing"] - before["missing"],
+            excluded_s=(now["excluded"] - before["excluded"]) * interval_s,
+            temperature=temperature,
+            warming_up=record.guarded and (record.is_warming_up() or self._analysis.trends.any_settling),
+            grades={sensor: grade.nearest for sensor, grade in self._analysis.grades.items()},
+            channels=self._channels(stretch, moments),
+        )
+
+    def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[str, PeriodChannel]:
+        record = self._record
+        curve = stretch.sums.curve(record.interval_s)
+        fits = self._estimator.fit(
+            curve, renew=True, resolution=self._analysis.resolution, bands=self._analysis.bands
+        )
+        channels = {}
+        for column, name in enumerate(record.channels):
+            own = moments[column]
+            if column < len(fits):
+                fit = fits[column]
+                noise = {letter: _coefficient(getattr(fit, letter)) for letter in "NBK"}
+            else:
+                noise = {}
+            channels[name] = PeriodChannel(mean=own.mean, std=own.std, **noise)
+        return channels
+
+
+def _coefficient(fitted: FittedCoefficient) -> PeriodCoefficient:
+    return PeriodCoefficient(value=fitted.value, low=fitted.low, high=fitted.high, status=fitted.status)

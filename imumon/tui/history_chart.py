@@ -1,0 +1,167 @@
+"""Charts of the history of one channel: N, B, mean and temperature over a day, a month or a year, with the events.
+
+The rows come from the daemon as JSON (docs/HISTORY.md). Any program may answer, so a row that is not valid is left out.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from imumon.report import plain
+from imumon.samples import sensor_of
+from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear
+from imumon.tui.charts import EXTREME_VALUES, centred_text
+from imumon.tui.formatting import Line, padded
+from imumon.tui.view_state import SPANS, ViewState
+from imumon.units import READABLE, number
+
+MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
+"""Kinds of events that are marked."""
+MOST_ROWS = 5000
+"""Rows that are drawn; a year of days has 366, two months of hours 1488. Not critical."""
+QUANTITIES = ("N", "B", "mean", "temperature")
+MAX_NUMBER = 1e150
+"""Largest number that is drawn, as in a report. Not critical."""
+GUTTER = 9
+"""Cells to the left of a chart, for its labels."""
+_ROLES = {"N": "N", "B": "B", "mean": "signal", "temperature": "point"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HistorySeries:
+    """The history of one channel.
+
+    Attributes
+    ----------
+    channel : its name.
+    time : (n,) s since 1970, middle of each row, rising.
+    values : (n,) SI by quantity, NaN where unknown or only bounded.
+    events : time, s since 1970, and kind of the events.
+    """
+
+    channel: str
+    time: Floats
+    values: dict[str, Floats]
+    events: tuple[tuple[float, str], ...]
+
+
+def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
+    """Return the history in the replies of a daemon; None if it has no valid row."""
+    known = [row for each in _objects(rows)[:MOST_ROWS] if (row := _row(channel, each)) is not None]
+    if not known:
+        return None
+    known.sort(key=lambda row: row[0])
+    table = np.array(known, dtype=np.float64)
+    values = {name: table[:, k] for k, name in enumerate(QUANTITIES, 1)}
+    found = ((_time(each), plain(str(each.get("kind"))[:20])) for each in _objects(events))
+    marks = [(when, kind) for when, kind in found if when is not None]
+    return HistorySeries(channel, table[:, 0], values, tuple(mark for mark in marks if mark[1] in MARKED))
+
+
+def _objects(data: bytes) -> list[dict[str, Any]]:
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError):
+        return []
+    return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
+
+
+def _row(channel: str, each: dict[str, Any]) -> tuple[float, ...] | None:
+    begin, end = _time(each), _time(each, "end")
+    if each.get("channel") != channel or begin is None or end is None:
+        return None
+    parts = [each.get(name) for name in ("N", "B")]
+    noise = [part.get("value") if isinstance(part, dict) else None for part in parts]
+    return (0.5 * (begin + end), *map(_number, (*noise, each.get("mean"), each.get("temperature"))))
+
+
+def _number(value: object) -> float:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MAX_NUMBER
+    return float(value) if good else np.nan  # type: ignore[arg-type]
+
+
+def _time(each: dict[str, Any], name: str = "time") -> float | None:
+    try:
+        return datetime.fromisoformat(each[name]).astimezone(UTC).timestamp()
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+
+
+@EXTREME_VALUES
+def history_chart(state: ViewState, width: int, height: int) -> list[Line]:
+    """Return the charts of the selected channel, one below the other."""
+    channel, series = state.channel or "", state.history
+    title: Line = [(" " * GUTTER, "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
+    for name in SPANS:
+        title.append((f" {name} ", "tab" if name == state.span else "muted"))
+    if series is None or series.channel != channel:
+        text = [
+            "no history yet",
+            "rows of 10 minutes, hours and days appear here",
+            "if history.enabled is true",
+        ]
+        return [padded(title, width), *centred_text(text, width, height - 1)]
+    title += [("   ▏", "warn"), ("event", "muted")] if series.events else []
+    drawn = [name for name in QUANTITIES if np.isfinite(series.values[name]).any()]
+    drawn = drawn[: max((height - 2) // 3, 1)]
+    span, end = SPANS[state.span][0], float(series.time[-1])
+    lines = [padded(title, width)]
+    left = height - 2
+    for k, name in enumerate(drawn):
+        rows = left // (len(drawn) - k)
+        left -= rows
+        lines += _panel(state, series, name, (end - span, end), width, rows)
+    return [*lines, _time_axis((end - span, end), width)][:height]
+
+
+def _panel(
+    state: ViewState, series: HistorySeries, name: str, times: tuple[float, float], width: int, height: int
+) -> list[Line]:
+    """Return the chart of one quantity."""
+    factor, unit = _scale(state, series.channel, name)
+    canvas = Canvas(width, max(height, 2))
+    inside = (series.time >= times[0]) & (series.time <= times[1])
+    y = series.values[name][inside] * factor
+    scale = linear(y)
+    area = (GUTTER, 1, max(width - GUTTER - 2, 4), max(height - 1, 1))
+    frame = PlotFrame(canvas, area, AxisScale(*times), scale)
+    ticks = scale.ticks(max(frame.height // 2, 2))
+    frame.grid([], ticks)
+    frame.y_labels([(tick, number(tick, 4)) for tick in ticks])
+    for when, kind in series.events:
+        at = frame.cell(when, 0.5 * (scale.low + scale.high))
+        for row in range(frame.top, frame.top + frame.height) if at is not None else ():
+            canvas.put(at[0], row, "▏", "bad" if kind == "change" else "warn")  # type: ignore[index]
+    frame.points(series.time[inside], y, _ROLES[name], "o" if state.notation.ascii else None)
+    canvas.text(GUTTER, 0, f"{name} [{unit}]", "muted")
+    return canvas.rows()
+
+
+def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
+    """Return factor and unit of a quantity."""
+    if name == "temperature":
+        return 1.0, state.notation.unit("degC")
+    if name == "mean":
+        return state.notation.scale(channel)
+    key = (sensor_of(channel), name)
+    factor = 1.0 if state.notation.si or key not in READABLE else READABLE[key].factor
+    return factor, state.notation.coefficient_unit(*key)
+
+
+def _time_axis(times: tuple[float, float], width: int) -> Line:
+    """Return the labels of the time axis: clock times of a day, else dates."""
+    inner, span = width - GUTTER - 2, times[1] - times[0]
+    form = "%H:%M" if span < 2 * 86400.0 else "%d %b" if span < 90 * 86400.0 else "%b %Y"
+    count = max(2, min(7, inner // 12))
+    text = [" "] * width
+    for k in range(count):
+        share = k / (count - 1)
+        shown = f"{datetime.fromtimestamp(times[0] + share * span, UTC):{form}}"
+        at = min(max(GUTTER + round(share * inner) - len(shown) // 2, 0), width - len(shown))
+        text[at : at + len(shown)] = shown
+    return padded([("".join(text)[:width], "muted")], width)

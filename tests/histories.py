@@ -1,0 +1,81 @@
+"""Histories for tests: periods of a synthetic sensor, years of them in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from imumon.history import HistoryStore
+from imumon.history.store import SUFFIX, TimedPeriod
+from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
+
+NAMES = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
+BEGIN = 1_767_225_600.0
+"""s since 1970, 2026-01-01."""
+RECORD = "2026-01-01T00:00:00.000Z"
+
+
+def coefficient(value: float) -> PeriodCoefficient:
+    return PeriodCoefficient(value=value, low=0.99 * value, high=1.01 * value, status="measured")
+
+
+def period(
+    number: int,
+    *,
+    step_s: int = 600,
+    begin: float | None = None,
+    noise: float = 1.0,
+    mean: float = 0.1,
+    temperature: float = 30.0,
+    complete: bool = True,
+    warming_up: bool = False,
+    record: str = RECORD,
+    names: tuple[str, ...] = NAMES,
+) -> TimedPeriod:
+    """One period; `noise` is the factor of N."""
+    channels = {
+        name: PeriodChannel(
+            N=coefficient(1.234567e-4 * noise),
+            B=coefficient(2.345678e-5),
+            K=PeriodCoefficient(value=None, low=0.0, high=3.4e-6, status="upper_bound"),
+            mean=mean,
+            std=1e-3,
+        )
+        for name in names
+    }
+    channels["temperature"] = PeriodChannel(mean=temperature, std=0.1)
+    made = HistoryPeriod(
+        step_s=step_s,
+        number=number,
+        begin_age_s=float(step_s),
+        end_age_s=0.0,
+        complete=complete,
+        samples=100 * step_s,
+        missing=3,
+        excluded_s=0.5,
+        temperature=temperature,
+        warming_up=warming_up,
+        grades={"gyro": "industrial", "accel": None},
+        channels=channels,
+    )
+    begin = BEGIN + number * step_s if begin is None else begin
+    return TimedPeriod(record=record, begin=begin, end=begin + step_s, period=made)
+
+
+def year(days: int = 365, seed: int = 1) -> Iterator[TimedPeriod]:
+    """All periods of a year, shorter ones first, with noise that differs in every row."""
+    rng = np.random.default_rng(seed)
+    for step_s in (600, 3600, 86400):
+        for number in range(days * 86400 // step_s):
+            factor, mean, heat = 1.0 + 0.01 * rng.standard_normal(3)
+            yield period(number, step_s=step_s, noise=factor, mean=0.1 * mean, temperature=30.0 * heat)
+
+
+def write(directory: Path, device: str, periods: list[TimedPeriod]) -> Path:
+    """A history with these periods."""
+    path = directory / f"{device}{SUFFIX}"
+    with HistoryStore(path, write=True) as store:
+        store.add(periods)
+    return path

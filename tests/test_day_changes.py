@@ -1,0 +1,171 @@
+"""Laws of what the history finds: a step in days is found once, scatter is none; power-ups and their biases."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from histories import BEGIN, NAMES, period, write
+from reports import warming_up as report
+
+from imumon.history import History
+from imumon.history.day_changes import DayChanges, change_text
+from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
+from imumon.history.rows import iso
+from imumon.history.store import TimedPeriod
+from imumon.noise.nonstationarity.day_change import find_day_change
+from imumon.noise.statistics.moments import deviation_limits
+from imumon.report import Distribution, Event
+
+DAY = 86400.0
+
+
+def days(count: int, *, begin: float = BEGIN, step_at: int = 999) -> list[TimedPeriod]:
+    """Days of a sensor with 1 % of scatter, with a step of N by 12 % in all channels."""
+    factors = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(count)
+    factors[step_at:] *= 1.12
+    return [
+        period(number, step_s=86400, begin=begin + number * DAY, noise=float(factor))
+        for number, factor in enumerate(factors)
+    ]
+
+
+def test_a_step_is_found_with_its_day_and_the_scatter_is_not() -> None:
+    judged = DayChanges()
+    judged.add(days(30))
+    assert judged.changes == {}
+    judged = DayChanges()
+    judged.add(days(30, step_at=27))
+    (change,) = judged.changes["gyro/y"]
+    assert (change.quantity, change.against, change.since) == ("N", "history", "2026-01-28T00:00:00.000Z")
+    assert change.ratio == pytest.approx(1.12, abs=0.02)
+    assert change.p_value is not None
+    assert change.p_value < 1e-5
+    assert "temperature" not in judged.changes
+    assert change_text("gyro/y", change).startswith("N of gyro/y grew by 12 % since 28 January, p = ")
+
+
+def test_days_that_are_short_in_progress_or_warm_up_do_not_count() -> None:
+    judged = DayChanges()
+    judged.add([period(k, step_s=86400, complete=False) for k in range(20)])
+    judged.add([period(k, step_s=86400, warming_up=True) for k in range(20)])
+    judged.add([period(k) for k in range(20)])
+    assert judged._days == {}
+
+
+def test_noise_that_follows_the_temperature_is_no_change() -> None:
+    rng = np.random.default_rng(2)
+    heat = np.where(np.arange(40) < 30, 20.0, 32.0) + rng.normal(0.0, 1.5, 40)
+    values = np.exp(0.01 * (heat - 20.0) + 0.005 * rng.standard_normal(40))
+    assert find_day_change(values, heat, 0.05) is None
+    assert find_day_change(values, np.full(40, np.nan), 0.05) is not None
+
+
+@pytest.mark.parametrize(("correlation", "most"), [(0.0, 0), (0.8, 16), (1.0, 36)])
+def test_scatter_of_any_kind_gives_few_false_alarms(correlation: float, most: int) -> None:
+    """1,000 series of 30 days: white, strongly correlated, and a random walk."""
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(1000):
+        shocks = 0.03 * rng.standard_normal(30)
+        series = np.zeros(30)
+        for k in range(1, 30):
+            series[k] = correlation * series[k - 1] + shocks[k]
+        alarms += find_day_change(np.exp(series), np.full(30, 25.0), 0.05) is not None
+    assert alarms <= most
+
+
+def test_a_change_is_reported_once_also_after_a_restart(tmp_path: Path) -> None:
+    now = time.time()
+    begin = now - 31 * DAY
+    write(tmp_path, "imu", days(30, begin=begin, step_at=27))
+    for expected in (len(NAMES), 0):
+        history = History(tmp_path, "imu", keep_days=400)
+        end = time.monotonic() + 10
+        while history._power_ups is None:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        found = history.new_changes()
+        assert len(found) == expected
+        assert history.new_changes() == []
+        for name, text in found:
+            history.event(Event(time=iso(now), kind="change", text=text, device="imu", channel=name))
+        annotated = history.annotated(report())
+        assert [c.against for c in annotated.channels["gyro/y"].changes][-1] == "history"
+        assert "changed" in annotated.channels["gyro/y"].caveats
+        history.close()
+
+
+# ---------------------------------------------------------------------- power-ups
+
+
+def settled(bias: float, now: float) -> TimedPeriod:
+    return period(0, begin=now - 600.0, mean=bias)
+
+
+def test_a_restart_of_the_daemon_is_no_power_up_and_one_of_the_sensor_is() -> None:
+    ups = PowerUps([])
+    ups.update(100.0, BEGIN)
+    ups.update(4000.0, BEGIN + 3900.0)
+    again = PowerUps(ups._all)
+    again.update(90_000.0, BEGIN + 89_900.5)  # the daemon was away
+    assert len(again._all) == 1
+    again.update(5.0, BEGIN + 90_000.0)  # the clock restarted
+    again.update(
+        90_000.0, BEGIN + 400_000.0
+    )  # it is ahead, but not by as much as the host: off for days in between
+    assert [round(each.time - BEGIN) for each in again._all] == [-100, 89_995, 310_000]
+
+
+def test_the_bias_is_taken_once_the_sensor_has_settled() -> None:
+    ups = PowerUps([])
+    ups.update(700.0, BEGIN)
+    assert not ups.settle(settled(0.1, BEGIN), 100.0)  # half an hour is not over
+    ups.update(3000.0, BEGIN + 2300.0)
+    assert not ups.settle(period(1, complete=False), 2400.0)
+    assert not ups.settle(period(1, warming_up=True), 2400.0)
+    assert ups.settle(settled(0.2, BEGIN + 2300.0), 2400.0)
+    assert not ups.settle(settled(0.3, BEGIN + 2900.0), 3000.0)
+    assert ups.biases("gyro/x") == [0.2]
+    assert ups.biases("mag/x") == []
+
+
+def test_the_repeatability_has_limits_after_five_power_ups() -> None:
+    ups, biases = PowerUps([]), [0.1, 0.14, 0.09, 0.11, 0.12]
+    for number, bias in enumerate(biases):
+        shape = ups.described(Distribution(), "gyro/z")
+        assert shape.turn_on_count == (number or None)
+        assert shape.turn_on_std is None
+        begin = BEGIN + number * DAY
+        ups.update(1.0, begin)
+        ups.update(4000.0, begin + 4000.0)
+        assert ups.settle(settled(bias, begin + 4000.0), 3300.0)
+    shape = ups.described(Distribution(), "gyro/z")
+    assert shape.turn_on_count == LEAST_POWER_UPS
+    assert shape.turn_on_std == pytest.approx(np.std(biases, ddof=1))
+    assert (shape.turn_on_low, shape.turn_on_high) == deviation_limits(shape.turn_on_std or 0.0, 5)
+
+
+def test_the_limits_hold_the_truth_in_95_percent() -> None:
+    rng = np.random.default_rng(4)
+    held = 0
+    for _ in range(2000):
+        low, high = deviation_limits(float(np.std(rng.standard_normal(6), ddof=1)), 6)
+        held += low <= 1.0 <= high
+    assert held / 2000 == pytest.approx(0.95, abs=0.015)
+
+
+def test_power_ups_are_in_the_file(tmp_path: Path) -> None:
+    now = time.time()
+    for number, bias in enumerate((0.1, 0.2)):
+        history = History(tmp_path, "imu", keep_days=400)
+        end = time.monotonic() + 10
+        while history._power_ups is None:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        history.clock(3000.0 - number, now)
+        history.add([period(number, mean=bias, complete=True).period], "r", now)
+        history.close()
+        assert history._power_ups.biases("gyro/x") == [0.1, 0.2][: number + 1]

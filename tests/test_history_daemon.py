@@ -1,0 +1,66 @@
+"""The history of a real daemon: on the bus, through the command, after it was killed."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import zenoh
+from commands import imumon
+from daemons import Daemon
+
+CONFIG = "[state]\nsave_period_s = 1.0\n[report]\nperiod_s = 0.25\n"
+
+
+def ask(endpoint: str, selector: str) -> tuple[list[dict[str, object]], list[str]]:
+    """Replies and refusals of a get by plain Zenoh."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    found: list[dict[str, object]] = []
+    refused = []
+    with zenoh.open(config) as session:
+        for reply in session.get(selector):
+            if reply.ok is not None:
+                assert str(reply.ok.encoding) == "application/json"
+                found += json.loads(reply.ok.payload.to_bytes())
+            else:
+                refused.append(json.loads(reply.err.payload.to_bytes())["error"]["code"])
+    return found, refused
+
+
+def test_history_of_a_daemon_from_the_bus_to_the_file(tmp_path: Path) -> None:
+    """In time-lapse, 200 s a second: killed in the middle of a row, which then goes on."""
+    config = tmp_path / "config.toml"
+    config.write_text(CONFIG)
+    words = ("--speed", "200", "--seed", "3", "--id", "lab", "--config", str(config))
+    with Daemon("sim", tmp_path, *words) as daemon:
+        daemon.wait(lambda r: r.session.elapsed_s > 700, 150.0)
+        rows, _ = ask(daemon.endpoint, "imumon/lab/history?channel=gyro/x")
+        assert [row["complete"] for row in rows] == [True, False]
+        assert {(row["device"], row["channel"], row["step"]) for row in rows} == {("lab", "gyro/x", "10m")}
+        assert rows[0]["N"]["status"] == "measured"  # type: ignore[index]
+        assert ask(daemon.endpoint, "imumon/lab/history?_time=[now(-2h)..now(-1h)]") == ([], [])
+        assert ask(daemon.endpoint, "imumon/lab/history?step=7m") == ([], ["step_invalid"])
+        whole, _ = ask(daemon.endpoint, "imumon/lab/history?step=1d")
+        assert {row["channel"] for row in whole} >= {"gyro/x", "accel/z", "temperature"}
+        kinds = {each["kind"] for each in ask(daemon.endpoint, "imumon/lab/history/event")[0]}
+        assert {"connect", "grade"} <= kinds
+        said = imumon("history", "--connect", daemon.endpoint, "--channel", "gyro/y", code=0)
+        assert len(said.splitlines()) == 3
+        daemon.stop(signal.SIGKILL)
+    before = json.loads(imumon("history", "--state", str(tmp_path), "--channel", "gyro/x", "--json"))
+    assert len(before) >= 2
+    assert sum(row["samples"] for row in before) > 600 * 100
+
+
+def test_no_history_is_kept_if_none_is_wanted(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("[history]\nenabled = false\n")
+    with Daemon("sim", tmp_path, "--id", "lab", "--config", str(config)) as daemon:
+        daemon.samples(10)
+        assert ask(daemon.endpoint, "imumon/lab/history") == ([], [])
+        text = imumon("history", "--connect", daemon.endpoint, code=3)
+        assert "keeps no history" in text
+    assert not list(tmp_path.glob("*.sqlite*"))

@@ -1,0 +1,88 @@
+"""The view of the history: what it asks, what it draws, and what it makes of hostile replies."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import reports
+from textual.pilot import Pilot
+
+from imumon.tui.app import ImumonApp
+from imumon.tui.history_chart import QUANTITIES, history_chart, parse
+from imumon.tui.view_state import SPANS, ViewState
+
+
+def text(lines: object) -> str:
+    return "\n".join("".join(part for part, _ in line) for line in lines)  # type: ignore[attr-defined]
+
+
+def state(span: str = "day", *, shown: bool = True) -> ViewState:
+    report = reports.warming_up()
+    series = parse("gyro/x", *reports.history_reply("gyro/x", *SPANS[span])) if shown else None
+    return ViewState(reports={reports.ID: report}, id=reports.ID, channel="gyro/x", history=series, span=span)
+
+
+@pytest.mark.parametrize("span", SPANS)
+@pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40), (20, 3)])
+def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tuple[int, int]) -> None:
+    lines = history_chart(state(span), *size)
+    assert len(lines) <= size[1]
+    assert all(sum(len(part) for part, _ in line) == size[0] for line in lines)
+    if size[1] >= 20:
+        assert all(f"{name} [" in text(lines) for name in QUANTITIES)
+        assert "▏" in text(lines)
+
+
+def test_it_says_so_while_there_is_none() -> None:
+    assert "no history yet" in text(history_chart(state(shown=False), 80, 24))
+
+
+def test_a_bound_is_no_point() -> None:
+    series = parse("gyro/x", *reports.history_reply("gyro/x", *SPANS["day"]))
+    assert series is not None
+    assert np.isnan(series.values["B"][::3]).all()
+    assert np.isfinite(series.values["N"]).all()
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        b"", b"[", b"{}", b"null", b"[1, 2]", b"[" * 100_000, b'[{"time": 1}]', b'[{"channel": "gyro/x"}]',
+        b'[{"channel": "gyro/x", "time": "2026-01-01T00:00:00Z", "end": "x"}]', b"\xff\xfe",
+    ],
+)  # fmt: skip
+def test_a_reply_that_is_none(reply: bytes) -> None:
+    assert parse("gyro/x", reply, reply) is None
+
+
+@pytest.mark.parametrize("value", [1e300, "x", True, [], {"value": "1"}, None, float("1e149"), -5])
+def test_a_value_that_is_none(value: object) -> None:
+    row = {"channel": "gyro/x", "time": "2026-01-01T00:00:00Z", "end": "2026-01-01T00:10:00Z"}
+    rows = [row | {"N": {"value": value}, "B": value, "mean": value, "temperature": value}] * 3
+    event = json.dumps([{"time": "2026-01-01T00:00:00Z", "kind": value}]).encode()
+    series = parse("gyro/x", json.dumps(rows).encode(), event)
+    assert series is not None
+    shown = ViewState(id=reports.ID, channel="gyro/x", history=series)
+    assert history_chart(shown, 80, 24)
+
+
+def test_the_view_asks_for_what_it_shows() -> None:
+    from test_tui import drive, visible_text
+
+    source = reports.FakeSource(reports.warming_up())
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("6", "w")
+        assert source.asked_history == (reports.ID, "gyro/x", *SPANS["month"])
+        app.poll()
+        await pilot.press("down")
+        assert source.asked_history == (reports.ID, "gyro/y", *SPANS["month"])
+        app.change()
+        await pilot.pause()
+        assert "temperature [" in visible_text(app)
+        await pilot.press("1")
+        assert source.asked_history is None
+
+    drive(source, script)

@@ -1,0 +1,124 @@
+"""Laws of the periods of the history: they add up, belong to their own time, and survive a restart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.history_report import HistoryPeriod
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.samples import Floats, SampleBlock, Stream
+
+RATE = 4.0
+STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "temperature"))
+STEPS = (600, 3600, 86400)
+
+
+def values(hours: float, noise: float = 1e-3, seed: int = 1) -> Floats:
+    n = round(hours * 3600 * RATE)
+    samples = np.random.default_rng(seed).normal(size=(n, 3)) * [noise, noise, 0.01]
+    samples[:, 2] += 30.0
+    return samples
+
+
+def feed(monitor: Monitor, samples: Floats, first: int = 0, chunk: int = 777) -> list[HistoryPeriod]:
+    periods = []
+    for at in range(0, len(samples), chunk):
+        part = samples[at : at + chunk]
+        times = 10**9 + np.rint((first + at + np.arange(len(part))) * 1e9 / RATE).astype(np.int64)
+        monitor.feed(SampleBlock(STREAM, part, times, np.zeros(len(part), dtype=np.int64)))
+        periods += monitor.periods()
+    return periods
+
+
+def monitor() -> Monitor:
+    return Monitor(MonitorOptions(periods=True))
+
+
+def of(periods: list[HistoryPeriod], step_s: int) -> list[HistoryPeriod]:
+    return [each for each in periods if each.step_s == step_s]
+
+
+def test_counts_add_up_to_the_record() -> None:
+    made = monitor()
+    samples = values(2.4)
+    periods = feed(made, samples[:20000])
+    periods += feed(made, samples[21000:], first=21000)
+    made.flush()
+    periods += made.periods() + made.periods_in_progress(force=True)
+    for step in STEPS:
+        assert sum(each.samples for each in of(periods, step)) == made.samples
+        assert sum(each.missing for each in of(periods, step)) == 1000
+        assert [each.number for each in of(periods, step)] == list(range(len(of(periods, step))))
+
+
+def test_noise_belongs_to_its_own_period() -> None:
+    made = monitor()
+    periods = feed(made, np.concatenate((values(1.0), values(1.1, noise=2e-3, seed=2))))
+    first, second = of(periods, 3600)[:2]
+    assert first.channels["gyro/x"].N is not None
+    truth = 1e-3 / np.sqrt(RATE)
+    for each, factor in ((first, 1.0), (second, 2.0)):
+        n = each.channels["gyro/x"].N
+        assert n is not None
+        assert n.low is not None
+        assert n.high is not None
+        assert n.value == pytest.approx(truth * factor, rel=0.05)
+        assert n.low < truth * factor < n.high
+    assert first.temperature == pytest.approx(30.0, abs=0.01)
+    assert first.channels["temperature"].N is None
+    assert first.channels["gyro/y"].std == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("chunk", [64, 5000])
+def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
+    samples = values(1.1)
+    one, other = (feed(monitor(), samples, chunk=n) for n in (777, chunk))
+    assert len(one) == 7
+    for a, b in zip(one, other, strict=True):
+        for name, channel in a.channels.items():
+            again = b.channels[name]
+            assert again.mean == pytest.approx(channel.mean, rel=1e-9)
+            if channel.N is not None and channel.N.value is not None:
+                assert again.N is not None
+                assert again.N.value == pytest.approx(channel.N.value, rel=1e-9)
+
+
+def test_a_restart_in_the_middle_of_a_period_does_not_show() -> None:
+    samples = values(1.2)
+    whole = feed(monitor(), samples)
+    first = monitor()
+    half = round(len(samples) * 0.7)
+    periods = feed(first, samples[:half])
+    meta, arrays = first.save()
+    second = monitor()
+    second.restore(meta, {name: array.copy() for name, array in arrays.items()}, 0.0)
+    periods += feed(second, samples[half:], first=half)
+    assert [(p.step_s, p.number) for p in periods] == [(p.step_s, p.number) for p in whole]
+    periods += second.periods_in_progress(force=True)
+    for step in STEPS:
+        assert sum(p.samples for p in of(periods, step)) == second.samples
+    for a, b in zip(whole, periods, strict=False):
+        assert b.channels["gyro/x"].mean == pytest.approx(a.channels["gyro/x"].mean, rel=1e-9)
+
+
+def test_a_gap_of_days_has_no_periods_and_is_counted_as_missing() -> None:
+    made = monitor()
+    periods = feed(made, values(0.5))
+    days = round(3 * 86400 * RATE)
+    periods += feed(made, values(0.5, seed=3), first=days)
+    assert len(of(periods, 600)) < 10
+    made.flush()
+    periods += made.periods() + made.periods_in_progress(force=True)
+    for step in STEPS:
+        assert sum(p.samples for p in of(periods, step)) == made.samples
+        assert sum(p.missing for p in of(periods, step)) == days - round(1800 * RATE)
+
+
+def test_a_new_record_ends_the_periods_of_the_old_one() -> None:
+    made = monitor()
+    feed(made, values(0.2))
+    made.end_record()
+    ended = made.periods()
+    assert [p.complete for p in ended] == [True] * 3
+    assert of(ended, 86400)[0].samples == made.samples
