@@ -5,8 +5,9 @@
     python benchmarks/real_effects.py --only lines,ramp     some effects
 
 Truth: N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, records of 2.5 h at 20 Hz, point samples. K is 0, twice
-the smallest that generalised least squares separates from zero (`DETECTION`), or larger. An effect is added to
-the samples; the truth of N includes what it turns into white noise (rounding, outliers above 1 % of them).
+the smallest that generalised least squares beside the same nuisance terms separates from zero, or larger. An
+effect is added to the samples; the truth of N includes what it turns into white noise (rounding, outliers above
+1 % of them).
 
 Two ways lead to the limits. "estimator": octaves, spectrum and block means of the record, then the fit.
 "pipeline": the whole `Monitor`, with its guards, six channels at a time. Widths are relative to the fit with the
@@ -46,9 +47,7 @@ from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 N, B = 6.1e-5, 2.4e-5
 RATE, LENGTH = 20.0, 180_000
 SIGMA = N * math.sqrt(RATE)
-DETECTION = 1.7e-6
-"""rad/s^2/sqrt(Hz), twice the smallest K that differs from zero by 1.96 standard deviations of `bound`, K = 0."""
-WALKS = (0.0, DETECTION, 4.5e-6, 1e-5)
+LARGER_WALKS = (4.5e-6, 1e-5)
 CHUNK, BATCH = 9_000, 12
 TIME = np.arange(LENGTH) / RATE
 TOTAL_S = LENGTH / RATE
@@ -76,6 +75,7 @@ class Effect:
     own_white : the same for one record, from its slow part (n,) and the generator; None: `white`.
     step : resolution, in standard deviations of a sample; 0: none.
     heated : a temperature channel is given.
+    settles_s : s, time constant of a warm-up; 0: none.
     pipeline : the whole `Monitor` has to run.
     short : octaves that a filter bends; 0: there is no filter.
     hidden : the resolution hides the noise, and no value is expected.
@@ -85,6 +85,7 @@ class Effect:
     white: float = 0.0
     step: float = 0.0
     heated: bool = False
+    settles_s: float = 0.0
     pipeline: bool = False
     short: int = 0
     hidden: bool = False
@@ -183,7 +184,7 @@ def ramp(size: float) -> Effect:
 
 
 def warm_up(size: float, constant_s: float) -> Effect:
-    return Effect(lambda y, _: y + size * np.exp(-TIME / constant_s), pipeline=True)
+    return Effect(lambda y, _: y + size * np.exp(-TIME / constant_s), settles_s=constant_s, pipeline=True)
 
 
 def outliers(share: float, *, contaminated: bool = False) -> Effect:
@@ -352,13 +353,18 @@ def run(job: tuple[str, float, list[int]]) -> tuple[list[Row], list[float], list
 
 
 @lru_cache
-def bound(K: float, heated: bool, blocks: int = 600) -> float:
-    """Standard deviation of K^2 by generalised least squares on block means, beside N, B, drift, temperature."""
+def bound(K: float, heated: bool, settles_s: float, blocks: int = 600) -> float:
+    """Standard deviation of K^2 by generalised least squares on block means.
+
+    Beside N, B, drift, temperature, and an exponential of unknown size and time constant.
+    """
     length = TOTAL_S / blocks
     at = (np.arange(blocks) + 0.5) * length
     regressors = [np.ones(blocks), at]
     if heated:
         regressors.append(DEGREES.reshape(blocks, -1).mean(axis=1))
+    if settles_s:
+        regressors += [np.exp(-at / settles_s), at * np.exp(-at / settles_s)]
     free = np.linalg.qr(np.stack(regressors, axis=1), mode="complete")[0][:, len(regressors) :]
     flicker, walk = unit_covariances(blocks)
     parts = [N**2 / length * np.eye(blocks), B**2 * flicker, length * walk]
@@ -367,6 +373,11 @@ def bound(K: float, heated: bool, blocks: int = 600) -> float:
     slopes = [inverse @ parts[1], inverse @ parts[2]]
     information = np.array([[0.5 * np.sum(a * b.T) for b in slopes] for a in slopes])
     return float(math.sqrt(np.linalg.inv(information)[1, 1]))
+
+
+def detection(effect: Effect) -> float:
+    """Twice the smallest K that differs from zero by 1.96 standard deviations of `bound`."""
+    return 2.0 * math.sqrt(1.96 * bound(0.0, effect.heated, effect.settles_s))
 
 
 # Table ---------------------------------------------------------------------------
@@ -444,7 +455,7 @@ def judged(result: Result, known: Result | None) -> list[str]:
     goal = walks <= 0.05 + error(0.05) if not result.K else walks >= 0.8 - error(0.8)
     columns = [" / ".join(part) for part in (coverage, missing, widths, bias)]
     columns.append(f"{100 * walks:.0f}{'' if goal else ' **!**'}")
-    spread = bound(result.K, result.effect.heated)
+    spread = bound(result.K, result.effect.heated, result.effect.settles_s)
     squares = result.value[:, 2] ** 2
     squares = squares[np.isfinite(squares)]
     if 4.0 * spread < result.K**2 and squares.size:
@@ -468,7 +479,7 @@ def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[st
         "K² rmse",
     )
     print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|", flush=True)
-    known: dict[tuple[str, float], Result] = {}
+    known: dict[tuple[str, int], Result] = {}
     for name, effect in EFFECTS.items():
         if (count == 0 and not effect.pipeline) or (piped == 0 and effect.pipeline):
             continue
@@ -477,11 +488,11 @@ def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[st
         reference = (
             "clean, pipeline" if effect.pipeline else "clean, temperature known" if effect.heated else "clean"
         )
-        for K in WALKS:
+        for at, K in enumerate((0.0, detection(effect), *LARGER_WALKS)):
             begin = time.monotonic()
             result = cell(pool, name, K, piped if effect.pipeline else count)
-            known[name, K] = result
-            row = judged(result, known.get((reference, K)))
+            known[name, at] = result
+            row = judged(result, known.get((reference, at)))
             print(f"| {name} | {K:.2g} | " + " | ".join(row) + " |", flush=True)
             if os.environ.get("TIMES"):
                 print(f"{time.monotonic() - begin:.0f} s")

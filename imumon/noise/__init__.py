@@ -36,12 +36,13 @@ restarts the estimator: it never returns limits of one record for another.
 |---|---|
 | `allan/` | octave cascade: Allan variance of an endless stream, also since several starts |
 | `fit/` | `Estimator`: N, B, K from exact covariances, with limits, and the time to a precision |
-| `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
 | `grading` | navigation, tactical, industrial or consumer grade |
 | `statistics/` | moments, histogram, spectrum and its lines, envelope |
 | `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
 | `nonstationarity/` | hour against hour: drift, warm-up, changes |
-| `filter_parameters`, `filter_consistency` | numbers that keep a Kalman filter consistent |
+| `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
+| `filter_parameters` | numbers that keep a Kalman filter consistent |
+| `uncertainty` | conformity with a limit, and uncertainty budgets |
 | `validity_groups` | channels that miss the same samples |
 | `synthesis` | noise of given N, B, K |
 """

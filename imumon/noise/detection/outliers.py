@@ -31,7 +31,9 @@ FADE_FRAMES = 1024
 LEAST_RUN = 3
 """Samples in a row, or nearly, that are a knock where outliers are rare. Not critical."""
 MOST_OUTLIERS = 0.3
-"""Share of the samples of a frame up to which they are outliers. Not critical."""
+"""Share of the samples of a frame and sensor up to which they are outliers. Not critical."""
+CROWD_ERRORS = 5.0
+"""Standard errors above their usual share in a frame up to which they are, too. Not critical."""
 SMALL_SAMPLE = 1.5
 """Standard errors of a deviation from n samples, times sqrt(2 n), by which the threshold of samples without a
 baseline is wider. Not critical."""
@@ -73,11 +75,14 @@ class OutlierDetector(ArrayState):
         far = np.abs(d - _middle(d, usable)[:, :, None, None]) > limit[:, None, None, None]
         if usable is not None:
             far &= usable
-        if not far.any() or far.any(axis=0).mean(axis=(1, 2)).max() > MOST_OUTLIERS:
+        if not far.any():
             return None
         shares = self._rows / max(int(self._frames[0]) * self._frame, 1)
         sensors = [far[members].any(axis=0).reshape(-1) for members in self._members]
         for rows, share in zip(sensors, shares.tolist(), strict=True):
+            crowd = share + CROWD_ERRORS * math.sqrt(share / self._frame)
+            if rows.reshape(-1, self._frame).mean(axis=1).max() > max(MOST_OUTLIERS, crowd):
+                return None
             least = run_beyond_chance(share)
             if np.convolve(rows, np.ones(min(2 * least - 1, len(rows)))).max() > least - 0.5:
                 return None

@@ -6,7 +6,8 @@ Rules:
    two-sided limits. Else it is an ``upper_bound``: no value, but a one-sided bound. The levels are such that
    the limits hold in 95 % of all records, whatever the status: 2.2 % beyond each limit, 3.9 % beyond a bound,
    1.4 % false detections. They are set on simulated records, where a few per mille more lie beyond than these
-   normal quantiles predict, because the other terms are fitted to the same data.
+   normal quantiles predict, because the other terms are fitted to the same data. K from block means has its own
+   test, with 2.5 % in each tail; it is measured where its lower limit is above zero.
 2. The bound of a term that the data put below zero is that of data which put it at zero: half of the records
    without the term have a higher one.
 3. Where several descriptions pass, the limits are the union of theirs, and a coefficient is ``measured`` only
@@ -145,9 +146,7 @@ def _united_limits(
     for at, (row, model) in enumerate(rows):
         long_end = model.used[: problems.used.shape[1]] & problems.used[row, : model.used.size]
         last = np.flatnonzero(problems.used[row])[-1]
-        pending = np.zeros(3, dtype=bool)
-        pending[:] = not model.fits
-        pending |= exceeds[at]
+        pending = exceeds[at] | (not model.fits)
         pending[2] |= not (last < long_end.size and long_end[last])
         low[at, pending], high[at, pending] = 0.0, np.inf
         early = np.array([False, True, True]) & (span_s < LEAST_B_K_S)
@@ -163,7 +162,11 @@ def _united_limits(
         merged_low[row], merged_high[row] = low[own].min(axis=0), high[own].max(axis=0)
         names = [_united([status[at][term] for at in own]) for term in range(3)]
         merged_status.append(tuple(names))
-        merged_reasons.append(tuple(_reason_of(names[t], [reasons[at][t] for at in own]) for t in range(3)))
+        of_status = [
+            next(reasons[at][term] for at in own if status[at][term] == name)
+            for term, name in enumerate(names)
+        ]
+        merged_reasons.append(tuple(of_status))
     return merged_low, merged_high, merged_status, merged_reasons
 
 
@@ -176,25 +179,27 @@ def _walk_limits(
 ) -> list[float | None]:
     """Replace the limits of K by those of block means, which know drift and temperature; return their K^2.
 
-    Beside the means, what the octaves up to the length of a block say of B is used. The longer ones would count
-    twice. The curve keeps its K where the walk exceeds flicker already at a tau of few blocks: a drift does not
-    show there, and the blocks are too long.
+    K of a channel without N stays pending. Beside the means, what the octaves up to the length of a block say of
+    B is used; the longer ones would count twice. The curve keeps its K where the walk exceeds flicker already at
+    a tau of few blocks: a drift does not show there, and the blocks are too long.
     """
     low, high, status, reasons = limits
     if blocks is None:
         return [None] * len(p)
     short = fitted.used & (tau0 * 2.0 ** np.arange(fitted.used.shape[1]) <= blocks.length_s)
-    part = replace(fitted, used=short, free=fitted.free & (np.arange(p.shape[1]) != RAMP))
+    few = short.sum(axis=1) < OCTAVES_FOR_N
+    used = np.where(few[:, None], fitted.used, short)
+    part = replace(fitted, used=used, free=fitted.free & (np.arange(p.shape[1]) != RAMP))
     prepared = part.prepare()
     alone = solve(prepared, part.free)
     error = intervals.deviations(prepared, part.free, np.where(alone > 0.0, alone, 0.0) + GUESS * p)[:, 1]
-    known = p[:, 0] > 0.0
+    known = (p[:, 0] > 0.0) & np.array([names[0] != "pending" for names in status])
     terms = fit_slow_terms(
         blocks.means,
         blocks.length_s,
         np.where(known, p[:, 0], 1.0) * tau0,
         alone[:, 1],
-        B2_error=np.where(short.sum(axis=1) >= OCTAVES_FOR_N, error, np.inf),
+        B2_error=np.where(few, np.inf, error),
         share=blocks.share,
         temperature=blocks.temperature,
         settling=True,
@@ -207,7 +212,7 @@ def _walk_limits(
         if not known[row] or not np.isfinite(k2) or (early and status[row][2] == "measured"):
             walks.append(None)
             continue
-        shows = bounds[0] > 0.0 and terms.p_value[row] < FALSE_DETECTION
+        shows = bool(bounds[0] > 0.0)
         low[row, 2], high[row, 2] = bounds[0] if shows else 0.0, bounds[1]
         status[row] = (*status[row][:2], "measured" if shows else "upper_bound")
         reasons[row] = (*reasons[row][:2], None if shows else NOT_SHOWN)
@@ -222,11 +227,6 @@ def _united(names: list[Status]) -> Status:
     ('measured', 'upper_bound', 'pending')
     """
     return "pending" if "pending" in names else "upper_bound" if "upper_bound" in names else "measured"
-
-
-def _reason_of(status: Status, reasons: list[str | None]) -> str | None:
-    """Return the first reason, in the order of the descriptions; None for a measured coefficient."""
-    return None if status == "measured" else next((reason for reason in reasons if reason), None)
 
 
 def _exceeds_curve(every: FitProblems, fitted: FitProblems, p: Floats) -> Bools:

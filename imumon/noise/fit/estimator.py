@@ -211,14 +211,14 @@ def _problems(
     kind = np.array([kinds.index(kind) for kind in averaged])
     free = np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0)
     variance, excess = np.where(used, variance, 1.0), np.zeros(len(used))
-    offset, extra = np.zeros(used.shape), np.zeros((*used.shape, used.shape[1]))
+    offset, (extra, changing) = np.zeros(used.shape), np.zeros((2, *used.shape, used.shape[1]))
     if blocks is not None:
         slow, added = without_slow_regressors(curve, blocks)
         variance = np.where(used, slow, 1.0)
         extra += added[:, :, None] * np.eye(used.shape[1])
     for row in range(len(used)):
         if bands is not None and len(bands[row]):
-            offset[row], more = band_offset(bands[row], curve.m, curve.tau0)
+            offset[row], more, changing[row] = band_offset(bands[row], curve.m, curve.tau0)
             extra[row] += more
         if kurtosis is not None and kurtosis[row] > 0.0:
             white = float(variance[row, 0])
@@ -226,5 +226,5 @@ def _problems(
     quantisation = np.full(len(used), np.inf)
     if resolution is not None:
         quantisation = (MAX_STEPS * np.array(resolution[: len(used)], dtype=np.float64)) ** 2 / 12.0
-    problems = FitProblems(table, kind, variance, thinning, used, free, excess, offset, extra, quantisation)
-    return problems, reasons
+    parts = (variance, thinning, used, free, excess, offset, extra, changing, quantisation)
+    return FitProblems(table, kind, *parts), reasons

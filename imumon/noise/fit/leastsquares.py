@@ -80,6 +80,7 @@ class FitProblems:
         not describe.
     offset : (b, k) unit^2, part of the Allan variances that is known and not fitted: spectral lines.
     extra : (b, k, k) unit^4, covariance beyond that of the noise: of `offset`, and of outliers.
+    changing : (b, k, k) unit^4, covariance to add to `extra` where the lines are not steady.
     max_quantisation : (b,) unit^2, largest power of quantisation that the resolution allows; inf: unknown.
     """
 
@@ -92,6 +93,7 @@ class FitProblems:
     excess: Floats
     offset: Floats
     extra: Floats
+    changing: Floats
     max_quantisation: Floats
 
     def take(self, index: Ints | Bools | list[int]) -> FitProblems:
@@ -103,6 +105,10 @@ class FitProblems:
     def span(self) -> int:
         """Samples, length of the record."""
         return self.tables[0].span
+
+    def with_changing_lines(self, rows: Bools) -> FitProblems:
+        """Return the problems with the covariance of lines that change, in some rows."""
+        return replace(self, extra=self.extra + np.where(rows[:, None, None], self.changing, 0.0))
 
     def prepare(self) -> PreparedProblems:
         """Return the parts of the problems that do not depend on the powers."""

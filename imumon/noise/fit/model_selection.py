@@ -1,7 +1,8 @@
 """Selection of the descriptions of a curve: which octaves and terms the fit uses.
 
 Real sensors are not three-term models. What the spectrum shows as lines is subtracted before the fit
-(`narrow_band_offset`). What remains is described by rules:
+(`narrow_band_offset`), first with the errors of steady lines; where rule 1 then rejects, with those of lines
+that change. What remains is described by rules:
 
 1. White noise, flicker and random walk over all octaves are accepted unless chi-square rejects them
    (p < `REJECTED_P`). Quantisation and ramp are added where their score, given the other terms, exceeds
@@ -11,9 +12,9 @@ Real sensors are not three-term models. What the spectrum shows as lines is subt
    shortest octaves, up to `MAX_SHORT`, are not used. The correlation adds to N^2/tau a term that falls as
    1/tau^2 at longer tau, of either sign (for a boxcar this is exact), so the 1/tau^2 term is free and may be
    negative. A ramp is tried too. The description with the fewest excluded octaves and terms that passes
-   gives the values. Those that pass and cost little more are kept beside it, and the limits are the union of
-   theirs: the data do not decide between them. Where chi-square exceeds its expectation, the covariance is
-   scaled by the ratio (Birge, Phys. Rev. 40, 1932).
+   clearly (p >= `CLEAR_P`), or else at all, gives the values. Those that pass and cost little more are kept
+   beside it, and the limits are the union of theirs: the data do not decide between them. Where chi-square
+   exceeds its expectation, the covariance is scaled by the ratio (Birge, Phys. Rev. 40, 1932).
 3. If nothing passes, the longest octaves follow no model: temperature, warm-up. Up to `MAX_LONG` of them are
    not used if the rest then passes clearly (p >= `ACCEPTED_CUT_P`). K is then unknown. Where no spectrum is
    known, this may be any block of octaves, because a line bends some in the middle.
@@ -44,6 +45,14 @@ from imumon.samples import Bools, Floats
 REJECTED_P = 1e-3
 """1, p-value below which the three terms over all octaves are rejected: one record of a thousand that follows
 them. Not critical."""
+
+STEADY_P = 0.05
+"""1, p-value from which on lines that changed count as steady again. Above `REJECTED_P`, so that the selection
+does not alternate. Not critical."""
+
+CLEAR_P = 0.05
+"""1, p-value from which on a description without the shortest octaves passes clearly; it is preferred to one
+that only passes. Not critical."""
 
 ACCEPTED_CUT_P = 0.1
 """1, p-value that a description without the longest octaves must reach: there are more of them. Not critical."""
@@ -82,8 +91,9 @@ MAX_LAGS = 1.0
 """1, largest share of N^2/tau that the 1/tau^2 term may have at the shortest octave in use: a correlation over
 less than the cluster cannot add more. Not critical."""
 
-KEPT_COST = 2
-"""Cost by which a description may exceed that in use to widen its limits: each excluded octave costs 1. Not
+KEPT_COST = 1
+"""Cost by which a description may exceed that in use to widen its limits: each excluded octave costs 1. At 0, N
+behind a low-pass filter is held in 75 % of the records; at 2, limits are up to three times as wide. Not
 critical."""
 
 KEPT = 3
@@ -123,6 +133,7 @@ class SelectedModel:
     chi2, dof, p_value : of the fit without that error; None where there is nothing to test.
     passes : whether the fit passes the test.
     fits : whether the error of the model is at most `MAX_ERROR`.
+    changing : whether the lines have the errors of lines that change.
     others : descriptions beside this one whose limits count too.
     """
 
@@ -136,6 +147,7 @@ class SelectedModel:
     passes: bool
     fits: bool = True
     scale: float = 1.0
+    changing: bool = False
     others: tuple[SelectedModel, ...] = ()
 
     @property
@@ -156,26 +168,45 @@ def select_models(
     spectrum : whether the lines are known. Without a spectrum, a block of octaves that a line bends may be
         excluded instead.
     """
-    base = _fitted(problems, [(used, _BASE) for used in problems.used])
-    models = _with_scored_terms(problems, base, previous)
+    models = _with_all_octaves(problems, previous)
+    changing = np.array([_changes(*row) for row in zip(problems.changing, models, previous, strict=True)])
+    if changing.any():
+        problems, own = problems.with_changing_lines(changing), np.flatnonzero(changing).tolist()
+        again = _with_all_octaves(problems.take(own), [previous[row] for row in own])
+        models = [again.pop(0) if changes else model for model, changes in zip(models, changing, strict=True)]
     rejected = {row: model for row, model in enumerate(models) if not model.passes}
     for row, found in _searched(problems, rejected, previous, spectrum=spectrum).items():
         models[row] = found
     rows = [(row, each) for row, model in enumerate(models) for each in (model, *model.others)]
     fits = _with_error(problems.take([row for row, _ in rows]), [each for _, each in rows])
-    selected = []
-    for model in models:
-        own = [fits.pop(0) for _ in range(1 + len(model.others))]
-        selected.append(replace(own[0], others=tuple(own[1:])))
+    selected: list[SelectedModel] = []
+    for model, changes in zip(models, changing.tolist(), strict=True):
+        best, *others = [replace(fits.pop(0), changing=changes) for _ in range(1 + len(model.others))]
+        selected.append(replace(best, others=tuple(others)))
     return selected
+
+
+def _with_all_octaves(problems: FitProblems, previous: Sequence[SelectedModel | None]) -> list[SelectedModel]:
+    """Return the models of rule 1."""
+    base = _fitted(problems, [(used, _BASE) for used in problems.used])
+    return _with_scored_terms(problems, base, previous)
+
+
+def _changes(changing: Floats, model: SelectedModel, previous: SelectedModel | None) -> bool:
+    """Return whether the lines of a channel are not steady."""
+    least = STEADY_P if previous is not None and previous.changing else REJECTED_P
+    return bool(changing.any()) and model.p_value is not None and model.p_value < least
 
 
 def with_selection(problems: FitProblems, models: Sequence[SelectedModel]) -> FitProblems:
     """Return the problems with the octaves and terms selected for them."""
     both = zip(models, problems.used, strict=True)
     used = np.array([_extended(model.used, available) for model, available in both])
-    free, excess = (np.array([getattr(model, name) for model in models]) for name in ("free", "excess"))
+    free, excess, changing = (
+        np.array([getattr(model, name) for model in models]) for name in ("free", "excess", "changing")
+    )
     thinning = problems.thinning * np.sqrt([[model.scale] for model in models])
+    problems = problems.with_changing_lines(changing)
     return replace(problems, used=used, free=free, excess=excess, thinning=thinning)
 
 
@@ -272,7 +303,8 @@ def _searched(
     found: dict[int, SelectedModel] = {}
     whole = _fitted_all(problems, {row: _candidates(problems.used[row]) for row in rejected})
     for row, models in whole.items():
-        if (best := _cheapest(models, problems.used[row], REJECTED_P, previous[row])) is not None:
+        options = (_cheapest(models, problems.used[row], p, previous[row]) for p in (CLEAR_P, REJECTED_P))
+        if (best := next(filter(None, options), None)) is not None:
             found[row] = best
     left = [row for row in rejected if row not in found]
     cut = _fitted_all(problems, {row: _cut_candidates(problems.used[row], only_end=spectrum) for row in left})

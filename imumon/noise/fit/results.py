@@ -105,12 +105,13 @@ def channel_fits(
     ----------
     problems, known : (b) one per channel, in the order of `channels`.
     """
+    whole = replace(problems, used=np.ones_like(problems.used), excess=np.zeros(len(known)))
     problems = with_selection(problems, [item.model for item in known])
     used = problems.used
     prepared = problems.prepare()
     p = solve(prepared, problems.free, start=np.array([item.model.p for item in known]))
     positive = p * np.where(np.arange(len(TERMS)) == QUANTISATION, p > 0.0, 1.0)
-    every = replace(problems, used=np.ones_like(used), excess=np.zeros(len(known))).prepare()
+    every = whole.prepare()  # with the statistics of the octaves alone, not scaled by a misfit
     model = every.model(positive)
     edf = 2.0 / np.einsum("bii->bi", every.covariance(positive, model))
     model = np.where(used, prepared.model(p), model)

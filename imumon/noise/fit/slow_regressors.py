@@ -1,8 +1,8 @@
-"""Allan variances without a straight drift and without what follows the temperature.
+"""Allan variances without a straight drift, what follows the temperature, and an exponential.
 
-Both bend the Allan deviation at long tau, where they would count as flicker and random walk. Their slopes come
+They bend the Allan deviation at long tau, where they would count as flicker and random walk. Their sizes come
 from the block means, by generalised least squares with the noise that the restricted likelihood finds
-(`restricted_likelihood`). With d the drift and the effect of the temperature in each block:
+(`restricted_likelihood`). With d the sum of these effects in each block:
 
 - From `DIRECT_BLOCKS` blocks on, the Allan variance is that of the means less d.
 - Below, the Allan variance of d is subtracted, and from one block on also what d and the noise have in common.
@@ -92,7 +92,7 @@ def without_slow_regressors(curve: AllanCurve, blocks: BlockMeans) -> tuple[Floa
         d = x[:, 1:] @ (solved @ y)[1:]
         rest = np.eye(len(at)) - projection
         remaining = rest @ noise @ rest.T
-        found = _Found.of(at, len(means), y, d, noise, remaining)
+        found = _BlockVariances.of(at, len(means), y, d, noise, remaining)
         lengths = np.asarray(tau / blocks.length_s, dtype=np.float64)
         variance[c], extra[c] = _corrected(variance[c], lengths, found, len(means))
     return variance, extra
@@ -107,7 +107,7 @@ def _solve_contrasts(noise: Floats, x: Floats) -> Floats:
     return np.asarray(np.linalg.solve(x.T @ weights @ x, x.T @ weights))
 
 
-class _Found:
+class _BlockVariances:
     """Allan variances of block means, by cluster length in blocks."""
 
     def __init__(self, m: Ints, whole: Floats, slow: Floats, rest: Floats, share: Floats) -> None:
@@ -115,7 +115,7 @@ class _Found:
         self.whole, self.slow, self.rest, self.share = whole, slow, rest, share
 
     @classmethod
-    def of(cls, at: Ints, n: int, y: Floats, d: Floats, noise: Floats, remaining: Floats) -> _Found:
+    def of(cls, at: Ints, n: int, y: Floats, d: Floats, noise: Floats, remaining: Floats) -> _BlockVariances:
         """Return those of means y, of their slow part d and of the rest, at blocks `at` of n."""
         present, series, covariances = np.zeros(n + 1), np.zeros((3, n + 1)), np.zeros((2, n + 1, n + 1))
         present[at + 1], series[:, at + 1] = 1.0, (y, d, y - d)
@@ -141,7 +141,7 @@ class _Found:
         return np.asarray(np.interp(np.log(m), self.log_m, values / self.m**2) * m**2)
 
 
-def _corrected(variance: Floats, m: Floats, found: _Found, n: int) -> tuple[Floats, Floats]:
+def _corrected(variance: Floats, m: Floats, found: _BlockVariances, n: int) -> tuple[Floats, Floats]:
     """Return the Allan variances of a channel without its slow part, and their additional variance.
 
     Parameters

@@ -106,6 +106,7 @@ def _spreads(problems: FitProblems, p: Floats, span: int) -> tuple[Floats, Float
             used=used,
             offset=np.zeros(used.shape),
             extra=np.zeros((*used.shape, octaves)),
+            changing=np.zeros((*used.shape, octaves)),
         )
         lengths.append(float(1 << octaves))
         spreads.append(_relative_deviations(longest, p))

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtri
 
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
@@ -59,6 +60,19 @@ class MomentsResult:
 
     channels: tuple[ChannelMoments, ...]
     covariance: tuple[Floats | None, ...]
+
+
+def deviation_limits(deviation: float, count: int) -> tuple[float, float]:
+    """Return the 95 % limits of a standard deviation that is estimated from independent Gaussian values.
+
+    The sum of squares over the true variance is chi-square with count - 1 degrees of freedom.
+
+    >>> low, high = deviation_limits(1.0, 5)
+    >>> round(float(low), 3), round(float(high), 3)
+    (0.599, 2.874)
+    """
+    dof = count - 1
+    return deviation * (dof / chdtri(dof, 0.025)) ** 0.5, deviation * (dof / chdtri(dof, 0.975)) ** 0.5
 
 
 class Moments:

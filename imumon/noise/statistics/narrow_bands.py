@@ -53,7 +53,8 @@ class NarrowBand:
     frequency_hz : Hz, centroid.
     width_hz : Hz, root mean square deviation of the frequency.
     power : (channel unit)^2, variance of the samples that it makes: a^2/2 of a sinusoid of amplitude a.
-    error : (channel unit)^2, standard error of `power`.
+    error : (channel unit)^2, standard error of `power` as that of the line in these very samples: of the noise
+        beside it, and of what both have in common.
     """
 
     frequency_hz: float
@@ -96,7 +97,8 @@ def find_narrow_bands(power: Floats, averages: int, rate: float, band: range) ->
             continue
         variance = float(weights @ (group - frequency) ** 2 / weights.sum()) - WINDOW_WIDTH**2
         width = np.sqrt(max(variance, LEAST_WIDTH**2))
-        error = df * np.hypot(np.sqrt(2.0 / nu * (power[group] ** 2).sum()), LEVEL_ERROR * level[group].sum())
+        noise = level[group] * (level[group] + 2.0 * np.maximum(above, 0.0))
+        error = df * np.hypot(np.sqrt(2.0 / nu * noise.sum()), LEVEL_ERROR * level[group].sum())
         bands.append(NarrowBand(frequency * df, float(width * df), size, float(error)))
     return bands
 

@@ -1,0 +1,119 @@
+"""Fully overlapping Allan deviation of stored samples: exact at every averaging time, memory grows with the record.
+
+The cascade of this package overlaps by a quarter of tau and needs kilobytes. This module is what textbooks
+and other tools compute, for comparison and for figures with more points: with the sums P of the samples,
+
+    sigma^2(m) = sum over i of (P[i + 2m] - 2 P[i + m] + P[i])^2 / (2 m^2 terms)
+
+(NIST SP 1065, section 5.2.4; IEEE Std 952 annex C). A difference needs 2m consecutive valid samples, so none
+spans a gap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import chdtri
+
+from imumon.samples import Bools, Floats, Ints
+
+POINTS_PER_DECADE = 10
+"""Averaging times per decade of the finer grid. Not critical."""
+TAIL = 0.025
+"""Probability beyond each 95 % limit. Not critical: it is exact."""
+
+
+class SampleStore:
+    """Keep all samples of some columns, and where the grid has gaps.
+
+    Parameters
+    ----------
+    columns : number of leading columns to keep.
+    """
+
+    def __init__(self, columns: int) -> None:
+        self._columns = columns
+        self._values: list[Floats] = []
+        self._valid: list[Bools] = []
+
+    def update(self, values: Floats, valid: Bools | None = None) -> None:
+        """Add (n, c) consecutive samples; `valid` (n,) says which are there, None: all."""
+        kept = np.array(values[:, : self._columns])
+        present = np.asarray(np.isfinite(kept).all(axis=1))
+        if valid is not None:
+            present &= valid
+        kept[~present] = 0.0
+        self._values.append(kept)
+        self._valid.append(present)
+
+    def break_(self) -> None:
+        """Note a gap, however long: one invalid sample keeps every difference from spanning it."""
+        self._values.append(np.zeros((1, self._columns)))
+        self._valid.append(np.zeros(1, dtype=bool))
+
+    def result(self) -> tuple[Floats, Bools]:
+        """Return (n, c) samples, 0 where invalid, and (n,) which are valid."""
+        empty = np.zeros((0, self._columns))
+        return np.concatenate([empty, *self._values]), np.concatenate([np.zeros(0, dtype=bool), *self._valid])
+
+
+def averaging_lengths(samples: int, *, octaves: bool) -> list[int]:
+    """Return averaging times in samples, up to half the record: octaves, or ten points per decade.
+
+    >>> averaging_lengths(20, octaves=True), averaging_lengths(20, octaves=False)
+    ([1, 2, 4, 8], [1, 2, 3, 4, 5, 6, 8, 10])
+    """
+    if samples < 2:
+        return []
+    most = samples // 2
+    if octaves:
+        return [2**k for k in range(most.bit_length())]
+    steps = range(math.floor(POINTS_PER_DECADE * math.log10(most)) + 1)
+    return sorted({round(10 ** (k / POINTS_PER_DECADE)) for k in steps})
+
+
+def overlapping_deviation(values: Floats, valid: Bools, lengths: Sequence[int]) -> tuple[Floats, Ints]:
+    """Return the fully overlapping Allan deviation of one channel.
+
+    Parameters
+    ----------
+    values : (n,) channel unit, samples at equal intervals, 0 where invalid.
+    valid : (n,) which are valid.
+    lengths : (k,) averaging times in samples.
+
+    Returns
+    -------
+    sigma : (k,) channel unit, 0 without a term.
+    terms : (k,) differences that were averaged.
+
+    >>> sigma, terms = overlapping_deviation(np.array([0.0, 1.0, 0.0, 1.0]), np.ones(4, bool), [1, 2])
+    >>> sigma.round(3).tolist(), terms.tolist()
+    ([0.707, 0.0], [3, 1])
+    """
+    sigma, terms = np.zeros(len(lengths)), np.zeros(len(lengths), dtype=np.int64)
+    if not valid.any():
+        return sigma, terms
+    centred = np.where(valid, values - values[valid].mean(), 0.0)  # keeps the digits of the sums
+    sums = np.concatenate([[0.0], np.cumsum(centred)])
+    gaps = None if valid.all() else np.concatenate([[0], np.cumsum(~valid)])
+    for k, m in enumerate(lengths):
+        difference = sums[2 * m :] - 2.0 * sums[m : len(sums) - m] + sums[: len(sums) - 2 * m]
+        if gaps is not None:
+            difference = difference[gaps[2 * m :] == gaps[: len(gaps) - 2 * m]]
+        terms[k] = len(difference)
+        if terms[k]:
+            sigma[k] = math.sqrt(float(difference @ difference) / (2.0 * m * m * terms[k]))
+    return sigma, terms
+
+
+def chi_square_limits(sigma: float, edf: float) -> tuple[float, float]:
+    """Return the 95 % limits of an Allan deviation with this many equivalent degrees of freedom.
+
+    >>> [round(limit, 3) for limit in chi_square_limits(1.0, 10.0)]
+    [0.699, 1.755]
+    """
+    return sigma * math.sqrt(edf / float(chdtri(edf, TAIL))), sigma * math.sqrt(
+        edf / float(chdtri(edf, 1.0 - TAIL))
+    )
