@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon import config
-from imumon.config import ConfigError, Settings, load, render, search
+from imumon.config import ConfigError, Settings, load, origin_lines, render, search
 
 SHIPPED = Path(__file__).parents[1] / "config.toml"
 
@@ -134,7 +134,7 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
         (
             "[log]\nlevel = 'loud'\n",
             "invalid_value",
-            'config.toml:2: log.level: "loud" is not valid; give one of "error", "warning", "info", "debug"',
+            'config.toml:2: log.level: "loud" is not valid; give one of "error", "warning", "notice", "info", "debug"',
         ),
         (
             "[zenoh]\nuser = 'ann'\n",
@@ -239,11 +239,15 @@ def test_options_override_the_file_and_every_value_has_its_origin(tmp_path: Path
     assert settings.origins["device.port"] == f"{file}:3"
     assert settings.origins["zenoh.raw"] == f"{file}:4"
     assert settings.origins["device.rate_hz"] == "default"
-    shown = render(settings, origins=True)
-    assert "# command line\nbaud = 921600\n" in shown
-    assert f'# {file}:3\nport = "sim"\n' in shown
-    assert "secret" not in shown
     assert set(settings.origins) == set(config.NAMES)
+    lines = origin_lines(settings)
+    assert "device.baud = 921600  # command line" in lines
+    assert f'device.port = "sim"  # {file}:3' in lines
+    assert "device.rate_hz = 0.0  # default" in lines
+    assert [line.partition(" = ")[0] for line in lines] == list(config.NAMES)  # one line each
+    read = tomllib.loads("\n".join(lines))
+    assert read["zenoh"]["raw"] == settings.zenoh.raw
+    assert read["zenoh"]["password"] == "********"
 
 
 @pytest.fixture
@@ -265,7 +269,22 @@ def test_search_order(places: Path) -> None:
     assert load().ignored is None
 
 
-@pytest.mark.parametrize("text", ["", "title = 'x'\n", "[server]\nport = 80\n", "[server\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "title = 'x'\n",
+        "[server]\nport = 80\n",
+        "[server\n",
+        "device = 'cuda'\nlog = 3\n",
+        "[[device]]\nname = 'x'\n",
+        'text = """\n[device]\n"""\n',
+        "[plugins.log]\n",
+        "\ufffe\0 no text [log]\n",
+        "[server]\n" + "# a long file\n" * 10_000,
+        "[server\n" + "x = 1\n" * 20_000,
+    ],
+)
 def test_the_config_toml_of_another_program_is_ignored(places: Path, text: str) -> None:
     write(places, "[log]\nlevel = 'debug'\n")
     write(Path.cwd(), text)

@@ -233,6 +233,23 @@ def test_a_port_may_have_settings_of_its_own(machine: Machine) -> None:
         machine.run("rm", f"{place}/config.toml")
 
 
+def test_an_alert_command_runs_in_the_sandbox_and_the_journal_has_the_warning(machine: Machine) -> None:
+    start(machine)
+    place = "/var/lib/imumon/ttySIM"
+    text = "[alert]\\ncommand = 'cat >> $STATE_DIRECTORY/alerts; ls /home/* >&2'\\n"
+    machine.run("sh", "-c", f'printf "%b" "{text}" > {place}/config.toml'.replace("$", "\\$"))
+    try:
+        machine.run("systemctl", "restart", UNIT)
+        status(machine)
+        machine.run("systemctl", "stop", "sensor.service")
+        machine.until(lambda: '"kind": "disconnect"' in machine.run("cat", f"{place}/alerts", check=False))
+        machine.until(lambda: any("alert command failed" in line for line in machine.journal(UNIT)))
+        warnings = machine.journal(UNIT, "-p", "warning..warning")
+        assert any("ttySIM" in line for line in warnings)
+    finally:
+        machine.run("rm", f"{place}/config.toml")
+
+
 def test_faulty_settings_are_said_once_and_not_tried_again(machine: Machine) -> None:
     machine.run("sh", "-c", "mkdir -p /etc/imumon; echo 'nonsense = 1' > /etc/imumon/config.toml")
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
@@ -11,7 +12,9 @@ from pathlib import Path
 
 import pytest
 import reports
+from commands import run_inside
 from daemons import Daemon, free_endpoint
+from test_check import measured, published
 
 from imumon.cli.options import seconds, share
 from imumon.cli.wait_condition import WaitCondition
@@ -166,25 +169,50 @@ def test_exit_codes_with_a_daemon(tmp_path: Path) -> None:
         daemon.stop()
 
 
-def test_of_several_daemons_one_answers_and_the_others_are_listed(tmp_path: Path) -> None:
-    with ExitStack() as both:
-        one, other = (
-            both.enter_context(Daemon("sim", tmp_path / name, "--id", name, "--seed", "1"))
-            for name in ("anna", "bert")
-        )
-        one.samples(1)
-        other.samples(1)
-        places = ("--connect", one.endpoint, "--connect", other.endpoint)
-        for command in ("status", "wait", "report"):
-            arguments = [sys.executable, "-m", "imumon", command, *places]
-            done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
-            assert done.returncode == 0
-            assert done.stderr == "imumon: this is anna; --id shows the others: bert\n"
-            assert command == "report" or done.stdout.startswith("anna: ")
-        arguments = [sys.executable, "-m", "imumon", "status", *places, "--id", "bert"]
-        done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
-        assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout.startswith("bert: ")
+def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
+    names = ("anna", "anne", "bert")
+    with ExitStack() as all_three:
+        endpoints = [
+            all_three.enter_context(
+                published(replace(measured(), device=replace(measured().device, id=name)))
+            )
+            for name in names
+        ]
+        places = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+        code, listed, errors = run_inside(["status", *places])
+        assert (code, errors) == (0, "")
+        lines = listed.splitlines()
+        assert [line.split()[:2] for line in lines] == [[name, "running"] for name in names]
+        assert all(" old  " in line and "  loss 0 %  " in line for line in lines)
+        as_json = json.loads(run_inside(["status", *places, "--json"])[1])
+        assert [one["device"]["id"] for one in as_json] == list(names)
+        listed_names = "give one with --id: anna, anne, bert"
+        for command in ("wait", "report"):
+            error = f"imumon: several daemons answer: {listed_names}\n"
+            assert run_inside([command, *places]) == (2, "", error)
+        code, output, _ = run_inside(["check", *places])
+        assert (code, output) == (3, f"IMUMON UNKNOWN - several daemons answer: {listed_names}\n")
+        code, output, errors = run_inside(["status", *places, "--id", "ber"])
+        assert (code, errors) == (0, "")
+        assert output.startswith("bert  ")
+        code, output, errors = run_inside(["status", *places, "--id", "ann"])
+        assert (code, output) == (2, "")
+        assert errors.endswith("names that begin with ann: give one with --id: anna, anne\n")
+        code, _, errors = run_inside(["status", *places, "--id", "carl"])
+        assert code == 3
+        assert "give one of these with --id: anna, anne, bert" in errors
+
+
+def test_it_says_that_the_sensor_is_disconnected(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(50)
+        sensor.ask("unplug")
+        daemon.wait(lambda r: r.state == "waiting")
+        done = wait("--connect", daemon.endpoint, "--grade", "navigation", "--timeout", "2s")
+        assert done.returncode == 4
+        first, last = done.stderr.splitlines()
+        assert first.startswith("imumon: vn100-0100056785: the sensor is disconnected: ")
+        assert last.startswith("imumon: not reached in 2 s: the sensor is disconnected: ")
 
 
 def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:

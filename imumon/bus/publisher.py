@@ -123,6 +123,15 @@ class Publisher:
             self._newest = (report, signals)
             self._changed.notify()
 
+    def answer_history(self, answer: Callable[[str, str], str]) -> None:
+        """Reply to queries for ``history`` and the keys below it.
+
+        Parameters
+        ----------
+        answer : from the name below ``history`` and the parameters of a query to JSON, or an `ImumonError`.
+        """
+        self._last_values.answer_history = answer
+
     def event(self, event: Event) -> None:
         """Send an event; return at once."""
         with self._changed:
@@ -149,17 +158,17 @@ class Publisher:
         }
         return {**self._connect_errors, **connected}
 
-    def status_changes(self) -> list[str]:
-        """Return messages for the log: each changed connection to a router and each new send error, once."""
+    def status_changes(self) -> list[tuple[str, bool]]:
+        """Return messages, and whether each ends a trouble: changed connections to routers, new send errors."""
         messages, uplinks = [], self.uplink_errors()
         for endpoint, error in uplinks.items():
             if error != self._reported_uplinks.get(endpoint):
-                messages.append(error or f"{endpoint}: connected")
+                messages.append((error or f"{endpoint}: connected", error is None))
         self._reported_uplinks = uplinks
         reason, reported = self.last_error, self._reported_errors
         if reason is not None and reason not in reported and len(reported) < _MAX_REPORTED_ERRORS:
             reported.add(reason)
-            messages.append(f"a message could not be published: {reason}")
+            messages.append((f"a message could not be published: {reason}", False))
         return messages
 
     def close(self) -> None:

@@ -1,22 +1,25 @@
 """Last value of every key of a device, as the reply to a ``get``.
 
 Signals are large, so the publisher computes only those that were requested lately: the first query for one
-waits for the next report. A thread of its own replies to the queries that waited: a querier may ask for replies that
-wait for its congested link.
+waits for the next report. A thread of its own replies to the queries that waited, and to those for the history: a
+querier may ask for replies that wait for its congested link, and the history is read from the disk.
 """
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from queue import Full, Queue
 
 import zenoh
 
 from imumon.bus.zenoh_session import start_listener
+from imumon.errors import ImumonError
 from imumon.report import Signal, to_json
 
 JSON = "application/json"
@@ -31,7 +34,13 @@ _MAX_NAME = 64  # characters of a channel that no report had yet; a longer one i
 
 
 class LastValues:
-    """Stores the last message of each key below `root` and replies to queries. Thread-safe."""
+    """Stores the last message of each key below `root` and replies to queries. Thread-safe.
+
+    Attributes
+    ----------
+    answer_history : from the name of a key below ``history`` and the parameters of a query to JSON; None: there
+        is no history.
+    """
 
     def __init__(self, root: str) -> None:
         self._root = root
@@ -41,7 +50,8 @@ class LastValues:
         self._signals: Mapping[str, Signal] = {}
         self._requests: dict[str, float] = {}  # monotonic time of the last query for its signal, by channel
         self._pending: deque[tuple[zenoh.Query, float]] = deque(maxlen=_MAX_PENDING)
-        self._due: Queue[zenoh.Query | None] = Queue(_MAX_PENDING)
+        self.answer_history: Callable[[str, str], str] | None = None
+        self._due: Queue[Callable[[], None] | None] = Queue(_MAX_PENDING)
         self._replier = start_listener(iter(self._due.get, None), self._reply_due)
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
@@ -78,7 +88,7 @@ class LastValues:
             for query, since in waiting:
                 if self._has_signal(query) or now - since >= _SIGNAL_WAIT_S:
                     with suppress(Full):
-                        self._due.put_nowait(query)
+                        self._due.put_nowait(partial(self._reply_signals, query))
                 else:
                     self._pending.append((query, since))
 
@@ -92,6 +102,12 @@ class LastValues:
             key = f"{self._root}/{name}"
             if query.key_expr.intersects(key):
                 query.reply(key, text, encoding=JSON, timestamp=timestamp)
+        if (below := self._history_name(query)) is not None:
+            try:
+                self._due.put_nowait(partial(self._reply_history, query, below))
+            except Full:
+                query.drop()
+            return
         with self._lock:
             self._record_request(query)
             if not self._has_signal(query):
@@ -120,9 +136,31 @@ class LastValues:
         prefix, is_signal = f"{self._root}/signal/", "/signal/" in str(query.key_expr)
         return not is_signal or any(query.key_expr.intersects(prefix + name) for name in self._signals)
 
-    def _reply_due(self, query: zenoh.Query) -> None:
+    def _reply_due(self, reply: Callable[[], None]) -> None:
         with suppress(zenoh.ZError):  # the querier may have gone
-            self._reply_signals(query)
+            reply()
+
+    def _history_name(self, query: zenoh.Query) -> str | None:
+        """Return the key below ``history`` that a query asks for, empty for itself; a wildcard for all is no query."""
+        if self.answer_history is None:
+            return None
+        name = str(query.key_expr).partition("/history")[2]
+        asked = "/history" in str(query.key_expr) and "*" not in name
+        return name.removeprefix("/") if asked else None
+
+    def _reply_history(self, query: zenoh.Query, name: str) -> None:
+        assert self.answer_history is not None
+        try:
+            text = self.answer_history(name, str(query.parameters))
+            query.reply(f"{self._root}/history{f'/{name}' if name else ''}", text, encoding=JSON)
+        except ImumonError as error:
+            described = {"code": error.code, "message": error.message, "cure": error.cure}
+            query.reply_err(json.dumps({"error": described}), encoding=JSON)
+        except Exception as error:  # no query may end the thread
+            described = {"code": "history_failed", "message": str(error), "cure": "see the log of the daemon"}
+            query.reply_err(json.dumps({"error": described}), encoding=JSON)
+        finally:
+            query.drop()
 
     def _reply_signals(self, query: zenoh.Query) -> None:
         """Send the signals. The lock is free: a congested link may block, and the publisher must not wait for it."""

@@ -15,6 +15,7 @@ program can forge: this prevents mistakes, not attacks.
 from __future__ import annotations
 
 import atexit
+import json
 import threading
 import time
 from collections import deque
@@ -27,8 +28,15 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
-from imumon.bus.zenoh_session import SessionOptions, local_endpoints, open_session, start_listener
-from imumon.report import Event, Report, Signal, from_json, is_device_name
+from imumon.bus.zenoh_session import (
+    MAX_MESSAGE_BYTES,
+    BusError,
+    SessionOptions,
+    local_endpoints,
+    open_session,
+    start_listener,
+)
+from imumon.report import Event, Report, Signal, from_json, is_device_name, plain
 
 GONE_S = 5.0
 """Time without a report after which a daemon counts as ended, s; three periods if that is longer. Not critical."""
@@ -42,6 +50,11 @@ _MAX_RIVALS = 8  # sessions that are named of one device. Not critical
 _MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped. Not critical
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes. Not critical
 _SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal. Not critical
+_HISTORY_TIMEOUT_S = 10.0  # s; time to wait for rows of the history. Not critical
+HISTORY_BYTES = 32_000_000
+"""Bytes of a reply with rows of the history; a daemon sends at most 10 MB. Not critical."""
+HISTORY_PERIOD_S = 30.0
+"""s between two requests of the history that is shown. Not critical."""
 _NO_ID = "a program that hides its session"
 
 T = TypeVar("T", Report, Event, Signal)
@@ -76,6 +89,7 @@ class Subscriber:
     connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the local defaults.
     settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
     id : the only device to subscribe to; None: all.
+    most_bytes : size of a message that is accepted; None: enough for a report.
 
     Attributes
     ----------
@@ -89,6 +103,7 @@ class Subscriber:
         *,
         settings: object | None = None,
         id: str | None = None,
+        most_bytes: int | None = None,
     ) -> None:
         options = SessionOptions.of(settings)
         options = replace(options, mode="peer", users_file="")
@@ -103,7 +118,13 @@ class Subscriber:
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
         self._signal_due = threading.Event()
-        self._session = open_session(options, (), self.endpoints, access_control=False)
+        self._asked: tuple[str, str, float, str] | None = None
+        self._answer: tuple[tuple[str, str, float, str], bytes, bytes] | None = None
+        self._history_due = threading.Event()
+        self._history_thread: threading.Thread | None = None
+        # larger than `_MAX_MESSAGE`, so that a report that is too long is counted
+        accepted = MAX_MESSAGE_BYTES if most_bytes is None else most_bytes
+        self._session = open_session(options, (), self.endpoints, access_control=False, most_bytes=accepted)
         queue: RingChannel[Any] = RingChannel(_MAX_QUEUED)
         alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
         self._threads = (
@@ -176,6 +197,61 @@ class Subscriber:
         with self._changed:
             return self._signal
 
+    def history(self, id: str, parameters: str, name: str = "") -> bytes | None:
+        """Return the reply to a question about the history of a device, JSON; None: there is no reply.
+
+        Parameters
+        ----------
+        parameters : of the query, such as ``_time=[now(-2h)..now()];channel=gyro/x``.
+        name : of a key below ``history``; empty: the history itself.
+
+        Raises
+        ------
+        BusError : the daemon refuses the question, with the code of its error.
+        """
+        key = f"imumon/{id}/history{f'/{name}' if name else ''}"
+        with suppress(zenoh.ZError):
+            for reply in self._session.get(f"{key}?{parameters}", timeout=_HISTORY_TIMEOUT_S):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+                if reply.err is not None:
+                    raise _refusal(reply.err.payload.to_bytes())
+        return None
+
+    def watch_history(self, asked: tuple[str, str, float, str] | None) -> None:
+        """Choose the history that is requested now and every `HISTORY_PERIOD_S`; None: none.
+
+        Parameters
+        ----------
+        asked : device, channel, span in s before now, and step of the rows.
+        """
+        if asked == self._asked:
+            return
+        self._asked = asked
+        if asked is not None and self._history_thread is None:
+            run = self._request_history
+            self._history_thread = threading.Thread(target=run, name="imumon-history", daemon=True)
+            self._history_thread.start()
+        self._history_due.set()
+
+    def history_answer(self) -> tuple[tuple[str, str, float, str], bytes, bytes] | None:
+        """Return the newest replies with their question: rows and events, JSON."""
+        return self._answer
+
+    def _request_history(self) -> None:
+        while not self._closed:
+            self._history_due.clear()
+            if (asked := self._asked) is not None:
+                id, channel, span, step = asked
+                time_range = f"_time=[now(-{span:.0f}s)..now()]"
+                with suppress(BusError, zenoh.ZError):
+                    rows = self.history(id, f"{time_range};channel={channel};step={step}")
+                    events = self.history(id, time_range, "event")
+                    with self._changed:
+                        self._answer = (asked, rows or b"[]", events or b"[]")
+                        self._notify()
+            self._history_due.wait(HISTORY_PERIOD_S)
+
     def connected(self) -> bool:
         """Return whether there is a link to any daemon or router."""
         return bool(self._session.info.transports())
@@ -201,6 +277,7 @@ class Subscriber:
         atexit.unregister(self.close)
         self._closed = True
         self._signal_due.set()
+        self._history_due.set()
         self._session.close()
         for thread in self._threads:
             thread.join(1.0)
@@ -346,6 +423,15 @@ def _origin(sample: zenoh.Sample) -> tuple[str, str]:
     source, timestamp = sample.source_info, sample.timestamp
     session = str(source.source_id.zid) if source is not None else ""
     return session, str(timestamp.get_id()) if timestamp is not None else ""
+
+
+def _refusal(data: bytes) -> BusError:
+    """Return the error that a daemon replies with."""
+    try:
+        error = json.loads(data)["error"]
+        return BusError(plain(str(error["code"])), plain(str(error["message"])), plain(str(error["cure"])))
+    except (ValueError, LookupError, TypeError):  # such as Zenoh's own, without a reply in time
+        return BusError("history_failed", "the daemon did not answer the question", "ask for less at once")
 
 
 def _add_rival(device: _DeviceState, session: str, clock: str) -> None:

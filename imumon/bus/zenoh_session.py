@@ -30,7 +30,7 @@ LEASE_S = 2.0  # s; a link without traffic for this time is closed. Not critical
 RETRY_S = 2.0  # s; longest interval between two attempts to connect. Not critical
 _RETRY_FIRST_S = 0.5  # s; the first interval, which grows to RETRY_S. Not critical
 _RETRY_SOCKET_S = 0.1  # s; an attempt at a Unix socket costs next to nothing. Not critical
-_MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB. Not critical
+MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB. Not critical
 _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
 Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries. Not critical."""
@@ -158,12 +158,18 @@ def is_local(endpoint: str) -> bool:
 
 
 def open_session(
-    options: SessionOptions, listen: Sequence[str], connect: Sequence[str], *, access_control: bool
+    options: SessionOptions,
+    listen: Sequence[str],
+    connect: Sequence[str],
+    *,
+    access_control: bool,
+    most_bytes: int = MAX_MESSAGE_BYTES,
 ) -> zenoh.Session:
     """Open a session on these endpoints.
 
     Parameters
     ----------
+    most_bytes : size of a message that the session accepts, if it accepts data.
     access_control : whether `SessionOptions.read_only` and `SessionOptions.allow` apply to peers.
 
     Raises
@@ -180,7 +186,7 @@ def open_session(
         if path and not os.access(path, os.R_OK):
             raise BusError("file_unreadable", f"{path}: cannot be read", "check the path and its permissions")
     with _users_file(options, bool(listen)) as users:
-        config = _zenoh_config(options, listen, connect, users, access_control)
+        config = _zenoh_config(options, listen, connect, users, access_control, most_bytes)
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
@@ -217,7 +223,12 @@ def start_listener(source: Iterable[T], handle: Callable[[T], None]) -> threadin
 
 
 def _zenoh_config(
-    options: SessionOptions, listen: Sequence[str], connect: Sequence[str], users: str, access_control: bool
+    options: SessionOptions,
+    listen: Sequence[str],
+    connect: Sequence[str],
+    users: str,
+    access_control: bool,
+    most_bytes: int,
 ) -> zenoh.Config:
     """Return the configuration of a session; `users` is the path of the file of users."""
     tls = "transport/link/tls/"
@@ -242,7 +253,7 @@ def _zenoh_config(
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": round(LEASE_S * 1000),
-        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if only_queries else _MAX_MESSAGE_BYTES,
+        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if only_queries else most_bytes,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
         "transport/unicast/accept_timeout": round(accept_s * 1000),
         "transport/unicast/accept_pending": _within_files(_ACCEPT_PENDING),

@@ -84,7 +84,7 @@ def config(arguments: argparse.Namespace) -> int:
     if arguments.action == "check":
         print(f"{path}: no faults" if path else "no file, the defaults apply")
         return SUCCESS
-    from imumon.config import render
+    from imumon.config import origin_lines
 
-    print(f"# {path or 'no file, the defaults apply'}\n{render(settings, origins=True)}", end="")
+    print(f"# {path or 'no file, the defaults apply'}", *origin_lines(settings), sep="\n")
     return SUCCESS

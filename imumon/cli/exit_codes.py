@@ -27,6 +27,16 @@ _USAGE_CODES = (
     "listen_insecure",
     "certificate_missing",
     "users_file_invalid",
+    "datasheet_unreadable",
+    "datasheet_invalid",
+    "datasheet_of_other_device",
+    "filter_unknown",
+    "time_invalid",
+    "step_invalid",
+    "too_many_rows",
+    "ros2_topic_invalid",
+    "covariance_needs_topic",
+    "covariance_is_input",
 )
 """Codes of wrong usage, where the type of the error does not decide."""
 

@@ -19,12 +19,13 @@ from contextlib import suppress
 from typing import TypeAlias
 
 from imumon import __version__
-from imumon.cli import admin, completion, query, run_command
-from imumon.cli.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
+from imumon.cli import admin, check_command, completion, history_command, query, run_command
+from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
 from imumon.cli.options import Parser
 from imumon.cli.output import discard_stdout, prepare_streams, print_error
 from imumon.cli.replay_command import add_replay, run_replay
 from imumon.cli.report_command import add_report, report
+from imumon.cli.web_command import add_web, web
 from imumon.errors import ImumonError
 
 Handler: TypeAlias = Callable[[argparse.Namespace], int]
@@ -33,8 +34,15 @@ COMMANDS: dict[str, tuple[Handler, Callable[[Parser], None], str]] = {
     "run": (run_command.run, run_command.add_run, "read a device and publish its noise figures"),
     "demo": (run_command.demo, run_command.add_demo, "emulator, daemon and terminal UI in one command"),
     "tui": (query.tui, query.add_tui, "show the live terminal UI"),
+    "web": (web, add_web, "show the terminal UI in a browser"),
     "status": (query.status, query.add_status, "print one report from a running daemon"),
+    "check": (check_command.check, check_command.add_check, "monitoring plugin: one line and an exit code"),
     "wait": (query.wait, query.add_wait, "wait until a grade or a precision is reached"),
+    "history": (
+        history_command.history,
+        history_command.add_history,
+        "print what the sensor did over months",
+    ),
     "sim": (run_command.sim, run_command.add_sim, "run an emulated VN-100 on a pseudo-terminal"),
     "replay": (run_replay, add_replay, "process a recording with the same pipeline"),
     "report": (report, add_report, "write the datasheet of a sensor, or configuration for other software"),
@@ -70,7 +78,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if completion.VARIABLE in os.environ:
         completion.complete(parsers)
     words = list(sys.argv[1:] if argv is None else argv)
-    arguments = argparse.Namespace(json="--json" in words)
+    arguments = argparse.Namespace(json="--json" in words, plugin=words[:1] == ["check"])
     try:
         handler = _parse(words, arguments)
         _raise_file_limit()
@@ -128,15 +136,18 @@ def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
 
 def _fail(error: ImumonError, arguments: argparse.Namespace) -> int:
     """Print an error and return its exit code."""
+    if arguments.plugin:
+        return check_command.fail(error)
     print_error(error, as_json=getattr(arguments, "json", False))
     return exit_code(error)
 
 
 def _out_of_memory(arguments: argparse.Namespace) -> int:
     cure = "give it more memory; the last saved state is kept"
-    _fail(CommandError("out_of_memory", "out of memory", cure), arguments)
+    code = _fail(CommandError("out_of_memory", "out of memory", cure), arguments)
+    sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(FAILURE)  # an orderly end would need more memory
+    os._exit(code)  # an orderly end would need more memory
 
 
 def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
-from imumon.cli.output import print_message, print_message_once
+from imumon.cli.output import print_message_once
 
 GRADES = ("navigation", "tactical", "industrial", "consumer")
 STREAMS = ("deltas", "uncompensated", "compensated")
 GATHER_S = 0.3
-"""How much longer to wait for other daemons, or others of the same name, after the first has answered, s."""
+"""How much longer to wait for other daemons, or others of the same name, after the last one has answered, s."""
+POLL_S = 0.05
+"""Time between two checks for a report, s. Not critical."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -178,14 +180,14 @@ def state_directory(settings: Any) -> Path:
     return Path(home) / "imumon"
 
 
-def subscriber(arguments: argparse.Namespace, *, others: bool = False) -> Any:
+def subscriber(arguments: argparse.Namespace, *, most_bytes: int | None = None) -> Any:
     """Return a subscriber to the daemons of ``--connect`` or of the settings, as a context manager.
 
-    ``--id`` becomes the name that the daemon uses in its keys.
+    ``--id`` becomes the name, or the beginning of it, that the daemon uses in its keys.
 
     Parameters
     ----------
-    others : subscribe to all devices also with ``--id``.
+    most_bytes : size of a message that is accepted; None: enough for a report.
     """
     from imumon.bus import BusError, Subscriber, clean_id
 
@@ -196,35 +198,61 @@ def subscriber(arguments: argparse.Namespace, *, others: bool = False) -> Any:
         except BusError as error:
             raise CommandError(error.code, error.message, error.cure, USAGE) from None
     try:
-        return Subscriber(arguments.connect, settings=loaded.zenoh, id=None if others else arguments.id)
+        return Subscriber(arguments.connect, settings=loaded.zenoh, most_bytes=most_bytes)
     except BusError as error:
         raise with_origin(error, loaded) from None
 
 
-def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> Any:
-    """Return the newest report of a device, or of the first by name; print which others there are.
+def add_id(parser: Parser, help: str = "device; needed if several daemons answer") -> None:
+    """Add ``--id`` of commands that ask a daemon."""
+    parser.add_argument("--id", metavar="NAME", help=f"{help}; the beginning of its name is enough")
+
+
+def answering(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> list[str]:
+    """Return the names of the devices that `id` may mean and whose daemons have a report, at least one.
 
     Parameters
     ----------
     cure : what to do if no daemon answers, beside starting one.
     """
-    report = subscriber.wait_report(id, timeout_s)
-    if report is None:
-        if id and (known := sorted({*subscriber.alive(), *subscriber.reports()})):
-            cure = f"give one of these with --id: {', '.join(known)}"
-            raise CommandError("no_daemon", f"no daemon has the name {id}", cure, NOT_FOUND)
-        cure = f"start one with imumon run, or {cure}"
-        raise CommandError("no_daemon", "no daemon answers", cure, NOT_FOUND)
-    time.sleep(GATHER_S)
-    if id is None:
-        reports = subscriber.reports()
-        report, _ = reports[min(reports)]
-    warn_of_rivals(subscriber, report.device.id)
-    if id is None:
-        others = sorted({*subscriber.alive(), *reports} - {report.device.id})
-        if others:
-            print_message(f"this is {report.device.id}; --id shows the others: {', '.join(others)}")
-    return report
+    from imumon.messages import matching
+
+    end_s = time.monotonic() + timeout_s
+    while not matching(id, subscriber.reports()):
+        if time.monotonic() >= end_s:
+            raise _no_daemon(id, sorted({*subscriber.alive(), *subscriber.reports()}), cure)
+        time.sleep(POLL_S)
+    names: set[str] = set()
+    while names != (names := {*subscriber.alive(), *subscriber.reports()}):
+        time.sleep(GATHER_S)
+    return matching(id, subscriber.reports())
+
+
+def _no_daemon(id: str | None, known: list[str], cure: str) -> CommandError:
+    if not known:
+        return CommandError(
+            "no_daemon", "no daemon answers", f"start one with imumon run, or {cure}", NOT_FOUND
+        )
+    if not id:
+        message = f"the daemon of {', '.join(known)} has no report yet"
+        return CommandError("no_report", message, "try again in a few seconds", NOT_FOUND)
+    cure = f"give one of these with --id: {', '.join(known)}"
+    return CommandError("no_daemon", f"no daemon has the name {id}", cure, NOT_FOUND)
+
+
+def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> Any:
+    """Return the newest report of a device; raise `CommandError` if several daemons may be meant.
+
+    Parameters
+    ----------
+    cure : what to do if no daemon answers, beside starting one.
+    """
+    names = answering(subscriber, id, timeout_s, cure)
+    if len(names) > 1:
+        message = f"{len(names)} daemons have names that begin with {id}" if id else "several daemons answer"
+        raise CommandError("several_daemons", message, f"give one with --id: {', '.join(names)}", USAGE)
+    warn_of_rivals(subscriber, names[0])
+    return subscriber.report(names[0])[0]
 
 
 def warn_of_rivals(subscriber: Any, id: str) -> None:

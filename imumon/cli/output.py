@@ -106,11 +106,12 @@ def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
 
         print_json(to_json(report))
         return
+    from imumon.datasheet.evidence import evidence_lines
     from imumon.datasheet.signal_text import baseline_summary, signal_lines
     from imumon.datasheet.tables import report_table
 
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     comparison = baseline_summary(report, baseline) if baseline is not None else None
     lines = [report_table(report, width), "", *signal_lines(report, width)]
-    lines += [comparison] if comparison else []
+    lines += [*evidence_lines(report), *([comparison] if comparison else [])]
     print("\n".join(lines).rstrip())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.output import print_report, print_status
+from imumon.cli.output import print_json, print_message, print_report, print_status
 
 ANSWER_S = 2.0
 """How long to wait for a daemon, s."""
@@ -27,21 +28,22 @@ def _add_connection(parser: Parser) -> None:
 
 def add_tui(parser: Parser) -> None:
     _add_connection(parser)
-    parser.add_argument("--id", metavar="NAME", help="device to show first")
+    options.add_id(parser, "device to show first")
     parser.add_argument("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     options.add_appearance(parser)
 
 
 def add_status(parser: Parser) -> None:
     _add_connection(parser)
-    parser.add_argument("--id", metavar="NAME", help="device; default: the first by name")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    options.add_id(parser, "device; default: all, one line each if there are several")
+    text = "print the report as JSON, or a list of them if several daemons answer"
+    parser.add_argument("--json", action="store_true", help=text)
 
 
 def add_wait(parser: Parser) -> None:
     add = parser.add_argument
     _add_connection(parser)
-    add("--id", metavar="NAME", help="device; default: the first by name")
+    options.add_id(parser)
     text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
     text += "from the settings"
     add("--grade", choices=options.GRADES, help=text)
@@ -65,13 +67,13 @@ def tui(
     starting : what to show until the daemon answers, if it is being started.
     ended : returns why the daemon has ended, None while it runs.
     """
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stderr.isatty()):
         cure = "without one use: imumon status --json"
         raise CommandError("no_terminal", "the terminal UI needs a terminal", cure, USAGE)
     from imumon.tui import run
 
     baseline = options.baseline(arguments.baseline)
-    with options.subscriber(arguments, others=True) as subscriber:
+    with options.subscriber(arguments) as subscriber:
         endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
         shown = {name: getattr(arguments, name) for name in ("id", "ascii", "theme")}
         return run(subscriber, **shown, baseline=baseline, endpoint=endpoint, starting=starting, ended=ended)
@@ -85,15 +87,28 @@ def _cure(arguments: argparse.Namespace) -> str:
 
 
 def status(arguments: argparse.Namespace) -> int:
-    """Print one report of a running daemon."""
+    """Print one report of a running daemon, or a line about each if there are several."""
+    from imumon.cli.daemon_state import current_reports, status_lines
+    from imumon.report import to_json
+
     with options.subscriber(arguments) as subscriber:
-        report = options.first_report(subscriber, arguments.id, ANSWER_S, _cure(arguments))
-    print_report(report, arguments.json)
+        names = options.answering(subscriber, arguments.id, ANSWER_S, _cure(arguments))
+        if len(names) == 1 or arguments.id:
+            print_report(options.first_report(subscriber, arguments.id, ANSWER_S, ""), arguments.json)
+            return SUCCESS
+        reports = current_reports(subscriber, names)
+        for name in names:
+            options.warn_of_rivals(subscriber, name)
+    if arguments.json:
+        print_json(to_json([report for report, _ in reports.values()]))
+    else:
+        print("\n".join(status_lines(reports)))
     return SUCCESS
 
 
 def wait(arguments: argparse.Namespace) -> int:
     """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
+    from imumon.cli.daemon_state import trouble
     from imumon.cli.wait_condition import WaitCondition
     from imumon.units import duration
 
@@ -113,8 +128,13 @@ def wait(arguments: argparse.Namespace) -> int:
         report = options.first_report(
             subscriber, arguments.id, arguments.timeout or ANSWER_S, _cure(arguments)
         )
+        stopped = None  # why the sensor delivers nothing
         try:
             while unmet := condition.unmet(report):
+                before, stopped = stopped, trouble(report, subscriber.events(report.device.id))
+                if stopped and stopped != before:
+                    print_status("")
+                    print_message(f"{report.device.id}: {stopped}")
                 if condition.unknown_channel(report):
                     raise CommandError("unknown_channel", f"--channel: {unmet}", "name one of these", USAGE)
                 if condition.without_grade(report):
@@ -122,7 +142,8 @@ def wait(arguments: argparse.Namespace) -> int:
                     raise CommandError("no_graded_channel", f"--grade: {unmet}", cure, USAGE)
                 print_status(unmet)
                 if time.monotonic() >= end_s:
-                    message = f"not reached in {duration(arguments.timeout)}: {unmet}"
+                    reason = f"{stopped}; {unmet}" if stopped else unmet
+                    message = f"not reached in {duration(arguments.timeout)}: {reason}"
                     worse = condition.unreachable_grade(report)
                     cure = (
                         f"its grade is final: ask for --grade {worse}" if worse else "give a longer --timeout"

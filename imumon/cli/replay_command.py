@@ -7,11 +7,14 @@ from contextlib import nullcontext
 from typing import Any
 
 from imumon.cli import options
-from imumon.cli.exit_codes import SUCCESS
+from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message, print_report
 
-FILES = "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP"
+FILES = (
+    "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP, ulg (PX4), "
+    "BIN (ArduPilot)"
+)
 
 
 def add_read_options(parser: argparse._ActionsContainer) -> None:
@@ -24,9 +27,57 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
         choices=options.STREAMS,
         help="stream to use if the file has several; default: the first of these that it has",
     )
-    text = "columns of a table: gyro/x=COLUMN:UNIT,...; COLUMN is a name or a number from 1; also t and dt"
+    text = "columns of a table, fields of a topic: gyro/x=COLUMN:UNIT,...; a name, or a number from 1; also t and dt"
     add("--map", metavar="MAP", help=text)
-    add("--topic", metavar="NAME", help="topic to read if a bag has several IMUs")
+    add("--topic", metavar="NAME", help="topic of a bag, or of a log: vehicle_imu/1, IMU/0")
+    text = "filter of the sensor, where the recording does not say: the samples that it averages, WINDOW@HZ if not "
+    add("--filter", type=sensor_filter, metavar="none|factory|WINDOW", help=f"{text}of a VN-100")
+    text = "also compute the fully overlapping Allan deviation; memory grows with the record"
+    add("--exact", action="store_true", help=text)
+    text = "averaging times of --exact: octaves (default), or ten per decade"
+    add("--taus", choices=("octave", "decade"), help=text)
+
+
+def add_datasheet(parser: argparse._ActionsContainer) -> None:
+    """Add ``--datasheet``."""
+    text = "limits of the sensor's data sheet (TOML), or the name of one that imumon has; each value passes, fails or "
+    parser.add_argument("--datasheet", metavar="FILE.toml", help=f"{text}is undecided")
+
+
+def sensor_filter(text: str) -> Any:
+    """Return the filter that ``--filter`` names."""
+    from imumon.replay import SensorFilter
+
+    name, at, rate = text.partition("@")
+    loop_hz = options.positive(rate) if at else None
+    if name == "factory" and not at:
+        return SensorFilter(None, None, text)
+    if name != "none" and not (name.isdigit() and len(name) < 7):
+        message = f"{text!r} is no filter; write none, factory, or how many samples it averages, such as 4 or 8@1000"
+        raise argparse.ArgumentTypeError(message)
+    return SensorFilter(1 if name == "none" else max(1, int(name)), loop_hz, text)
+
+
+def given_options(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the options of a recording that were given, as text by name."""
+    named = {name: getattr(arguments, name) for name in ("rate", "stream", "map", "topic", "taus")}
+    texts = {
+        f"--{name}": f"{value:g}" if isinstance(value, float) else str(value)
+        for name, value in named.items()
+        if value is not None
+    }
+    flags = {"--no-guards": arguments.no_guards, "--exact": arguments.exact}
+    texts |= {name: "" for name, given in flags.items() if given}
+    return texts | ({"--filter": arguments.filter.text} if arguments.filter else {})
+
+
+def reference_sheet(arguments: argparse.Namespace) -> Any:
+    """Return the reference sheet of ``--datasheet``; None without it."""
+    if arguments.datasheet is None:
+        return None
+    from imumon.references import read_sheet
+
+    return read_sheet(arguments.datasheet)
 
 
 def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
@@ -36,6 +87,8 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
 
     loaded = options.settings(arguments)
     required = loaded.report
+    if arguments.taus is not None and not arguments.exact:
+        raise CommandError("exact_required", "--taus needs --exact", "add it", USAGE)
     return ReplayOptions(
         path=arguments.file,
         rate_hz=arguments.rate or loaded.device.rate_hz or None,
@@ -44,14 +97,29 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
         kind=arguments.stream,
         columns=parse_map(arguments.map) if arguments.map else {},
         topic=arguments.topic,
+        filter=arguments.filter,
+        exact=(arguments.taus or "octave") if arguments.exact else None,
         **more,
     )
+
+
+def replay_with_bar(wanted: Any, bus: Any = None) -> Any:
+    """Return the report of a recording, with a progress bar on a terminal, and what is left out behind it."""
+    from imumon.replay import ProgressBar, replay
+
+    remarks: list[str] = []
+    with ProgressBar() as bar:
+        report = replay(wanted, progress=bar.update, bus=bus, remark=remarks.append)
+    for text in remarks:
+        print_message(text)
+    return report
 
 
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
     add("file", metavar="FILE", help=f"{FILES}; - is standard input")
     add_read_options(parser)
+    add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
@@ -61,17 +129,16 @@ def add_replay(parser: Parser) -> None:
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
-    from imumon.replay import progress_bar, replay
+    from imumon.cli.traceability import evaluated, with_provenance
 
+    sheet = reference_sheet(arguments)
     speed = None if arguments.speed == "max" else options.speed(arguments.speed)
     baseline = options.baseline(arguments.baseline)
     with _publisher(arguments) as bus:
-        report = replay(
-            replay_options(arguments, speed=speed, baseline=baseline),
-            progress=progress_bar(),
-            bus=bus,
-            remark=print_message,
-        )
+        wanted = replay_options(arguments, speed=speed, baseline=baseline)
+        report = replay_with_bar(wanted, bus)
+    report = with_provenance(report, arguments.file, given_options(arguments), wanted.guarded)
+    report = evaluated(report, sheet)
     print_report(report, arguments.json, baseline)
     return SUCCESS
 

@@ -15,11 +15,23 @@ from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 from imumon.cli.query import ANSWER_S
-from imumon.cli.replay_command import FILES, add_read_options, replay_options
+from imumon.cli.replay_command import (
+    FILES,
+    add_datasheet,
+    add_read_options,
+    given_options,
+    reference_sheet,
+    replay_options,
+    replay_with_bar,
+)
 
 STATE_MAGIC = b"imumon-state "
 REPORT_CURE = "make one with imumon report --format json"
 """First bytes of a saved state."""
+
+
+EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml": "kalibr"}
+"""Forms by the extension of the output, where it is not the name of the form."""
 
 
 def add_report(parser: Parser) -> None:
@@ -29,11 +41,12 @@ def add_report(parser: Parser) -> None:
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
     add("file", nargs="?", metavar="FILE", help=text)
-    add("--id", metavar="NAME", help="device of the daemon; default: the first by name")
+    options.add_id(parser, "device of the daemon; needed if several answer")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     horizon = "longest time without a fix that numbers for filters hold for, such as 90, 10m; default 600 s"
     add("--horizon", type=options.horizon, metavar="S", help=horizon)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
+    add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
     options.add_config(parser)
     options.add_endpoints(parser)
@@ -41,27 +54,37 @@ def add_report(parser: Parser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
+    from imumon.bus.subscriber import HISTORY_BYTES
+    from imumon.cli.history_command import published_days, stored_days
+    from imumon.cli.traceability import evaluated, with_provenance
     from imumon.datasheet import FORMS, document, short_record_text
 
     form = _form(arguments)
-    if form == "png" and arguments.output is None and sys.stdout.isatty():
-        raise CommandError(
-            "binary_to_terminal", "a PNG cannot be shown in a terminal", "name a file with -o", USAGE
-        )
+    if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
+        message = f"a figure ({form}) cannot be shown in a terminal"
+        raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
     if arguments.file and arguments.id:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
         _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
+    sheet = reference_sheet(arguments)
+    rows: Any = ()
     if arguments.file:
         source = _from_file(arguments)
+        rows = stored_days(Path(arguments.file))
     else:
-        with options.subscriber(arguments) as subscriber:
+        _check_recording(arguments, "a running daemon")
+        with options.subscriber(arguments, most_bytes=HISTORY_BYTES) as subscriber:
             cure = "give a FILE (imumon report --help)"
             source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
             source = replace(source, events=tuple(subscriber.events(source.device.id)))
+            source = with_provenance(source, None, {}, None)
+            if not (FORMS[form].settings or FORMS[form].binary):
+                rows = published_days(subscriber, source.device.id)
+    source = evaluated(source, sheet, rows)
     if FORMS[form].settings and (warning := short_record_text(source)) is not None:
         print_message(warning)
-    data = document(source, form, _filters(source, arguments.horizon, FORMS[form].filters))
+    data = document(source, form, _filters(source, arguments.horizon, FORMS[form].filters), rows)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
@@ -91,7 +114,7 @@ def _form(arguments: argparse.Namespace) -> str:
     if arguments.format:
         return str(arguments.format)
     suffix = Path(arguments.output).suffix[1:].lower() if arguments.output else ""
-    form = {"": "md", "htm": "html", "markdown": "md"}.get(suffix, suffix)
+    form = EXTENSIONS.get(suffix, suffix)
     if form not in FORMS:
         message = f"-o {arguments.output}: no format is named {suffix}"
         raise CommandError("unknown_format", message, f"give --format {' | '.join(FORMS)}", USAGE)
@@ -126,13 +149,28 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         except OSError as error:
             message = f"cannot read {arguments.file}: {_reason(error)}"
             raise CommandError("file_unreadable", message, "check the path and its permissions") from None
-    if head.startswith(STATE_MAGIC):
-        return _from_state(Path(arguments.file))
-    if head.lstrip().startswith(b"{"):
-        return _from_report(Path(arguments.file))
-    from imumon.replay import progress_bar, replay
+    from imumon.cli.history_command import with_turn_on
+    from imumon.cli.traceability import with_provenance
 
-    return replay(replay_options(arguments), progress=progress_bar(), remark=print_message)
+    if head.startswith(STATE_MAGIC):
+        _check_recording(arguments, "a saved state")
+        made = with_turn_on(_from_state(Path(arguments.file)), Path(arguments.file))
+        return with_provenance(made, arguments.file, {}, None)
+    if head.lstrip().startswith(b"{"):
+        _check_recording(arguments, "a saved report")
+        return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
+    wanted = replay_options(arguments)
+    made = replay_with_bar(wanted)
+    return with_provenance(made, arguments.file, given_options(arguments), wanted.guarded)
+
+
+def _check_recording(arguments: argparse.Namespace, source: str) -> None:
+    """Raise an error if an option needs the samples, and the source has none."""
+    given = {"--exact": arguments.exact, "--taus": arguments.taus, "--filter": arguments.filter}
+    for name, value in given.items():
+        if value:
+            message = f"{name} needs a recording, and this is {source}"
+            raise CommandError("recording_required", message, "name a recording", USAGE)
 
 
 def _from_report(path: Path) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,10 +26,14 @@ def add_run(parser: Parser) -> None:
     from imumon.devices.registry import driver
 
     add = parser.add_argument
-    text = "device path, pyserial URL, sim, or NAME:... of another device; default: the only VN-100 found"
+    text = "device path, pyserial URL, sim, ros2:TOPIC, or NAME:... of another device; default: the only VN-100 found"
     add("--port", metavar="PORT", help=text)
     driver().add_run_options(parser)
-    add("--id", metavar="NAME", help="name in the Zenoh keys; default vn100-<serial number>")
+    add(
+        "--id",
+        metavar="NAME",
+        help="name in the Zenoh keys; default vn100-<serial number>, of a topic ros2-<topic>",
+    )
     text = "directory of the accumulated statistics; --port sim keeps nothing without it"
     add("--state", metavar="DIR", help=text)
     add("--fresh", action="store_true", help="start a new record; the old state is kept under another name")
@@ -41,6 +46,10 @@ def add_run(parser: Parser) -> None:
     add("--speed", type=options.speed, default=1.0, metavar="X", help="run the emulator X times faster")
     add("--seed", type=int, metavar="N", help="seed of the random noise of the emulator")
     add("--stop-with-stdin", action="store_true", help=argparse.SUPPRESS)  # for `demo`
+    text = "publish reports on /diagnostics of ROS 2"
+    add("--publish-diagnostics", action="store_true", default=None, help=text)
+    text = "topic for the messages of a ros2: device with measured covariances"
+    add("--publish-covariance", metavar="TOPIC", help=text)
     options.add_endpoints(parser, listen=True)
 
 
@@ -114,22 +123,30 @@ class _Terminated(BaseException):
 @contextmanager
 def _temporary() -> Iterator[str]:
     """Give a temporary directory; a signal that ends the process deletes it first."""
+    received: list[int] = []
+    interruptible = False
 
     def terminate(number: int, frame: FrameType | None) -> None:
-        raise _Terminated(number)
+        received.append(number)
+        if interruptible:  # not while the directory is made or deleted
+            raise _Terminated
 
     ending = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
     before = {number: signal.signal(number, terminate) for number in ending}
+    directory = tempfile.mkdtemp(prefix="imumon-")
     try:
-        with tempfile.TemporaryDirectory(prefix="imumon-", ignore_cleanup_errors=True) as directory:
+        interruptible = True
+        if not received:
             yield directory
-    except _Terminated as end:
-        number = end.args[0]
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
+    except _Terminated:
+        pass
     finally:
+        interruptible = False
+        shutil.rmtree(directory, ignore_errors=True)
         for number, handler in before.items():
             signal.signal(number, handler)
+    if received:
+        os.kill(os.getpid(), received[0])
 
 
 def _settings(arguments: argparse.Namespace) -> Any:
@@ -144,6 +161,8 @@ def _settings(arguments: argparse.Namespace) -> Any:
         "state.directory": arguments.state,
         "record.file": arguments.record,
         "guards.enabled": False if arguments.no_guards else None,
+        "ros2.diagnostics": arguments.publish_diagnostics,
+        "ros2.covariance": arguments.publish_covariance,
     }
     return options.settings(arguments, overrides)
 
@@ -152,6 +171,7 @@ def _run_daemon(
     arguments: argparse.Namespace, settings: Any, url: str, directory: Path, *, temporary: bool = False
 ) -> int:
     from imumon.bus import BusError
+    from imumon.cli.traceability import provenance
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.log import configure_logging
 
@@ -162,7 +182,8 @@ def _run_daemon(
         fresh=arguments.fresh,
         temporary=temporary,
         speed=arguments.speed,
-        baseline=options.baseline(arguments.baseline),
+        baseline=options.baseline(arguments.baseline or settings.report.baseline or None),
+        provenance=provenance(None, {}, settings.guards.enabled, reason="a running daemon"),
     )
     close_log = configure_logging(settings.log.level, settings.log.format)
     try:

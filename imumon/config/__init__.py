@@ -5,6 +5,7 @@ from imumon.config.settings import (
     NAMES,
     SECTIONS,
     SLOWEST_HZ,
+    AlertSettings,
     DeviceSettings,
     GuardSettings,
     LogSettings,
@@ -14,6 +15,7 @@ from imumon.config.settings import (
     StateSettings,
     ZenohSettings,
     load,
+    origin_lines,
     render,
     search,
 )
@@ -24,6 +26,7 @@ __all__ = [
     "NAMES",
     "SECTIONS",
     "SLOWEST_HZ",
+    "AlertSettings",
     "ConfigError",
     "ConfigFault",
     "DeviceSettings",
@@ -35,6 +38,7 @@ __all__ = [
     "StateSettings",
     "ZenohSettings",
     "load",
+    "origin_lines",
     "render",
     "search",
 ]

@@ -27,6 +27,7 @@ from imumon.config.toml_file import (
     line_numbers,
     parse,
     read_text,
+    tables,
     toml_text,
 )
 
@@ -57,7 +58,7 @@ class DeviceSettings(Section):
     """The device, its port and what to request from it"""
 
     port: str = ""
-    """device path, pyserial URL or "sim"; empty: the only sensor found"""
+    """device path, pyserial URL, ros2:TOPIC or "sim"; empty: the only sensor found"""
     baud: Baud = "auto"
     '"auto" detects it'
     set_baud: NewBaud = 0
@@ -114,6 +115,22 @@ class StateSettings(Section):
     """time between two saves, in seconds; a power failure loses at most this time"""
 
 
+class HistorySettings(Section):
+    """What the sensor did over months, in one SQLite file in the directory of the state"""
+
+    enabled: bool = True
+    """false: no history is kept"""
+    keep_days: float = Field(400.0, ge=1.0, le=36500.0)
+    """days after which entries are deleted; nine channels take about 80 MB a year"""
+
+
+class MetricsSettings(Section):
+    """Numbers for Prometheus, over HTTP"""
+
+    listen: str = ""
+    """address to listen on, such as 127.0.0.1:9847; empty: off"""
+
+
 class RecordSettings(Section):
     """The raw bytes, saved for replay"""
 
@@ -138,6 +155,25 @@ class ReportSettings(Section):
     """the same for K"""
     grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = ""
     """grade for imumon wait: navigation, tactical, industrial or consumer; empty: it ends at the first sample"""
+    baseline: str = ""
+    """earlier report of the sensor (JSON) to compare with, as --baseline; empty: none"""
+
+
+class Ros2Settings(Section):
+    """ROS 2: where it is, and what the daemon publishes there"""
+
+    domain: int = Field(0, ge=0, le=232)
+    """ROS_DOMAIN_ID"""
+    router: str = "tcp/127.0.0.1:7447"
+    """Zenoh endpoint of the router, rmw_zenohd"""
+    rmw: Literal["zenoh", "dds"] = "zenoh"
+    """middleware of what is published: zenoh or dds; a topic that is read has ?rmw= in its URL"""
+    node: str = "imumon"
+    """name of the node; give each daemon of a system another one"""
+    diagnostics: bool = False
+    """publish diagnostic_msgs/msg/DiagnosticArray on /diagnostics"""
+    covariance: str = ""
+    """topic for the messages of a ros2: device with measured covariances; empty: none"""
 
 
 class GuardSettings(Section):
@@ -150,10 +186,19 @@ class GuardSettings(Section):
 class LogSettings(Section):
     """The log of the daemon on standard error"""
 
-    level: Literal["error", "warning", "info", "debug"] = "info"
-    """lowest level that is logged: error, warning, info or debug"""
+    level: Literal["error", "warning", "notice", "info", "debug"] = "info"
+    """lowest level that is logged: error, warning, notice, info or debug"""
     format: Literal["auto", "text", "journal", "json"] = "auto"
     """auto (journal under systemd, else text), text, journal or json"""
+
+
+class AlertSettings(Section):
+    """What to run at a warning, and the loss from which there is one"""
+
+    command: str = ""
+    """given to /bin/sh for each event of level warning or higher, with the event as JSON on standard input"""
+    max_loss: float = Field(0.01, gt=0.0, lt=1.0)
+    """share of the samples of a minute that may be missing without a warning"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,10 +216,14 @@ class Settings:
     device: DeviceSettings = field(default_factory=DeviceSettings)
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     state: StateSettings = field(default_factory=StateSettings)
+    history: HistorySettings = field(default_factory=HistorySettings)
     record: RecordSettings = field(default_factory=RecordSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
     guards: GuardSettings = field(default_factory=GuardSettings)
+    metrics: MetricsSettings = field(default_factory=MetricsSettings)
+    ros2: Ros2Settings = field(default_factory=Ros2Settings)
     log: LogSettings = field(default_factory=LogSettings)
+    alert: AlertSettings = field(default_factory=AlertSettings)
     path: Path | None = None
     ignored: Path | None = None
     origins: Mapping[str, str] = field(default_factory=dict)
@@ -198,10 +247,10 @@ def search() -> tuple[Path | None, Path | None]:
     local, ignored = Path("config.toml"), None
     if local.is_file():
         try:
-            if SECTIONS.keys() & line_numbers(read_text(local)).keys():
+            if tables(local) & SECTIONS.keys():
                 return local, None
             ignored = local
-        except ConfigError:
+        except OSError:
             return local, None  # `load` reports why it is unreadable
     # expanduser, unlike Path.home(), accepts a user without a home directory, as a service may run as one
     home = Path(os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config"))
@@ -249,21 +298,27 @@ _FILE_COMMENT = """\
 # Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml."""
 
 
-def render(settings: Settings, *, origins: bool = False) -> str:
-    """Return the settings as a TOML file with a comment above each: its description, or its origin.
-
-    With `origins` it is for people to read: a password is not shown.
-    """
-    lines = [] if origins else [_FILE_COMMENT, ""]
+def render(settings: Settings) -> str:
+    """Return the settings as a TOML file with the description of each above it."""
+    lines = [_FILE_COMMENT, ""]
     for section, cls in SECTIONS.items():
-        lines.append(f"[{section}]" if origins else f"[{section}]  # {(cls.__doc__ or '').strip()}")
+        lines.append(f"[{section}]  # {(cls.__doc__ or '').strip()}")
         for name, info in cls.model_fields.items():
-            origin = settings.origins.get(f"{section}.{name}", "default")
             value = getattr(getattr(settings, section), name)
-            shown = "********" if origins and value and name == "password" else value
-            lines += [f"# {origin if origins else info.description}", f"{name} = {toml_text(shown)}"]
+            lines += [f"# {info.description}", f"{name} = {toml_text(value)}"]
         lines.append("")
     return "\n".join(lines[:-1]) + "\n"
+
+
+def origin_lines(settings: Settings) -> list[str]:
+    """Return a line of TOML for each setting, with its origin as a comment; a password is not shown."""
+    lines = []
+    for full in NAMES:
+        section, _, name = full.partition(".")
+        value = getattr(getattr(settings, section), name)
+        shown = "********" if value and name == "password" else value
+        lines.append(f"{full} = {toml_text(shown)}  # {settings.origins.get(full, 'default')}")
+    return lines
 
 
 def _check_section(section: str, table: Any, places: Places) -> Section:
@@ -393,6 +448,10 @@ def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[Con
         message = f"{device.rate_hz:g} is not valid"
         cure = f"give 0, or a number from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
         yield fault("device.rate_hz", message, cure, "invalid_value")
+    metrics = sections.get("metrics", MetricsSettings())
+    if metrics.listen and not re.fullmatch(r"(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):\d{1,5}", metrics.listen):
+        message = f"{toml_text(metrics.listen)} is not valid"
+        yield fault("metrics.listen", message, "write HOST:PORT, such as 127.0.0.1:9847", "invalid_value")
     if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
         message = f"{toml_text(device.id)} is not valid"
         yield fault("device.id", message, "use letters and digits, such as imu-1", "invalid_value")

@@ -87,6 +87,20 @@ def parse(text: str, file: str) -> dict[str, Any]:
     raise ConfigError(ConfigFault("not_toml", file, "", f"not TOML: {message}", cure))
 
 
+def tables(path: Path) -> set[str]:
+    """Return the top-level tables of a file, also of one that is not TOML; raise OSError if it cannot be read.
+
+    Only the first `FILE_BYTES` count: the file may belong to another program, and be anything.
+    """
+    with path.open("rb") as file:
+        text = file.read(FILE_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
+    try:
+        return {name for name, value in parse(text, str(path)).items() if isinstance(value, dict)}
+    except ConfigError:
+        headers = re.findall(r"^[ \t]*\[([^\[\]\n]{1,99})\]", text, re.MULTILINE)
+        return {_unquoted(header).partition(".")[0] for header in headers}
+
+
 def line_numbers(text: str) -> dict[str, int]:
     """Return the line of each section and setting by its dotted name, as far as single lines show it."""
     lines: dict[str, int] = {}

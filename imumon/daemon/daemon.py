@@ -19,6 +19,8 @@ from imumon.bus import BusError, Publisher
 from imumon.checkpoint import check_directory
 from imumon.config import Settings
 from imumon.daemon import metadata
+from imumon.daemon.alert_command import AlertCommand
+from imumon.daemon.history_feed import HistoryFeed
 from imumon.daemon.log import LEVELS
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
@@ -38,18 +40,11 @@ from imumon.devices.device_reader import (
     create_device,
 )
 from imumon.devices.registry import driver_of
+from imumon.evaluation import Provenance
+from imumon.messages import EVENT_LEVELS
 from imumon.pipeline import Monitor, MonitorOptions
-from imumon.samples import (
-    DeviceCounters,
-    DeviceInfo,
-    Gap,
-    Item,
-    Level,
-    Notice,
-    RawBytes,
-    SampleBlock,
-    Stream,
-)
+from imumon.ros2.ros_output import RosOutput
+from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock, Stream
 
 WAIT_S = 0.1
 """s that the loop waits for the device before it looks at signals and duties. Not critical."""
@@ -78,9 +73,9 @@ class RunOptions:
     duration_s : s of the host clock; None: unlimited.
     fresh : start a new record; the old state is kept under another name.
     temporary : the state directory is deleted after the run.
-    speed : seconds of the sample clock per second of the host clock; other than 1 for an emulator in
-        time-lapse.
+    speed : seconds of the sample clock per second of the host clock; not 1 for an emulator in time-lapse.
     baseline : an earlier report of the same sensor, to compare with.
+    provenance : program and host, for the reports; None: they do not name them.
     """
 
     url: str
@@ -90,6 +85,7 @@ class RunOptions:
     temporary: bool = False
     speed: float = 1.0
     baseline: report.Report | None = None
+    provenance: Provenance | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +104,14 @@ class Daemon:
         self._notifier = ServiceNotifier()
         driver = driver_of(options.url)
         self._scheme = driver.scheme
+        self._has_raw_bytes = driver.decoder() is not None
         self._reader = DeviceReader(
             create_device(
                 driver,
                 DeviceOptions(
                     url=options.url,
                     settings=settings.device,
+                    table=getattr(settings, driver.scheme, None),
                     state_directory=options.state_directory,
                     speed=options.speed,
                 ),
@@ -125,13 +123,18 @@ class Daemon:
             precision={"N": precision.precision_n, "B": precision.precision_b, "K": precision.precision_k},
             period_s=precision.period_s,
             baseline=options.baseline,
+            periods=settings.history.enabled,
+            max_loss=settings.alert.max_loss,
         )
         self._monitor = self._new_monitor()
         self._recorder = Recorder(settings.record)
+        self._alert = AlertCommand(settings.alert.command if options.speed == 1.0 else "")
         self._shutdown = Shutdown(options.duration_s)
         self._timeout = DataTimeout()
+        self._ros = RosOutput(settings.ros2, options.url)
         self._bus: Publisher | None = None
         self._persistence: Persistence | None = None
+        self._history = HistoryFeed(settings, speed=options.speed)
         self._info: DeviceInfo | None = None
         self._counters = DeviceCounters()
         self._state: report.State = "starting"
@@ -181,8 +184,8 @@ class Daemon:
                 self._on_opened(self._with_driver(info))
             case Started(info, again):
                 (self._on_reconnect if again else self._on_connect)(self._with_driver(info))
-            case OpenFailed(error, again):
-                self._on_open_failed(error, again)
+            case OpenFailed(error, again, expected):
+                self._on_open_failed(error, again, expected and self._with_driver(expected))
             case Disconnected(error):
                 self._on_disconnect(error)
             case Progress(text):
@@ -202,14 +205,16 @@ class Daemon:
 
     def _on_opened(self, info: DeviceInfo) -> None:
         """The device is identified: its name decides the keys and the state. Nothing of it is changed yet."""
-        name = self.settings.device.id or info.id
         options = self.options
-        self._bus = Publisher(name, settings=self.settings.zenoh)
+        self._bus = self._bus or self._new_bus(info)
         self._persistence = Persistence(
             options.state_directory, self._bus.id, self._monitor, fresh=options.fresh, speed=options.speed
         )
         self._info = info
         self._reader.begin()
+
+    def _new_bus(self, info: DeviceInfo) -> Publisher:
+        return Publisher(self.settings.device.id or info.id, settings=self.settings.zenoh)
 
     def _on_connect(self, info: DeviceInfo) -> None:
         assert self._bus is not None
@@ -217,28 +222,34 @@ class Daemon:
         for text, level in self._persistence.restore(info):
             self._event("state", text, level)
         self._started = self._persistence.started
-        self._connected = True
+        self._history.open(self.options.state_directory, self._bus)
+        self._connected, self._state = True, "starting"
         where = f"{info.title} on {info.port}"
         self._log(f"reading {where}{f' at {info.baud} baud' if info.baud else ''}")
         self._log(f"publishing as {self._bus.id} on {', '.join(self._bus.endpoints)}")
         self._on_info(info)
-        self._event("connect", where, "debug")
+        self._event("connect", where, "notice" if self._last_open_error else "debug")
         self._next_save = time.monotonic() + self.settings.state.save_period_s
 
-    def _on_open_failed(self, error: DeviceError, again: bool) -> None:
-        """The device is not there. A service waits for it; a command that was just started fails."""
+    def _on_open_failed(self, error: DeviceError, again: bool, expected: DeviceInfo | None) -> None:
+        """The device is not there. A service waits for it, and everybody for one that is expected; otherwise a
+        command that was just started fails."""
         text = str(error)
         if again:
             if text != self._last_open_error and error.code != "port_not_found":
-                self._event("waiting", f"the device cannot be opened again yet: {text}", "warning")
+                self._event("waiting", f"the device cannot be opened again yet: {text}")
             self._last_open_error = text
             return
-        if not self._notifier.enabled:
+        if not self._notifier.enabled and expected is None:
             raise error
-        self._release_name()
+        if expected is None:
+            self._release_name()
+        else:
+            self._bus = self._bus or self._new_bus(expected)
+            self._info, self._state = expected, "waiting"
         if text != self._last_open_error:
             self._last_open_error = text
-            self._log(f"waiting: {text}", "warning")
+            self._event("waiting", f"waiting: {text}")
         self._notifier.ready()
         self._notifier.status(f"waiting: {text}")
 
@@ -256,7 +267,7 @@ class Daemon:
         self._connected = False
         self._state = "waiting"
         self._monitor.flush()
-        self._event("disconnect", str(error), "warning")
+        self._event("disconnect", str(error))
 
     def _on_reconnect(self, info: DeviceInfo) -> None:
         assert self._persistence is not None
@@ -270,11 +281,13 @@ class Daemon:
         if self._persistence.differing(info) and self._monitor.samples:
             self._start_new_record(info)
         self._on_info(info)
-        self._event("connect", f"{info.title} is back on {info.port} after {away:.1f} s", "info")
+        self._event("connect", f"{info.title} is back on {info.port} after {away:.1f} s", "notice")
 
     def _start_new_record(self, info: DeviceInfo) -> None:
         """The device is back with other settings."""
         assert self._persistence is not None
+        self._monitor.end_record()
+        self._history.keep(self._monitor, self._started)
         self._monitor = self._new_monitor()
         self._recorder.start_new_record()
         text = self._persistence.start_new_record(info, self._monitor, self._session())
@@ -287,7 +300,7 @@ class Daemon:
     # ------------------------------------------------------------------ data
 
     def _on_items(self, items: list[Item]) -> None:
-        before = self._monitor.samples
+        before, bytes_before = self._monitor.samples, self._counters.received_bytes
         for item in items:
             match item:
                 case SampleBlock():
@@ -307,12 +320,13 @@ class Daemon:
             self._on_running()
         recorder = self._recorder
         raw = any(isinstance(item, RawBytes) for item in items)
-        if samples and recorder.needs_header and not raw and not self._counters.received_bytes:
+        if samples and recorder.needs_header and not raw and not self._has_raw_bytes:
             recorder.needs_header = False
-            self._event("recording", "nothing is recorded: this device has no raw bytes", "error")
+            self._event("recording", "nothing is recorded: this device has no raw bytes")
         if recorder.needs_header and (self._monitor.samples or recorder.full):
             self._start_recording()
         data = raw or any(isinstance(item, SampleBlock) for item in items)
+        data |= self._counters.received_bytes > bytes_before
         self._check_timeout(data=data, samples=samples)
 
     def _on_samples(self, block: SampleBlock) -> None:
@@ -325,6 +339,8 @@ class Daemon:
         before = self._monitor.samples
         # in time-lapse the host clock proves nothing
         self._monitor.feed(block, host_s=passed if self.options.speed == 1.0 else None)
+        self._history.clock(block)
+        self._history.keep(self._monitor, self._started)
         if self._persistence is None:
             return
         if self._monitor.samples != before:
@@ -347,7 +363,7 @@ class Daemon:
         for remark in info.remarks:
             if remark not in self._known_remarks:
                 self._known_remarks.add(remark)
-                self._event("remark", remark, "warning")
+                self._event("remark", remark)
 
     def _gap(self, length_s: float | None) -> None:
         self._monitor.gap(length_s)
@@ -373,7 +389,7 @@ class Daemon:
         )
         if problem is not None and self._state != "waiting":
             self._state = "waiting"
-            self._event("silent", problem, "warning")
+            self._event("silent", problem)
 
     # ------------------------------------------------------------------ duties
 
@@ -395,22 +411,32 @@ class Daemon:
         if self._persistence is not None and now >= self._next_save and self._monitor.samples:
             self._next_save = now + self.settings.state.save_period_s
             self._persistence.save(self._session(), self._started)
+            self._history.save()
 
     def _publish(self) -> report.Report:
         assert self._bus is not None
         if self._state == "waiting":
             self._notifier.ready()
-        made = self._report()
+        made = metadata.traced(self._history.annotated(self._report()), self.options.provenance)
+        if self._ros.needed:
+            self._ros.update(made)
         self._bus.publish(made, self._monitor.signals(self._bus.requested_signals()))
+        self._history.report(made)
+        self._history.keep(self._monitor, self._started, in_progress=True)
         for event in self._monitor.events():
-            self._bus.event(event.stamped(datetime.now(UTC), self._bus.id))
-            self._log(event.text, "debug" if event.kind == "gap" else "info", event.kind)
+            self._emit(event.stamped(datetime.now(UTC), self._bus.id))
         for problem in self._recorder.problems():
-            self._event("recording", problem, "error")
-        for problem in self._bus.status_changes():
-            self._event("bus", problem, "warning")
+            self._event("recording", problem)
+        for problem in self._ros.problems():
+            self._event("bus", problem)
+        for problem, over in self._bus.status_changes():
+            self._event("bus", problem, "notice" if over else None)
         if self._persistence is not None and (state_problem := self._persistence.problem()):
             self._event("state", *state_problem)
+        for channel, text in self._history.new_changes():
+            self._event("change", text, "warning", channel)
+        for history_problem in self._history.problems():
+            self._event("history", *history_problem)
         self._notifier.status(status_line(made))
         return made
 
@@ -439,12 +465,19 @@ class Daemon:
         )
         return self._persistence.with_earlier_runs(now) if self._persistence else now
 
-    def _event(self, kind: str, text: str, level: Level = "info") -> None:
-        """Log and publish an event of the daemon itself."""
-        self._log(text, level, kind)
+    def _event(self, kind: str, text: str, level: Level | None = None, channel: str | None = None) -> None:
+        """Log and publish an event of the daemon itself; level None: that of the kind."""
+        stamp, name = report.stamp(datetime.now(UTC)), self._bus.id if self._bus else self.settings.device.id
+        known = level or EVENT_LEVELS.get(kind, "info")
+        self._emit(report.Event(time=stamp, kind=kind, text=text, device=name, level=known, channel=channel))
+
+    def _emit(self, event: report.Event) -> None:
+        """Log, publish and keep an event, and pass it on to the alert command."""
+        self._log(event.text, event.level, event.kind)
+        self._alert.submit(event)
         if self._bus is not None:
-            stamp = report.stamp(datetime.now(UTC))
-            self._bus.event(report.Event(time=stamp, kind=kind, text=text, device=self._bus.id))
+            self._bus.event(event)
+            self._history.event(event)
 
     def _log(self, text: str, level: Level = "info", kind: str = "") -> None:
         log.log(LEVELS[level], "%s", text, extra={"kind": kind})
@@ -469,14 +502,18 @@ class Daemon:
             self._persistence.close(self._session(), self._started)
             if problem := self._persistence.problem():
                 self._log(problem[0], problem[1])
+        self._history.keep(self._monitor, self._started, in_progress=True)
+        self._history.close()
         self._recorder.close()
         for text in self._recorder.problems():
             self._log(text, "error")
+        self._ros.close()
         self._wait_for_restore()
+        self._alert.close(end + RESTORE_S - time.monotonic())
         if self._bus is not None:
             self._bus.close()
         self._log(self._end_text())
-        return final
+        return final if self._persistence is not None else None  # None: no device was ever there
 
     def _end_text(self) -> str:
         """Return what the run leaves behind, for the log."""
@@ -500,4 +537,6 @@ class Daemon:
         self._notifier.stopping()
         with suppress(Exception):
             self._reader.stop(discard=True)
+            self._ros.close()
             self._wait_for_restore()
+            self._alert.close()

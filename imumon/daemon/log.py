@@ -50,7 +50,7 @@ def configure_logging(level: str = "info", format: str = "auto") -> Callable[[],
 
     Parameters
     ----------
-    level : lowest level that is logged: ``error``, ``warning``, ``info`` or ``debug``.
+    level : lowest level that is logged: ``error``, ``warning``, ``notice``, ``info`` or ``debug``.
     format : ``text``, ``journal`` (without the time, which the journal adds), ``json``, or ``auto``: journal if
         the journal reads standard error, else text.
 

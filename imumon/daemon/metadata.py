@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 from imumon import report
 from imumon.devices import registry
+from imumon.evaluation import Evaluation, Provenance
 from imumon.samples import DeviceInfo
 
 
@@ -33,6 +35,13 @@ def description(name: str, info: DeviceInfo | None) -> report.DeviceDescription:
             registry.driver(info.driver) if info.driver else None, info.settings
         ),
     )
+
+
+def traced(made: report.Report, provenance: Provenance | None) -> report.Report:
+    """Return a report that names the program and the host of the daemon."""
+    if provenance is None:
+        return made
+    return replace(made, evaluation=Evaluation(provenance=replace(provenance, made=made.time)))
 
 
 def recording_header(

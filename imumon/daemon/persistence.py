@@ -118,6 +118,7 @@ class Persistence:
         trial.accept_restored()
         if trial.stream is None or any(a.ndim != 1 for name, a in arrays.items() if name.endswith("groups")):
             raise ValueError("the record has no stream, or no channels")
+        trial.save()  # before samples replace what they can
         steps = np.ones(TRIAL_SAMPLES) if trial.stream.clock == "dt" else np.arange(TRIAL_SAMPLES)
         times, lost = (steps * interval_ns).astype(np.int64), np.zeros(TRIAL_SAMPLES, dtype=np.int64)
         values = np.random.default_rng(0).normal(0.0, 1e-3, (TRIAL_SAMPLES, len(trial.stream.channels)))
@@ -173,7 +174,7 @@ class Persistence:
             return None
         self._reported_problem = self._checkpoint.failed
         if self._reported_problem is None:
-            return "the state is saved again", "info"
+            return "the state is saved again", "notice"
         return f"the state cannot be saved: {self._reported_problem}", "error"
 
     def _state(self, session: SessionCounters, started: str | None) -> SavedState:

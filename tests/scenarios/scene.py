@@ -49,7 +49,6 @@ class Scene:
         self.state = folder / "state"
         self._stack = stack
         self._config = folder / "config.toml"
-        self._config.write_text(CONFIG)
         self.daemon: Daemon
         self.said = ""
         self.away_s = 0.0
@@ -61,8 +60,10 @@ class Scene:
         before: Sequence[str] = (),
         environment: dict[str, str] | None = None,
         listen: str | None = None,
+        settings: str = "",
     ) -> Daemon:
-        """Start a daemon, on the state that is there."""
+        """Start a daemon, on the state that is there, with more tables of settings."""
+        self._config.write_text(CONFIG + settings)
         words = ("--config", str(self._config), "--json", *words)
         made = Daemon(self.port, self.state, *words, before=before, environment=environment, listen=listen)
         self.daemon = self._stack.enter_context(made)

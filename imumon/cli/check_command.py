@@ -1,0 +1,169 @@
+"""Command `imumon check`: a plugin for monitoring systems (Nagios, Icinga, Sensu).
+
+It prints one line, ``IMUMON OK - text|performance data``, and ends with the exit code of plugins, which is not
+that of the other commands: 0 ok, 1 warning, 2 critical, 3 unknown. The format is that of the Monitoring Plugins
+Development Guidelines: numbers without exponent, ``label=value[unit];warning;critical;minimum;maximum``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from imumon.cli import options
+from imumon.cli.exit_codes import NOT_FOUND, CommandError
+from imumon.cli.options import Parser
+from imumon.errors import ImumonError
+
+LABELS = ("OK", "WARNING", "CRITICAL", "UNKNOWN")
+OK, WARNING, CRITICAL, UNKNOWN = range(4)
+"""Exit codes of plugins."""
+
+MAX_AGE_S = 5.0
+"""s, age of a report from which it is critical, if the command line gives none. Not critical."""
+SHOWN_CHANGES = 3
+"""Changes that the line names. Not critical."""
+FIGURES = 4
+"""Significant figures of performance data. Not critical."""
+WARNED = ("stuck", "constant")
+"""Caveats that are a warning, beside ``changed``."""
+
+
+def add_check(parser: Parser) -> None:
+    add = parser.add_argument
+    options.add_id(parser)
+    options.add_endpoints(parser)
+    options.add_config(parser, "settings of Zenoh and of max_loss; options override the file")
+    text = f"critical if the report is older than S seconds; default {MAX_AGE_S:g}"
+    add("--max-age", type=options.positive, default=MAX_AGE_S, metavar="S", help=text)
+    text = "warning if more of the samples of the last 60 s are missing; default: from the settings, 1"
+    add("--max-loss", type=options.positive, metavar="PERCENT", help=text)
+    text = "critical if gyroscope or accelerometer is certainly worse than this grade"
+    add("--grade", choices=options.GRADES, help=text)
+    add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Print the line of a plugin and return its exit code."""
+    from imumon.cli.daemon_state import current_reports, grades_text, loss_text, trouble
+    from imumon.cli.query import ANSWER_S
+
+    baseline = options.baseline(arguments.baseline)
+    max_loss = arguments.max_loss or 100.0 * options.settings(arguments).alert.max_loss
+    with options.subscriber(arguments) as subscriber:
+        report = options.first_report(subscriber, arguments.id, ANSWER_S, "check its service")
+        ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
+        stopped = trouble(report, subscriber.events(report.device.id))
+    critical, warnings = [], []
+    if report.state == "stopped":
+        critical.append("the daemon has ended")
+    if stopped:
+        critical.append(stopped)
+    if age_s > arguments.max_age:
+        critical.append(f"the last report is {age_s:.1f} s old")
+    if arguments.grade:
+        critical += _worse(report, arguments.grade)
+    if 100.0 * (report.session.recent_loss or 0.0) > max_loss:
+        warnings.append(f"{loss_text(report)} in the last 60 s")
+    warnings += _caveats(report, baseline)
+    facts = [f"{grades_text(report)}, {loss_text(report)}"]
+    code = CRITICAL if critical else WARNING if warnings else OK
+    if code == OK and not report.session.samples:
+        code, facts = UNKNOWN, ["no sample yet"]
+    text = f"{report.device.id}: {'; '.join([*critical, *warnings] or facts)}"
+    return _print(code, text, _performance(report, age_s, arguments.max_age, max_loss))
+
+
+def fail(error: ImumonError) -> int:
+    """Print an error as a plugin does and return its exit code: a missing daemon is critical."""
+    missing = isinstance(error, CommandError) and error.exit_code == NOT_FOUND
+    return _print(CRITICAL if missing else UNKNOWN, str(error), ())
+
+
+def _print(code: int, text: str, performance: Sequence[str]) -> int:
+    from imumon.report import plain
+
+    line = " ".join(plain(text.replace("\n", "; ").replace("|", "/")).split())
+    print(f"IMUMON {LABELS[code]} - {line}" + (f"|{' '.join(performance)}" if performance else ""))
+    return code
+
+
+def _worse(report: Any, grade: Any) -> Iterator[str]:
+    """Yield the sensors that are certainly worse than a grade: by a final headline or a lower limit."""
+    from imumon.messages import grade_text
+    from imumon.noise.grading import GRADES, grade_coefficient
+
+    def is_worse(nearest: Any) -> bool:
+        return nearest is not None and GRADES.index(nearest) > GRADES.index(grade)
+
+    for sensor, headline in report.grade.items():
+        if not headline.provisional and is_worse(headline.nearest):
+            yield f"{sensor} {grade_text(headline)}"
+            continue
+        for name, channel in report.channels.items():
+            low = {letter: getattr(channel, letter) for letter in ("N", "B")}
+            best = {
+                letter: grade_coefficient(sensor, letter, part.low).nearest
+                for letter, part in low.items()
+                if name.startswith(f"{sensor}/") and part is not None and part.status == "measured"
+            }
+            if worse := [letter for letter, nearest in best.items() if is_worse(nearest)]:
+                yield f"{sensor} is {best[worse[0]]} at best, by {worse[0]} of {name}"
+                break
+
+
+def _caveats(report: Any, baseline: Any) -> Iterator[str]:
+    """Yield what is a warning of the caveats, and what has changed."""
+    from imumon.messages import caveats, joined, line
+    from imumon.pipeline.report_builder import change_text
+
+    found = caveats(report)
+    for caveat in WARNED:
+        if caveat in found:
+            channels = joined(found[caveat])
+            yield f"{channels}: {line(caveat)}" if channels else line(caveat)
+    changes = [(name, each) for name, channel in report.channels.items() for each in channel.changes]
+    if baseline is not None:
+        from imumon.noise.nonstationarity.change import compare_reports
+
+        changes += [
+            (name, each) for name in report.channels for each in compare_reports(baseline, report, name)
+        ]
+    texts = list(dict.fromkeys(change_text(name, each) for name, each in changes))
+    yield from texts[:SHOWN_CHANGES]
+    if len(texts) > SHOWN_CHANGES:
+        yield f"{len(texts) - SHOWN_CHANGES} more changes"
+    if "changed" in found and not texts:
+        yield line("changed")
+
+
+def _performance(report: Any, age_s: float, max_age_s: float, max_loss: float) -> list[str]:
+    """Return the performance data: age, loss, counters, temperature, and N in the unit that people read."""
+    session = report.session
+    data = [f"age={_fixed(age_s)}s;;{max_age_s:g};0"]
+    if session.recent_loss is not None:
+        data.append(f"loss={_fixed(100.0 * session.recent_loss)}%;{_fixed(max_loss)};;0;100")
+    data += [f"samples={session.samples}c;;;0", f"missing={session.missing}c;;;0"]
+    temperature = report.channels.get("temperature")
+    if temperature is not None and temperature.last is not None:
+        data.append(f"temperature={_fixed(temperature.last)}")
+    for name, channel in report.channels.items():
+        sensor, _, axis = name.partition("/")
+        if sensor in ("gyro", "accel") and channel.N is not None and channel.N.readable.value is not None:
+            data.append(f"{sensor}_{axis}_N={_fixed(channel.N.readable.value)};;;0")
+    return data
+
+
+def _fixed(value: float) -> str:
+    """Return a number without exponent.
+
+    >>> _fixed(0.0), _fixed(0.000123456), _fixed(20.123), _fixed(123456.7)
+    ('0', '0.0001235', '20.12', '123457')
+    """
+    if not value:
+        return "0"
+    places = max(FIGURES - 1 - math.floor(math.log10(abs(value))), 0)
+    text = f"{value:.{places}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -1,0 +1,230 @@
+"""Command `imumon history`: rows of the history, from a running daemon or from the file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from imumon.cli import options
+from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
+from imumon.cli.options import Parser
+from imumon.history_report import STEPS
+
+ANSWER_S = 1.0
+"""How long to wait for a daemon before its file is read, s."""
+
+
+def add_history(parser: Parser) -> None:
+    add = parser.add_argument
+    add("--id", metavar="NAME", help="device; default: the only one")
+    add("--state", metavar="DIR", help="read the file in this directory, and ask no daemon")
+    options.add_endpoints(parser)
+    options.add_config(parser, "settings; options override the file")
+    text = "rows from T on: 2h, 30d, 2026-11-03 or 2026-11-03T10:20:00Z (UTC); default: 1d before the end"
+    add("--since", metavar="T", help=text)
+    add("--until", metavar="T", help="rows up to T; default: now")
+    text = "only this channel or sensor (gyro/x or gyro), repeatable"
+    add("--channel", action="append", metavar="NAME", help=text)
+    text = "length of a row; default: 10m up to 2 days, 1h up to 2 months, else 1d"
+    add("--step", choices=tuple(STEPS), help=text)
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print an array of objects, SI units")
+    form.add_argument("--csv", action="store_true", help="print one row per line, SI units")
+
+
+def history(arguments: argparse.Namespace) -> int:
+    """Print rows of the history."""
+    from imumon.history.rows import csv_pieces, json_pieces
+    from imumon.history.selection import moment, selection
+
+    now = time.time()
+    chosen = selection(
+        now,
+        since=None if arguments.since is None else moment(arguments.since, now),
+        until=None if arguments.until is None else moment(arguments.until, now),
+        channels=tuple(arguments.channel or ()),
+        step=arguments.step,
+    )
+    objects = _objects(arguments, chosen)
+    if arguments.json:
+        pieces: Iterable[str] = (*json_pieces(objects), "\n")
+    elif arguments.csv:
+        pieces = csv_pieces(objects)
+    else:
+        pieces = _table(objects)
+    for piece in pieces:
+        sys.stdout.write(piece)
+    return 0
+
+
+def _objects(arguments: argparse.Namespace, chosen: Any) -> Iterator[dict[str, Any]]:
+    """Return the rows: of the daemon if one answers and no directory is given, else of the file."""
+    if arguments.state is None:
+        answer = _asked(arguments, chosen)
+        if answer is not None:
+            return iter(answer)
+    loaded = options.settings(arguments)
+    directory = Path(arguments.state) if arguments.state else options.state_directory(loaded)
+    return _read(directory, arguments.id, chosen)
+
+
+def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] | None:
+    """Return the rows of a running daemon; None if there is none and no endpoint was given."""
+    from imumon.bus.subscriber import HISTORY_BYTES
+    from imumon.history.rows import iso
+    from imumon.history.selection import described
+
+    with options.subscriber(arguments, most_bytes=HISTORY_BYTES) as subscriber:
+        cure = "read its file with --state"
+        try:
+            report = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
+        except CommandError as error:
+            if arguments.connect or error.code != "no_daemon":
+                raise
+            return None
+        parameters = described({"channel": ",".join(chosen.channels), "step": chosen.step})
+        parameters += f";_time=[{iso(chosen.since)}..{iso(chosen.until)}]"
+        answer = subscriber.history(report.device.id, parameters)
+        if answer is None:
+            message = f"the daemon of {report.device.id} keeps no history"
+            raise CommandError("no_history", message, "set history.enabled = true", NOT_FOUND)
+        rows: list[dict[str, Any]] = json.loads(answer)
+        return rows
+
+
+def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a file."""
+    from imumon.history.rows import rows
+    from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
+
+    known = devices(directory)
+    if id is None and len(known) > 1:
+        message = f"there are histories of {', '.join(known)}"
+        raise CommandError("several_histories", message, "choose one with --id", USAGE)
+    if id is None and not known:
+        message = f"no daemon answers, and there is no history in {directory}"
+        cure = "start one with imumon run, or name the directory with --state"
+        raise CommandError("no_history", message, cure, NOT_FOUND)
+    name = id or known[0]
+    try:
+        with HistoryStore(directory / f"{name}{SUFFIX}") as store:
+            for timed in store.periods(chosen):
+                yield from rows(timed, name, chosen)
+    except HistoryError as error:
+        raise CommandError(error.code, error.message, error.cure, _code(error)) from None
+
+
+SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))
+"""Steps of the rows in a datasheet, with the days that are shown: hours, while there are fewer than three days."""
+LEAST_DAYS = 3
+
+
+def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
+    """Return the rows of a running daemon that the datasheet shows; empty without a history."""
+    from imumon.bus import BusError
+
+    rows: list[dict[str, Any]] = []
+    for step, days in SHEET_STEPS:
+        parameters = f"_time=[now(-{days:.0f}d)..now()];step={step};channel=gyro,accel,mag"
+        try:
+            rows = json.loads(subscriber.history(id, parameters) or "[]")
+        except BusError:
+            return []
+        if len({row["time"] for row in rows}) >= LEAST_DAYS:
+            break
+    return rows
+
+
+def stored_days(path: Path) -> list[dict[str, Any]]:
+    """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
+    from imumon.history.rows import rows
+    from imumon.history.selection import selection
+    from imumon.history.store import HistoryError, HistoryStore
+
+    name, found = path.name.partition(".state")[0], []
+    if (file := _beside(path)) is None:
+        return []
+    for step, days in SHEET_STEPS:
+        now = time.time()
+        chosen = selection(now, since=now - 86400.0 * days, channels=("gyro", "accel", "mag"), step=step)
+        try:
+            with HistoryStore(file) as store:
+                found = [row for timed in store.periods(chosen) for row in rows(timed, name, chosen)]
+        except HistoryError:
+            return []
+        if len({row["time"] for row in found}) >= LEAST_DAYS:
+            break
+    return found
+
+
+def with_turn_on(report: Any, path: Path) -> Any:
+    """Return the report of a saved state with the turn-on bias that the history in its directory shows."""
+    from imumon.history.power_ups import PowerUps
+    from imumon.history.store import HistoryError, HistoryStore
+
+    if (file := _beside(path)) is None:
+        return report
+    try:
+        with HistoryStore(file) as store:
+            return PowerUps(store.power_ups()).annotated(report)
+    except HistoryError:
+        return report
+
+
+def _beside(path: Path) -> Path | None:
+    """Return the history beside a saved state; None if there is none, or it is no state."""
+    from imumon.history.store import SUFFIX
+
+    file = path.with_name(f"{path.name.partition('.state')[0]}{SUFFIX}")
+    return file if ".state" in path.name and file.exists() else None
+
+
+def _code(error: Any) -> int:
+    return NOT_FOUND if error.code == "no_history" else 1
+
+
+def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield lines for people: readable units, limits as half-widths."""
+    from imumon.units import duration, number
+
+    empty = True
+    for each in objects:
+        if empty:
+            empty = False
+            head = (
+                f"{'time':<17}{'channel':<12}{'N':<24}{'B':<24}{'K':<27}{'mean':>12}{'°C':>7}{'missing':>10}"
+            )
+            yield f"{head}  step {each['step']}\n"
+        sensor = each["channel"].partition("/")[0]
+        n, b, k = (_readable(sensor, letter, each[letter]) for letter in "NBK")
+        noise = f"{n:<24}{b:<24}{k:<27}"
+        mean = "–" if each["mean"] is None else number(each["mean"], 5)
+        heat = "–" if each["temperature"] is None else f"{each['temperature']:.1f}"
+        missing = f"{each['missing']:,}" if each["missing"] else "–"
+        line = f"{each['time'][:16].replace('T', ' '):<17}{each['channel']:<12}{noise}{mean:>12}{heat:>7}{missing:>10}"
+        notes = ["in progress"] * (not each["complete"])
+        notes += [f"{duration(each['excluded_s'])} excluded"] * (each["excluded_s"] >= 1.0)
+        yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
+    if empty:
+        yield "no rows in this time\n"
+
+
+def _readable(sensor: str, letter: str, part: dict[str, Any] | None) -> str:
+    """Return a coefficient with its half-width in the readable unit."""
+    from imumon.units import READABLE, number, pretty
+
+    if part is None or (sensor, letter) not in READABLE:
+        return "–"
+    unit = READABLE[sensor, letter]
+    name = pretty(unit.unit)
+    if part["status"] == "upper_bound":
+        return f"< {number(part['high'] * unit.factor, 3)} {name}"
+    if part["value"] is None:
+        return "pending"
+    half = 50.0 * (part["high"] - part["low"]) / part["value"]
+    return f"{number(part['value'] * unit.factor, 4)} ±{half:.2g} % {name}"

@@ -1,0 +1,62 @@
+"""Command `imumon web`: the terminal UI in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+
+from imumon.cli import options
+from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
+from imumon.cli.options import Parser
+from imumon.cli.output import print_message
+
+LISTEN = "127.0.0.1:8448"
+PASSED_ON = ("config", "id", "baseline", "theme")
+"""Options of `imumon tui` with a value, which the process of each browser gets."""
+
+
+def add_web(parser: Parser) -> None:
+    add = parser.add_argument
+    text = f"address of the page; default {LISTEN}. Other machines can reach it only on another address than 127.0.0.1"
+    add("--listen", type=_address, default=LISTEN, metavar="HOST:PORT", help=text)
+    options.add_endpoints(parser)
+    options.add_config(parser, "settings of Zenoh; options override the file")
+    add("--id", metavar="NAME", help="device to show first")
+    add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
+    options.add_appearance(parser)
+
+
+def _address(text: str) -> str:
+    found = re.fullmatch(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})", text)
+    if found is None or not 0 < int(found[2]) < 65536:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an address; write HOST:PORT, such as {LISTEN}")
+    return text
+
+
+def web(arguments: argparse.Namespace) -> int:
+    """Serve the terminal UI to browsers until interrupted."""
+    from imumon.tui.web import is_loopback, serve
+
+    options.baseline(arguments.baseline)  # an error is reported here, not in the browser
+    settings = options.settings(arguments)
+    host, _, port = arguments.listen.rpartition(":")
+    host = host.strip("[]")
+    if not is_loopback(host) and not settings.zenoh.insecure:
+        message = f"--listen {arguments.listen}: every host on the network could see the sensor"
+        cure = f"use {LISTEN} and a tunnel (ssh -L), or set zenoh.insecure = true"
+        raise CommandError("listen_insecure", message, cure, USAGE)
+    words: list[str] = []
+    for endpoint in arguments.connect or ():
+        words += ["--connect", endpoint]
+    for name in PASSED_ON:
+        if (value := getattr(arguments, name)) is not None:
+            path = name in ("config", "baseline")
+            words += [f"--{name}", os.path.abspath(value) if path else value]
+    words += ["--ascii"] * arguments.ascii
+
+    def ready(address: str) -> None:
+        print_message(f"the screen is at {address}; end with ctrl+c")
+
+    serve(words, host, int(port), ready)
+    return SUCCESS

@@ -1,0 +1,151 @@
+"""Alert command: what it gets, how often, and that it never delays the daemon."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from daemons import Daemon
+
+from imumon.daemon import alert_command
+from imumon.daemon.alert_command import AlertCommand
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.report import Event
+
+
+def event(kind: str, level: str = "warning", text: str = "x") -> Event:
+    return Event(time="2026-01-02T00:00:00.000Z", kind=kind, text=text, device="a", level=level)  # type: ignore[arg-type]
+
+
+def appended(path: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def until(holds: Callable[[], object], within_s: float = 5.0) -> None:
+    end = time.monotonic() + within_s
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+class Clock:
+    now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_warnings_are_passed_on_once_a_minute_and_kind(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    out, clock = tmp_path / "out", Clock()
+    alert = AlertCommand(f"cat >> '{out}'", clock)
+    alert.submit(event("gap", "debug"))
+    alert.submit(event("grade", "info"))
+    alert.submit(event("connect", "notice"))
+    for text in ("first", "second", "third"):
+        alert.submit(event("loss", text=text))
+    alert.submit(event("recording", "error", '"; rm -rf / # °'))
+    clock.now += 61.0
+    alert.submit(event("loss", text="fourth"))
+    alert.submit(event("loss", text="fifth"))
+    with caplog.at_level(logging.INFO, "imumon"):
+        alert.close()
+    alerts = appended(out)
+    assert [(each["text"], each["suppressed"]) for each in alerts] == [
+        ("first", 0),
+        ('"; rm -rf / # °', 0),
+        ("fourth", 2),
+    ]
+    assert alerts[0].keys() == {*Event.__dataclass_fields__, "suppressed"}
+    assert "did not get 3 events" in caplog.text
+    alert.submit(event("change"))  # after the end nothing happens
+    assert len(appended(out)) == 3
+
+
+def test_a_command_that_hangs_is_killed_with_its_children(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(alert_command, "KILL_S", 0.5)
+    pids, out = tmp_path / "pids", tmp_path / "out"
+    hangs = f"test -e '{pids}' && cat >> '{out}' && exit; sleep 600 & echo $! $$ > '{pids}'; wait"
+    alert = AlertCommand(hangs)
+    begin = time.monotonic()
+    alert.submit(event("loss"))
+    alert.submit(event("change"))
+    assert time.monotonic() - begin < 0.2
+    until(lambda: appended(out))  # the second one runs after the first one is killed
+    assert not any(runs(int(pid)) for pid in pids.read_text().split())
+    alert.close()
+    assert "the alert command was killed: it took longer than 0.5 s" in caplog.text
+
+
+def test_the_end_kills_a_command_that_runs(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    alert = AlertCommand(f"echo $$ > '{pid}.new'; mv '{pid}.new' '{pid}'; exec sleep 600")
+    alert.submit(event("loss"))
+    alert.submit(event("change"))
+    until(pid.exists)
+    begin = time.monotonic()
+    alert.close(0.1)
+    assert time.monotonic() - begin < 1.0
+    until(lambda: not runs(int(pid.read_text())))
+
+
+@pytest.mark.parametrize(
+    ("command", "problem"), [("exit 3", "failed with exit code 3"), ("a\0b", "cannot be started")]
+)
+def test_a_command_that_fails_is_logged_once(
+    command: str, problem: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    alert = AlertCommand(command)
+    alert.submit(event("loss"))
+    alert.submit(event("change"))
+    until(lambda: caplog.text)
+    alert.close()
+    assert caplog.text.count(problem) == 1
+
+
+def test_too_many_events_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    alert = AlertCommand("sleep 600")
+    for kind in range(300):
+        alert.submit(event(f"kind{kind}"))
+    with caplog.at_level(logging.INFO, "imumon"):
+        alert.close(0.1)
+    assert "did not get 2" in caplog.text  # 299 less those that fit; the first one ran
+
+
+def test_a_daemon_passes_on_that_its_sensor_is_disconnected(tmp_path: Path) -> None:
+    out, config = tmp_path / "out", tmp_path / "config.toml"
+    command = f"cat >> '{out}'; grep -q disconnect '{out}' && sleep 600"
+    config.write_text(f'[alert]\ncommand = "{command}"\n')
+    with (
+        spawn(EmulatorSettings(seed=1, link=str(tmp_path / "port"))) as sensor,
+        Daemon(str(tmp_path / "port"), tmp_path / "state", "--config", str(config)) as daemon,
+    ):
+        daemon.samples(100)
+        sensor.ask("unplug")
+        daemon.wait(lambda r: r.state == "waiting")
+        until(lambda: "disconnect" in [each["kind"] for each in appended(out)], 15.0)
+        sensor.ask("replug")  # while the command hangs
+        report = daemon.wait(lambda r: r.state == "running")
+        daemon.samples(report.session.samples + 100)
+        begin = time.monotonic()
+        code, _, _ = daemon.stop()
+        assert (code, time.monotonic() - begin < 6.0) == (0, True)
+    (alert,) = [each for each in appended(out) if each["kind"] == "disconnect"]
+    assert alert["level"] == "warning"
+    assert alert["device"] == "vn100-0100056785"
+    assert os.listdir(tmp_path / "state")
