@@ -9,17 +9,22 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   tui/           terminal UI
   datasheet/     report to documents, figures and settings of other software
   doctor/        checks of port, device, Zenoh, state and service
-  recordings/    files as sources: raw captures, CSV, NumPy, ROS bags
+  history/       reports over months: store, query, change over days, metrics
+  recordings/    files as sources: raw captures, CSV, NumPy, ROS bags, PX4, ArduPilot
+  ros2/          ROS 2 without ROS: messages, keys, nodes over Zenoh and DDS
   bus/           Zenoh: publisher, subscriber, queries
   devices/       the device contract, its registry, and the devices
   pipeline/      sample blocks to report
+  references/    published limits of sensors, and checks against them
   config/        settings, with an error per fault
   checkpoint.py  the saved state on disk
   noise/         Allan variance, fit, detection, statistics: mathematics on arrays
   messages.py    caveats, grades and reasons in words
   timebase/      sample clock: which tick each sample belongs to
   filter_report.py  parameters for Kalman filters, as a message
+  history_report.py  one period of the history, as a message
   report.py      published data model; standard library only
+  evaluation.py  its part for documents: traceability, uncertainty, conformity, exact curve
   samples.py     what devices and recordings deliver
   units.py       SI to readable units
   errors.py      errors with code, message and cure

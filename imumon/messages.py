@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
 from imumon.report import Coefficient, Drift, Report, SensorGrade
-from imumon.samples import sensor_of
+from imumon.samples import Level, sensor_of
 
 
 class CaveatText(NamedTuple):
@@ -92,6 +92,38 @@ CAVEATS: Mapping[str, CaveatText] = {
     "temperature": CaveatText("the temperature explains part of the drift"),
 }
 """Texts by caveat."""
+
+EVENT_LEVELS: Mapping[str, Level] = {
+    "connect": "info",
+    "disconnect": "warning",
+    "waiting": "warning",
+    "silent": "warning",
+    "lost": "warning",
+    "found": "notice",
+    "reconfigured": "notice",
+    "resumed": "notice",
+    "garbage": "warning",
+    "no_samples": "warning",
+    "sensor_error": "warning",
+    "gap": "debug",
+    "loss": "warning",
+    "disturbance": "info",
+    "warmup": "info",
+    "rest": "info",
+    "motion": "info",
+    "constant": "warning",
+    "stuck": "warning",
+    "change": "warning",
+    "history": "warning",
+    "grade": "info",
+    "restart": "notice",
+    "state": "info",
+    "recording": "error",
+    "bus": "warning",
+    "remark": "warning",
+}
+"""Level of an event by its kind. An event that ends a trouble is a notice whatever its kind; some others of the
+kinds `connect` and `state` differ too."""
 
 CLOCKS: Mapping[str, str] = {
     "startup": "the sensor's own clock",
@@ -260,6 +292,16 @@ def _differ(first: Coefficient, second: Coefficient) -> bool:
         return False
     half_width = math.hypot(math.log(small.high / small.value), math.log(large.value / large.low))
     return math.log(large.value / small.value) > half_width
+
+
+def matching(name: str | None, names: Iterable[str]) -> list[str]:
+    """Return the devices that a user means: the one of this name, else those that begin with it; None: all.
+
+    >>> matching("a", ["b", "a2", "a"]), matching("a", ["b", "a2", "a1"]), matching(None, ["b", "a"])
+    (['a'], ['a1', 'a2'], ['a', 'b'])
+    """
+    known = sorted(names)
+    return [name] if name in known else [each for each in known if each.startswith(name or "")]
 
 
 def grade_text(grade: SensorGrade) -> str:

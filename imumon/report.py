@@ -1,8 +1,7 @@
 """Report: the published data model as frozen dataclasses, and its JSON.
 
-Standard library only, so that any tool can read a report with this file alone. The fields are the contract
-of the project (docs/ZENOH.md): they are extended, but never changed. An unknown value is None with a reason,
-never 0 and never NaN. Units are SI unless a name says otherwise.
+Standard library only: any tool can read a report with this file and `evaluation`. The fields are the contract
+(docs/ZENOH.md): they are extended, but never changed. An unknown value is None with a reason, never 0 or NaN. SI units.
 """
 
 from __future__ import annotations
@@ -15,6 +14,8 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any, Literal, TypeAlias
+
+from imumon.evaluation import Evaluation, ExactCurve, UncertaintyBudget
 
 SCHEMA = "imumon.report/1"
 
@@ -75,6 +76,7 @@ class SessionCounters:
     most_queued_bytes: int | None = None  # most bytes that waited for the daemon at once, in this run
     # s by reason; `magnetic` is not part of excluded_s of a stream with gyro or accel
     excluded_by: Mapping[str, float] = field(default_factory=dict)
+    recent_loss: float | None = None  # missing samples of the last 60 s over those of 60 s, 0 to 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,6 +204,10 @@ class Distribution:
     bias_low: float | None = None  # channel unit, lower 95 % limit of the bias
     bias_high: float | None = None  # channel unit, upper 95 % limit of the bias
     bias_reason: str | None = None  # why there is no bias
+    turn_on_count: int | None = None  # power-ups of which the settled bias is known; null: no history
+    turn_on_std: float | None = None  # channel unit, their standard deviation; null: fewer than five
+    turn_on_low: float | None = None  # channel unit, lower 95 % limit of that deviation
+    turn_on_high: float | None = None  # channel unit, upper 95 % limit
     correlation: Mapping[str, float] = field(default_factory=dict)  # -1 to 1, by the sensor's other channels
     effective_samples: float | None = None  # independent samples that give the mean the same variance
 
@@ -252,12 +258,14 @@ class Drift:
 class Change:
     """Change of N, B or bias against the hours before, the time before a step, or a baseline."""
 
-    against: str  # "hours before", "time before" (a step of the bias) or "baseline"
+    against: str  # "hours before", "time before" (a step of the bias), "history" (days) or "baseline"
     quantity: str  # "N", "B" or "bias"
     before: float  # in the channel's unit of the quantity
     now: float  # in the channel's unit of the quantity
     ratio: float | None  # now over before; null for the bias
     sigma: float  # standard errors by which they differ
+    since: str | None = None  # ISO 8601 in UTC, first day after the change; null: not against the history
+    p_value: float | None = None  # probability of such a step by chance in days that scatter as these do
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,6 +322,7 @@ class Channel:
     distribution: Distribution | None = None  # shape of the values, and the bias
     histogram: Histogram | None = None  # at most 64 bins, warm-up included
     spectrum: Spectrum | None = None  # at most 24 points a decade, warm-up included; null: no curve
+    resolution: float | None = None  # channel unit, step of the values; null: none seen
     robust: Robust | None = None  # white noise without outliers; null: no curve, too coarse, or too short
     drift: Drift | None = None  # slope of the mean; null: noise unknown, or record too short
     changes: tuple[Change, ...] = ()  # changes beyond chance
@@ -339,6 +348,7 @@ class Event:
     channel: str | None = None  # such as gyro/x; null: no single one
     length_s: float | None = None  # s, of what was excluded or is missing
     size: float | None = None  # channel unit, greatest distance of a disturbance from the level
+    level: Literal["debug", "info", "notice", "warning", "error"] = "info"  # how much it matters to a user
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -358,7 +368,9 @@ class Report:
     # SI, by gyro and accel, N and B, and grade: largest value that each grade allows
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     limit_curves: Mapping[str, Mapping[str, LimitCurve]] = field(default_factory=dict)  # by sensor and grade
+    precision: Mapping[str, float] = field(default_factory=dict)  # 1, configured half-width of N, B and K
     events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
+    evaluation: Evaluation | None = None  # for documents; on the bus only `provenance`, that of the daemon
 
 
 def stamp(moment: datetime) -> str:
@@ -372,10 +384,8 @@ def stamp(moment: datetime) -> str:
 
 def to_json(part: Any, *, indent: int | None = None) -> str:
     """Return a report or a part of one as JSON text; raise ValueError if a number is not finite."""
-    separators = (",", ":") if indent is None else None
-    return json.dumps(
-        part, default=_members, allow_nan=False, ensure_ascii=False, indent=indent, separators=separators
-    )
+    form: Any = {"indent": indent, "separators": (",", ":") if indent is None else None}
+    return json.dumps(part, default=_members, allow_nan=False, ensure_ascii=False, **form)
 
 
 def _members(part: Any) -> dict[str, Any]:
@@ -396,7 +406,6 @@ def plain(text: str) -> str:
     """Return text without control characters, invisible ones and changes of the writing direction.
 
     Every text from outside passes through here before it is printed: from keys, reports, files and errors.
-
     >>> plain("VN-100\\x1b[2J T\\u202e")
     'VN-100[2J T'
     """
@@ -404,26 +413,20 @@ def plain(text: str) -> str:
 
 
 def is_device_name(text: str) -> bool:
-    """Return whether a text can be the name of a device in a key.
-
-    >>> is_device_name("vn100-0100056785"), is_device_name("VN\\x1b"), is_device_name("")
-    (True, False, False)
-    """
+    """Return whether a text can be the name of a device in a key, such as ``vn100-0100056785``."""
     return _DEVICE_NAME.fullmatch(text) is not None
 
 
 def from_json(cls: type[T], text: str | bytes) -> T:
     """Read JSON as `cls`, such as `Report`; raise ValueError if it is something else.
 
-    Unknown fields are ignored. A report may come from any program, so everything that is read is bounded:
-    numbers by `MAX_NUMBER`, lengths by the constants beside it. Words of a `Literal` are those listed there,
-    names of channels have no special characters, and text is made `plain`.
+    Unknown fields are ignored. A report may come from any program, so numbers and lengths are bounded (`MAX_NUMBER`
+    and so on), words of a `Literal` are those listed there, and text is made `plain`.
     """
     try:
         if len(text) > MAX_BYTES:
             raise TypeError(f"more than {MAX_BYTES} bytes")
-        data = json.loads(text, parse_constant=_reject_constant)
-        return typing.cast(T, _reader(typing.cast(Any, cls))(data))
+        return typing.cast(T, _reader(cls)(json.loads(text, parse_constant=_reject_constant)))  # type: ignore[arg-type]
     except (TypeError, AttributeError, KeyError, RecursionError) as error:
         raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {plain(str(error))}") from None
 
@@ -477,18 +480,17 @@ def _checked(data: Any, kind: Any) -> Any:
     number = type(data) in (int, float)
     if number and not abs(data) < MAX_NUMBER:  # NaN too
         raise TypeError(f"a number that is not below {MAX_NUMBER:g}")
-    if type(data) is kind or (kind is float and number):
-        return data
     if kind is int and type(data) is float and data.is_integer():
         return int(data)
-    shown = data[:40] if isinstance(data, str) else type(data).__name__
-    raise TypeError(f"{shown!r} instead of {kind.__name__}")
+    if type(data) is kind or (kind is float and number):
+        return data
+    found = data[:40] if isinstance(data, str) else type(data).__name__
+    raise TypeError(f"{found!r} instead of {kind.__name__}")
 
 
 def _bounded(data: Any, most: int) -> Any:
     """Return a text, list or mapping that is not too long."""
-    if len(data) > most:
-        raise TypeError(f"{len(data)} entries or characters, more than {most}")
+    _check(len(data) <= most, f"{len(data)} entries or characters, more than {most}")
     return data
 
 
@@ -501,10 +503,8 @@ def _listed(data: Any, words: tuple[str, ...]) -> Any:
 
 def _check_channels(names: Collection[str]) -> None:
     """Raise TypeError if there are too many channels, or names that are no names of channels."""
-    if len(names) > MAX_CHANNELS:
-        raise TypeError(f"{len(names)} channels, more than {MAX_CHANNELS}")
-    if any(not _CHANNEL_NAME.fullmatch(name) for name in names):
-        raise TypeError("a name that is no name of a channel")
+    _check(len(names) <= MAX_CHANNELS, f"{len(names)} channels, more than {MAX_CHANNELS}")
+    _check(all(map(_CHANNEL_NAME.fullmatch, names)), "a name that is no name of a channel")
 
 
 def _check_coefficient(part: Coefficient | Readable) -> None:
@@ -514,9 +514,7 @@ def _check_coefficient(part: Coefficient | Readable) -> None:
 def _check_curve(curve: Allan | LimitCurve) -> None:
     _check(all(tau > 0.0 for tau in curve.tau_s), "an averaging time that is not positive")
     if isinstance(curve, LimitCurve):
-        _check(
-            bool(curve.tau_s) and all(sigma > 0.0 for sigma in curve.sigma), "a limit that is not positive"
-        )
+        _check(bool(curve.tau_s) and all(sigma > 0.0 for sigma in curve.sigma), "a limit not above 0")
 
 
 def _check(holds: bool, fault: str) -> None:
@@ -537,6 +535,9 @@ def _check_report(report: Report) -> None:
 
 _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Report: _check_report,
+    Evaluation: lambda part: _check_channels({**part.exact, **part.budgets, **part.bias_budgets}),
+    UncertaintyBudget: lambda part: _check(part.value != 0.0, "a budget of 0"),
+    ExactCurve: lambda part: _check(all(tau > 0.0 for tau in part.tau_s), "a tau that is not positive"),
     SessionCounters: _check_session,
     Coefficient: _check_coefficient,
     Readable: _check_coefficient,
@@ -546,5 +547,4 @@ _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Strip: lambda strip: _check(strip.column_s > 0.0, "a column without length"),
     Signal: lambda signal: _check_channels([signal.channel]),
     Event: lambda event: _check_channels([event.channel] if event.channel is not None else []),
-}
-"""Checks beside those of the types, by class."""
+}  # beside the checks of the types

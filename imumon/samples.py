@@ -141,11 +141,11 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that the user should know: `kind` is an event kind, `text` is one line."""
+    """Something that the user should know: `kind` is an event kind, `text` is one line; level None: of the kind."""
 
     kind: str
     text: str
-    level: Level = "warning"
+    level: Level | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,6 +65,7 @@ def pretty(unit: str) -> str:
     ('°/√h', 'm/s²/√Hz', 'rad/s·√Hz')
     """
     text = unit.replace("sqrt(h)", "√h").replace("sqrt(Hz)", "√Hz").replace("^2", "²")
+    text = text.replace("ug/", "µg/").replace("uG/", "µG/")
     return text.replace("degC", "°C").replace("deg", "°").replace("*", "·")
 
 

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -25,19 +26,20 @@ from imumon.datasheet import FORMS, NoCurve, document, short_record_text
 from imumon.datasheet.blocks import DataTable
 from imumon.datasheet.config_snippets import ros
 from imumon.datasheet.content import datasheet_content
+from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
 from imumon.datasheet.figures import svg
 from imumon.datasheet.filter_figure import filter_svg
 from imumon.datasheet.filter_values import FilterValue, worst_axis
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
-from imumon.datasheet.tables import FULL, report_table
+from imumon.datasheet.tables import FULL, coefficient_text, report_table
 from imumon.filter_report import FilterReport
 from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
 from imumon.noise.filter_parameters import filter_parameters
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline.report_builder import effective_samples
-from imumon.report import Allan, Coefficient, Readable, Report, from_json, to_json
+from imumon.report import COEFFICIENTS, Allan, Coefficient, Readable, Report, TimeTo, from_json, to_json
 from imumon.tui.formatting import Notation
-from imumon.units import READABLE
+from imumon.units import READABLE, pretty
 
 AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
 
@@ -71,10 +73,11 @@ def worst(report: Report, sensor: str, letter: str) -> FilterValue:
 
 SETTINGS = [form for form, what in FORMS.items() if what.settings and form != "filter"]
 COVARIANCES = ("ros", "robot_localization")
+FIGURES = ("svg", "pdf", "png")
 
 
 @pytest.mark.parametrize("age", AGES)
-@pytest.mark.parametrize("form", [form for form in FORMS if form != "png"])
+@pytest.mark.parametrize("form", [form for form in FORMS if form not in FIGURES])
 def test_every_form_of_every_age_is_complete(form: str, age: str) -> None:
     report = text(aged(age), form)
     assert report.endswith("\n")
@@ -82,8 +85,59 @@ def test_every_form_of_every_age_is_complete(form: str, age: str) -> None:
 
 
 @pytest.mark.parametrize("age", ["minutes", "hours"])
-def test_the_figure_is_a_png(age: str) -> None:
+def test_a_figure_has_its_format(age: str) -> None:
     assert made(aged(age), "png").startswith(b"\x89PNG\r\n\x1a\n")
+    assert made(aged(age), "pdf").startswith(b"%PDF-")
+    assert ET.fromstring(made(aged(age), "svg")).tag.endswith("svg")
+
+
+def svg_text(report: Report) -> str:
+    """Return the text of the figure as a file, in the order of its elements."""
+    root = ET.fromstring(made(report, "svg"))
+    return " ".join("".join(each.itertext()) for each in root.iter() if each.tag.endswith("}text"))
+
+
+def test_a_figure_names_the_device_the_record_and_every_value() -> None:
+    report = make_report()
+    shown = svg_text(report)
+    for text_ in (
+        "VN-100T-CR 0100056785",
+        "2 h of uncompensated samples at 20 Hz",
+        "2026-03-01T08:00:00.000Z",
+    ):
+        assert text_ in shown
+    for sensor in ("gyro", "accel", "mag"):
+        for axis in "xyz":
+            for letter in COEFFICIENTS:
+                part = getattr(report.channels[f"{sensor}/{axis}"], letter)
+                assert f"{letter} {coefficient_text(part)} {pretty(READABLE[sensor, letter].unit)}" in shown
+
+
+def test_the_figure_of_the_page_marks_n_b_and_k() -> None:
+    letters = [e.text for e in ET.fromstring(svg(make_report(LONG_S), "gyro")).iter("text")]
+    assert {"N", "B", "K"} <= set(letters)
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler is not installed")
+def test_pdftotext_finds_the_numbers(tmp_path: Path) -> None:
+    (tmp_path / "x.pdf").write_bytes(made(make_report(), "pdf"))
+    done = subprocess.run(
+        ["pdftotext", "-layout", tmp_path / "x.pdf", "-"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
+    for axis in "xyz":
+        assert coefficient_text(make_report().channels[f"gyro/{axis}"].N) in done.stdout
+
+
+@pytest.mark.skipif(shutil.which("rsvg-convert") is None, reason="rsvg-convert is not installed")
+def test_rsvg_draws_the_figure(tmp_path: Path) -> None:
+    (tmp_path / "x.svg").write_bytes(made(make_report(), "svg"))
+    words = ["rsvg-convert", "-w", "800", tmp_path / "x.svg", "-o", tmp_path / "x.png"]
+    subprocess.run(words, check=True, timeout=30)
+    assert (tmp_path / "x.png").stat().st_size > 50_000
 
 
 def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
@@ -99,25 +153,11 @@ def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
     assert list((tmp_path / "home").iterdir()) == list((tmp_path / "tmp").iterdir()) == []
 
 
-def test_a_figure_without_a_curve_is_an_error() -> None:
+@pytest.mark.parametrize("form", FIGURES)
+def test_a_figure_without_a_curve_is_an_error(form: str) -> None:
     with pytest.raises(NoCurve) as raised:
-        made(nothing_yet(), "png")
+        made(nothing_yet(), form)
     assert raised.value.code == "no_curve"
-
-
-def test_published_values_are_those_of_the_device() -> None:
-    """Values of the VN-100 are shown for a VN-100 only; older reports do not name their driver."""
-
-    def shown(**known: object) -> bool:
-        report = make_report()
-        return "manufacturer" in text(replace(report, device=replace(report.device, **known)), "md")  # type: ignore[arg-type]
-
-    assert shown()
-    assert shown(driver=None)
-    assert shown(driver=None, id="bench", model="VN-100S-CR")
-    assert not shown(driver=None, id="replay", model=None)
-    assert not shown(model="VN-200")
-    assert not shown(driver="ros2", id="ros2-imu-data", model=None)
 
 
 # ---------------------------------------------------------------- settings to paste
@@ -491,14 +531,33 @@ def test_a_figure_is_the_same_every_time() -> None:
     assert svg(make_report(), "gyro") == svg(make_report(), "gyro")
 
 
-def test_csv_holds_every_point_and_coefficient() -> None:
-    report = make_report()
-    rows = list(csv.reader(io.StringIO(text(report, "csv"))))
-    empty = rows.index([])
-    points = sum(len(c.allan.tau_s) for c in report.channels.values() if c.allan)
-    assert empty - 1 == points
-    assert len(rows) - empty - 2 == 3 * sum(1 for c in report.channels.values() if c.N)
-    assert float(rows[1][3]) == report.channels["gyro/x"].allan.sigma[0]  # type: ignore[union-attr]
+@pytest.mark.parametrize("age", AGES)
+def test_csv_is_one_tidy_table(age: str) -> None:
+    """Every row has the columns of the header, and a reader without options finds every point and coefficient."""
+    report = aged(age)
+    shown = text(report, "csv")
+    table = list(csv.DictReader(io.StringIO(shown)))
+    assert {len(row) for row in csv.reader(io.StringIO(shown))} == {len(CSV_COLUMNS)}
+    points = [row for row in table if row["kind"] == "allan"]
+    assert len(points) == sum(len(c.allan.tau_s) for c in report.channels.values() if c.allan)
+    parts = [row for row in table if row["kind"] == "coefficient"]
+    assert len(parts) == 3 * sum(1 for c in report.channels.values() if c.N)
+    assert not [row for row in table if row["value"] and not row["unit"] and row["kind"] != "record"]
+    for row in points[:3]:
+        at = [f"{tau}" for tau in report.channels["gyro/x"].allan.tau_s].index(row["tau_s"])  # type: ignore[union-attr]
+        assert float(row["value"]) == report.channels["gyro/x"].allan.sigma[at]  # type: ignore[union-attr]
+    for row in parts:
+        part = getattr(report.channels[row["channel"]], row["name"])
+        assert (row["value"] or None) == (None if part.value is None else str(part.value))
+        assert (row["unit"], row["status"]) == (part.unit, part.status)
+
+
+def test_pandas_reads_the_csv() -> None:
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    table = pandas.read_csv(io.StringIO(text(make_report(), "csv")))
+    n = table[(table.kind == "coefficient") & (table.name == "N") & (table.channel == "gyro/x")]
+    assert n.value.iloc[0] == make_report().channels["gyro/x"].N.value  # type: ignore[union-attr]
+    assert table[table.kind == "allan"].tau_s.notna().all()
 
 
 def test_json_is_the_report_itself() -> None:
@@ -670,7 +729,16 @@ def test_the_extension_of_the_output_selects_the_form_or_is_refused(recording: P
     assert all(form in error for form in FORMS)
     assert not (tmp_path / "x.foo").exists()
     imumon("report", recording, "-o", tmp_path / "x.foo", "--format", "csv")
-    assert (tmp_path / "x.foo").read_text().startswith("channel,")
+    assert (tmp_path / "x.foo").read_text().startswith("kind,")
+    for name, begin in (
+        ("x.svg", b"<?xml"),
+        ("x.PDF", b"%PDF-"),
+        ("imu.yaml", b"# "),
+        ("x.htm", b"<!DOCTYPE"),
+    ):
+        imumon("report", recording, "-o", tmp_path / name)
+        assert (tmp_path / name).read_bytes().startswith(begin)
+    assert "gyroscope_noise_density: " in (tmp_path / "imu.yaml").read_text()
     imumon("report", recording, "-o", tmp_path / "plain")
     assert (tmp_path / "plain").read_text().startswith("# ")
 
@@ -738,6 +806,17 @@ def test_excluded_seconds_add_up() -> None:
     assert line(5.0, knock=5.0) == "1 disturbance, 5.0 s (knock 5.0 s) excluded"
     both = "1 disturbance, 5.0 s (knock 5.0 s) and 6.5 s of the magnetometer alone excluded"
     assert line(5.0, knock=5.0, magnetic=6.5) == both
+
+
+def test_the_text_has_the_time_to_the_configured_precision_and_the_loss() -> None:
+    report = replace(make_report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
+    gyro = report.channels["gyro/z"]
+    channels = {**report.channels, "gyro/z": replace(gyro, time_to=TimeTo(N=0.0, B=7200.0, K=259_200.0))}
+    lossy = replace(report.session, recent_loss=0.201)
+    lines = report_table(replace(report, channels=channels, session=lossy)).splitlines()
+    assert next(line for line in lines if line.startswith("B within ±15%: ")).count("gyro/z in 2 h") == 1
+    assert "gyro/z in 3 d" in next(line for line in lines if line.startswith("K within ±50%: "))
+    assert "20 % of the samples of the last minute are missing" in lines
 
 
 def test_axes_move_together_only_beyond_chance() -> None:

@@ -2,10 +2,12 @@
 
 datasheet        entry: `document`, and the formats there are
 content          content of a datasheet, block by block
+evidence         blocks of data sheet, uncertainty, exact curve and traceability
 blocks           the blocks, and their form in Markdown
 html             the form as one self-contained HTML page
-figures          Allan deviation as SVG and PNG, by matplotlib
-tables           table for a terminal, curves and coefficients as CSV
+figures          Allan deviation as an element of the page and as SVG, PDF and PNG, by matplotlib
+tables           table for a terminal, and texts that several forms share
+csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
 filter_figure    predicted error of a filter: figure and table
 signal_text      bias, drift, spectral lines and changes as lines of text

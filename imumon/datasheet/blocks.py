@@ -5,8 +5,9 @@ The Markdown form has tables and text only, so that it also reads well as plain 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,7 @@ class CurveFigure:
 
     sensor: str
     caption: str
+    legend: str  # what the marks mean, for a figure
     numbers: DataTable
 
 
@@ -65,13 +67,31 @@ class FilterFigure:
 
 
 @dataclass(frozen=True, slots=True)
+class HistoryFigure:
+    """N of a sensor over days: a figure where the form has figures, else its numbers."""
+
+    sensor: str
+    caption: str
+    numbers: DataTable
+    rows: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
 class CodeBlock:
     language: str
     text: str
 
 
 Block: TypeAlias = (
-    Heading | Paragraph | Caution | GradeSummary | DataTable | CurveFigure | FilterFigure | CodeBlock
+    Heading
+    | Paragraph
+    | Caution
+    | GradeSummary
+    | DataTable
+    | CurveFigure
+    | FilterFigure
+    | HistoryFigure
+    | CodeBlock
 )
 
 
@@ -92,18 +112,18 @@ def markdown(document: Document) -> str:
 def _markdown_block(block: Block) -> str:
     match block:
         case Heading(text):
-            return f"## {text}"
+            return f"## {_escaped(text)}"
         case Paragraph(text):
-            return text
+            return _escaped(text)
         case Caution(name, text):
             return f"> **{_escaped(name)}** {text}".rstrip()
         case GradeSummary(sensor, grade, text):
             return f"**{sensor}: {grade}** ({text.rstrip('.')})"
         case DataTable():
             return _markdown_table(block)
-        case CurveFigure(_, caption, numbers):
-            return f"{_markdown_table(numbers)}\n\n{caption.partition(' with')[0]}."
-        case FilterFigure(_, caption, numbers):
+        case CurveFigure(_, caption, _, numbers):
+            return f"{_markdown_table(numbers)}\n\n{_escaped(caption)}."
+        case FilterFigure(_, caption, numbers) | HistoryFigure(_, caption, numbers):
             return f"{_markdown_table(numbers)}\n\n{caption}"
         case CodeBlock(language, text):
             return f"```{language}\n{text}\n```"

@@ -1,12 +1,13 @@
 """Content of a datasheet, block by block, the same for every form.
 
-Order: grades, caveats, coefficients, curves, published values, the record, and settings to paste. Every number
-comes from the report; an unknown one is given with its reason.
+Order: grades, caveats, coefficients, curves, data sheet, uncertainty, the record, settings to paste, traceability.
+Every number comes from the report; an unknown one is given with its reason.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from imumon.datasheet.blocks import (
     Block,
@@ -18,11 +19,21 @@ from imumon.datasheet.blocks import (
     FilterFigure,
     GradeSummary,
     Heading,
+    HistoryFigure,
     Paragraph,
 )
 from imumon.datasheet.config_snippets import kalibr
+from imumon.datasheet.evidence import (
+    budget_blocks,
+    conformity_blocks,
+    exact_blocks,
+    excluding_events,
+    traceability_blocks,
+)
+from imumon.datasheet.figures import legend_text
 from imumon.datasheet.filter_figure import QUANTITIES, filter_table, shown_axis
-from imumon.datasheet.signal_text import spectral_lines, with_half_width
+from imumon.datasheet.history_figure import HistoryRows, history_table, series
+from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
     axis_grades,
@@ -32,11 +43,12 @@ from imumon.datasheet.tables import (
     filter_warning,
     invalid_noun,
     readable_curves,
+    record_line,
     record_title,
     sensor_axes,
     sensor_title,
+    significant_digits,
 )
-from imumon.devices import registry
 from imumon.filter_report import FilterReport
 from imumon.messages import (
     CAVEATS,
@@ -46,8 +58,9 @@ from imumon.messages import (
     exclusions,
     grade_text,
 )
-from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, Report, SensorGrade
-from imumon.units import READABLE, counted, duration, figures, pretty
+from imumon.report import COEFFICIENTS, Allan, Channel, DeviceDescription, Report, SensorGrade
+from imumon.samples import sensor_of
+from imumon.units import READABLE, SI, counted, duration, figures, pretty
 
 COEFFICIENT_NAMES = {
     "gyro": {"N": "angle random walk N", "B": "bias instability B", "K": "rate random walk K"},
@@ -59,13 +72,18 @@ MARKED = ("aliased", "compensated", "not_at_rest", "warming_up")
 """Caveats that are repeated below the table of coefficients."""
 
 
-def datasheet_content(report: Report, filters: FilterReport) -> Document:
-    """Return the datasheet of the sensor of a report."""
+def datasheet_content(report: Report, filters: FilterReport, history: HistoryRows = ()) -> Document:
+    """Return the datasheet of the sensor of a report.
+
+    Parameters
+    ----------
+    history : rows of its history; empty: none is known.
+    """
     subtitle = f"Noise datasheet · {record_title(report)} · {report.time}"
-    return Document(sensor_title(report), subtitle, tuple(_blocks(report, filters)))
+    return Document(sensor_title(report), subtitle, tuple(_blocks(report, filters, history)))
 
 
-def _blocks(report: Report, filters: FilterReport) -> Iterator[Block]:
+def _blocks(report: Report, filters: FilterReport, history: HistoryRows) -> Iterator[Block]:
     yield from _grade_summaries(report)
     yield from _cautions(report)
     sensors = [sensor for sensor in SENSOR_TITLES if any(_axes(report, sensor))]
@@ -82,9 +100,13 @@ def _blocks(report: Report, filters: FilterReport) -> Iterator[Block]:
     if sensors:
         yield Heading("Allan deviation")
         for sensor in sensors:
-            yield CurveFigure(sensor, _figure_caption(report, sensor), _curve_table(report, sensor))
-        yield from _published_values(report, sensors)
+            caption, legend = _figure_caption(report, sensor), legend_text(report, [sensor])
+            yield CurveFigure(sensor, caption, legend, _curve_table(report, sensor))
+        yield from exact_blocks(report)
+        yield from conformity_blocks(report)
+        yield from budget_blocks(report)
     yield from _grade_limits(report)
+    yield from _history(history)
     yield from _record(report)
     yield from _values(report)
     if sensors:
@@ -96,6 +118,7 @@ def _blocks(report: Report, filters: FilterReport) -> Iterator[Block]:
             "liosam, orbslam3, robot_localization or kfgins."
         )
         yield CodeBlock("yaml", kalibr(report, filters).rstrip("\n"))
+    yield from traceability_blocks(report)
 
 
 # ---------------------------------------------------------------- grades and caveats
@@ -153,82 +176,33 @@ def _coefficient_table(report: Report, sensor: str) -> DataTable:
 
 def _figure_caption(report: Report, sensor: str) -> str:
     unit = pretty(READABLE[sensor, "B"].unit)
-    limits = "; dotted: the limits of the grades" if report.limit_curves.get(sensor) else ""
-    return (
-        f"{SENSOR_TITLES[sensor]}, overlapping Allan deviation in {unit} with 95 % limits (bands) and fitted "
-        f"model (lines); hollow: octaves that the fit does not use{limits}"
-    )
+    return f"{SENSOR_TITLES[sensor]}, Allan deviation in {unit}; {record_line(report)}"
 
 
 def _curve_table(report: Report, sensor: str) -> DataTable:
-    """Return the Allan deviation of the axes at every octave."""
+    """Return the Allan deviation of the axes at every octave, with its limits."""
     curves = readable_curves(report, sensor)
     longest = max(curves.values(), key=lambda curve: len(curve.tau_s), default=Allan())
     rows = tuple(
-        (f"{tau:.4g}", *(figures(c.sigma[j]) if j < len(c.sigma) else "–" for c in curves.values()))
+        (f"{tau:.4g}", *(_point_text(curve, j) for curve in curves.values()))
         for j, tau in enumerate(longest.tau_s)
     )
-    return DataTable((f"{SENSOR_TITLES[sensor]}: τ, s", *curves), rows)
+    unit = pretty(READABLE[sensor, "B"].unit)
+    return DataTable((f"{SENSOR_TITLES[sensor]}: τ, s", *(f"{axis}, {unit}" for axis in curves)), rows)
 
 
-# ---------------------------------------------------------------- published values and limits
-
-
-def _worst_axis(report: Report, sensor: str, letter: str) -> Coefficient | None:
-    """Return the largest of the axes; a bound counts with its size."""
-    sizes: list[tuple[float, Coefficient]] = []
-    for _, channel in _axes(report, sensor):
-        part: Coefficient | None = getattr(channel, letter)
-        if part is not None:
-            size = part.readable.value if part.status == "measured" else part.readable.high
-            sizes += [(size, part)] if size is not None else []
-    return max(sizes, key=lambda pair: pair[0])[1] if sizes else None
-
-
-def _published_values(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
-    """Yield the values that are published for this model beside the measured ones."""
-    device = report.device
-    driver = registry.driver_of_record(device.driver, device.model, device.id)
-    published = driver.reference_values(device.model) if driver is not None else {}
-    keys = [(s, c) for s in sensors for c in COEFFICIENTS if published.get((s, c))]
-    if driver is None or not keys:
-        return
-    sources = list(dict.fromkeys(value.source for key in keys for value in published[key]))
-    compared = {v.source for key in keys for v in published[key] if v.value is not None}
-    head = ["", "this sensor, worst axis"]
-    for source in sources:
-        head += [source, *([""] if source in compared else [])]
-    rows = []
-    for sensor, letter in keys:
-        own, values = _worst_axis(report, sensor, letter), {v.source: v for v in published[sensor, letter]}
-        name = f"{SENSOR_TITLES[sensor]} {letter}, {pretty(READABLE[sensor, letter].unit)}"
-        cells = [name, coefficient_text(own) if own else "not known yet"]
-        for source in sources:
-            value = values.get(source)
-            cells.append(value.text if value else "–")
-            if source in compared:
-                limit = value.value if value else None
-                cells.append(_comparison(own, limit) if limit is not None else "–")
-        rows.append(tuple(cells))
-    yield Heading(f"Published values: {driver.title}")
-    yield DataTable(tuple(head), tuple(rows))
-    notes = driver.reference_notes(device.model, tuple(report.channels), device.sample_rate_hz)
-    if notes:
-        yield Paragraph(" ".join(notes))
-
-
-def _comparison(own: Coefficient | None, published: float) -> str:
-    """Return how the measured value compares with a published one, by its 95 % limits."""
-    if own is None:
+def _point_text(curve: Allan, at: int) -> str:
+    """Return the deviation at an averaging time with its 95 % limits."""
+    if at >= len(curve.sigma):
         return "–"
-    low, high = own.readable.low, own.readable.high
-    if high is not None and high <= published:
-        return "within"
-    if own.status != "measured" or own.readable.value is None:
-        return "not decided"
-    if low is not None and low > published:
-        return f"{own.readable.value / published:.2f} times as large"
-    return "equal within its limits"
+    sigma, low, high = curve.sigma[at], curve.low[at], curve.high[at]
+    if low is None or high is None:
+        return figures(sigma)
+    count = significant_digits(sigma, high - low)
+    return f"{figures(sigma, count)} ({figures(low, count)} to {figures(high, count)})"
+
+
+# ---------------------------------------------------------------- limits of the grades
 
 
 def _grade_limits(report: Report) -> Iterator[Block]:
@@ -243,9 +217,9 @@ def _grade_limits(report: Report) -> Iterator[Block]:
     strong = frozenset(i for i, name in enumerate(order) if name in own)
     yield DataTable(("at most", *units), rows, strong=strong)
     yield Paragraph(
-        "Table 3.1 of the VectorNav inertial navigation primer. The grade of a sensor is the nearest on a "
-        "logarithmic scale, the worst over N and B and over the axes. A sensor meets the best grade whose "
-        "limits no value exceeds."
+        "Limits of classes of sensors, not of a device: VectorNav Technologies, Inertial Navigation Primer, table 3.1. "
+        "The grade of a sensor is the nearest on a logarithmic scale, the worst over N and B and over the axes. "
+        "A sensor meets the best grade whose limits no value exceeds."
     )
 
 
@@ -257,6 +231,16 @@ def _limit_text(report: Report, sensor: str, letter: str, grade: str) -> str:
 # ---------------------------------------------------------------- filters
 
 
+def _history(rows: HistoryRows) -> Iterator[Block]:
+    """Yield N of each sensor over days."""
+    sensors = [sensor for sensor in SENSOR_TITLES if series(rows, sensor)]
+    if sensors:
+        yield Heading("History")
+    for sensor in sensors:
+        caption = f"{SENSOR_TITLES[sensor]}: N of each period alone, with its 95 % limits. imumon history has all rows."
+        yield HistoryFigure(sensor, caption, history_table(rows, sensor), rows)
+
+
 def _filters(filters: FilterReport) -> Iterator[Block]:
     """Yield the numbers for a filter, and the predicted error of filters with and without them."""
     if not filters.channels:
@@ -266,13 +250,13 @@ def _filters(filters: FilterReport) -> Iterator[Block]:
     for name, made in filters.channels.items():
         factor = figures(made.walk_factor, 2) if made.walk_factor is not None else "K is only bounded"
         nees = (max(made.nees.n_and_k), max(made.nees.white_walk))
-        rows.append(
-            (name, f"{made.white:.3e}", f"{made.walk:.3e}", factor, *(figures(value, 3) for value in nees))
-        )
+        white, walk = (pretty(SI[sensor_of(name), letter]) for letter in "NK")
+        values = (f"{made.white:.3e} {white}", f"{made.walk:.3e} {walk}")
+        rows.append((name, *values, factor, *(figures(value, 3) for value in nees)))
     head = (
         "",
-        "white noise, SI",
-        "walk, SI",
+        "white noise",
+        "walk",
         "walk over K",
         "NEES of N and K alone",
         "NEES of white and walk",
@@ -308,7 +292,7 @@ def _record(report: Report) -> Iterator[Block]:
     discarded = counted(session.discarded_bytes, "byte")
     length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"
     rows = [
-        ("Stream", " ".join(part for part in (device.stream, device.source) if part) or "unknown"),
+        ("Stream", _stream_text(device)),
         ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "unknown"),
         ("Time from", CLOCKS.get(device.clock or "", "unknown")),
         ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
@@ -327,8 +311,16 @@ def _record(report: Report) -> Iterator[Block]:
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))
-    if report.events:
-        yield DataTable(("at", "event"), tuple(event_rows(report)))
+    traced = report.evaluation is not None and report.evaluation.provenance is not None
+    listed = excluding_events(report) if traced else []  # under traceability
+    others = replace(report, events=tuple(event for event in report.events if event not in listed))
+    if rows := list(event_rows(others)):
+        yield DataTable(("at", "event"), tuple(rows))
+
+
+def _stream_text(device: DeviceDescription) -> str:
+    kind = "not stated whether compensated" if device.stream == "unknown" else device.stream
+    return ", ".join(part for part in (device.source, kind) if part) or "unknown"
 
 
 def _seconds(seconds: float) -> str:
@@ -352,6 +344,12 @@ def _values(report: Report) -> Iterator[Block]:
         head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
         yield Heading("The values")
         yield DataTable(head, tuple(rows))
+        yield Paragraph(
+            "Of the samples that count, as received. The drift has 95 % limits; the others describe them."
+        )
+    turn_on = [(name, text) for name, c in report.channels.items() if (text := turn_on_text(name, c))]
+    if turn_on:
+        yield DataTable(("", "turn-on bias repeatability"), tuple(turn_on))
     spectral = {f"{name}, {pretty(c.unit)}": spectral_lines(c) for name, c in report.channels.items()}
     if any(spectral.values()):
         rows = [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]
@@ -371,7 +369,8 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
             for letter in COEFFICIENTS:
                 value = getattr(readings, letter) if readings is not None else None
                 factor = READABLE[sensor, letter].factor
-                cells.append(figures(value * factor) if value is not None else "none")
+                unit = pretty(READABLE[sensor, letter].unit)
+                cells.append(f"{figures(value * factor)} {unit}" if value is not None else "none")
             texts = ", ".join(channel.caveats).replace("_", " ") or "–"
             rows.append((f"{sensor}/{axis}", quality, *cells, texts))
     yield Heading("The fit")
@@ -379,6 +378,5 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
     yield Paragraph(
         "N, B and K above come from a generalised least-squares fit of σ²(τ) = N²/τ + (2 ln 2/π) B² + K² "
         "τ/3 to all octaves, with the covariance between them. The classical readings off the curve (σ at "
-        "τ = 1 s on the −½ slope, floor / 0.664, σ at τ = 3 s on the +½ slope; units as above) are for "
-        "comparison."
+        "τ = 1 s on the −½ slope, floor / 0.664, σ at τ = 3 s on the +½ slope) are for comparison: they have no limits."
     )

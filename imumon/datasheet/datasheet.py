@@ -8,8 +8,9 @@ from typing import NamedTuple
 from imumon.datasheet import config_snippets, figures, slam_snippets
 from imumon.datasheet.blocks import markdown
 from imumon.datasheet.content import datasheet_content
+from imumon.datasheet.csv_table import csv_table
+from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
-from imumon.datasheet.tables import csv_tables
 from imumon.filter_report import FilterReport
 from imumon.report import Report, to_json
 
@@ -17,24 +18,28 @@ from imumon.report import Report, to_json
 class DocumentForm(NamedTuple):
     """How a document is made, and what it is."""
 
-    make: Callable[[Report, FilterReport], str | bytes]
+    make: Callable[..., str | bytes]
     text: str
     filters: bool = True  # whether it uses the parameters for filters
+    binary: bool = False  # whether it must not go to a terminal
+    history: bool = False  # whether it shows the history
     settings: bool = False  # whether it holds numbers for a filter, for which a record can be too short
 
 
-def document(report: Report, form: str, filters: FilterReport) -> bytes:
+def document(report: Report, form: str, filters: FilterReport, history: HistoryRows = ()) -> bytes:
     """Return the document of a report in one of the `FORMS`.
 
     Parameters
     ----------
     filters : parameters for filters of this report. They may be without channels where the form does not use them.
+    history : rows of the history of the sensor; empty: none is known.
 
     Raises
     ------
     NoCurve : the format is a figure, and the report has no curve yet.
     """
-    data = FORMS[form].make(report, filters)
+    sheet = FORMS[form].history
+    data = FORMS[form].make(report, filters, history) if sheet else FORMS[form].make(report, filters)
     return data if isinstance(data, bytes) else data.encode(errors="replace")
 
 
@@ -42,16 +47,26 @@ def _settings(make: Callable[[Report, FilterReport], str], text: str) -> Documen
     return DocumentForm(make, text, settings=True)
 
 
+def _figure(form: str, text: str) -> DocumentForm:
+    return DocumentForm(lambda report, _: figures.figure_file(report, form), text, filters=False, binary=True)
+
+
 FORMS: Mapping[str, DocumentForm] = {
-    "md": DocumentForm(lambda r, f: markdown(datasheet_content(r, f)), "the datasheet as Markdown"),
-    "html": DocumentForm(
-        lambda r, f: html_page(datasheet_content(r, f), r, f), "the datasheet as one page to print"
+    "md": DocumentForm(
+        lambda r, f, h: markdown(datasheet_content(r, f, h)), "the datasheet as Markdown", history=True
     ),
-    "png": DocumentForm(lambda r, _: figures.png(r), "the Allan curves as a picture", filters=False),
+    "html": DocumentForm(
+        lambda r, f, h: html_page(datasheet_content(r, f, h), r, f),
+        "the datasheet as one page to print",
+        history=True,
+    ),
+    "svg": _figure("svg", "the Allan curves as a vector figure"),
+    "pdf": _figure("pdf", "the same figure as PDF"),
+    "png": _figure("png", "the same figure as a picture"),
     "json": DocumentForm(
         lambda r, _: to_json(r, indent=1) + "\n", "the report itself; --baseline reads it", filters=False
     ),
-    "csv": DocumentForm(lambda r, _: csv_tables(r), "the curves and coefficients as a table", filters=False),
+    "csv": DocumentForm(lambda r, _: csv_table(r), "all numbers as one tidy table", filters=False),
     "filter": _settings(
         lambda _, f: to_json(f, indent=1) + "\n", "numbers that keep a Kalman filter consistent, JSON"
     ),

@@ -1,8 +1,9 @@
-"""Figures of the Allan deviation, by matplotlib: SVG for the HTML page, PNG for everything else.
+"""Figures of the Allan deviation, by matplotlib: an element of the HTML page, or a file (SVG, PDF, PNG).
 
 One function draws a sensor into a panel: measured points with 95 % bands, fitted model, octaves that the fit
-does not use, and the limits of the grades. Axes also differ in the shape of their marks, for readers who
-cannot distinguish the colours. matplotlib is imported where it is needed: it costs other commands 50 MB.
+does not use, N, B and K with their limits, and the limits of the grades. Axes also differ in the shape of their
+marks, for readers who cannot distinguish the colours. A file also has the values as text and a caption.
+matplotlib is imported where it is needed: it costs other commands 50 MB.
 """
 
 from __future__ import annotations
@@ -13,12 +14,21 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from imumon.datasheet.tables import SENSOR_TITLES, readable_curves, record_title, sensor_title
+from imumon.datasheet.tables import (
+    SENSOR_TITLES,
+    coefficient_text,
+    readable_curves,
+    record_line,
+    sensor_axes,
+    sensor_title,
+)
 from imumon.errors import ImumonError
-from imumon.report import Allan, LimitCurve, Report
+from imumon.report import COEFFICIENTS, Allan, Coefficient, LimitCurve, Report
 from imumon.units import READABLE, pretty
 
 if TYPE_CHECKING:
@@ -35,10 +45,15 @@ PAGE = {role: f"#10{k:02d}fe" for k, role in enumerate(PRINT)}
 """Colours that `svg` replaces by the CSS variables of the page, which follow its light or dark scheme."""
 
 DPI = 150
-PANEL_INCHES = (5.6, 4.8)
+PANEL_INCHES = (7.4, 4.1)
+TEXT_INCHES = 0.55
+"""Height of the values below a panel of a file: a page of A4 holds three sensors. Not critical."""
+CAPTION_CHARACTERS = 128
+"""Characters in a line of the caption of a file. Not critical."""
 PAGE_INCHES = (8.4, 4.6)
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
+LETTER_ROOM = 1.3  # factor below a floor for its letter. Not critical
 FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
 _SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
@@ -55,26 +70,64 @@ class NoCurve(ImumonError):
     """The report has no Allan deviation yet."""
 
 
-def png(report: Report) -> bytes:
-    """Return the curves of all sensors as PNG, one panel per sensor.
+def figure_file(report: Report, form: str) -> bytes:
+    """Return the curves of all sensors as a file: ``png``, ``svg`` or ``pdf``, one panel per sensor.
 
     Raises
     ------
     NoCurve : the record is too short.
     """
     _load_fonts()
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     sensors = [sensor for sensor in SENSOR_TITLES if _drawable(readable_curves(report, sensor))]
     if not sensors:
         raise NoCurve("no_curve", "there is no curve to draw yet", "record longer")
     width, height = PANEL_INCHES
-    figure = Figure(figsize=(width * len(sensors), height), dpi=DPI, layout="constrained")
-    figure.suptitle(f"{sensor_title(report)}: {record_title(report)}", fontsize=11)
-    for panel, sensor in zip(figure.subplots(1, len(sensors), squeeze=False)[0], sensors, strict=True):
-        _draw(panel, report, sensor, PRINT)
-        panel.set_title(SENSOR_TITLES[sensor], loc="left")
-    return _saved(figure, "png")
+    inches = (width, (height + TEXT_INCHES) * len(sensors) + 1.0)
+    # text stays text in SVG and PDF; ids do not depend on the run
+    with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "imumon"}):
+        figure = Figure(figsize=inches, dpi=DPI, layout="constrained")
+        figure.suptitle(sensor_title(report), x=0.01, ha="left", fontsize=12, fontweight="bold")
+        rows = figure.subplots(
+            2 * len(sensors), 1, gridspec_kw={"height_ratios": [height, TEXT_INCHES] * len(sensors)}
+        )
+        for panel, values, sensor in zip(rows[0::2], rows[1::2], sensors, strict=True):
+            _draw(panel, report, sensor, PRINT)
+            panel.set_title(SENSOR_TITLES[sensor], loc="left", fontsize=10)
+            _write_values(values, report, sensor)
+        caption = textwrap.fill(f"{record_line(report)}. {legend_text(report, sensors)}.", CAPTION_CHARACTERS)
+        figure.supxlabel(caption, x=0.01, ha="left", fontsize=7.5, color=PRINT["muted"])
+        return _saved(figure, form, sensor_title(report))
+
+
+def _write_values(values: Axes, report: Report, sensor: str) -> None:
+    """Write N, B and K of the axes with their limits below a panel."""
+    values.set_axis_off()
+    for k, (axis, channel) in enumerate(sensor_axes(report, sensor)):
+        columns = [axis]
+        for letter in COEFFICIENTS:
+            part: Coefficient | None = getattr(channel, letter)
+            unit = f" {pretty(READABLE[sensor, letter].unit)}" if part and part.status != "pending" else ""
+            columns.append(f"{letter} {coefficient_text(part)}{unit}")
+        for at, text in zip((0.0, 0.025, 0.365, 0.665), columns, strict=True):
+            colour = PRINT.get(axis, PRINT["text"])
+            values.text(
+                at, 1.0 - 0.36 * k, text, fontsize=7.2, va="top", color=colour, transform=values.transAxes
+            )
+
+
+def legend_text(report: Report, sensors: Sequence[str]) -> str:
+    """Return what the marks of a figure mean."""
+    limits = "; dotted: the limits of the grades" if any(s in report.limit_curves for s in sensors) else ""
+    exact = report.evaluation is not None and report.evaluation.exact
+    dots = "; dots: fully overlapping, exact" if exact else ""
+    return (
+        "Overlapping Allan deviation with 95 % limits (bands) and fitted model (lines); hollow: octaves that the "
+        "fit does not use; bars: N/√τ, 0.664 B and K√(τ/3) with 95 % limits; arrows: 95 % upper bounds"
+        f"{dots}{limits}"
+    )
 
 
 def svg(report: Report, sensor: str) -> str:
@@ -123,10 +176,15 @@ def _load_fonts() -> None:
             del os.environ["MPLCONFIGDIR"]
 
 
-def _saved(figure: Figure, form: str) -> bytes:
+def _saved(figure: Figure, form: str, title: str | None = None) -> bytes:
+    """Return a figure as a file; without a title, as an element of the page, on no ground of its own."""
     out = io.BytesIO()
-    metadata = {"Date": None} if form == "svg" else None
-    figure.savefig(out, format=form, transparent=form == "svg", metadata=metadata)
+    named = {} if title is None else {"Title": title}
+    metadata = {
+        "svg": {"Date": None, **named},
+        "pdf": {"CreationDate": None, "Creator": "imumon", **named},
+    }.get(form)
+    figure.savefig(out, format=form, transparent=title is None, metadata=metadata)
     return out.getvalue()
 
 
@@ -137,7 +195,8 @@ def _drawable(curves: Mapping[str, Allan]) -> bool:
 def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) -> None:
     curves = readable_curves(report, sensor)
     scale = READABLE[sensor, "B"]
-    x, y = _extent(curves)
+    marks = list(_marks(report, sensor, curves))
+    x, y = _extent(curves, [mark.value for mark in marks if mark.letter == "B" and mark.value])
     panel.set(xscale="log", yscale="log", xlim=x, ylim=y)
     panel.set_xlabel("averaging time τ, s", color=colours["text"])
     panel.set_ylabel(f"Allan deviation σ(τ), {pretty(scale.unit)}", color=colours["text"])
@@ -146,16 +205,21 @@ def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) 
         _draw_limit(panel, grade, limit, scale.factor, colours)
     for axis, curve in curves.items():
         _draw_curve(panel, axis, curve, colours)
+    _draw_exact(panel, report, sensor, curves, colours)
+    _draw_marks(panel, marks, colours)
     _draw_legend(panel, curves, colours)
 
 
-def _extent(curves: Mapping[str, Allan]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ends of both axes."""
+def _extent(
+    curves: Mapping[str, Allan], floors: Sequence[float]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of both axes; `floors` are shown with room for their letter."""
     taus = [tau for curve in curves.values() for tau in curve.tau_s]
     sigmas = [sigma for curve in curves.values() for sigma in curve.sigma if sigma > 0.0]
     limits = [v for c in curves.values() for v in (*c.low, *c.high) if v is not None and v > 0.0]
     low = max(min([*sigmas, *limits]), min(sigmas) / WIDEST_LIMIT)
     high = min(max([*sigmas, *limits]), max(sigmas) * WIDEST_LIMIT)
+    low = min([low, *(max(floor / LETTER_ROOM, low / WIDEST_LIMIT) for floor in floors)])
     margin = 10.0**MARGIN_DECADES
     return (min(taus) / margin, max(taus) * margin), (low / margin, high * margin)
 
@@ -171,8 +235,13 @@ def _draw_grid(
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_locator(LogLocator(subs=range(2, 10), numticks=30))
         axis.set_minor_formatter(NullFormatter())
-    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
     panel.grid(which="minor", color=colours["rule"], linewidth=0.4, alpha=0.6)
+    draw_frame(panel, colours)
+
+
+def draw_frame(panel: Axes, colours: Mapping[str, str]) -> None:
+    """Draw the grid, the numbers and the frame of a panel, as all figures have them."""
+    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
     panel.set_axisbelow(True)
     panel.tick_params(which="both", color=colours["muted"], labelcolor=colours["text"], labelsize=9)
     for spine in panel.spines.values():
@@ -216,6 +285,98 @@ def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]
             panel.plot(
                 curve.tau_s, np.where(shown, sigma, math.nan), linestyle="none", marker=marker,
                 markersize=4.5, color=colour, markerfacecolor=face, markeredgewidth=1.0, label="_",
+            )  # fmt: skip
+
+
+def _draw_exact(
+    panel: Axes, report: Report, sensor: str, curves: Mapping[str, Allan], colours: Mapping[str, str]
+) -> None:
+    """Draw the exact curves as dots on a thin line."""
+    exact = report.evaluation.exact if report.evaluation is not None else {}
+    for axis in curves:
+        if (curve := exact.get(f"{sensor}/{axis}")) is not None:
+            sigma = [READABLE[sensor, "B"].factor * value or math.nan for value in curve.sigma]
+            panel.plot(
+                curve.tau_s, sigma, color=colours[axis], linewidth=0.5, marker=".", markersize=2.2,
+                markeredgewidth=0.0, label="_", zorder=2.2,
+            )  # fmt: skip
+
+
+MARK_SHIFT = 1.35  # factor of tau between the marks of two axes. Not critical
+MARK_SPAN = 1.14  # factor of tau from the middle of a bar to its end. Not critical
+MARK_PLACES = {"N": 1.0, "K": 0.4}
+"""Where N and K are marked: s, and as a share of the longest tau; B where the model is lowest. Not critical."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Mark:
+    """N, B or K of an axis as a point of its asymptote, in the unit of the panel."""
+
+    axis: str
+    letter: str
+    tau_s: float
+    value: float | None  # None: only bounded
+    low: float
+    high: float
+
+
+def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator[_Mark]:
+    """Yield where N, B and K lie on their asymptotes, IEEE Std 952: N/√τ, √(2 ln 2/π) B and K√(τ/3)."""
+    factor = READABLE[sensor, "B"].factor
+    for k, (axis, curve) in enumerate(curves.items()):
+        channel = report.channels[f"{sensor}/{axis}"]
+        first, last = curve.tau_s[0], curve.tau_s[-1]
+        model = [(value, tau) for value, tau in zip(curve.model, curve.tau_s, strict=True) if value]
+        places = {
+            "N": MARK_PLACES["N"],
+            "B": min(model)[1] if model else math.sqrt(first * last),
+            "K": MARK_PLACES["K"] * last,
+        }
+        for letter in COEFFICIENTS:
+            part: Coefficient | None = getattr(channel, letter)
+            if part is None or part.status == "pending" or part.high is None:
+                continue
+            tau = places[letter] * MARK_SHIFT ** (k - 1)
+            tau = min(max(tau, first * MARK_SPAN), last / MARK_SPAN)
+            scale = factor * {
+                "N": tau**-0.5, "B": math.sqrt(2.0 * math.log(2.0) / math.pi), "K": math.sqrt(tau / 3.0),
+            }[letter]  # fmt: skip
+            value = part.value * scale if part.value is not None and part.status == "measured" else None
+            yield _Mark(axis, letter, tau, value, (part.low or 0.0) * scale, part.high * scale)
+
+
+def _draw_marks(panel: Axes, marks: Sequence[_Mark], colours: Mapping[str, str]) -> None:
+    """Draw N, B and K as bars over their 95 % limits, upper bounds as arrows, with one letter for the axes."""
+    bottom, top = panel.get_ylim()
+    for mark in marks:
+        colour, tau, high = colours[mark.axis], mark.tau_s, mark.high
+        if not bottom < high < top:
+            continue
+        slope = {"N": -0.5, "B": 0.0, "K": 0.5}[mark.letter]
+        wide = [tau / MARK_SPAN**4, tau * MARK_SPAN**4]
+        level = mark.value if mark.value is not None else high
+        line = [level * (t / tau) ** slope for t in wide]
+        panel.plot(wide, line, color=colour, linewidth=0.8, linestyle=(0, (3, 2)), label="_", zorder=3.0)
+        narrow = (tau / MARK_SPAN, tau * MARK_SPAN)
+        if mark.value is None:
+            panel.annotate(
+                "", (tau, max(high / 1.7, bottom)), (tau, high), zorder=3.1,
+                arrowprops={"arrowstyle": "-|>", "color": colour, "shrinkA": 0.0, "shrinkB": 0.0, "linewidth": 1.3},
+            )  # fmt: skip
+            panel.hlines(high, *narrow, color=colour, linewidth=1.8, zorder=3.1)
+        else:
+            panel.vlines(tau, max(mark.low, bottom), high, color=colour, linewidth=1.3, zorder=3.1)
+            panel.hlines([max(mark.low, bottom), high], *narrow, color=colour, linewidth=1.3, zorder=3.1)
+            panel.hlines(mark.value, *narrow, color=colour, linewidth=2.4, zorder=3.2)
+    for letter in COEFFICIENTS:
+        shown = [mark for mark in marks if mark.letter == letter and bottom < mark.high < top]
+        if shown:  # the floor lies below the curve, the others on it
+            mark = min(shown, key=lambda m: m.low) if letter == "B" else max(shown, key=lambda m: m.high)
+            below = letter == "B" and mark.value is not None
+            panel.annotate(
+                letter, (mark.tau_s, max(mark.low, bottom) if below else mark.high), (0, -3 if below else 3),
+                textcoords="offset points", ha="center", va="top" if below else "bottom", fontsize=9,
+                fontweight="bold", color=colours["text"], zorder=3.3,
             )  # fmt: skip
 
 

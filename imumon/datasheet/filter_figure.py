@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from imumon.datasheet.blocks import DataTable
-from imumon.datasheet.figures import PAGE, PAGE_INCHES, page_svg
+from imumon.datasheet.figures import PAGE, PAGE_INCHES, draw_frame, page_svg
 from imumon.filter_report import FilterChannel, FilterReport
 from imumon.units import DEG, figures
 
@@ -89,11 +89,7 @@ def _draw(panel: Axes, channel: FilterChannel, factor: float, colours: Mapping[s
         handles.append(Line2D([], [], color=colour, linewidth=1.4, label=title))
     handles.append(Line2D([], [], color=colours["muted"], linestyle=(0, (4, 2)), label="stated"))
     panel.set(xscale="log", yscale="log", xlim=(channel.nees.horizon_s[0], channel.nees.horizon_s[-1]))
-    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
-    panel.set_axisbelow(True)
-    panel.tick_params(which="both", color=colours["muted"], labelcolor=colours["text"], labelsize=9)
-    for spine in panel.spines.values():
-        spine.set_color(colours["muted"])
+    draw_frame(panel, colours)
     panel.legend(
         handles=handles, frameon=False, ncols=len(handles), loc="lower right", bbox_to_anchor=(1.0, 1.0),
         borderaxespad=0.1, fontsize=8, labelcolor=colours["text"],

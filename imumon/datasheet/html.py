@@ -14,10 +14,12 @@ from imumon.datasheet.blocks import (
     FilterFigure,
     GradeSummary,
     Heading,
+    HistoryFigure,
     Paragraph,
 )
 from imumon.datasheet.figures import svg
 from imumon.datasheet.filter_figure import filter_svg
+from imumon.datasheet.history_figure import history_svg
 from imumon.filter_report import FilterReport
 from imumon.report import Report
 
@@ -36,7 +38,7 @@ STYLE = """
 body { margin: 0 auto; padding: 2.2rem 1.4rem 3rem; max-width: 62rem; background: var(--ground);
   color: var(--text); font: 15px/1.5 system-ui, "Segoe UI", "Helvetica Neue", Arial, "DejaVu Sans",
   sans-serif; }
-h1 { margin: 0; font-size: 1.7rem; line-height: 1.2; }
+h1 { margin: 0; font-size: 1.7rem; line-height: 1.2; overflow-wrap: anywhere; }
 h2 { margin: 2.2rem 0 .6rem; font-size: 1.12rem; border-bottom: 1px solid var(--rule);
   padding-bottom: .25rem; }
 p { margin: .6rem 0; }
@@ -62,6 +64,8 @@ table.facts { width: auto; } table.facts th { font-weight: 400; color: var(--mut
 figure { margin: 1rem 0 1.6rem; }
 svg.allan { width: 100%; height: auto; display: block; }
 svg.allan text { font-family: system-ui, "Segoe UI", Arial, "DejaVu Sans", sans-serif; }
+@media screen and (max-width: 36rem) { body { padding: 1.4rem .9rem 2rem; } figure { overflow-x: auto; }
+  svg.allan { min-width: 34rem; } }
 pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow-x: auto; font: 12.5px/1.45
   ui-monospace, "SF Mono", Consolas, "DejaVu Sans Mono", monospace; }
 @page { margin: 14mm; }
@@ -112,11 +116,14 @@ def _block(block: Block, report: Report, filters: FilterReport) -> str:
             return f'<div class="grade">{inner}</div>'
         case DataTable():
             return _table(block)
-        case CurveFigure(sensor, caption, _):
-            drawn = svg(report, sensor)
-            return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
+        case CurveFigure(sensor, caption, legend, _):
+            drawn, text = svg(report, sensor), html.escape(f"{caption}. {legend}.")
+            return f"<figure>{drawn}<figcaption>{text}</figcaption></figure>" if drawn else ""
         case FilterFigure(sensor, caption, _):
             drawn = filter_svg(filters, sensor)
+            return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
+        case HistoryFigure(sensor, caption, _, rows):
+            drawn = history_svg(rows, sensor)
             return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
         case CodeBlock(_, text):
             return f"<pre>{html.escape(text)}</pre>"

@@ -80,6 +80,17 @@ def spectral_lines(channel: Channel, unit: str = "") -> list[str]:
     return texts + ([f"{len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])
 
 
+def turn_on_text(name: str, channel: Channel) -> str:
+    """Return the repeatability of the turn-on bias with its limits; empty if it is unknown."""
+    shape = channel.distribution
+    if shape is None or shape.turn_on_std is None:
+        return ""
+    own = readable_unit(sensor_of(name), "B", channel.unit)
+    numbers = (shape.turn_on_std, shape.turn_on_low or 0.0, shape.turn_on_high or 0.0)
+    std, low, high = (figures(number * own.factor) for number in numbers)
+    return f"{std} {pretty(own.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
+
+
 def _notes(name: str, channel: Channel) -> Iterator[str]:
     """Yield the properties that only some channels have, one sentence each."""
     unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
@@ -105,10 +116,15 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
             f"follows the temperature by {drift.per_degC:.2e}{half} {unit} per degree{share}; "
             f"without that (the table includes it) {steady}"
         )
+    if turn_on := turn_on_text(name, channel):
+        yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:
         scale = readable_unit(sensor_of(name), change.quantity, channel.unit)
         before, now = (figures(value * scale.factor) for value in (change.before, change.now))
-        yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} (against the {change.against})"
+        against = f"against the {change.against}"
+        if change.since is not None and change.p_value is not None:
+            against += f", since {change.since[:10]}, p = {change.p_value:.0e}"
+        yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} ({against})"
 
 
 def baseline_summary(report: Report, baseline: Report) -> str | None:

@@ -1,9 +1,7 @@
-"""Tables of a report: plain text for a terminal or a pipe, and CSV."""
+"""Table of a report as plain text, for a terminal or a pipe, and the texts that other forms share with it."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +16,6 @@ from imumon.messages import (
     joined,
     line_with_size,
     no_value_text,
-    spreadsheet_cell,
     uncertainty,
 )
 from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, DeviceDescription, Report
@@ -48,10 +45,18 @@ def record_title(report: Report) -> str:
     return f"{duration(report.session.elapsed_s)} of {stream_noun(device)}{rate}"
 
 
+def record_line(report: Report) -> str:
+    """Return sensor, record and date in one line."""
+    started = report.session.started
+    date = f"from {started}" if started else f"date of the record unknown, report of {report.time}"
+    return f"{sensor_title(report)}: {record_title(report)}, {date}"
+
+
 def stream_noun(device: DeviceDescription) -> str:
     """Return what the samples are, in words."""
-    unknown = device.stream in (None, "unknown")
-    return "samples" if unknown else device.stream or ""
+    if device.stream in (None, "unknown"):
+        return "samples"
+    return "deltas" if device.stream == "deltas" else f"{device.stream} samples"
 
 
 def sensor_axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
@@ -117,8 +122,8 @@ def report_table(report: Report, width: int | None = None) -> str:
     fitting = (layout for layout in LAYOUTS if width is None or layout.width <= width)
     layout = next(fitting, LAYOUTS[-1])
     legend = [uncertainty()] if report.channels and not layout.limits else []
-    parts = [*_header(report), "", *_rows(report, layout), *legend, "", *_grades(report), *_caveats(report)]
-    parts += _events(report)
+    parts = [*_header(report), "", *_rows(report, layout), *legend, "", *_grades(report), *_goals(report)]
+    parts += [*_caveats(report), *_events(report)]
     return "\n".join(parts)
 
 
@@ -161,6 +166,8 @@ def _header(report: Report) -> list[str]:
         f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, invalid_noun(device))}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
+    if session.recent_loss:
+        lines.append(f"{100.0 * session.recent_loss:.2g} % of the samples of the last minute are missing")
     excluded = exclusions(report, lambda seconds: f"{seconds:.1f} s")
     if session.disturbances or excluded:
         text = f"{' and '.join(excluded)} excluded" if excluded else "nothing excluded"
@@ -172,7 +179,7 @@ def _header(report: Report) -> list[str]:
 
 def invalid_noun(device: DeviceDescription) -> str:
     """Return what `bad_checksums` counts: messages that failed their check, or rows of a table."""
-    table = (device.source or "").startswith(("csv", "npz", "bag"))
+    table = (device.source or "").startswith(("csv", "npz", "bag", "px4", "ardupilot"))
     return "invalid row" if table else "bad checksum"
 
 
@@ -228,6 +235,17 @@ def _grades(report: Report) -> list[str]:
     return lines
 
 
+def _goals(report: Report) -> list[str]:
+    """Return how long N, B and K of each axis take until the configured precision, of a record that grows."""
+    lines = []
+    for letter, share in report.precision.items() if report.state == "running" else ():
+        times = {name: getattr(c.time_to, letter, None) for name, c in report.channels.items() if c.grade}
+        ahead = [f"{name} in {duration(seconds)}" for name, seconds in times.items() if seconds]
+        if ahead:
+            lines.append(f"{letter} within ±{100.0 * share:g}%: {', '.join(ahead)}")
+    return lines
+
+
 def _caveats(report: Report) -> list[str]:
     """Return each caveat by its name, with its channels and its meaning."""
     with_curve = sum(1 for channel in report.channels.values() if channel.allan is not None)
@@ -267,28 +285,3 @@ def _events(report: Report) -> list[str]:
         [f"{'':>14}  {len(rows) - SHOWN_EVENTS} more: --json lists them"] if len(rows) > SHOWN_EVENTS else []
     )
     return ["", "events, by the time since the first sample", *lines, *more] if lines else []
-
-
-# ---------------------------------------------------------------- CSV
-
-CURVE_COLUMNS = ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
-COEFFICIENT_COLUMNS = ("channel", "coefficient", "unit", "value", "low", "high", "status")
-
-
-def csv_tables(report: Report) -> str:
-    """Return every point of every channel, and after an empty line every coefficient; SI units."""
-    out = io.StringIO()
-    write = csv.writer(out, lineterminator="\n").writerow
-    write(CURVE_COLUMNS)
-    for name, channel in report.channels.items():
-        if (a := channel.allan) is not None:
-            for row in zip(a.tau_s, a.sigma, a.low, a.high, a.edf, a.model, a.used, strict=True):
-                write(map(spreadsheet_cell, (name, channel.unit, *row[:-1], int(row[-1]))))
-    write(())
-    write(COEFFICIENT_COLUMNS)
-    for name, channel in report.channels.items():
-        for letter in COEFFICIENTS:
-            c: Coefficient | None = getattr(channel, letter)
-            if c is not None:
-                write(map(spreadsheet_cell, (name, letter, c.unit, c.value, c.low, c.high, c.status)))
-    return out.getvalue()

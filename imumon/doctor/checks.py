@@ -222,6 +222,8 @@ def _rate(observation: Observation) -> Check:
         cure = "few gaps are harmless; a full line, a bad cable or a busy machine loses samples"
         status: CheckStatus = "failed" if share > MAX_MISSING else "warning"
         return Check("rate", status, f"{text}, {missing} samples missing", cure)
+    if nominal is None and observation.clock_ratio is not None:  # the samples have a clock
+        return Check("rate", "ok", text)
     if nominal is None:
         cure = "give the rate to imumon run (--rate) if the stream has no clock"
         return Check("rate", "warning", f"{text}, the configured rate is unknown", cure)

@@ -119,7 +119,8 @@ def _examine_device(
     else:
         # the check of the baud rate compares the configured one with that of the device: detect the latter
         settings = SimpleNamespace(**{**vars(case.settings.device), "baud": "auto"})
-        device = driver.create(DeviceOptions(url=port.path, settings=settings))
+        table = getattr(case.settings, driver.scheme, None)
+        device = driver.create(DeviceOptions(url=port.path, settings=settings, table=table))
         device.progress = progress
         with closing(device):
             device.open()

@@ -1,0 +1,125 @@
+"""One tidy CSV table: one value per row, SI units, a `kind` column; any reader of CSV needs no options.
+
+Rows differ in their unit, which is therefore a column; columns of one unit have it in their name. Empty cells
+are unknown or do not apply.
+
+kind         name                      value
+record       counters of the session   seconds, bytes or counts
+statistic    mean, std, min, max       of the samples that count
+coefficient  N, B, K                   with 95 % limits; only `high` where it is an upper bound
+allan        sigma                     Allan deviation at tau_s, with limits, model and whether the fit uses it
+exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
+uncertainty  N, B, K                   standard uncertainty by `source`; combined and expanded too
+check        N, B, K, floor            against `limit` of a data sheet, with verdict (`status`) and probability
+event        kind of the event         length in s at time_s
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+from imumon.messages import spreadsheet_cell
+from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
+
+COLUMNS = (
+    "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
+    "used", "difference", "source", "limit", "probability",
+)  # fmt: skip
+STATISTICS = ("mean", "std", "min", "max")
+COUNTERS_NOT_SHOWN = ("started", "excluded_by")
+
+Row = dict[str, Any]
+
+
+def csv_table(report: Report) -> str:
+    """Return the report as one table."""
+    out = io.StringIO()
+    writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for row in _rows(report):
+        writer.writerow({name: spreadsheet_cell(value) for name, value in row.items()})
+    return out.getvalue()
+
+
+def _rows(report: Report) -> Iterator[Row]:
+    for each in fields(report.session):
+        if each.name not in COUNTERS_NOT_SHOWN:
+            unit = "s" if each.name.endswith("_s") else "1"
+            yield {
+                "kind": "record",
+                "name": each.name,
+                "unit": unit,
+                "value": getattr(report.session, each.name),
+            }
+    for name, channel in report.channels.items():
+        yield from ({"channel": name} | row for row in _channel_rows(channel))
+    if report.evaluation is not None:
+        yield from _evaluation_rows(report)
+    for event in report.events:
+        if event.elapsed_s is not None:
+            yield {
+                "kind": "event", "channel": event.channel, "name": event.kind, "unit": "s",
+                "time_s": event.elapsed_s, "value": event.length_s, "source": event.text,
+            }  # fmt: skip
+
+
+def _channel_rows(channel: Channel) -> Iterator[Row]:
+    row: Row
+    for name in STATISTICS:
+        yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
+    for name in COEFFICIENTS:
+        part: Coefficient | None = getattr(channel, name)
+        if part is not None:
+            row = {"value": part.value, "low": part.low, "high": part.high, "status": part.status}
+            yield {"kind": "coefficient", "name": name, "unit": part.unit} | row
+    if (curve := channel.allan) is not None:
+        columns = ("tau_s", "value", "low", "high", "edf", "model", "used")
+        points = zip(
+            curve.tau_s,
+            curve.sigma,
+            curve.low,
+            curve.high,
+            curve.edf,
+            curve.model,
+            map(int, curve.used),
+            strict=True,
+        )
+        for point in points:
+            row = dict(zip(columns, point, strict=True))
+            yield {"kind": "allan", "name": "sigma", "unit": channel.unit} | row
+
+
+def _evaluation_rows(report: Report) -> Iterator[Row]:
+    row: Row
+    made = report.evaluation
+    assert made is not None
+    for name, curve in made.exact.items():
+        columns = ("tau_s", "value", "low", "high", "difference")
+        for point in zip(curve.tau_s, curve.sigma, curve.low, curve.high, curve.difference, strict=True):
+            unit = report.channels[name].unit if name in report.channels else None
+            row = dict(zip(columns, point, strict=True))
+            yield {"kind": "exact", "channel": name, "name": "sigma", "unit": unit} | row
+    for name in dict.fromkeys((*made.budgets, *made.bias_budgets)):
+        bias = {"bias": made.bias_budgets[name]} if name in made.bias_budgets else {}
+        for letter, budget in {**made.budgets.get(name, {}), **bias}.items():
+            base = {"kind": "uncertainty", "channel": name, "name": letter, "unit": budget.unit}
+            for part in budget.components:
+                yield base | {
+                    "source": part.source,
+                    "status": part.kind,
+                    "value": part.standard,
+                    "edf": part.dof,
+                }
+            yield base | {"source": "combined", "value": budget.combined, "edf": budget.dof}
+            yield base | {"source": "expanded, 95 %", "value": budget.expanded}
+    if made.conformity is not None:
+        for check in made.conformity.checks:
+            yield {
+                "kind": "check", "channel": check.channel, "name": check.quantity, "unit": check.unit,
+                "value": check.value, "low": check.low, "high": check.high, "limit": check.limit,
+                "status": check.verdict, "probability": check.probability, "source": check.basis,
+            }  # fmt: skip

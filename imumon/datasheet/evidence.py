@@ -1,0 +1,300 @@
+"""Blocks of a datasheet that support its numbers: data sheet, uncertainty, exact curve, traceability.
+
+Everything is in `Report.evaluation`; a report without it has none of these blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
+
+from imumon.datasheet.blocks import Block, DataTable, Heading, Paragraph
+from imumon.datasheet.tables import significant_digits
+from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
+from imumon.report import Event, Report, stamp
+from imumon.samples import sensor_of
+from imumon.units import READABLE, figures, pretty, readable_unit
+
+QUANTITIES = {"floor": "floor (0.664 B)", "density": "density (√2 N)"}
+"""Names of quantities that are not N, B or K."""
+MEANINGS = {
+    "floor": "Floor: the lowest Allan deviation, the in-run bias stability of most data sheets.",
+    "density": "Density: one-sided, the noise in a bandwidth.",
+}
+SOURCES = ("statistics", "scatter", "repeatability", "resolution", "aliasing", "time base")
+"""Components of a budget, in the order of the columns."""
+BIAS_SOURCES = ("statistics", "repeatability")
+"""Components of the budget of a bias."""
+EXCLUDING = ("disturbance", "warmup")
+"""Kinds of events that are stretches whose samples do not count."""
+LEAST_SHARE = 1e-5
+"""Share of a value below which a component is shown as smaller. Not critical."""
+
+
+def conformity_blocks(report: Report) -> Iterator[Block]:
+    """Yield the check against the data sheet of the device."""
+    made = report.evaluation.conformity if report.evaluation is not None else None
+    if made is None:
+        return
+    yield Heading(f"Data sheet: {made.title}")
+    remarks = any(check.reason for check in made.checks)
+    rows = [_check_row(check)[: 7 if remarks else 6] for check in made.checks]
+    head = ("", "quantity", "measured (95 % limits)", "at most", "verdict", "probability", "remark")
+    if rows:
+        yield DataTable(head[: 7 if remarks else 6], tuple(rows))
+    yield Paragraph(_sheet_text(made))
+    yield Paragraph(
+        "Pass: the upper 95 % limit does not exceed the limit. Fail: the lower one does. Else undecided (guard band "
+        "after JCGM 106:2012). The probability is that of being at most the limit, by the limits of this record "
+        "alone. A typical value is no guarantee: about half of the devices exceed it."
+    )
+
+
+def _sheet_text(made: Conformity) -> str:
+    parts = [
+        made.document,
+        f"edition: {made.edition or 'not named'}",
+        made.source and f"source: {made.source}",
+    ]
+    meanings = [text for name, text in MEANINGS.items() if any(c.quantity == name for c in made.checks)]
+    text = f"{'; '.join(part for part in parts if part)}. {' '.join(meanings)} {made.note or ''}"
+    return " ".join(text.split())
+
+
+def _check_row(check: LimitCheck) -> tuple[str, ...]:
+    name = f"{QUANTITIES.get(check.quantity, check.quantity)}, {pretty(check.unit)}"
+    chance = "–" if check.probability is None else _percent(check.probability)
+    limit = f"{check.limit:g} ({check.basis})"
+    return (check.channel, name, _measured(check), limit, check.verdict, chance, check.reason or "")
+
+
+def _measured(check: LimitCheck) -> str:
+    if check.value is not None and check.low is not None and check.high is not None:
+        count = significant_digits(check.value, check.high - check.low)
+        value, low, high = (figures(each, count) for each in (check.value, check.low, check.high))
+        return f"{value} ({low} to {high})"
+    return f"< {figures(check.high)}" if check.high is not None else "not known"
+
+
+def _percent(probability: float) -> str:
+    if probability > 0.999:
+        return "> 99.9 %"
+    return "< 0.1 %" if probability < 0.001 else f"{100.0 * probability:.1f} %"
+
+
+def evidence_lines(report: Report) -> list[str]:
+    """Return the checks and the exact curve as lines of text, for a terminal."""
+    made = report.evaluation
+    if made is None:
+        return []
+    lines = []
+    if made.conformity is not None and made.conformity.checks:
+        lines.append(f"data sheet: {made.conformity.title} ({made.conformity.document})")
+        for check in made.conformity.checks:
+            name, _, value, limit, found, chance, reason = _check_row(check)
+            probability = "" if check.probability is None else f", probability {chance}"
+            more = f" ({reason})" if reason else ""
+            lines.append(
+                f"  {name:<8} {check.quantity:<7} {value}, at most {limit}: {found}{probability}{more}"
+            )
+    if made.exact:
+        lines.append("exact Allan deviation: largest difference of the curve of the fit")
+        lines += [
+            f"  {name:<8} {largest} (shorter half {short})" for name, _, short, largest in _exact_rows(report)
+        ]
+    return lines
+
+
+# ---------------------------------------------------------------- uncertainty
+
+
+def budget_blocks(report: Report) -> Iterator[Block]:
+    """Yield the uncertainty budget of the measured coefficients."""
+    made = report.evaluation
+    if made is None or not report.channels:
+        return
+    yield Heading("Uncertainty budget")
+    pairs = [
+        (name, letter, budget)
+        for name, budgets in made.budgets.items()
+        for letter, budget in budgets.items()
+        if (sensor_of(name), letter) in READABLE
+    ]
+    if pairs:
+        sources = [
+            source
+            for source in SOURCES
+            if source != "repeatability" or any(_part(budget, source) for _, _, budget in pairs)
+        ]
+        head = ("", "value", *sources, "combined", "k", "expanded, 95 %")
+        yield DataTable(head, tuple(_budget_row(*pair, sources) for pair in pairs))
+        yield Paragraph(
+            "Standard uncertainties in percent of the value, after JCGM 100:2008 (GUM); the expanded one is k times "
+            "the combined one, k of Student's t for the effective degrees of freedom. – is not known and not "
+            f"combined. {_bases([budget for _, _, budget in pairs])}"
+        )
+    yield from _bias_blocks(made.bias_budgets)
+    bounded = "Coefficients that are only bounded have no budget." if pairs else "Nothing is measured yet."
+    yield Paragraph(f"{bounded} Not covered: {'; '.join(made.not_covered)}.")
+
+
+def _part(budget: UncertaintyBudget, source: str) -> UncertaintyComponent | None:
+    return next((each for each in budget.components if each.source == source), None)
+
+
+def _bias_blocks(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Block]:
+    """Yield the budget of the bias; nothing if no power-ups are known."""
+    rows = []
+    for name, budget in budgets.items():
+        own = readable_unit(sensor_of(name), "B", budget.unit)
+        parts = [_part(budget, source) for source in BIAS_SOURCES]
+        sizes = [None if part is None or part.standard is None else part.standard for part in parts]
+        rows.append(
+            (
+                f"{name} bias",
+                f"{figures(budget.value * own.factor, 4)} {pretty(own.unit)}",
+                *("–" if size is None else figures(size * own.factor, 2) for size in sizes),
+                figures(budget.combined * own.factor, 2),
+                f"{budget.coverage:.2f}",
+                f"±{figures(budget.expanded * own.factor, 2)} {pretty(own.unit)}",
+            )
+        )
+    if rows:
+        yield DataTable(("", "value", *BIAS_SOURCES, "combined", "k", "expanded, 95 %"), tuple(rows))
+        yield Paragraph(
+            "Standard uncertainties of the bias in its unit: how much the bias of this record may differ from that "
+            f"after another power-up. {_bases(list(budgets.values()))}"
+        )
+
+
+def _budget_row(name: str, letter: str, budget: UncertaintyBudget, sources: Sequence[str]) -> tuple[str, ...]:
+    readable = READABLE[sensor_of(name), letter]
+    parts = {each.source: each for each in budget.components}
+    shares = (_share(parts[source], budget.value) if source in parts else "0" for source in sources)
+    expanded = budget.expanded * readable.factor
+    unit = pretty(readable.unit)
+    return (
+        f"{name} {letter}",
+        f"{figures(budget.value * readable.factor, 4)} {unit}",
+        *shares,
+        f"{figures(100.0 * budget.combined / budget.value, 2)} %",
+        f"{budget.coverage:.2f}",
+        f"±{figures(expanded, 2)} {unit}",
+    )
+
+
+def _share(part: UncertaintyComponent, value: float) -> str:
+    if part.standard is None:
+        return "–"
+    if 0.0 < part.standard < LEAST_SHARE * value:
+        return f"< {100.0 * LEAST_SHARE:g} %"
+    return f"{figures(100.0 * part.standard / value, 2)} %" if part.standard else "0"
+
+
+def _bases(budgets: list[UncertaintyBudget]) -> str:
+    """Return what each component rests on."""
+    texts = []
+    for source in SOURCES:
+        found = [c for budget in budgets for c in budget.components if c.source == source]
+        bases = dict.fromkeys(each.basis for each in found)
+        if found:
+            texts.append(f"{source} (type {found[0].kind}): {'; '.join(bases)}")
+    text = ". ".join(f"{each[0].upper()}{each[1:]}" for each in texts)
+    return f"{text}."
+
+
+# ---------------------------------------------------------------- exact curve
+
+
+def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
+    """Yield channel, points, and the largest differences, over the shorter half of the octaves and over all."""
+    exact = report.evaluation.exact if report.evaluation is not None else {}
+    for name, curve in exact.items():
+        pairs = [(d, tau) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d is not None]
+        largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)
+        short = max((abs(d) for d, _ in pairs[: max(1, len(pairs) // 2)]), default=None)
+        yield (
+            name,
+            f"{len(curve.tau_s)}",
+            "–" if short is None else f"{100.0 * short:.2g} %",
+            "–" if largest is None else f"{100.0 * largest[0]:+.2g} % at {largest[1]:.4g} s",
+        )
+
+
+def exact_blocks(report: Report) -> Iterator[Block]:
+    """Yield how much the curve of the fit differs from the exact one."""
+    rows = list(_exact_rows(report))
+    if not rows:
+        return
+    yield Heading("Exact Allan deviation")
+    head = ("", "points", "largest difference, shorter half of the octaves", "largest difference")
+    yield DataTable(head, tuple(rows))
+    made = report.evaluation
+    guards = made.provenance.guards if made is not None and made.provenance is not None else None
+    more = " It has all valid samples, and the curve of the fit excludes disturbances and warm-up."
+    yield Paragraph(
+        "The fully overlapping Allan deviation (NIST SP 1065, section 5.2.4) of all samples, against the curve of the "
+        f"fit, which overlaps by a quarter of τ.{more if guards else ''}"
+    )
+
+
+# ---------------------------------------------------------------- traceability
+
+
+def traceability_blocks(report: Report) -> Iterator[Block]:
+    """Yield program, input, options and what was excluded."""
+    made = report.evaluation.provenance if report.evaluation is not None else None
+    if made is None:
+        return
+    size = f", {made.input_bytes:,} bytes" if made.input_bytes is not None else ""
+    libraries = ", ".join(f"{name} {number}" for name, number in made.libraries.items())
+    guards = {True: "on", False: "off: nothing is excluded", None: "unknown"}[made.guards]
+    compared = report.evaluation.conformity if report.evaluation is not None else None
+    rows = [
+        ("Program", f"{made.software}; {libraries}" if libraries else made.software),
+        ("Revision", made.commit or "unknown: not recorded when it was built"),
+        *([("Document", f"written by {made.written_by}")] if made.written_by else []),
+        ("Report format", report.schema),
+        ("Computed", f"{made.made or 'unknown'}{f', on {made.host}' if made.host else ''}"),
+        ("Input", f"{made.input or made.input_reason or 'unknown'}{size}"),
+        ("SHA-256", _sha256(made.input_sha256, made.input_reason)),
+        ("Options", ", ".join(f"{name} {text}".strip() for name, text in made.options.items()) or "none"),
+        ("Guards", guards),
+        ("Data sheet", compared.document if compared else _no_sheet(report)),
+    ]
+    yield Heading("Traceability")
+    yield DataTable(("", ""), tuple(rows))
+    if intervals := list(_excluded(report)):
+        yield DataTable(("begin", "end", "begin, UTC", "excluded"), tuple(intervals))
+
+
+def _sha256(digest: str | None, reason: str | None) -> str:
+    if digest is None:
+        return f"none: {reason or 'unknown'}"
+    return f"{digest} {reason}" if reason else digest
+
+
+def _no_sheet(report: Report) -> str:
+    if report.device.model:
+        return f"none: no data sheet of {report.device.model} is known"
+    return "none: the record does not name the model of the sensor"
+
+
+def _excluded(report: Report) -> Iterator[tuple[str, ...]]:
+    """Yield begin, end and reason of what was excluded; a warm-up begins with the record."""
+    try:
+        start = datetime.fromisoformat(report.session.started or "")
+    except ValueError:
+        start = None
+    for event in excluding_events(report):
+        length = event.length_s or 0.0
+        begin = 0.0 if event.kind == "warmup" else event.elapsed_s or 0.0
+        date = stamp(start + timedelta(seconds=begin)) if start is not None else "–"
+        yield (f"{begin:,.1f} s", f"{begin + length:,.1f} s", date, event.text)
+
+
+def excluding_events(report: Report) -> list[Event]:
+    """Return the events that are stretches whose samples do not count; of warm-ups only the last."""
+    found = [e for e in report.events if e.kind in EXCLUDING and e.length_s and e.elapsed_s is not None]
+    warmups = [event for event in found if event.kind == "warmup"]
+    return [event for event in found if event not in warmups[:-1]]

@@ -1,0 +1,89 @@
+"""History of a sensor in the datasheet: N of its axes over days, as a figure of the page or a table.
+
+The rows are those of `imumon history` (docs/HISTORY.md), of days or, of a young sensor, of hours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from imumon.datasheet.blocks import DataTable
+from imumon.datasheet.figures import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.report import MAX_NUMBER
+from imumon.units import figures, pretty, readable_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HistoryRows = Sequence[Mapping[str, Any]]
+LEAST_ROWS = 3
+"""Periods from which there is a history to show. Not critical."""
+MOST_TABLE_ROWS = 14
+"""Rows of the table; of a longer history, every second, third and so on is shown, and the newest. Not critical."""
+
+
+def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, float, float, float]]]:
+    """Return time and N with its limits, SI, by axis of a sensor; empty if there are too few."""
+    found: dict[str, list[tuple[datetime, float, float, float]]] = {}
+    for row in rows:
+        try:  # any program may answer the question for rows
+            name, part, when = row["channel"], row["N"], datetime.fromisoformat(row["time"])
+            if name.startswith(f"{sensor}/") and part is not None and part["value"] is not None:
+                numbers = float(part["value"]), float(part["low"]), float(part["high"])
+                if 0.0 <= numbers[1] <= numbers[0] <= numbers[2] < MAX_NUMBER and name[-1] in MARKERS:
+                    found.setdefault(name.partition("/")[2], []).append((when, *numbers))
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError):
+            continue
+    return {axis: points for axis, points in found.items() if len(points) >= LEAST_ROWS}
+
+
+def history_table(rows: HistoryRows, sensor: str) -> DataTable:
+    """Return N of each axis by time."""
+    shown = series(rows, sensor)
+    unit = readable_unit(sensor, "N")
+    by_time: dict[datetime, dict[str, float]] = {}
+    for axis, points in shown.items():
+        for when, value, *_ in points:
+            by_time.setdefault(when, {})[axis] = value
+    times = sorted(by_time)
+    step = -(-len(times) // MOST_TABLE_ROWS)
+    lines = [
+        (
+            f"{when:%Y-%m-%d %H:%M}",
+            *(figures(by_time[when][axis] * unit.factor) if axis in by_time[when] else "–" for axis in shown),
+        )
+        for when in times[::-1][::step][::-1]
+    ]
+    return DataTable((f"N of the {sensor}, {pretty(unit.unit)}", *shown), tuple(lines))
+
+
+def history_svg(rows: HistoryRows, sensor: str) -> str:
+    """Return the figure of a sensor as an SVG element of the HTML page; empty without enough rows."""
+    shown = series(rows, sensor)
+    if not shown:
+        return ""
+    unit = readable_unit(sensor, "N")
+    # the page keeps two decimals of a number, also of a label
+    small = max(high for points in shown.values() for *_, high in points) * unit.factor < 1.0
+    factor, prefix = (1000.0 * unit.factor, "10⁻³ ") if small else (unit.factor, "")
+
+    def draw(panel: Axes) -> None:
+        for axis, points in shown.items():
+            times, values, low, high = zip(*points, strict=True)
+            below = [(v - w) * factor for v, w in zip(values, low, strict=True)]
+            above = [(w - v) * factor for v, w in zip(values, high, strict=True)]
+            panel.errorbar(
+                times, [v * factor for v in values], (below, above), label=axis, color=PAGE[axis],
+                marker=MARKERS[axis], markersize=3.5, linewidth=0.8, elinewidth=0.8,
+            )  # fmt: skip
+        panel.set_ylabel(f"N, {prefix}{pretty(unit.unit)}", color=PAGE["text"])
+        draw_frame(panel, PAGE)
+        panel.legend(
+            frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8,
+            labelcolor=PAGE["text"],
+        )  # fmt: skip
+
+    width, height = PAGE_INCHES
+    return page_svg(draw, f"history-{sensor}", f"History of N of the {sensor}", (width, 0.6 * height))

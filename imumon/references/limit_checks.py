@@ -1,0 +1,85 @@
+"""Checks of the values of a report against a reference sheet.
+
+A check compares the value as this stream shows it. Where the report itself says that the stream does not show
+the sensor, the check is undecided: a fail of N that aliasing raises, or may raise because the filter is unknown, and
+a pass of B or K of a gyroscope whose bias the sensor subtracts.
+"""
+
+from __future__ import annotations
+
+import math
+
+from imumon.evaluation import Conformity, LimitCheck, Verdict
+from imumon.messages import filter_not_known
+from imumon.noise.uncertainty import probability_at_most, verdict
+from imumon.references.reference_sheet import QUANTITIES, UNITS, Limit, ReferenceSheet
+from imumon.report import Channel, Coefficient, Report
+from imumon.samples import sensor_of
+
+ALIASED = 1.001
+"""Alias factor above which N counts as raised, beyond rounding errors. Not critical."""
+
+
+def conformity(report: Report, sheet: ReferenceSheet) -> Conformity:
+    """Return the checks of all channels that the sheet has limits for."""
+    checks = [
+        _check(report, name, report.channels[name], limit)
+        for limit in sheet.limits
+        for name in limit.channels
+        if name in report.channels and report.channels[name].N is not None
+    ]
+    return Conformity(
+        title=sheet.title,
+        document=sheet.document,
+        edition=sheet.edition,
+        source=sheet.source,
+        note=sheet.note,
+        checks=tuple(checks),
+    )
+
+
+def _check(report: Report, name: str, channel: Channel, limit: Limit) -> LimitCheck:
+    letter, ratio = QUANTITIES[limit.quantity]
+    factor = ratio * UNITS[sensor_of(name), letter][limit.unit]
+    part: Coefficient = getattr(channel, letter)
+    known = part.status != "pending"
+    value, low, high = (
+        None if size is None or not known else size * factor for size in (part.value, part.low, part.high)
+    )
+    found: Verdict = verdict(limit.at_most, low if part.status == "measured" else None, high)
+    chance = None
+    reason = None if known else part.reason or "not known"
+    if part.status == "measured" and value is not None and low is not None and high is not None:
+        chance = probability_at_most(limit.at_most, value, low, high)
+    if part.status == "upper_bound":
+        reason = "only a 95 % upper bound is known"
+    if (doubt := _doubt(report, name, limit, found)) is not None:
+        found, chance, reason = "undecided", None, doubt
+    return LimitCheck(
+        channel=name,
+        quantity=limit.quantity,
+        unit=limit.unit,
+        limit=limit.at_most,
+        basis=limit.basis,
+        value=value,
+        low=low,
+        high=high,
+        verdict=found,
+        probability=chance,
+        reason=reason,
+    )
+
+
+def _doubt(report: Report, name: str, limit: Limit, found: Verdict) -> str | None:
+    """Return why a verdict does not hold for the sensor; None if it does."""
+    letter, sensor, device = QUANTITIES[limit.quantity][0], sensor_of(name), report.device
+    factor = device.alias_factor or 1.0 if sensor in ("gyro", "accel") else 1.0
+    if limit.sampled_hz is not None and device.sample_rate_hz:
+        factor = max(factor, math.sqrt(limit.sampled_hz / device.sample_rate_hz))
+    if letter == "N" and found == "fail" and factor > ALIASED:
+        return f"aliasing raises N of this stream {factor:.2f} times, nominally"
+    if letter == "N" and found == "fail" and sensor != "mag" and filter_not_known(report) is not None:
+        return "the filter of the sensor is unknown: aliasing may raise N"
+    if letter != "N" and found == "pass" and sensor == "gyro" and "compensated" in report.caveats:
+        return "the sensor subtracts its bias from this stream"
+    return None

@@ -1,0 +1,217 @@
+"""Reference sheet: the limits of one sensor in a TOML file, with their source.
+
+The file holds what a data sheet prints, in its units. Quantities: N, B, K; `floor`, the lowest Allan deviation
+(in-run bias stability), which is sqrt(2 ln 2 / pi) = 0.664 times B; `density`, the one-sided noise density, which
+is sqrt(2) times N for makers that define it by the noise in a bandwidth. A limit holds for a sensor (all its
+axes) or for single channels. docs/REPORTS.md describes the format.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from imumon.errors import ImumonError
+from imumon.files import open_regular
+from imumon.report import plain
+from imumon.samples import AXES, sensor_of
+from imumon.units import DEG, HOUR, STANDARD_GRAVITY
+
+MAX_BYTES = 1 << 18
+"""Bytes of a file that is read. Not critical."""
+SENSORS = ("gyro", "accel", "mag")
+BASES = ("maximum", "typical")
+FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
+"""Lowest Allan deviation over B (IEEE Std 952 annex C)."""
+QUANTITIES = {
+    "N": ("N", 1.0),
+    "density": ("N", math.sqrt(2.0)),
+    "B": ("B", 1.0),
+    "floor": ("B", FLOOR),
+    "K": ("K", 1.0),
+}
+"""Coefficient of each quantity, and the factor from it."""
+
+_MG = 1e3 / STANDARD_GRAVITY
+UNITS: Mapping[tuple[str, str], Mapping[str, float]] = {
+    ("gyro", "N"): {
+        "rad/s/sqrt(Hz)": 1.0, "deg/s/sqrt(Hz)": DEG, "deg/h/sqrt(Hz)": DEG * HOUR, "deg/sqrt(h)": DEG * 60.0,
+    },
+    ("gyro", "B"): {"rad/s": 1.0, "deg/s": DEG, "deg/h": DEG * HOUR},
+    ("gyro", "K"): {"rad/s*sqrt(Hz)": 1.0, "deg/h/sqrt(h)": DEG * HOUR * 60.0},
+    ("accel", "N"): {
+        "m/s^2/sqrt(Hz)": 1.0, "m/s/sqrt(h)": 60.0, "mg/sqrt(Hz)": _MG, "ug/sqrt(Hz)": 1e3 * _MG,
+    },
+    ("accel", "B"): {"m/s^2": 1.0, "mg": _MG, "ug": 1e3 * _MG},
+    ("accel", "K"): {"m/s^2*sqrt(Hz)": 1.0, "m/s/h/sqrt(h)": HOUR * 60.0},
+    ("mag", "N"): {"gauss/sqrt(Hz)": 1.0, "mG/sqrt(Hz)": 1e3, "uG/sqrt(Hz)": 1e6, "nT/sqrt(Hz)": 1e5},
+    ("mag", "B"): {"gauss": 1.0, "mG": 1e3, "nT": 1e5},
+    ("mag", "K"): {"gauss*sqrt(Hz)": 1.0, "mG*sqrt(Hz)": 1e3},
+}  # fmt: skip
+"""Factor from SI to each unit that a file may use, by sensor and coefficient."""
+
+
+class SheetError(ImumonError):
+    """The file is no reference sheet, or not of this device."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """A limit of one quantity.
+
+    Attributes
+    ----------
+    channels : channels that it holds for, such as gyro/x.
+    quantity : one of `QUANTITIES`.
+    at_most : in `unit`.
+    basis : ``maximum``, or ``typical``: about half of the devices exceed a typical value.
+    sampled_hz : Hz, rate at which the device reads this quantity, unfiltered: slower streams alias; None: unknown.
+    """
+
+    channels: tuple[str, ...]
+    quantity: str
+    at_most: float
+    unit: str
+    basis: str
+    sampled_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceSheet:
+    """Limits of a device, and where they come from.
+
+    Attributes
+    ----------
+    models : beginnings of the model that a device reports; empty: of any device.
+    """
+
+    title: str
+    document: str
+    edition: str | None = None
+    source: str | None = None
+    note: str | None = None
+    models: tuple[str, ...] = ()
+    limits: tuple[Limit, ...] = ()
+
+    def is_of(self, model: str) -> bool:
+        """Return whether a model is of this device."""
+        return any(model.startswith(begin) for begin in self.models)
+
+
+def read_sheet(path: Path | str) -> ReferenceSheet:
+    """Read a file, or one of those that are published with imumon, by its name.
+
+    Raises
+    ------
+    SheetError : it cannot be read, or is no reference sheet.
+    """
+    found = published().get(str(path).lower()) if not Path(path).exists() else None
+    if found is not None:
+        return found
+    try:
+        with open(open_regular(path, follow=True), "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        cure = f"name a file, or one of {', '.join(published())}"
+        raise SheetError("datasheet_unreadable", f"--datasheet {path}: {reason}", cure) from None
+    return _parsed(data, str(path))
+
+
+@cache
+def published() -> Mapping[str, ReferenceSheet]:
+    """Return the sheets that are part of imumon, by name."""
+    files = sorted(Path(__file__).parent.glob("*.toml"))
+    return {file.stem: _parsed(file.read_bytes(), file.name) for file in files}
+
+
+def sheet_of_model(model: str | None) -> ReferenceSheet | None:
+    """Return the published sheet of a model; None if it is unknown or has none."""
+    return next((sheet for sheet in published().values() if model and sheet.is_of(model)), None)
+
+
+def _parsed(data: bytes, path: str) -> ReferenceSheet:
+    cure = "docs/REPORTS.md shows the format"
+    try:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"more than {MAX_BYTES} bytes")
+        return _sheet(tomllib.loads(data.decode()))
+    except (ValueError, TypeError, KeyError) as error:  # TOMLDecodeError and UnicodeDecodeError too
+        text = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else plain(f"{error}")
+        raise SheetError("datasheet_invalid", f"{path} is no reference sheet: {text}", cure) from None
+
+
+def _sheet(fields: Mapping[str, Any]) -> ReferenceSheet:
+    known = {"title", "document", "edition", "source", "note", "models", "limit"}
+    if unknown := sorted(set(fields) - known):
+        raise ValueError(f"unknown field {unknown[0]!r}")
+    title, document = (_text(fields, name, required=True) or "" for name in ("title", "document"))
+    texts = {name: _text(fields, name) for name in ("edition", "source", "note")}
+    models = fields.get("models", [])
+    if not isinstance(models, list) or not all(isinstance(model, str) and model for model in models):
+        raise ValueError("models is not a list of texts")
+    limits = fields.get("limit", [])
+    if not isinstance(limits, list) or not limits:
+        raise ValueError("it has no [[limit]]")
+    return ReferenceSheet(
+        title=title,
+        document=document,
+        models=tuple(models),
+        limits=tuple(_limit(limit, k) for k, limit in enumerate(limits, 1)),
+        **texts,
+    )
+
+
+def _text(fields: Mapping[str, Any], name: str, *, required: bool = False) -> str | None:
+    value = fields[name] if required else fields.get(name)
+    if value is not None and not isinstance(value, str):
+        raise ValueError(f"{name} is not a text")
+    return None if value is None else plain(" ".join(value.split()))
+
+
+def _limit(fields: Any, number: int) -> Limit:
+    at = f"limit {number}"
+    if not isinstance(fields, dict):
+        raise ValueError(f"{at} is not a table")
+    if unknown := sorted(set(fields) - {"channels", "quantity", "at_most", "unit", "basis", "sampled_hz"}):
+        raise ValueError(f"{at}: unknown field {unknown[0]!r}")
+    channels, quantity = fields["channels"], fields["quantity"]
+    if not isinstance(channels, list) or not channels:
+        raise ValueError(f"{at}: channels is not a list")
+    names = [name for each in channels for name in _channels(each, at)]
+    if quantity not in QUANTITIES:
+        raise ValueError(f"{at}: quantity is not one of {', '.join(QUANTITIES)}")
+    value, basis = fields["at_most"], fields.get("basis", "maximum")
+    if type(value) not in (int, float) or not 0.0 < value < 1e12:
+        raise ValueError(f"{at}: at_most is not a positive number")
+    sampled = fields.get("sampled_hz")
+    if sampled is not None and (type(sampled) not in (int, float) or not 0.0 < sampled < 1e9):
+        raise ValueError(f"{at}: sampled_hz is not a rate")
+    if basis not in BASES:
+        raise ValueError(f"{at}: basis is not one of {', '.join(BASES)}")
+    sensors = {sensor_of(name) for name in names}
+    for sensor in sensors:
+        units = UNITS[sensor, QUANTITIES[quantity][0]]
+        if fields["unit"] not in units:
+            raise ValueError(f"{at}: unit of {quantity} of {sensor} is not one of {', '.join(units)}")
+    return Limit(
+        channels=tuple(dict.fromkeys(names)),
+        quantity=quantity,
+        at_most=float(value),
+        unit=fields["unit"],
+        basis=basis,
+        sampled_hz=sampled,
+    )
+
+
+def _channels(name: Any, at: str) -> list[str]:
+    """Return the channels of a name: all axes of a sensor, or one."""
+    sensor, slash, axis = name.partition("/") if isinstance(name, str) else ("", "", "")
+    if sensor not in SENSORS or (slash and axis not in AXES):
+        raise ValueError(f"{at}: {name!r} is no channel; write gyro, accel, mag, or gyro/x")
+    return [name] if slash else [f"{sensor}/{each}" for each in AXES]

@@ -1,0 +1,499 @@
+"""Evaluation of a report for a document: data sheet, uncertainty, exact curve, filter, traceability."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import subprocess
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import allantools
+import numpy as np
+import pytest
+from reports import RATE
+from reports import report as report_at
+
+from imumon.cli.main import main
+from imumon.cli.traceability import evaluated, with_provenance
+from imumon.datasheet import document
+from imumon.datasheet.evidence import excluding_events
+from imumon.filter_report import FilterReport
+from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overlapping_deviation
+from imumon.noise.synthesis import synthesise
+from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
+from imumon.references import SheetError, conformity, published, read_sheet, sheet_of_model
+from imumon.report import Coefficient, Report, from_json, to_json
+from imumon.units import READABLE
+
+SHARED = Path(__file__).parents[2] / "shared" / "recordings"
+HZ = 40.0
+
+SHEET = """
+title = "Acme A1"
+models = ["A1"]
+document = "A1 data sheet"
+edition = "Rev. C, 2026"
+
+[[limit]]
+channels = ["gyro"]
+quantity = "N"
+at_most = {gyro}
+unit = "deg/sqrt(h)"
+
+[[limit]]
+channels = ["accel/x", "accel/y"]
+quantity = "floor"
+at_most = 1000.0
+unit = "mg"
+basis = "typical"
+"""
+
+
+def imumon(*words: object, code: int = 0) -> str:
+    """Run a command in this process; return its output, or its messages if it is to fail with `code`."""
+    out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        assert main([str(word) for word in words]) == code, err.getvalue()
+        out.flush()
+    return err.getvalue() if code else out.buffer.getvalue().decode()  # type: ignore[attr-defined]
+
+
+def make_report() -> Report:
+    """Return the report of a quarter of an hour."""
+    return report_at(900.0, scale=2.0)
+
+
+def shown(report: Report, form: str = "md") -> str:
+    return document(report, form, FilterReport(time=report.time, device=report.device)).decode()
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return 50 s at rest as CSV, N known, without a device or a filter."""
+    path = tmp_path_factory.mktemp("recording") / "rest.csv"
+    noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
+    noise[:, 5] -= 9.8
+    names = "t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]"
+    rows = np.column_stack([np.arange(2000) / HZ, noise])
+    np.savetxt(path, rows, delimiter=",", header=names, comments="", fmt="%.12g")
+    return path
+
+
+def sheet_file(tmp_path: Path, *, gyro: float) -> Path:
+    path = tmp_path / "sheet.toml"
+    path.write_text(SHEET.format(gyro=gyro))
+    return path
+
+
+def replayed(*words: object) -> Report:
+    return from_json(Report, imumon("replay", *words, "--json"))
+
+
+# ---------------------------------------------------------------- exact curve
+
+
+@pytest.mark.parametrize("octaves", [True, False])
+def test_the_exact_deviation_is_that_of_allantools(octaves: bool) -> None:
+    values = 9.8 + synthesise(5000, HZ, N=[1e-3], B=[1e-4], K=[1e-4], seed=2)[:, 0]
+    lengths = averaging_lengths(len(values), octaves=octaves)
+    sigma, terms = overlapping_deviation(values, np.ones(len(values), dtype=bool), lengths)
+    _, expected, _, counts = allantools.oadev(values, rate=HZ, data_type="freq", taus=np.array(lengths) / HZ)
+    np.testing.assert_allclose(sigma[: len(expected)], expected, rtol=1e-9)
+    np.testing.assert_array_equal(terms[: len(counts)], counts)
+    assert len(expected) >= len(lengths) - 1
+
+
+def test_no_difference_spans_a_gap() -> None:
+    values = np.random.default_rng(1).normal(size=(100, 2))
+    store = SampleStore(2)
+    store.update(values[:60])
+    store.break_()
+    store.update(values[60:], np.arange(40) != 20)
+    kept, valid = store.result()
+    sigma, terms = overlapping_deviation(kept[:, 0], valid, [1, 8])
+    pieces = [values[:60, 0], values[60:80, 0], values[81:, 0]]
+    for k, m in enumerate((1, 8)):
+        squares = [
+            (piece[i + m : i + 2 * m].mean() - piece[i : i + m].mean()) ** 2 / 2.0
+            for piece in pieces
+            for i in range(len(piece) - 2 * m + 1)
+        ]
+        assert terms[k] == len(squares)
+        assert sigma[k] == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-12)
+
+
+def test_exact_on_the_command_line_equals_allantools_at_every_octave(recording: Path) -> None:
+    report = replayed(recording, "--exact", "--no-guards")
+    assert report.evaluation is not None
+    data = np.loadtxt(recording, delimiter=",", skiprows=1)
+    for column, name in enumerate(("gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z"), 1):
+        curve = report.evaluation.exact[name]
+        _, expected, _, _ = allantools.oadev(data[:, column], rate=HZ, data_type="freq", taus=curve.tau_s)
+        np.testing.assert_allclose(curve.sigma[: len(expected)], expected, rtol=1e-9)
+        allan = report.channels[name].allan
+        assert allan is not None
+        assert [tau for tau in allan.tau_s if tau not in curve.tau_s] == []
+        for sigma, difference, own in zip(curve.sigma, curve.difference, allan.sigma, strict=True):
+            assert difference == pytest.approx(own / sigma - 1.0)
+        assert max(abs(d) for d in curve.difference[:4] if d is not None) < 0.02
+        assert all(lo < s < hi for lo, s, hi in zip(curve.low, curve.sigma, curve.high, strict=True))  # type: ignore[operator]
+
+
+def test_ten_averaging_times_per_decade(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.json"
+    imumon("report", recording, "--exact", "--taus", "decade", "-o", out)
+    report = from_json(Report, out.read_text())
+    assert report.evaluation is not None
+    taus = np.array(report.evaluation.exact["gyro/x"].tau_s)
+    decade = taus[(taus > 0.99) & (taus < 9.9)]
+    assert len(decade) == 10
+    assert "Exact Allan deviation" in shown(report)
+    assert "fully overlapping, exact" in shown(report, "svg")
+    imumon("report", out, "-o", tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text().count("\nexact,") == 6 * len(taus)
+
+
+def test_taus_need_exact_and_exact_needs_samples(recording: Path, tmp_path: Path) -> None:
+    imumon("replay", recording, "--taus", "decade", code=2)
+    (tmp_path / "x.json").write_text(to_json(make_report()))
+    for words in (("--exact",), ("--filter", "none"), ("--taus", "octave", "--exact")):
+        assert "needs a recording" in imumon("report", tmp_path / "x.json", *words, code=2)
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="../shared is absent")
+def test_a_real_recording_agrees_with_another_tool() -> None:
+    """The figures of kiran_stat5min, computed by allantools from the sentences."""
+    report = replayed(SHARED / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--exact", "--no-guards")
+    assert report.evaluation is not None
+    sigma = report.evaluation.exact["gyro/x"].sigma
+    for octave, expected in ((1, 0.0004636), (4, 0.0001679), (6, 8.573e-05)):
+        assert sigma[octave] == pytest.approx(expected, rel=1e-3)
+
+
+# ---------------------------------------------------------------- filter
+
+
+def test_a_named_filter_answers_what_the_recording_does_not_say(recording: Path) -> None:
+    for words, factor in (
+        ((), None),
+        (("--filter", "factory"), np.sqrt(5.0)),
+        (("--filter", "20"), 1.0),
+        (("--filter", "10@1000"), np.sqrt(1000.0 / (10 * HZ))),
+    ):
+        device, caveats = (report := replayed(recording, *words)).device, report.caveats
+        assert device.alias_factor == (factor if factor is None else pytest.approx(factor, rel=1e-6))
+        assert ("aliased" in caveats) == (factor is not None and factor > 1.0)
+        assert ("filter" in device.settings) == bool(words)
+    for wrong in ("boxcar", "0.5", "-4", "4@0", "factory@100", "@800"):
+        imumon("replay", recording, f"--filter={wrong}", code=2)
+
+
+def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
+    noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=1)
+    np.savez(tmp_path / "d.npz", t=np.arange(2000) / HZ, dt=np.full(2000, 1 / HZ),
+             DeltaTheta=noise[:, :3] / HZ, DeltaVel=noise[:, 3:] / HZ)  # fmt: skip
+    report = replayed(tmp_path / "d.npz", "--filter", "none")
+    if report.device.stream == "deltas":
+        assert report.device.alias_factor == 1.0
+        assert any("--filter is not used" in remark for remark in report.device.remarks)
+
+
+# ---------------------------------------------------------------- data sheets
+
+
+def test_a_verdict_is_guarded_by_the_limits() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        low, value, high = sorted(rng.uniform(1.0, 2.0, 3))
+        limit = rng.uniform(0.8, 2.2)
+        chance = probability_at_most(limit, value, low, high)
+        assert chance is not None
+        found = verdict(limit, low, high)
+        assert (found == "pass") == (chance >= 0.9749999)
+        assert (found == "fail") == (chance < 0.0250001)
+
+
+@pytest.mark.parametrize("name", sorted(published()))
+def test_a_published_sheet_names_its_source_and_edition(name: str) -> None:
+    sheet = published()[name]
+    assert sheet.models
+    assert sheet.edition
+    assert sheet.source
+    assert read_sheet(name) == sheet
+
+
+def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
+    """0.0035 °/s/√Hz is 0.21 °/√h; a one-sided density is √2 N; in-run stability is 0.664 B."""
+    report = make_report()
+    n, b = report.channels["gyro/x"].N, report.channels["gyro/x"].B
+    assert n is not None
+    assert n.value is not None
+    checks = {(c.channel, c.quantity): c for c in conformity(report, published()["vn-100"]).checks}
+    found = checks["gyro/x", "N"]
+    assert found.value == pytest.approx(np.degrees(n.value))
+    assert found.limit * 60.0 == pytest.approx(0.21)
+    other = {(c.channel, c.quantity): c for c in conformity(report, published()["adis16405"]).checks}
+    assert other["gyro/x", "density"].value == pytest.approx(np.sqrt(2.0) * np.degrees(n.value))
+    assert b is not None
+    assert b.high is not None
+    assert other["gyro/x", "floor"].high == pytest.approx(0.664 * np.degrees(b.high), rel=1e-3)
+
+
+def test_only_the_data_sheet_of_the_measured_model_is_used() -> None:
+    report = make_report()
+    titles = {
+        "VN-100T-CR": "VectorNav VN-100",
+        "ADIS16470": "Analog Devices ADIS16470",
+        "VN-200": None,
+        None: None,
+    }
+    for model, title in titles.items():
+        made = evaluated(replace(report, device=replace(report.device, model=model))).evaluation
+        assert made is not None
+        assert (made.conformity.title if made.conformity else None) == title
+        text = shown(
+            evaluated(replace(report, device=replace(report.device, model=model, id="a", setting_texts={})))
+        )
+        assert ("## Data sheet: VectorNav VN-100" in text) == (title == "VectorNav VN-100")
+        assert "laboratory" not in text
+    assert sheet_of_model(None) is None
+
+
+def test_what_the_stream_does_not_show_is_undecided() -> None:
+    report = make_report()
+    sheet = published()["vn-100"]
+
+    def verdicts(changed: Report, letter: str) -> set[str]:
+        return {
+            c.verdict
+            for c in conformity(changed, sheet).checks
+            if c.quantity == letter and c.channel[:4] == "gyro"
+        }
+
+    high = {n: replace(c, N=_scaled(c.N, 10.0)) for n, c in report.channels.items() if n[:4] == "gyro"}
+    worse = replace(report, channels=report.channels | high)
+    assert verdicts(replace(worse, device=replace(report.device, alias_factor=1.0)), "N") == {"fail"}
+    assert verdicts(worse, "N") == {"undecided"}
+    assert "undecided" in verdicts(replace(report, caveats=("compensated",)), "floor")
+    assert "pass" not in verdicts(replace(report, caveats=("compensated",)), "floor")
+
+
+def _scaled(part: Coefficient | None, factor: float) -> Coefficient | None:
+    if part is None or part.value is None or part.low is None or part.high is None:
+        return part
+    return replace(part, value=part.value * factor, low=part.low * factor, high=part.high * factor)
+
+
+def test_a_data_sheet_on_the_command_line(recording: Path, tmp_path: Path) -> None:
+    n = 6e-5 * READABLE["gyro", "N"].factor
+    for limit, expected in ((2.0 * n, "pass"), (0.5 * n, "fail")):
+        sheet = sheet_file(tmp_path, gyro=limit)
+        report = replayed(recording, "--datasheet", sheet, "--filter", "20")
+        assert report.evaluation is not None
+        assert report.evaluation.conformity is not None
+        checks = {(c.channel, c.quantity): c for c in report.evaluation.conformity.checks}
+        of_gyro = {(f"gyro/{axis}", "N") for axis in "xyz"}
+        assert set(checks) == of_gyro | {("accel/x", "floor"), ("accel/y", "floor")}
+        assert checks["gyro/x", "N"].verdict == expected
+        assert checks["accel/x", "floor"].verdict in ("pass", "undecided")
+        page = shown(report)
+        assert "Rev. C, 2026" in page
+        assert f"| {expected} " in page
+    printed = imumon("replay", recording, "--datasheet", sheet)  # a fail that the unknown filter may cause
+    assert "data sheet: Acme A1 (A1 data sheet)" in printed
+    assert "undecided (the filter of the sensor is unknown: aliasing may raise N)" in printed
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("title = 3", "title is not a text"),
+        ("= 1", "sheet"),
+        ('title = "a"', "'document' is missing"),
+        ('title = "a"\ndocument = "b"', "no [[limit]]"),
+        (SHEET.format(gyro=-1.0), "at_most is not a positive number"),
+        (SHEET.format(gyro=1.0).replace("deg/sqrt(h)", "deg/h"), "unit of N of gyro is not one of"),
+        (SHEET.format(gyro=1.0).replace('"floor"', '"sigma"'), "quantity is not one of"),
+        (SHEET.format(gyro=1.0).replace("accel/x", "accel/w"), "is no channel"),
+        (SHEET.format(gyro=1.0).replace("typical", "guess"), "basis is not one of"),
+        (SHEET.format(gyro=1.0).replace("edition", "edtion"), "unknown field 'edtion'"),
+    ],
+)
+def test_a_fault_of_a_sheet_is_one_line(text: str, fault: str, recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "sheet.toml"
+    path.write_text(text)
+    with pytest.raises(SheetError) as raised:
+        read_sheet(path)
+    assert raised.value.code == "datasheet_invalid"
+    assert fault in raised.value.message
+    assert len(raised.value.message.splitlines()) == 1
+
+
+def test_a_sheet_that_is_not_of_this_sensor_is_refused(recording: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "x.json"
+    saved.write_text(to_json(make_report()))
+    assert "VN-100T-CR" in imumon("report", saved, "--datasheet", "adis16405", code=2)
+    assert "vn-100" in imumon("report", saved, "--datasheet", tmp_path / "nothing.toml", code=2)
+
+
+# ---------------------------------------------------------------- uncertainty
+
+
+def test_a_budget_adds_up() -> None:
+    report = make_report()
+    budgets = uncertainty_budgets(report)
+    measured = {
+        (name, letter)
+        for name, channel in report.channels.items()
+        for letter in "NBK"
+        if (part := getattr(channel, letter)) is not None and part.status == "measured"
+    }
+    assert {(name, letter) for name, each in budgets.items() for letter in each} == measured
+    for name, letter in measured:
+        budget, part = budgets[name][letter], getattr(report.channels[name], letter)
+        known = [c.standard for c in budget.components if c.standard is not None]
+        assert budget.combined == pytest.approx(np.sqrt(np.sum(np.square(known))))
+        assert budget.expanded == pytest.approx(budget.coverage * budget.combined)
+        assert budget.coverage >= 1.95
+        assert budget.expanded >= 0.99 * (part.high - part.low) / 2.0
+        assert {c.source for c in budget.components} >= {"statistics", "scatter", "resolution", "time base"}
+        assert ("aliasing" in {c.source for c in budget.components}) == (letter == "N")
+
+
+def test_scatter_beyond_statistics_has_three_degrees_of_freedom() -> None:
+    report = make_report()
+    channel = report.channels["gyro/x"]
+    assert channel.N is not None
+    assert channel.N.value is not None
+    moved = replace(channel, N=replace(channel.N, scatter=0.1 * channel.N.value))
+    budget = uncertainty_budgets(replace(report, channels={"gyro/x": moved}))["gyro/x"]["N"]
+    assert budget.coverage == pytest.approx(3.18, abs=0.01)  # Student's t, 3 degrees of freedom
+    assert budget.combined == pytest.approx(0.1 * channel.N.value, rel=0.05)
+
+
+def test_rounding_is_a_component_of_n() -> None:
+    report = make_report()
+    channel = report.channels["gyro/x"]
+    assert channel.std is not None
+    for step, known in ((channel.std, True), (3.0 * channel.std, False)):
+        coarse = replace(channel, resolution=step)
+        budget = uncertainty_budgets(replace(report, channels={"gyro/x": coarse}))["gyro/x"]["N"]
+        part = next(c for c in budget.components if c.source == "resolution")
+        assert (part.standard is not None) == known
+        if part.standard is not None:
+            assert part.standard == pytest.approx(
+                step**2 / (24.0 * RATE * budget.value) / np.sqrt(12.0), rel=0.1
+            )
+
+
+def test_the_resolution_of_rounded_values_is_reported(tmp_path: Path) -> None:
+    noise = np.round(synthesise(4000, HZ, N=[6e-4] * 3 + [1.4e-2] * 3, seed=4) / 1e-3) * 1e-3
+    np.savez(
+        tmp_path / "r.npz", t=np.arange(4000) / HZ, gyro=noise[:, :3], accel=noise[:, 3:] + [0.0, 0.0, 9.8]
+    )
+    report = replayed(tmp_path / "r.npz")
+    assert report.channels["gyro/x"].resolution == pytest.approx(1e-3, rel=1e-3)
+    assert make_report().channels["gyro/x"].resolution is None
+
+
+def test_the_sheet_names_what_the_budget_does_not_cover() -> None:
+    text = shown(evaluated(make_report()))
+    assert "Not covered: temperatures outside" in text
+    assert "turn-on" in text
+    bare = replace(
+        make_report(), channels={n: c for n, c in make_report().channels.items() if n != "temperature"}
+    )
+    assert "the temperature: it is not in the record" in shown(evaluated(bare))
+
+
+# ---------------------------------------------------------------- traceability
+
+
+def test_a_report_names_program_input_and_options(recording: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "saved.json"
+    imumon("report", recording, "--no-guards", "--stream", "uncompensated", "-o", saved)
+    made = from_json(Report, saved.read_text()).evaluation
+    assert made is not None
+    origin = made.provenance
+    assert origin is not None
+    assert origin.software.startswith("imumon ")
+    assert origin.commit
+    assert (origin.input, origin.input_bytes) == ("rest.csv", recording.stat().st_size)
+    assert origin.input_sha256 == hashlib.sha256(recording.read_bytes()).hexdigest()
+    assert origin.options == {"--stream": "uncompensated", "--no-guards": ""}
+    assert origin.guards is False
+    page = imumon(
+        "report", saved, "--format", "md"
+    )  # from the saved report: the origin stays that of the numbers
+    for text in (origin.input_sha256, origin.commit, "imumon.report/1", "--no-guards", origin.host or "-"):
+        assert text in page
+
+
+def test_standard_input_has_no_digest(recording: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", "replay", "-", "--json"],
+        input=recording.read_bytes(), capture_output=True, check=True, timeout=60,
+    )  # fmt: skip
+    origin = json.loads(done.stdout)["evaluation"]["provenance"]
+    assert (origin["input_sha256"], origin["input_reason"]) == (None, "read from standard input")
+
+
+def test_the_digest_of_a_directory_is_of_all_its_files(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for name, data in (("b.db3", b"two"), ("a.yaml", b"one")):
+        (bag / name).write_bytes(data)
+    made = with_provenance(make_report(), str(bag), {}, None).evaluation
+    assert made is not None
+    assert made.provenance is not None
+    assert made.provenance.input_sha256 == hashlib.sha256(b"onetwo").hexdigest()
+    assert made.provenance.input == "bag"
+
+
+def test_excluded_intervals_have_begin_and_end() -> None:
+    report = replace(make_report(), events=_events())
+    text = shown(with_provenance(report, None, {}, True))
+    assert "| 1,000.0 s | 1,002.0 s | 2026-03-01T08:16:40.000Z | knock" in text
+    assert "| 0.0 s     | 594.0 s   | 2026-03-01T08:00:00.000Z | a warm-up" in text
+    assert len(excluding_events(report)) == 2  # the first warm-up is part of the second
+
+
+def _events() -> tuple[Any, ...]:
+    base = make_report().events[0] if make_report().events else None
+    from imumon.report import Event
+
+    make = lambda kind, at, length, text: Event(  # noqa: E731
+        time=base.time if base else make_report().time,
+        kind=kind,
+        text=text,
+        device="a",
+        elapsed_s=at,
+        length_s=length,
+    )
+    return (
+        make("disturbance", 1000.0, 2.0, "knock on gyro/x: 2 s excluded"),
+        make("warmup", 1500.0, 300.0, "a warm-up of 5 min is over and excluded"),
+        make("warmup", 1638.0, 594.0, "a warm-up of 9 min 54 s is over and excluded"),
+    )
+
+
+# ---------------------------------------------------------------- what a customer reads
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="../shared is absent")
+@pytest.mark.slow
+def test_nothing_refers_to_a_device_that_was_not_measured(tmp_path: Path) -> None:
+    for name, words, wrong in (
+        ("adis16405_1.npz", (), ("VN-100", "laboratory")),
+        ("kiran_stat5min.vnymr.txt.gz", ("--rate", "40"), ("ADIS", "laboratory")),
+    ):
+        saved = tmp_path / "saved.json"
+        imumon("report", SHARED / name, *words, "-o", saved)
+        for form in ("md", "html", "csv", "svg"):
+            text = imumon("report", saved, "--format", form)
+            assert not [word for word in wrong if word in text], (name, form)
