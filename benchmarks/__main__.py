@@ -43,7 +43,7 @@ def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
         "A day of samples": memory.measure(6.0 if quick else 24.0),
         "The length of the record": scaling.measure(8, plot),
         "Bytes": codec.measure(),
-        "A recording": replay.measure(0.5 if quick else 2.0, 50_000 if quick else 200_000),
+        "A recording": replay.measure(0.5, 50_000, 100_000, 50_000, 1) if quick else replay.measure(),
         "The daemon": soak.measure(1.0 if quick else 3.0),
     }
 

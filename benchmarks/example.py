@@ -14,11 +14,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
+from imumon.cli.traceability import evaluated, with_provenance
 from imumon.datasheet import document
 from imumon.datasheet.tables import coefficient_text
 from imumon.devices import registry
@@ -30,7 +32,15 @@ from imumon.devices.vn100.registers import LOOP_RATE
 from imumon.filter_report import DEFAULT_HORIZON_S
 from imumon.noise.filter_parameters import filter_parameters
 from imumon.pipeline import Monitor
-from imumon.report import Channel, Coefficient, DeviceDescription, Report, SessionCounters, from_json
+from imumon.report import (
+    MAX_ITEMS,
+    Channel,
+    Coefficient,
+    DeviceDescription,
+    Report,
+    SessionCounters,
+    from_json,
+)
 from imumon.samples import SampleBlock
 from imumon.units import READABLE, figures, pretty
 
@@ -45,7 +55,10 @@ DOCUMENTS = {
     "report.json": "json",
     "datasheet.md": "md",
     "datasheet.html": "html",
+    "datasheet.csv": "csv",
     "allan.png": "png",
+    "allan.svg": "svg",
+    "allan.pdf": "pdf",
     "kalibr_imu.yaml": "kalibr",
 }
 
@@ -55,8 +68,8 @@ README = """# Example datasheet
 {hours:g} hours of an emulated VN-100 at {rate} Hz, as `imumon report` writes it; made by
 `python benchmarks/example.py`.
 
-[The datasheet](datasheet.md), [as a page](datasheet.html), [the report](report.json),
-[for Kalibr](kalibr_imu.yaml)
+[The datasheet](datasheet.md), [as a page](datasheet.html), [as a table](datasheet.csv), [the report](report.json),
+the figure as [SVG](allan.svg) and [PDF](allan.pdf), [for Kalibr](kalibr_imu.yaml)
 
 ![Allan deviation](allan.png)
 
@@ -112,7 +125,11 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
         bad_checksums=decoder.bad_checksums,
         received_bytes=decoder.fed,
     )
-    return monitor.report(BEGIN + timedelta(hours=hours), device, "stopped", session), settings
+    end = BEGIN + timedelta(hours=hours)
+    made = monitor.report(end, device, "stopped", session)
+    events = tuple(event.stamped(end, device.id) for event in monitor.events())[:MAX_ITEMS]
+    reason = "the emulated sensor, through its decoder"
+    return with_provenance(replace(made, events=events), None, {}, True, reason=reason), settings
 
 
 def compared_with_truth(report: Report, settings: EmulatorSettings) -> str:
@@ -147,6 +164,7 @@ def main() -> None:
     saved = arguments.out / "report.json"
     if arguments.again:
         made = from_json(Report, saved.read_text())
+        print("the README is left as it is: it compares with the noise of the run")
     else:
         start = time.perf_counter()
         made, settings = measure(arguments.hours, arguments.seed)
@@ -158,6 +176,10 @@ def main() -> None:
         (arguments.out / "README.md").write_text(
             README.format(hours=arguments.hours, rate=RATE, comparison=comparison)
         )
+    made = evaluated(made)
+    if made.evaluation is not None and made.evaluation.provenance is not None:  # the example names no host
+        provenance = replace(made.evaluation.provenance, host=None)
+        made = replace(made, evaluation=replace(made.evaluation, provenance=provenance))
     filters = filter_parameters(made, DEFAULT_HORIZON_S)
     for name, form in DOCUMENTS.items():
         (arguments.out / name).write_bytes(document(made, form, filters))

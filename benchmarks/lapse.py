@@ -1,14 +1,16 @@
 """A daemon on an emulator in time-lapse that somebody else holds, and can ask what it has sent.
 
-    python benchmarks/lapse.py SPEED ... run --port PATH --state DIR --listen ENDPOINT
+    python benchmarks/lapse.py SPEED [NAME=VALUE ...] ... run --port PATH --state DIR --listen ENDPOINT
 
-`imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same options;
-the words before ``run`` are skipped, so that it can precede any command that starts a daemon.
+`imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same options. Words
+with ``=`` before ``run`` are settings, in JSON. The others are skipped, so that it can precede any command that starts
+a daemon.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from pathlib import Path
@@ -23,8 +25,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("--port", "--state", "--listen"):
         parser.add_argument(name, required=True)
-    speed, words = float(sys.argv[1]), parser.parse_args(sys.argv[sys.argv.index("run") + 1 :])
-    settings = load(None, {"zenoh.listen": [words.listen]})
+    own, words = sys.argv[1 : (at := sys.argv.index("run"))], parser.parse_args(sys.argv[at + 1 :])
+    speed, pairs = float(own[0]), (word.partition("=") for word in own if "=" in word)
+    given = {name: json.loads(value) for name, _, value in pairs}
+    settings = load(None, {"zenoh.listen": [words.listen], **given})
     Daemon(settings, RunOptions(url=words.port, state_directory=Path(words.state), speed=speed)).run()
 
 

@@ -3,6 +3,7 @@
     python benchmarks/soak.py live --minutes 30             800 Hz, real time, a subscriber, a recording
     python benchmarks/soak.py days --days 7                 the whole pipeline, a sensor in time-lapse
     python benchmarks/soak.py days --days 7 --direct        blocks straight into the monitor: no port, no bus
+    python benchmarks/soak.py days --days 2 --no-history    a daemon that keeps no history
 
 The pipeline is a real one: the emulator's bytes through a pseudo-terminal to the daemon, to its state on disk
 and over the bus to a subscriber. Every law of the counters is checked at the end, against what the emulator
@@ -94,7 +95,8 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
     settings = EmulatorSettings(seed=1, baud=921600 if live else words.baud, warm_up=0.0, speed=words.speed)
     until_s = words.minutes * 60.0 if live else words.days * 86400.0
     extra = ["--record", "/dev/null"] if live else []
-    lapse = () if live else (sys.executable, str(Path(__file__).with_name("lapse.py")), f"{words.speed:g}")
+    options = (f"{words.speed:g}", *(["history.enabled=false"] if words.no_history else []))
+    lapse = () if live else (sys.executable, str(Path(__file__).with_name("lapse.py")), *options)
     taken: list[int] = []
     states: list[int] = []
     with ExitStack() as alive:
@@ -160,7 +162,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
 
 def measure(minutes: float) -> Iterator[Figure]:
     """The daemon in real time at 800 Hz, nine channels, temperature, pressure, a subscriber, a recording."""
-    words = argparse.Namespace(mode="live", minutes=minutes, speed=1.0, verbose=False)
+    words = argparse.Namespace(mode="live", minutes=minutes, speed=1.0, no_history=False, verbose=False)
     with tempfile.TemporaryDirectory(prefix="imumon-soak-") as scratch:
         made: dict[str, Any] = through_the_pipeline(words, Path(scratch))
     sent, received = made["sent, received"]
@@ -231,6 +233,7 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=100.0, help="Hz, with --direct")
     parser.add_argument("--baud", type=int, help="of a sensor in time-lapse; fewer samples at a lower one")
     parser.add_argument("--direct", action="store_true")
+    parser.add_argument("--no-history", action="store_true", help="in time-lapse")
     parser.add_argument("--verbose", action="store_true")
     words = parser.parse_args()
     words.speed = 1.0 if words.mode == "live" else words.speed

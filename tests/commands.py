@@ -14,14 +14,15 @@ from imumon.cli.main import main
 ROOT = Path(__file__).parents[1]
 
 
-OF_FILES = ("replay", "report", "config")
+OF_FILES = ("replay", "report", "config", "history")
 """Commands that only read and write files: they run inside the test, because starting Python takes longer."""
 
 
 def imumon(*arguments: str | Path, code: int = 0) -> str:
     """Return the output of a command that ends with this code, or its one line on stderr if it fails."""
     words = [str(argument) for argument in arguments]
-    returned, output, errors = _inside(words) if words[0] in OF_FILES else _process(words)
+    inside = words[0] in OF_FILES and "--connect" not in words
+    returned, output, errors = run_inside(words) if inside else _process(words)
     assert returned == code, errors
     assert "Traceback" not in errors
     if code:
@@ -36,7 +37,8 @@ def _process(words: list[str]) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
-def _inside(words: list[str]) -> tuple[int, str, str]:
+def run_inside(words: list[str]) -> tuple[int, str, str]:
+    """Return exit code, output and messages of a command that runs in this process."""
     output, errors = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
     with redirect_stdout(output), redirect_stderr(errors):
         try:

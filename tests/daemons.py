@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -13,15 +13,15 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
+from scraping import free_port, scraped, values
+
 from imumon.bus import Subscriber
 from imumon.report import Report
 
 
 def free_endpoint() -> str:
     """Endpoint on loopback that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 class Daemon:
@@ -67,6 +67,17 @@ class Daemon:
             for line in pipe:
                 self._said[name] += line
 
+    @property
+    def log(self) -> str:
+        """What it has said on stderr so far."""
+        return self._said["err"]
+
+    @property
+    def metrics(self) -> dict[tuple[str, ...], float]:
+        """What it serves, by name and labels without the device."""
+        (address,) = re.findall(r"metrics on http://([\d.:]+)/metrics", self.log)
+        return values(scraped(address))
+
     def ended(self, within_s: float = 20.0) -> tuple[str, str]:
         """What it said, once it has ended."""
         self.process.wait(within_s)
@@ -85,7 +96,8 @@ class Daemon:
             if self.process.poll() is not None:
                 break
             time.sleep(0.02)
-        raise AssertionError(f"it did not come to it; last report: {last and (last.state, last.session)}")
+        seen = f"last report: {last and (last.state, last.session)}; log: {self.log[-1000:]}"
+        raise AssertionError(f"it did not come to it; {seen}")
 
     def samples(self, count: int = 100) -> Report:
         """First report with so many samples."""

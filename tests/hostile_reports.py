@@ -30,7 +30,7 @@ from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 DOCS = Path(__file__).parents[1] / "docs"
 SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
-DRAWN_FORMS = ("html", "png")
+DRAWN_FORMS = ("html", "png", "svg", "pdf")
 """Forms with figures of matplotlib, which take a second each."""
 PANELS: tuple[Callable[[ViewState, int, int], Any], ...] = (
     panels.status, panels.headlines, panels.detail, panels.welcome, channel_table.table, charts.allan_chart,
@@ -201,7 +201,7 @@ def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, 
             try:
                 document(report, form, filters)
             except NoCurve:
-                assert form == "png"
+                assert form in DRAWN_FORMS
     show_on_screen(report, signal, events)
 
 

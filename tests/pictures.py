@@ -73,6 +73,7 @@ PICTURES = {
         Picture("signal-large", keys=("2",), size=LARGE),
         Picture("device-large", keys=("3",), size=LARGE),
         Picture("events-small", keys=("4",)),
+        Picture("history-small", keys=("6",)),
         Picture("comparison-large", "two", keys=("5", "c"), size=LARGE),
         # what a chart can show: unused octaves, limits of the grades and a baseline; three axes
         Picture(

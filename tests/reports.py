@@ -7,6 +7,7 @@ process.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -14,6 +15,7 @@ from functools import cache
 import numpy as np
 
 from imumon.devices import registry
+from imumon.messages import EVENT_LEVELS
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor
 from imumon.report import DeviceDescription, Event, Report, SessionCounters, Signal, stamp
@@ -232,9 +234,37 @@ def events(id: str = ID) -> list[Event]:
         ("09:20:44", "gap", "13.1 s lost", None),
     )
     return [
-        Event(time=f"2026-03-01T{at}.000Z", kind=kind, text=text, device=id, channel=channel)
+        Event(
+            time=f"2026-03-01T{at}.000Z",
+            kind=kind,
+            text=text,
+            device=id,
+            channel=channel,
+            level="notice" if text.startswith("back") else EVENT_LEVELS[kind],
+        )
         for at, kind, text, channel in texts
     ]
+
+
+@cache
+def history_reply(channel: str, span: float, step: str) -> tuple[bytes, bytes]:
+    """Return rows and events of a sensor whose N grew, as a daemon replies."""
+    length = {"10m": 600, "1h": 3600, "1d": 86400}[step]
+    count, rng = round(span / length), np.random.default_rng(5)
+    rows = []
+    for k in range(count):
+        begin = BEGIN + timedelta(seconds=k * length - span)
+        factor = 1.0 + 0.02 * rng.standard_normal() + 0.12 * (k > 0.7 * count)
+        noise = TRUTH.get(channel, (1.0, 1.0, 1.0, 1.0))[0] * factor
+        heat = 30.0 + 4.0 * np.sin(k * length / 86400.0 * 2.0 * np.pi)
+        flicker = {"value": 0.2 * noise if k % 3 else None, "low": 0.0, "high": noise, "status": "measured"}
+        rows.append(
+            {"time": stamp(begin), "end": stamp(begin + timedelta(seconds=length)), "channel": channel, "B": flicker,
+             "N": {"value": noise}, "mean": 1e-3 * heat, "temperature": heat}
+        )  # fmt: skip
+    changed = stamp(BEGIN - timedelta(seconds=0.3 * span))
+    marks = [{"time": changed, "kind": "change", "text": "", "count": 1}]
+    return json.dumps(rows).encode(), json.dumps(marks).encode()
 
 
 class FakeSource:
@@ -286,6 +316,13 @@ class FakeSource:
         id, channel = self.watched[-1] if self.watched else ("", None)
         early = id in self._reports and self._reports[id][0].session.elapsed_s < 10.0
         return (signal(channel), self.now) if channel in TRUTH and not early else None
+
+    def watch_history(self, asked: tuple[str, str, float, str] | None) -> None:
+        self.asked_history = asked
+
+    def history_answer(self) -> tuple[tuple[str, str, float, str], bytes, bytes] | None:
+        asked = getattr(self, "asked_history", None)
+        return None if asked is None else (asked, *history_reply(asked[1], asked[2], asked[3]))
 
     def connected(self) -> bool:
         return self._connected

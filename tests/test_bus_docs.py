@@ -55,7 +55,10 @@ def test_the_table_lists_every_key() -> None:
     keys = re.findall(r"^\| `(imumon/[^`]+)` \|", TEXT, re.MULTILINE)
     assert keys == [
         f"imumon/{{id}}/{name}"
-        for name in ("report", "{sensor}/{axis}", "grade", "event", "signal/{sensor}/{axis}", "alive")
+        for name in (
+            *("report", "{sensor}/{axis}", "grade", "event", "signal/{sensor}/{axis}", "history"),
+            *("history/event", "alive"),
+        )
     ]
 
 

@@ -152,7 +152,7 @@ def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None
     port, messages = free_port(), list[str]()
 
     def reported(text: str) -> bool:
-        messages.extend(publisher.status_changes())
+        messages.extend(text for text, _ in publisher.status_changes())
         return any(text in line for line in messages)
 
     with (
