@@ -12,8 +12,9 @@ effect is added to the samples; the truth of N includes what it turns into white
 Two ways lead to the limits. "estimator": octaves, spectrum and block means of the record, then the fit.
 "pipeline": the whole `Monitor`, with its guards, six channels at a time. Widths are relative to the fit with the
 known description. Behind a filter this is the fit of the same record that leaves out the octaves which the
-filter bends, and has the 1/tau^2 term; else it is the fit of the same record without the effect, which is given
-the same nuisance terms (drift, temperature).
+filter bends, and has the 1/tau^2 term. Where the effect is white noise (rounding, many outliers), it is the fit
+of a record with as much Gaussian noise instead, which is given the excess kurtosis. Else it is the fit of the
+same record without the effect, which is given the same nuisance terms (drift, temperature).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import math
 import multiprocessing
 import multiprocessing.pool
 import os
-import time
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -79,6 +80,7 @@ class Effect:
     pipeline : the whole `Monitor` has to run.
     short : octaves that a filter bends; 0: there is no filter.
     hidden : the resolution hides the noise, and no value is expected.
+    excess_kurtosis : of the samples.
     """
 
     change: Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -89,6 +91,7 @@ class Effect:
     pipeline: bool = False
     short: int = 0
     hidden: bool = False
+    excess_kurtosis: float = 0.0
     own_white: Callable[[np.ndarray, np.random.Generator], float] | None = None
 
 
@@ -199,7 +202,10 @@ def outliers(share: float, *, contaminated: bool = False) -> Effect:
             out[hit] += rng.choice([-1.0, 1.0], count) * rng.uniform(8.0, 20.0, count) * SIGMA
         return out
 
-    return Effect(change, white=99.0 * share if contaminated else 0.0, pipeline=True)
+    if not contaminated:
+        return Effect(change, pipeline=True)
+    kurtosis = 3.0 * (1.0 - share + share * 100.0**2) / (1.0 + 99.0 * share) ** 2 - 3.0
+    return Effect(change, white=99.0 * share, excess_kurtosis=kurtosis, pipeline=True)
 
 
 LINES = ((1.3, 0.3), (3.7, 0.6), (5.9, 1.0), (7.1, 0.2))
@@ -236,14 +242,17 @@ EFFECTS = {
 # Records and fits ----------------------------------------------------------------
 
 
+@lru_cache(3 * BATCH)
+def part(seed: int, at: int) -> np.ndarray:
+    """(n,) white noise, flicker or random walk of a record."""
+    row = ((N, 0.0, 0.0), (0.0, B, 0.0), (0.0, 0.0, 1.0))[at]
+    return synthesise(LENGTH, RATE, *row, seed=np.random.default_rng([77, seed, at]), averaged=False).ravel()
+
+
 def record(seed: int, K: float) -> tuple[np.ndarray, np.ndarray]:
     """(n,) samples of known N, B and K, and their slow part; the noise of a seed does not depend on K."""
-    parts = [
-        synthesise(LENGTH, RATE, *row, seed=np.random.default_rng([77, seed, at]), averaged=False).ravel()
-        for at, row in enumerate(((N, 0.0, 0.0), (0.0, B, 0.0), (0.0, 0.0, 1.0))[: 3 if K else 2])
-    ]
-    slow = parts[1] + (K * parts[2] if K else 0.0)
-    return parts[0] + slow, slow
+    slow = part(seed, 1) + (K * part(seed, 2) if K else 0.0)
+    return part(seed, 0) + slow, slow
 
 
 Row = tuple[list[float], list[float], list[float], list[int]]
@@ -271,7 +280,7 @@ def row_of(found: list[object], point: list[float]) -> Row:
     return [p if v is None else v for v, p in zip(values, point, strict=True)], low, high, status
 
 
-def by_estimator(values: np.ndarray, effect: Effect) -> list[Row]:
+def by_estimator(values: np.ndarray, effect: Effect, excess_kurtosis: float = 0.0) -> list[Row]:
     """Fit the columns of values, (n, c), from their octaves, spectrum and block means."""
     count = values.shape[1]
     rng = np.random.default_rng(5)
@@ -289,6 +298,7 @@ def by_estimator(values: np.ndarray, effect: Effect) -> list[Row]:
         cascade.result(),
         resolution=[effect.step * SIGMA] * count,
         bands=spectrum.result().bands,
+        kurtosis=[excess_kurtosis] * count,
         blocks=drift.blocks(count),
     )
     rows = []
@@ -327,12 +337,22 @@ def by_pipeline(values: np.ndarray, effect: Effect) -> list[Row]:
     return rows
 
 
-def run(job: tuple[str, float, list[int]]) -> tuple[list[Row], list[float], list[Row]]:
-    """Return the fits of the records of some seeds, their truth of N, and their fits with the known description."""
-    name, K, seeds = job
+Cell = tuple[str, float]
+"""Name of an effect, and K."""
+Fits = tuple[list[Row], list[float], list[Row]]
+"""Fits of some records, their truth of N, and their fits with the known description."""
+
+
+def run(job: tuple[list[Cell], list[int]]) -> dict[Cell, Fits]:
+    """Return the fits of the records of some seeds in some cells."""
+    cells, seeds = job
+    return {cell: fits_of(*cell, seeds) for cell in cells}
+
+
+def fits_of(name: str, K: float, seeds: list[int]) -> Fits:
     effect = EFFECTS[name]
     key = list(EFFECTS).index(name)
-    made, truth = [], []
+    made, truth, known = [], [], []
     for seed in seeds:
         samples, slow = record(seed, K)
         made.append(effect.change(samples, np.random.default_rng([key, seed])))
@@ -341,7 +361,10 @@ def run(job: tuple[str, float, list[int]]) -> tuple[list[Row], list[float], list
         )
         truth.append(N * math.sqrt(1.0 + white))
     values = np.stack(made, axis=1)
-    rows, known = (by_pipeline if effect.pipeline else by_estimator)(values, effect), []
+    rows = (by_pipeline if effect.pipeline else by_estimator)(values, effect)
+    if effect.white and not effect.hidden:
+        gaussian = [math.sqrt(1.0 + effect.white) * part(seed, 0) + record(seed, K)[1] for seed in seeds]
+        known = by_estimator(np.stack(gaussian, axis=1), effect, effect.excess_kurtosis)
     if effect.short:
         confidence.select_models, search = known_models(effect.short), confidence.select_models
         known = by_estimator(values, effect)
@@ -353,10 +376,11 @@ def run(job: tuple[str, float, list[int]]) -> tuple[list[Row], list[float], list
 
 
 @lru_cache
-def bound(K: float, heated: bool, settles_s: float, blocks: int = 600) -> float:
+def bound(K: float, heated: bool, settles_s: float, white: float, blocks: int = 600) -> float:
     """Standard deviation of K^2 by generalised least squares on block means.
 
-    Beside N, B, drift, temperature, and an exponential of unknown size and time constant.
+    Beside N with the additional white noise, B, drift, temperature, and an exponential of unknown size and
+    time constant.
     """
     length = TOTAL_S / blocks
     at = (np.arange(blocks) + 0.5) * length
@@ -367,7 +391,7 @@ def bound(K: float, heated: bool, settles_s: float, blocks: int = 600) -> float:
         regressors += [np.exp(-at / settles_s), at * np.exp(-at / settles_s)]
     free = np.linalg.qr(np.stack(regressors, axis=1), mode="complete")[0][:, len(regressors) :]
     flicker, walk = unit_covariances(blocks)
-    parts = [N**2 / length * np.eye(blocks), B**2 * flicker, length * walk]
+    parts = [N**2 * (1.0 + white) / length * np.eye(blocks), B**2 * flicker, length * walk]
     parts = [free.T @ part @ free for part in parts]
     inverse = np.linalg.inv(parts[0] + parts[1] + K**2 * parts[2])
     slopes = [inverse @ parts[1], inverse @ parts[2]]
@@ -375,9 +399,14 @@ def bound(K: float, heated: bool, settles_s: float, blocks: int = 600) -> float:
     return float(math.sqrt(np.linalg.inv(information)[1, 1]))
 
 
+def nuisances(effect: Effect) -> tuple[bool, float, float]:
+    """Return what `bound` takes of an effect."""
+    return effect.heated, effect.settles_s, effect.white
+
+
 def detection(effect: Effect) -> float:
     """Twice the smallest K that differs from zero by 1.96 standard deviations of `bound`."""
-    return 2.0 * math.sqrt(1.96 * bound(0.0, effect.heated, effect.settles_s))
+    return 2.0 * math.sqrt(1.96 * bound(0.0, *nuisances(effect)))
 
 
 # Table ---------------------------------------------------------------------------
@@ -414,13 +443,27 @@ class Result:
         return np.array([np.nanmedian(w) if np.isfinite(w).any() else np.nan for w in width.T])
 
 
-def cell(pool: multiprocessing.pool.Pool, name: str, K: float, count: int) -> Result:
-    seeds = np.array_split(np.arange(count), max(1, count // BATCH))
-    parts = list(pool.imap(run, [(name, K, s.tolist()) for s in seeds]))
-    truth = np.concatenate([part[1] for part in parts])
+def results(pool: multiprocessing.pool.Pool, cells: list[Cell], count: int, piped: int) -> dict[Cell, Result]:
+    """Fit the records of all cells; each record is synthesised once for all of them."""
+    counts = {each: piped if EFFECTS[each[0]].pipeline else count for each in cells}
+    jobs = [
+        ([each for each in cells if counts[each] > first], list(range(first, first + BATCH)))
+        for first in range(0, max(counts.values()), BATCH)
+    ]
+    parts: dict[Cell, list[Fits]] = {each: [] for each in cells}
+    for done, found in enumerate(pool.imap(run, jobs), 1):
+        for each, fits in found.items():
+            parts[each].append(fits)
+        print(f"{done} of {len(jobs)} batches", file=sys.stderr, flush=True)
+    return {each: joined(*each, parts[each], counts[each]) for each in cells}
+
+
+def joined(name: str, K: float, parts: list[Fits], count: int) -> Result:
+    """Return the first `count` records of the batches of a cell."""
+    truth = np.concatenate([part[1] for part in parts])[:count]
     found = []
     for at in (0, 2):
-        rows = [row for part in parts for row in part[at]]
+        rows = [row for part in parts for row in part[at]][:count]
         columns = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
         found.append(Result(EFFECTS[name], K, truth, *columns) if rows else None)
     assert found[0] is not None
@@ -455,7 +498,7 @@ def judged(result: Result, known: Result | None) -> list[str]:
     goal = walks <= 0.05 + error(0.05) if not result.K else walks >= 0.8 - error(0.8)
     columns = [" / ".join(part) for part in (coverage, missing, widths, bias)]
     columns.append(f"{100 * walks:.0f}{'' if goal else ' **!**'}")
-    spread = bound(result.K, result.effect.heated, result.effect.settles_s)
+    spread = bound(result.K, *nuisances(result.effect))
     squares = result.value[:, 2] ** 2
     squares = squares[np.isfinite(squares)]
     if 4.0 * spread < result.K**2 and squares.size:
@@ -479,23 +522,22 @@ def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[st
         "K² rmse",
     )
     print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|", flush=True)
-    known: dict[tuple[str, int], Result] = {}
-    for name, effect in EFFECTS.items():
-        if (count == 0 and not effect.pipeline) or (piped == 0 and effect.pipeline):
-            continue
-        if only and not name.startswith("clean") and not any(part in name for part in only):
-            continue
+    names = [
+        name
+        for name, effect in EFFECTS.items()
+        if (piped if effect.pipeline else count)
+        and (not only or name.startswith("clean") or any(part in name for part in only))
+    ]
+    walks = {name: (0.0, detection(EFFECTS[name]), *LARGER_WALKS) for name in names}
+    found = results(pool, [(name, K) for name in names for K in walks[name]], count, piped)
+    for name in names:
+        effect = EFFECTS[name]
         reference = (
             "clean, pipeline" if effect.pipeline else "clean, temperature known" if effect.heated else "clean"
         )
-        for at, K in enumerate((0.0, detection(effect), *LARGER_WALKS)):
-            begin = time.monotonic()
-            result = cell(pool, name, K, piped if effect.pipeline else count)
-            known[name, at] = result
-            row = judged(result, known.get((reference, at)))
+        for at, K in enumerate(walks[name]):
+            row = judged(found[name, K], found.get((reference, walks[reference][at])))
             print(f"| {name} | {K:.2g} | " + " | ".join(row) + " |", flush=True)
-            if os.environ.get("TIMES"):
-                print(f"{time.monotonic() - begin:.0f} s")
 
 
 def main() -> None:

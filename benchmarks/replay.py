@@ -150,12 +150,11 @@ def make_binary(path: Path, samples: int) -> np.ndarray:
 
 def make_sentences(path: Path, samples: int) -> None:
     """Write a recording of `$VNYMR` sentences."""
-    rows = np.random.default_rng(2).normal(0.0, 1e-3, (min(samples, 20_000), 12))
+    rows = np.zeros((samples, 12))  # yaw, pitch, roll, then magnetic field, acceleration and angular rate
+    rows[:, 3:] = NoiseStream(200.0, N[[6, 7, 8, 3, 4, 5, 0, 1, 2]], 1e-5, 0.0, seed=2).generate(samples)
     rows[:, 8] -= 9.79
-    some = b"".join(ascii.encode(ascii.sentence("VNYMR", row)) for row in rows)
     with path.open("wb") as file:
-        for _ in range(samples // len(rows)):
-            file.write(some)
+        file.writelines(ascii.encode(ascii.sentence("VNYMR", row)) for row in rows)
 
 
 def axes_at_rest(samples: int) -> np.ndarray:

@@ -36,7 +36,7 @@ def watched(values: np.ndarray) -> tuple[float, bool]:
         history.update(values[begin : begin + 4000])
     drift, begin_s, fits = history.drift, history.begin_s, fit(history.curve())
     seen = [c for c, found in enumerate(fits) if found.K.value is not None]
-    settles = any(find_settling(drift, c, begin_s) is not None for c in seen)
+    settles = any(find_settling(drift, seen, begin_s))
     return history.warmup_s, settles or still_wanders_less(drift, range(CHANNELS), begin_s)
 
 

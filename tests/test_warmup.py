@@ -84,8 +84,7 @@ def settling_fits(values: Floats, times_s: tuple[float, ...]) -> list[SettlingFi
     drift = DriftAccumulator((0,) * values.shape[1], 1.0)
     for i in range(0, len(values), 500):
         drift.update(values[i : i + 500])
-    fits = [drift.settling(c, times_s) for c in range(values.shape[1])]
-    return [fit for fit in fits if fit is not None]
+    return [fit for fit in drift.settling(range(values.shape[1]), times_s) if fit is not None]
 
 
 def falling(seconds: int, size: float, time_s: float) -> Floats:
@@ -125,7 +124,7 @@ def test_lasting_settling_is_detected_but_a_steady_drift_is_not() -> None:
     ):
         drift = DriftAccumulator((0,) * 6, 1.0)
         drift.update(values)
-        assert [find_settling(drift, c, 0.0) is not None for c in range(6)] == [settles] * 6
+        assert find_settling(drift, range(6), 0.0) == [settles] * 6
 
 
 def test_gaps_neither_hide_settling_nor_imitate_it() -> None:
@@ -136,15 +135,36 @@ def test_gaps_neither_hide_settling_nor_imitate_it() -> None:
     for values, settles in ((noise, False), (noise + falling(3000, 3e-4, 300.0), True)):
         drift = DriftAccumulator((0,) * 6, 1.0)
         drift.update(values, ok)
-        fits = [drift.settling(c, (75.0, 150.0, 300.0, 600.0)) for c in range(6)]
+        fits = drift.settling(range(6), (75.0, 150.0, 300.0, 600.0))
         assert [fit is not None and fit.significant for fit in fits] == [settles] * 6
 
 
+def test_channels_whose_samples_differ_do_not_change_each_other() -> None:
+    values = synthesise(3000, 1.0, N=[6.1e-5] * 4, seed=16) + falling(3000, 3e-4, 300.0)
+    ok = np.ones((3000, 2), dtype=bool)
+    ok[500:900, 1] = False
+    whole, halves = DriftAccumulator((0, 0, 1, 1), 1.0), [DriftAccumulator((0, 0), 1.0) for _ in range(2)]
+    whole.update(values, ok)
+    for k, half in enumerate(halves):
+        half.update(values[:, 2 * k : 2 * k + 2], ok[:, k : k + 1])
+    expected = [fit for half in halves for fit in half.settling([0, 1], (150.0, 600.0))]
+    for columns in ([0, 1, 2, 3], [3, 0]):
+        found = whole.settling(columns, (150.0, 600.0))
+        for c, fit in zip(columns, found, strict=True):
+            own = expected[c]
+            assert fit is not None
+            assert own is not None
+            assert fit.time_s == own.time_s
+            assert fit.evidence == pytest.approx(own.evidence)
+            assert fit.start == pytest.approx(own.start)
+
+
 def test_the_unit_of_the_values_does_not_matter() -> None:
-    values = synthesise(600, 1.0, N=[1.0], seed=15)[:, 0]
+    values = synthesise(600, 1.0, N=[1.0], seed=15)
     at, whole = np.arange(600), np.ones(600)
     times = np.array([30.0, 120.0])
-    one, other = (fit_settling(at, scale * values + 7.0, whole, 1.0, times) for scale in (1.0, 1e-6))
+    both = np.hstack([scale * values + 7.0 for scale in (1.0, 1e-6)])
+    one, other = fit_settling(at, both, whole, 1.0, times)
     assert one is not None
     assert other is not None
     assert other.evidence == pytest.approx(one.evidence, rel=1e-6, abs=1e-6)
@@ -152,10 +172,10 @@ def test_the_unit_of_the_values_does_not_matter() -> None:
 
 
 def test_few_means_give_no_fit() -> None:
-    assert fit_settling(np.arange(10), np.zeros(10), np.ones(10), 1.0, np.array([5.0])) is None
+    assert fit_settling(np.arange(10), np.zeros((10, 1)), np.ones(10), 1.0, np.array([5.0])) == [None]
     drift = DriftAccumulator((0,), 1.0)
     drift.update(synthesise(60, 1.0, N=[6.1e-5], seed=1) + falling(60, 1.0, 20.0))
-    assert find_settling(drift, 0, 0.0) is None
+    assert find_settling(drift, [0], 0.0) == [False]
 
 
 def walked(values: Floats) -> DriftAccumulator:

@@ -19,7 +19,7 @@ from imumon.noise.nonstationarity.warmup import find_settling, still_wanders_les
 from imumon.noise.statistics.narrow_bands import NarrowBand
 from imumon.pipeline.accumulators import Accumulators
 from imumon.report import Change
-from imumon.samples import Floats, sensor_of
+from imumon.samples import Floats
 
 TREND_GROWTH = 1.05
 """Growth of the record, as a factor, after which trends are recomputed: a slope over the whole record hardly
@@ -67,12 +67,9 @@ class Trends:
         if steady is not None:
             self._steady = fit_curve(steady, averaged=self._averaged, time_to=False, bands=bands)
         self._scatter = self._scatter_of_quarters(bands)
-        self._settling = [
-            self._record.guarded
-            and sensor_of(name) in ("gyro", "accel")
-            and find_settling(drift, c, begin) is not None
-            for c, name in enumerate(self._record.channels[: len(fits)])
-        ]
+        settled = dict.fromkeys(history.warmup_channels, False)
+        settled.update(zip(settled, find_settling(drift, history.warmup_channels, begin), strict=True))
+        self._settling = [settled.get(c, False) for c in range(len(fits))]
         if still_wanders_less(drift, history.warmup_channels, begin):
             # all axes warm up together
             self._settling = [own or c in history.warmup_channels for c, own in enumerate(self._settling)]

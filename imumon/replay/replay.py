@@ -22,6 +22,7 @@ from imumon.evaluation import Evaluation
 from imumon.pipeline import Monitor
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
+from imumon.replay.read_ahead import read_ahead
 from imumon.report import DeviceDescription, Event
 from imumon.samples import Gap, Kind, SampleBlock
 
@@ -132,11 +133,11 @@ def replay(
     recording = options.open()
     run = _Run(options, recording)
     begun, due = time.monotonic(), 0.0
-    for items in recording:
+    for items, share in read_ahead(recording):
         for item in items:
             run.feed(item)
         if progress is not None:
-            progress(recording.progress, run.elapsed_s)
+            progress(share, run.elapsed_s)
         if bus is not None and time.monotonic() >= due:
             due = time.monotonic() + PUBLISH_S
             run.publish(bus, "running")

@@ -318,10 +318,22 @@ class DriftAccumulator:
             return None
         return self._fit_slope(at, mean, count, at * (self._width / self._rate), noise)
 
-    def settling(self, c: int, times_s: Sequence[float], begin_s: float = 0.0) -> SettlingFit | None:
-        """Return the exponential of a possible time constant along which a channel settles; None if unknown."""
-        at, mean, count = self._means(c, begin_s)
-        return fit_settling(at, mean, count / self._width, self._width / self._rate, np.array(times_s))
+    def settling(
+        self, columns: Sequence[int], times_s: Sequence[float], begin_s: float = 0.0
+    ) -> list[SettlingFit | None]:
+        """Return the exponential of a possible time constant along which each channel settles; None if unknown."""
+        alike: dict[bytes, list[int]] = {}  # channels by the samples of their stretches
+        for c in columns:
+            at, _, count = self._means(c, begin_s)
+            alike.setdefault(at.tobytes() + count.tobytes(), []).append(c)
+        found: dict[int, SettlingFit | None] = {}
+        width_s = self._width / self._rate
+        for own in alike.values():
+            at, _, count = self._means(own[0], begin_s)
+            means = np.column_stack([self._means(c, begin_s)[1] for c in own])
+            fits = fit_settling(at, means, count / self._width, width_s, np.array(times_s))
+            found.update(zip(own, fits, strict=True))
+        return [found[c] for c in columns]
 
     def bias_step(self, c: int, noise: MeanCovariance, begin_s: float = 0.0) -> BiasStep | None:
         """Return the greatest sudden change of a channel's mean beside a slope; None if noise explains it.

@@ -215,26 +215,29 @@ class HourlyStatistics:
         """Decide whether a warm-up ended at a candidate."""
         begin, middle = self._start * self._interval, candidate * self._interval
         mark = self._marks[candidate]
-        # the noise is fitted after the candidate: a warm-up raises the fitted K
-        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self.warmup_channels))
         times = [share * middle for share in OVER_SHARES]
         settled = wandered_early(self.drift, self.warmup_channels, begin, middle, EARLY_PROBABILITY)
         settled = settled or any(
-            (settling := self.drift.settling(c, times, begin)) is not None and settling.significant
-            for c in self.warmup_channels
+            fit is not None and fit.significant
+            for fit in self.drift.settling(self.warmup_channels, times, begin)
         )
-        settled = settled or any(
-            has_settled(self.drift.slope(c, noise, begin, middle), self.drift.slope(c, noise, middle))
-            for c, fit in zip(self.warmup_channels, fits, strict=True)
-            if (noise := MeanCovariance.of(fit)) is not None
-        )
-        if settled:
+        if settled or self._slopes_settled(mark, begin, middle):
             self._start = candidate
             self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()
             self._hours, self._changes = [], {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
             self._cascade.close_window(self._marks.pop(start))
+
+    def _slopes_settled(self, mark: Window, begin: float, middle: float) -> bool:
+        """Return whether the drift of a channel clearly ended at `middle`, s; `mark` begins there."""
+        # the noise is fitted after the candidate: a warm-up raises the fitted K
+        fits = self._fit(self._curve(self._cascade.sums_since(mark)).select(self.warmup_channels))
+        return any(
+            has_settled(self.drift.slope(c, noise, begin, middle), self.drift.slope(c, noise, middle))
+            for c, fit in zip(self.warmup_channels, fits, strict=True)
+            if (noise := MeanCovariance.of(fit)) is not None
+        )
 
     def _warmup_length_s(self) -> float:
         """Return the length of the valid samples before the end of the warm-up, s."""

@@ -62,53 +62,61 @@ class SettlingFit:
 
 
 def fit_settling(
-    at: np.ndarray, mean: Floats, share: Floats, width_s: float, times_s: Floats
-) -> SettlingFit | None:
-    """Return the exponential of the most likely time constant; None if there are too few means.
+    at: np.ndarray, means: Floats, share: Floats, width_s: float, times_s: Floats
+) -> list[SettlingFit | None]:
+    """Return for each channel the exponential of the most likely time constant; None if there are too few means.
 
     Parameters
     ----------
     at : (k,) number of each stretch; the exponential begins with the first.
-    mean, share : (k,) channel unit; valid share of the stretch, above 0.
+    means : (k, c) channel unit.
+    share : (k,) valid share of the stretch, above 0.
     width_s : s, length of a stretch.
     times_s : (t,) s, possible time constants.
     """
+    channels = means.shape[1]
     if len(at) < LEAST_MEANS:
-        return None
-    at, mean, share, width_s = _joined(at - at[0], mean, share, width_s)
+        return [None] * channels
+    at, means, share, width_s = _joined(at - at[0], means, share, width_s)
     if len(at) < LEAST_MEANS:
-        return None
+        return [None] * channels
     x = (at + 0.5) * width_s
     trial = np.column_stack((x / x[-1], np.exp(-x[:, None] / times_s)))
-    steps = np.diff(np.column_stack((mean, trial)), axis=0)
+    steps = np.diff(np.column_stack((means, trial)), axis=0)
     # the size of the noise is the best one: -2 log L = n log(sum of squares) + log det, up to a constant
-    n, without, best = len(steps), np.inf, (np.inf, 0.0, 0.0)
+    n, column = len(steps), np.arange(channels)
+    without, best = np.full(channels, np.inf), np.full(channels, np.inf)
+    time_s, start = np.zeros(channels), np.zeros(channels)
     for noise, logs in _mixtures(at, share):
-        white = noise @ steps  # (mixtures, k-1, 2+t)
-        y, shapes = white[..., 0], white[..., 1:]
-        whole = np.maximum(np.einsum("mk,mk->m", y, y), _TINY)[:, None]
-        power = np.maximum(np.einsum("mkt,mkt->mt", shapes, shapes), _TINY)
-        product = np.einsum("mkt,mk->mt", shapes, y)
+        white = noise @ steps  # (mixtures, k-1, c+1+t)
+        y, shapes = white[..., :channels], white[..., channels:]
+        whole = np.maximum((y**2).sum(axis=1), _TINY)[..., None]  # (mixtures, c, 1)
+        power = np.maximum((shapes**2).sum(axis=1), _TINY)[:, None, :]
+        product = y.transpose(0, 2, 1) @ shapes  # (mixtures, c, 1+t)
         residual = np.maximum(whole - product**2 / power, _ROUNDING * whole)
-        fits = n * np.log(residual) + logs[:, None]
-        without = min(without, float((n * np.log(whole[:, 0]) + logs).min()), float(fits[:, 0].min()))
-        m, t = divmod(int(np.argmin(fits[:, 1:])), len(times_s))
-        size = float(product[m, t + 1] / power[m, t + 1])
-        best = min(best, (float(fits[m, t + 1]), float(times_s[t]), size))
-    return SettlingFit(best[1], best[2], without - best[0])
+        fits = n * np.log(residual) + logs[:, None, None]
+        bare = n * np.log(whole[..., 0]) + logs[:, None]
+        without = np.minimum(without, np.minimum(bare, fits[..., 0]).min(axis=0))
+        flat = fits[..., 1:].transpose(0, 2, 1).reshape(-1, channels)
+        m, t = np.divmod(flat.argmin(axis=0), len(times_s))
+        least = fits[m, column, t + 1]
+        better = least < best
+        best = np.where(better, least, best)
+        time_s = np.where(better, times_s[t], time_s)
+        start = np.where(better, product[m, column, t + 1] / power[m, 0, t + 1], start)
+    return [SettlingFit(*map(float, each)) for each in zip(time_s, start, without - best, strict=True)]
 
 
 def _joined(
-    at: np.ndarray, mean: Floats, share: Floats, width_s: float
+    at: np.ndarray, means: Floats, share: Floats, width_s: float
 ) -> tuple[np.ndarray, Floats, Floats, float]:
     """Return the stretches, joined in pairs until they are at most `MOST_MEANS`."""
     while int(at[-1]) >= MOST_MEANS:
-        pair = at // 2
-        weight = np.bincount(pair, share)
-        total = np.bincount(pair, share * mean)
-        at = np.unique(pair)
-        mean, share, width_s = total[at] / weight[at], 0.5 * weight[at], 2.0 * width_s
-    return at, mean, share, width_s
+        at, first = np.unique(at // 2, return_index=True)
+        weight = np.add.reduceat(share, first)
+        means = np.add.reduceat(share[:, None] * means, first, axis=0) / weight[:, None]
+        share, width_s = 0.5 * weight, 2.0 * width_s
+    return at, means, share, width_s
 
 
 def _mixtures(at: np.ndarray, share: Floats) -> Iterator[tuple[Floats, Floats]]:

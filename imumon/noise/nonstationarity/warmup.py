@@ -22,7 +22,6 @@ import numpy as np
 
 from imumon.noise.nonstationarity.drift import DriftAccumulator, Slope
 from imumon.noise.nonstationarity.early_walk import early_walk_probability
-from imumon.noise.nonstationarity.settling import SettlingFit
 
 CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
 """s, possible ends of a warm-up: a finer grid would exclude little less."""
@@ -67,14 +66,13 @@ def has_settled(before: Slope | None, after: Slope | None) -> bool:
     return changed and abs(after.value) < SETTLED_SLOPE * abs(before.value)
 
 
-def find_settling(drift: DriftAccumulator, column: int, begin_s: float) -> SettlingFit | None:
-    """Return the exponential along which a channel settles after `begin_s`; None if noise explains it."""
+def find_settling(drift: DriftAccumulator, columns: Sequence[int], begin_s: float) -> list[bool]:
+    """Return whether each channel settles along an exponential after `begin_s`, s, that noise does not explain."""
     length = drift.elapsed_s - begin_s
-    if length < LEAST_WARMUP_S:
-        return None
     times = [share * length for share in LASTING_SHARES if share * length <= CANDIDATES_S[-1]]
-    fit = drift.settling(column, times, begin_s) if times else None
-    return fit if fit is not None and fit.significant else None
+    if length < LEAST_WARMUP_S or not times:
+        return [False] * len(columns)
+    return [fit is not None and fit.significant for fit in drift.settling(columns, times, begin_s)]
 
 
 def wandered_early(
