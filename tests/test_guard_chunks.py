@@ -70,6 +70,8 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
         statistics.guard.excluded,
         statistics.disturbances,
         statistics.guard.at_rest,
+        statistics.guard.rest_changes(),
+        statistics.guard.stuck_changes(),
         curve.terms.tolist(),
         [(m.count, m.min, m.max, m.last) for m in moments.channels],
         [s.counts for s in statistics.statistics.histogram.result() if s is not None],

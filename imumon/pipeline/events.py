@@ -1,21 +1,26 @@
 """Events of the pipeline: what happened, each thing once.
 
-The record only counts. The event log compares its counts with those of the last call and keeps what is new.
-An event has no time: the caller, which has a clock, adds it.
+What samples show on their own (gaps, exclusions, motion, changes between hours) is placed where it happened in
+the record, for any splitting of the samples into blocks. What limits show (constant channels, grades, changes
+from a baseline) is noted by the reports. An event has no time: the caller, which has a clock, adds it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 
+import numpy as np
+
 from imumon.messages import EVENT_LEVELS, grade_text
+from imumon.noise.nonstationarity.hourly_statistics import HOURS_BEFORE
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.loss import LossChange
 from imumon.report import Change, Event, SensorGrade, stamp
-from imumon.samples import Level
+from imumon.samples import Ints, Level
+from imumon.timebase.sample_clock import BREAK
 from imumon.units import duration
 
 GAP_EVENT_S = 10.0
@@ -28,6 +33,8 @@ the limit of two grades changes sides with every fit. Not critical."""
 CHANGE_HOLD_S = 60.0
 """s of the record without a change after which it is over: one near the limit comes and goes with every fit.
 Not critical."""
+
+NOTICE: Level = "notice"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +62,11 @@ class EventLog:
 
     def __init__(self) -> None:
         self._events: list[DetectedEvent] = []
-        self._gaps, self._missing = 0, 0  # reported so far
+        self._gaps, self._missing = 0, 0  # not reported yet
         self._next_gap_s = 0.0  # s of the record, earliest time of the next event about gaps
-        self._at_rest = True
         self._warmup_s = 0.0
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
-        self._stuck = False
         self._changes: dict[tuple[int, str, str], float] = {}  # when it was last there, s of the record
         self._grades: dict[str, SensorGrade] = {}  # as reported
         self._candidates: dict[str, tuple[SensorGrade, float]] = {}  # other grades, and since when, s
@@ -86,9 +91,28 @@ class EventLog:
         elapsed = record.elapsed_s if record else None
         self._events.append(DetectedEvent(kind, text, code, elapsed, channel, length_s, level=level))
 
+    def _add_at(
+        self,
+        elapsed_s: float,
+        kind: str,
+        text: str,
+        *,
+        code: str = "",
+        length_s: float | None = None,
+        channel: str | None = None,
+        level: Level | None = None,
+    ) -> None:
+        """Add one event at a time of the record."""
+        event = DetectedEvent(kind, text, code, elapsed_s, channel, length_s, level=level)
+        self._events.append(event)
+
+    def record_began(self) -> None:
+        """Note that the times of the record begin at 0."""
+        self._gaps, self._missing, self._next_gap_s, self._warmup_s = 0, 0, 0.0, 0.0
+
     def record_restored(self, record: Accumulators) -> None:
-        """Note that the gaps and grades of a restored record have been reported before."""
-        self._gaps, self._missing, self._next_gap_s = record.gaps, record.missing, 0.0
+        """Note that the warm-up and the grades of a restored record have been reported before."""
+        self._warmup_s = record.warmup_s
         self._first_grades_known = True
 
     def update_guard(self, record: Accumulators) -> None:
@@ -100,15 +124,20 @@ class EventLog:
             text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
             event = DetectedEvent("disturbance", text, "", start, name, length, disturbance.size)
             self._events.append(event)
-        warmup = record.warmup_s
-        if warmup > self._warmup_s:
+        if (warmup := record.warmup_s) > self._warmup_s:
             self._warmup_s = warmup
-            self.add("warmup", f"a warm-up of {duration(warmup)} is over and excluded", record, warmup)
-        if (at_rest := record.guard.at_rest) != self._at_rest:
-            self._at_rest = at_rest
+            text = f"a warm-up of {duration(warmup)} is over and excluded"
+            self._add_at(record.history.decided_s, "warmup", text, length_s=warmup)
+        for place, at_rest in record.guard.rest_changes():
             text = "at rest again" if at_rest else "not at rest: statistics are suspended"
-            self.add("rest" if at_rest else "motion", text, record)
-        self._update_stuck(record)
+            self._add_at(place * record.interval_s, "rest" if at_rest else "motion", text)
+        for place, stuck in record.guard.stuck_changes() if record.guarded else ():
+            begins = "the values do not change: an axis or the whole sensor hangs"
+            text, level = (begins, None) if stuck else ("the values change again", NOTICE)
+            self._add_at(place * record.interval_s, "stuck", text, level=level)
+        comparisons, record.history.comparisons = record.history.comparisons, []
+        for elapsed_s, changes in comparisons:
+            self._update_changes(changes, record.channels, elapsed_s, hourly=True)
 
     def update_warmup(self, record: Accumulators, warming_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it."""
@@ -119,17 +148,54 @@ class EventLog:
             text = "the warm-up is over: it does not show in the record so far, nothing is excluded"
             self.add("warmup", text, record)
 
-    def update_gaps(self, record: Accumulators) -> None:
-        """Add the gaps since the last event about gaps as one event."""
-        new = record.gaps - self._gaps
-        missing = record.missing - self._missing
-        if not new or not missing or record.elapsed_s < self._next_gap_s:
-            return  # without missing samples the length is unknown: the monitor has added that event
-        length = missing * record.interval_s
-        plural = "gap" if new == 1 else f"{new} gaps"
-        self.add("gap", f"{plural}: {missing:,} samples missing ({length:.4g} s)", record, length)
-        self._gaps, self._missing = record.gaps, record.missing
-        self._next_gap_s = record.elapsed_s + GAP_EVENT_S
+    def update_clock(self, steps: Ints, record: Accumulators) -> None:
+        """Add resets of the clock before samples that the record has just received, steps (n,)."""
+        breaks = steps == BREAK
+        if not breaks.any():
+            return
+        places = record.span - np.cumsum(np.where(breaks, 1, steps)[::-1])[::-1]
+        for place in places[breaks].tolist():
+            text = "the clock of the sensor was reset: a gap of unknown length"
+            self._add_at(place * record.interval_s, "restart", text, code="clock_reset")
+
+    def update_gaps(self, steps: Ints, record: Accumulators) -> None:
+        """Add the gaps before samples that the record has just received.
+
+        The first gap is an event at its end. Gaps in the next `GAP_EVENT_S` are one event together.
+
+        Parameters
+        ----------
+        steps : (n,) grid steps since the sample before.
+        """
+        ticks = np.where(steps == BREAK, 1, steps)
+        at = np.flatnonzero(ticks > 1)
+        missing = ticks[at] - 1
+        places = record.span - int(ticks.sum()) + np.cumsum(ticks)[at] - 1
+        times = places * record.interval_s
+        first = 0
+        while True:
+            last = int(np.searchsorted(times, self._next_gap_s))
+            self._gaps += last - first
+            self._missing += int(missing[first:last].sum())
+            first = last
+            if self._gaps:
+                if record.elapsed_s < self._next_gap_s:
+                    return
+                self.report_gaps(self._next_gap_s, record)
+            elif first < len(times):
+                self._next_gap_s = float(times[first]) + record.interval_s
+            else:
+                return
+
+    def report_gaps(self, elapsed_s: float, record: Accumulators) -> None:
+        """Add the gaps that wait, if there are any, as one event."""
+        if not self._gaps:
+            return
+        length = self._missing * record.interval_s
+        plural = "gap" if self._gaps == 1 else f"{self._gaps} gaps"
+        text = f"{plural}: {self._missing:,} samples missing ({length:.4g} s)"
+        self._add_at(elapsed_s, "gap", text, length_s=length)
+        self._gaps, self._missing, self._next_gap_s = 0, 0, elapsed_s + GAP_EVENT_S
 
     def update_constant(self, names: Iterable[str], record: Accumulators) -> None:
         """Add channels that never change, and those that change after all."""
@@ -139,14 +205,6 @@ class EventLog:
         for name in sorted(self._constant - now):
             self.add("constant", f"{name} changes now", record, channel=name, level="notice")
         self._constant = now
-
-    def _update_stuck(self, record: Accumulators) -> None:
-        """Add that the sensor or an axis begins, or ends, to repeat its values."""
-        if record.stuck != self._stuck:
-            self._stuck = record.stuck
-            begins = "the values do not change: an axis or the whole sensor hangs"
-            text = begins if self._stuck else "the values change again"
-            self.add("stuck", text, record, level=None if self._stuck else "notice")
 
     def update_loss(self, changes: Iterable[LossChange], record: Accumulators) -> None:
         """Add that the link begins, or ends, to lose more samples than it may."""
@@ -158,24 +216,34 @@ class EventLog:
             self._events.append(DetectedEvent("loss", text, elapsed_s=elapsed, level=level))
 
     def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
-        """Add changes that are new, by column."""
+        """Add changes that are new, by column, other than those between hours."""
+        self._update_changes(changes, record.channels, record.elapsed_s, hourly=False)
+
+    def _update_changes(
+        self,
+        changes: Mapping[int, tuple[Change, ...]],
+        channels: Sequence[str],
+        elapsed_s: float,
+        *,
+        hourly: bool,
+    ) -> None:
         current = {
-            (column, each.against, each.quantity): report_builder.change_text(record.channels[column], each)
+            (column, each.against, each.quantity): report_builder.change_text(channels[column], each)
             for column, of_channel in changes.items()
             for each in of_channel
+            if (each.against == HOURS_BEFORE) == hourly
         }
-        elapsed = record.elapsed_s
         for key, text in current.items():
             if key not in self._changes:
-                self.add("change", text, record, channel=record.channels[key[0]])
-            self._changes[key] = elapsed
+                self._add_at(elapsed_s, "change", text, channel=channels[key[0]])
+            self._changes[key] = elapsed_s
         for key, seen in list(self._changes.items()):
-            if not seen <= elapsed < seen + CHANGE_HOLD_S:  # a shorter record is another one
-                del self._changes[key]
-                if elapsed > seen:
-                    name, against, quantity = record.channels[key[0]], *key[1:]
+            if (key[1] == HOURS_BEFORE) == hourly and not seen <= elapsed_s < seen + CHANGE_HOLD_S:
+                del self._changes[key]  # of a longer record before, or over
+                if elapsed_s > seen:
+                    name, against, quantity = channels[key[0]], *key[1:]
                     text = f"{name}: {quantity} does not differ from the {against} any more"
-                    self.add("change", text, record, channel=name, level="notice")
+                    self._add_at(elapsed_s, "change", text, channel=name, level=NOTICE)
 
     def update_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
         """Add a headline grade that differs from the reported one and has held for `GRADE_HOLD`."""

@@ -188,6 +188,7 @@ class Monitor:
             self._record.flush()
             self._update_periods(self._record)
             self._events.update_guard(self._record)
+            self._events.report_gaps(self._record.elapsed_s, self._record)
 
     def events(self) -> list[DetectedEvent]:
         """Return what happened since the last call, in order."""
@@ -416,14 +417,12 @@ class Monitor:
             assert interval is not None
             self._set_record(self._new_record(self.stream, interval))
         assert self._record is not None
-        breaks = int((placed.steps == BREAK).sum())
-        if breaks:
-            self.restarts += breaks
-            text = "the clock of the sensor was reset: a gap of unknown length"
-            self._events.add("restart", text, self._record, code="clock_reset")
+        self.restarts += int((placed.steps == BREAK).sum())
         assert self._loss is not None
         self._record.feed(placed)
         self._update_periods(self._record)
+        self._events.update_clock(placed.steps, self._record)
+        self._events.update_gaps(placed.steps, self._record)
         self._events.update_guard(self._record)
         self._events.update_loss(self._loss.update(placed.steps), self._record)
 
@@ -449,6 +448,7 @@ class Monitor:
             self.restarts += 1
         self._events.add("restart", f"{cause}: a new record begins", self._record, code=code)
         self.end_record()
+        self._events.record_began()
         self._record = self._analysis = self._periods = self._loss = None
 
     # ------------------------------------------------------------------ parts of the report
@@ -458,7 +458,6 @@ class Monitor:
         record, clock = self._record, self._clock
         if record is None:
             return link
-        self._events.update_gaps(record)
         return replace(
             link,
             elapsed_s=record.elapsed_s,

@@ -111,6 +111,7 @@ class DisturbanceDetector(ArrayState):
     moving : frames since everything is marked; 0 in usual noise.
     outliers : finds single samples, and knows the channels that have them as noise.
     found : outliers to exclude, in order; the guard takes them.
+    rest_changes : places on the grid where motion begins (False) or ends (True); the guard takes them.
     open : start, end and code of the running disturbance; empty if there is none.
     latest : (2, c) channel unit, mean and deviation of the last undisturbed frame that was passed on.
     """
@@ -124,6 +125,7 @@ class DisturbanceDetector(ArrayState):
         self._group_of = [list(dict.fromkeys(sensors)).index(sensors[i]) for i in self.channels]
         self.outliers = OutlierDetector(self._group_of, frame)
         self.found: list[Outlier] = []
+        self.rest_changes: list[tuple[int, bool]] = []
         self.moving = 0
         self._reason = MOTION  # why everything is marked
         self._unusual = [USUAL] * WINDOW_FRAMES  # the last frames, newest last
@@ -154,13 +156,17 @@ class DisturbanceDetector(ArrayState):
             frames, _ = self._figures(x, usable)
             if frames.known.all() and not self.baseline.unusual(frames).any():
                 self._learn(frames, codes)
+                if not self.at_rest:  # the scales change with the last frame
+                    self.rest_changes.append((index + k * frame, False))
                 return []
         breaks = []
         for f in range(k):
             own = None if usable is None else usable[f : f + 1]
-            place = index + f * frame
+            place, before = index + f * frame, self.at_rest
             if self._assess_frame(x[:, f : f + 1], own, codes[f : f + 1], place):
                 breaks.append(place + frame)
+            if self.at_rest != before:
+                self.rest_changes.append((place + frame, self.at_rest))
         return breaks
 
     def assess_first(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> None:
@@ -193,6 +199,7 @@ class DisturbanceDetector(ArrayState):
         self.latest = np.stack((self.baseline.level, frames.rms.min(axis=0)))
         if self._check_rest():
             codes[:] = MOTION
+            self.rest_changes.append((index + x.shape[1] * x.shape[2] * x.shape[3], False))
 
     def _without(self, outliers: Bools, d: Floats, usable: Bools | None) -> FrameStatistics:
         """Return the statistics of frames without outliers, all (c, k, PARTS, part)."""

@@ -123,6 +123,8 @@ class Guard:
         self._started = False
         self._breaks: list[int] = []  # places on the grid before which the record breaks
         self._events: list[Disturbance] = []
+        self._stuck_changes: list[tuple[int, bool]] = []
+        self._was_stuck = False
         self._counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
         self.disturbances = 0
 
@@ -142,11 +144,7 @@ class Guard:
     @property
     def stuck(self) -> bool:
         """Whether gyroscope or accelerometer, or an axis of them, repeats its values now."""
-        if not self._detectors or not self._detectors[0].inertial:
-            return False
-        inertial = self._detectors[0]
-        sample, axis = self._repeats.stuck[inertial.groups], self._stuck_axes.stuck[: len(inertial.channels)]
-        return bool(sample.any() or axis.any())
+        return self._was_stuck
 
     @property
     def excluded(self) -> dict[Reason, int]:
@@ -176,6 +174,19 @@ class Guard:
         """Return the disturbances that ended since the last call, in order."""
         ended, self._events = self._events, []
         return ended
+
+    def rest_changes(self) -> list[tuple[int, bool]]:
+        """Return the places on the grid where motion began (False) or ended (True) since the last call."""
+        changes: list[tuple[int, bool]] = []
+        for detector in self._detectors:
+            if detector.inertial:
+                changes, detector.rest_changes = detector.rest_changes, []
+        return changes
+
+    def stuck_changes(self) -> list[tuple[int, bool]]:
+        """Return the places on the grid where `stuck` changed since the last call, and its new value."""
+        changes, self._stuck_changes = self._stuck_changes, []
+        return changes
 
     def update(
         self, values: Floats, valid: Bools | None = None, saturated: Bools | None = None
@@ -261,6 +272,7 @@ class Guard:
         stuck = self._repeats.update(values, valid)
         for f, group in self._stuck_axes.update(values, valid, k):
             stuck[f * self._frame : (f + 1) * self._frame, group] = True
+        self._note_stuck(stuck, valid, self._index + done)
         codes = np.zeros((k, PARTS, len(self._detectors)), dtype=np.int8)
         clean = bool(valid.all()) and not (stuck.any() or saturated.any())
         shape = (k, PARTS, self._part)
@@ -279,6 +291,26 @@ class Guard:
                     own[np.any((hit & received).reshape(shape), axis=2)] = code
         self._repeats.learn(k)
         self._codes = np.concatenate((self._codes, codes.reshape(-1, len(self._detectors))))
+
+    def _note_stuck(self, stuck: Bools, valid: Bools, index: int) -> None:
+        """Note in which frames gyroscope or accelerometer begin or end to repeat their values.
+
+        Parameters
+        ----------
+        stuck, valid : (n, g) rows of whole frames; one without a valid row changes nothing.
+        index : place on the grid of the first row.
+        """
+        inertial = next((each for each in self._detectors if each.inertial), None)
+        if inertial is None or not (self._was_stuck or stuck.any()):
+            return
+        repeats: Bools = np.asarray(stuck[:, inertial.groups].any(axis=1))
+        received: Bools = np.asarray(valid[:, inertial.groups].any(axis=1))
+        for f in range(len(stuck) // self._frame):
+            rows = slice(f * self._frame, (f + 1) * self._frame)
+            known = np.flatnonzero(received[rows])
+            if len(known) and (now := bool(repeats[rows][known[-1]])) != self._was_stuck:
+                self._was_stuck = now
+                self._stuck_changes.append((index + (f + 1) * self._frame, now))
 
     def _pass_on(self, frames: int) -> list[GuardedSamples]:
         """Return the first `frames` frames, with their exclusions and margins."""
@@ -395,7 +427,7 @@ class Guard:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays, without running disturbances and unread events."""
-        numbers = [self._index, self.disturbances, self._started, *self._breaks]
+        numbers = [self._index, self.disturbances, self._started, self._was_stuck, *self._breaks]
         out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
         out |= {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
         out |= {"excludes": np.array(self._excludes), "numbers": np.array(numbers, dtype=np.int64)}
@@ -409,8 +441,9 @@ class Guard:
         self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
         for name in _ARRAYS:
             setattr(self, f"_{name}", saved[name].copy())
-        self._index, self.disturbances, started, *self._breaks = (int(v) for v in saved["numbers"])
-        self._started = bool(started)
+        self._index, self.disturbances, *flags = (int(v) for v in saved["numbers"])
+        started, stuck, *self._breaks = flags
+        self._started, self._was_stuck = bool(started), bool(stuck)
         for prefix, part in self._parts().items():
             part.restore(subset(saved, prefix))
         return self

@@ -86,11 +86,6 @@ class RepeatDetector(ArrayState):
         self._frames = np.zeros(1, dtype=np.int64)
 
     @property
-    def stuck(self) -> Bools:
-        """(g,) Groups that are stuck now."""
-        return np.asarray(self._run >= self._longest)
-
-    @property
     def next_change(self) -> int:
         """Frames until the usual share of repeats changes: at powers of two and multiples of `LEARN_EVERY`."""
         frames = int(self._frames[0])

@@ -243,7 +243,8 @@ def _exceeds_curve(every: FitProblems, fitted: FitProblems, p: Floats) -> Bools:
     positive = np.maximum(p, 0.0)
     model = prepared.model(positive)
     edf = 2.0 / np.einsum("bii->bi", prepared.covariance(positive, model))
-    upper = every.variance * edf / (2.0 * gammaincinv(0.5 * edf, LAW_PROBABILITY))
+    with np.errstate(divide="ignore"):  # too few differences for an upper limit: it is infinite
+        upper = every.variance * edf / (2.0 * gammaincinv(0.5 * edf, LAW_PROBABILITY))
     first = fitted.used.argmax(axis=1)
     from_first = np.arange(every.used.shape[1]) >= first[:, None]
     correlation = prepared.design[:, :, SIGNED] * np.minimum(p[:, None, SIGNED], 0.0)

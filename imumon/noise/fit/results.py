@@ -115,8 +115,9 @@ def channel_fits(
     model = every.model(positive)
     edf = 2.0 / np.einsum("bii->bi", every.covariance(positive, model))
     model = np.where(used, prepared.model(p), model)
-    low = 1.0 / np.sqrt(_share_of_expectation(0.975, edf))
-    high = 1.0 / np.sqrt(_few_differences_quantile(edf))
+    with np.errstate(divide="ignore"):  # too few differences for a limit: it is infinite
+        low = 1.0 / np.sqrt(_share_of_expectation(0.975, edf))
+        high = 1.0 / np.sqrt(_few_differences_quantile(edf))
     return [
         _channel(
             curve,
