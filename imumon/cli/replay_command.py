@@ -103,16 +103,21 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
     )
 
 
-def replay_with_bar(wanted: Any, bus: Any = None) -> Any:
-    """Return the report of a recording, with a progress bar on a terminal, and what is left out behind it."""
+def replayed(arguments: argparse.Namespace, wanted: Any, bus: Any = None) -> Any:
+    """Return the report of a recording and where its numbers come from; a terminal shows a progress bar.
+
+    What is doubtful in the recording is printed behind the bar.
+    """
+    from imumon.cli.traceability import DigestThread, with_provenance
     from imumon.replay import ProgressBar, replay
 
     remarks: list[str] = []
+    digest = DigestThread(arguments.file)
     with ProgressBar() as bar:
         report = replay(wanted, progress=bar.update, bus=bus, remark=remarks.append)
     for text in remarks:
         print_message(text)
-    return report
+    return with_provenance(report, arguments.file, given_options(arguments), wanted.guarded, digest=digest)
 
 
 def add_replay(parser: Parser) -> None:
@@ -129,15 +134,14 @@ def add_replay(parser: Parser) -> None:
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
-    from imumon.cli.traceability import evaluated, with_provenance
+    from imumon.cli.traceability import evaluated
 
     sheet = reference_sheet(arguments)
     speed = None if arguments.speed == "max" else options.speed(arguments.speed)
     baseline = options.baseline(arguments.baseline)
     with _publisher(arguments) as bus:
         wanted = replay_options(arguments, speed=speed, baseline=baseline)
-        report = replay_with_bar(wanted, bus)
-    report = with_provenance(report, arguments.file, given_options(arguments), wanted.guarded)
+        report = replayed(arguments, wanted, bus)
     report = evaluated(report, sheet)
     print_report(report, arguments.json, baseline)
     return SUCCESS

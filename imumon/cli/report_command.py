@@ -19,16 +19,14 @@ from imumon.cli.replay_command import (
     FILES,
     add_datasheet,
     add_read_options,
-    given_options,
     reference_sheet,
     replay_options,
-    replay_with_bar,
+    replayed,
 )
 
 STATE_MAGIC = b"imumon-state "
-REPORT_CURE = "make one with imumon report --format json"
 """First bytes of a saved state."""
-
+REPORT_CURE = "make one with imumon report --format json"
 
 EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml": "kalibr"}
 """Forms by the extension of the output, where it is not the name of the form."""
@@ -159,9 +157,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
     if head.lstrip().startswith(b"{"):
         _check_recording(arguments, "a saved report")
         return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
-    wanted = replay_options(arguments)
-    made = replay_with_bar(wanted)
-    return with_provenance(made, arguments.file, given_options(arguments), wanted.guarded)
+    return replayed(arguments, replay_options(arguments))
 
 
 def _check_recording(arguments: argparse.Namespace, source: str) -> None:
