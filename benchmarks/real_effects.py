@@ -33,6 +33,7 @@ from functools import lru_cache
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+from sensor_effects import DEGREES, EFFECTS, LENGTH, RATE, SIGMA, TOTAL_S, B, Effect, N
 
 from imumon.noise import Estimator, OctaveCascade, synthesise
 from imumon.noise.fit import confidence, model_selection
@@ -45,14 +46,8 @@ from imumon.pipeline import Monitor
 from imumon.report import DeviceDescription, SessionCounters
 from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 
-N, B = 6.1e-5, 2.4e-5
-RATE, LENGTH = 20.0, 180_000
-SIGMA = N * math.sqrt(RATE)
 LARGER_WALKS = (4.5e-6, 1e-5)
 CHUNK, BATCH = 9_000, 12
-TIME = np.arange(LENGTH) / RATE
-TOTAL_S = LENGTH / RATE
-DEGREES = 25.0 + 3.0 * np.sin(2.0 * np.pi * TIME / 5_000.0) + 2.0 * TIME / TOTAL_S
 STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
 WARM_STREAM = Stream("uncompensated", (*GYRO, *ACCEL, "temperature"), "simulated", "startup")
 LEGEND = (
@@ -63,180 +58,6 @@ LEGEND = (
     " standard deviations. **!** marks what misses its goal by more than two standard errors."
 )
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
-
-
-@dataclass(frozen=True)
-class Effect:
-    """One thing that real sensors do.
-
-    Attributes
-    ----------
-    change : takes samples (n,) and a generator, returns the samples with the effect.
-    white : variance that it adds as white noise, in variances of a sample.
-    own_white : the same for one record, from its slow part (n,) and the generator; None: `white`.
-    step : resolution, in standard deviations of a sample; 0: none.
-    heated : a temperature channel is given.
-    settles_s : s, time constant of a warm-up; 0: none.
-    pipeline : the whole `Monitor` has to run.
-    short : octaves that a filter bends; 0: there is no filter.
-    hidden : the resolution hides the noise, and no value is expected.
-    excess_kurtosis : of the samples.
-    """
-
-    change: Callable[[np.ndarray, np.random.Generator], np.ndarray]
-    white: float = 0.0
-    step: float = 0.0
-    heated: bool = False
-    settles_s: float = 0.0
-    pipeline: bool = False
-    short: int = 0
-    hidden: bool = False
-    excess_kurtosis: float = 0.0
-    own_white: Callable[[np.ndarray, np.random.Generator], float] | None = None
-
-
-# Effects -------------------------------------------------------------------------
-
-
-def nothing(y: np.ndarray, _: np.random.Generator) -> np.ndarray:
-    return y
-
-
-def with_lines(*lines: tuple[float, float]) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
-    """Lines (Hz, standard deviations of a sample) whose frequency wanders by 1 % over a minute."""
-
-    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        out = y.copy()
-        pole = math.exp(-1.0 / 60.0)
-        for frequency, size in lines:
-            steps = rng.standard_normal(int(TOTAL_S) + 2) * math.sqrt(1.0 - pole * pole)
-            steps[0] = rng.standard_normal()
-            for at in range(1, len(steps)):
-                steps[at] += pole * steps[at - 1]
-            wander = np.interp(TIME, np.arange(len(steps)), steps)
-            phase = 2.0 * np.pi * np.cumsum(frequency * (1.0 + 0.01 * wander)) / RATE
-            out += size * SIGMA * np.sin(phase + rng.uniform(0.0, 2.0 * np.pi))
-        return out
-
-    return change
-
-
-def filtered(response: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
-    """Filter of gain 1 at zero frequency; `response` takes cycles per sample."""
-
-    def change(y: np.ndarray, _: np.random.Generator) -> np.ndarray:
-        # mirrored, so that the ends do not meet with a step
-        whole = np.fft.rfft(np.concatenate((y, y[::-1])))
-        return np.fft.irfft(whole * response(np.arange(len(whole)) / (2.0 * len(y))), 2 * len(y))[: len(y)]
-
-    return change
-
-
-def boxcar(length: int) -> Callable[..., np.ndarray]:
-    def change(y: np.ndarray, _: np.random.Generator) -> np.ndarray:
-        total = np.concatenate((np.zeros(1), np.cumsum(np.concatenate((y[: length - 1][::-1], y)))))
-        return (total[length:] - total[:-length]) / length
-
-    return change
-
-
-def low_pass(samples: float) -> Callable[..., np.ndarray]:
-    """First order, time constant in samples."""
-    pole = math.exp(-1.0 / samples)
-    return filtered(lambda f: (1.0 - pole) / (1.0 - pole * np.exp(-2j * np.pi * f)))
-
-
-def butterworth(corner: float) -> Callable[..., np.ndarray]:
-    """Second order, corner in cycles per sample, bilinear."""
-
-    def response(f: np.ndarray) -> np.ndarray:
-        s = 1j * np.tan(np.pi * np.minimum(f, 0.4999999)) / math.tan(math.pi * corner)
-        return np.asarray(1.0 / (1.0 + math.sqrt(2.0) * s + s * s))
-
-    return filtered(response)
-
-
-def rounded(step: float) -> Effect:
-    """Rounding of samples whose offset is anywhere between two values.
-
-    Rounded white noise stays white. Its variance depends on where the slow part lies between two values
-    (Widrow & Kollar, Quantization Noise, 2008, chapter 4): with q in standard deviations
-    q^2/12 + sum_k (-1)^k (4 + q^2 / (pi k)^2) exp(-2 (pi k / q)^2) cos(2 pi k x / q), less 1.
-    """
-    q = step * SIGMA
-
-    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return q * np.round((y + rng.uniform(0.0, q)) / q)
-
-    def own_white(slow: np.ndarray, rng: np.random.Generator) -> float:
-        at, total = slow + rng.uniform(0.0, q), step**2 / 12.0
-        mean = np.zeros(len(at))  # of the error, whose square is no variance
-        for k in (1, 2, 3):
-            least = math.exp(-2.0 * (math.pi * k / step) ** 2)
-            angle = 2.0 * np.pi * k * at / q
-            total += (-1) ** k * (4.0 + (step / (math.pi * k)) ** 2) * least * float(np.mean(np.cos(angle)))
-            mean += (-1) ** k * step / (math.pi * k) * least * np.sin(angle)
-        return total - float(np.mean(mean**2))
-
-    return Effect(change, white=step**2 / 12.0, step=step, hidden=step > 2.5, own_white=own_white)
-
-
-def ramp(size: float) -> Effect:
-    """Straight drift, rad/s over the record."""
-    return Effect(lambda y, _: y + size * TIME / TOTAL_S)
-
-
-def warm_up(size: float, constant_s: float) -> Effect:
-    return Effect(lambda y, _: y + size * np.exp(-TIME / constant_s), settles_s=constant_s, pipeline=True)
-
-
-def outliers(share: float, *, contaminated: bool = False) -> Effect:
-    """Single samples 8 to 20 sigma away; contaminated: ten times the noise, which is noise then."""
-
-    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        out, hit = y.copy(), rng.random(len(y)) < share
-        count = int(hit.sum())
-        if contaminated:
-            out[hit] += math.sqrt(99.0) * SIGMA * rng.standard_normal(count)
-        else:
-            out[hit] += rng.choice([-1.0, 1.0], count) * rng.uniform(8.0, 20.0, count) * SIGMA
-        return out
-
-    if not contaminated:
-        return Effect(change, pipeline=True)
-    kurtosis = 3.0 * (1.0 - share + share * 100.0**2) / (1.0 + 99.0 * share) ** 2 - 3.0
-    return Effect(change, white=99.0 * share, excess_kurtosis=kurtosis, pipeline=True)
-
-
-LINES = ((1.3, 0.3), (3.7, 0.6), (5.9, 1.0), (7.1, 0.2))
-EFFECTS = {
-    "clean": Effect(nothing),
-    "clean, temperature known": Effect(nothing, heated=True),
-    "four lines": Effect(with_lines(*LINES)),
-    "one weak line, 0.41 Hz": Effect(with_lines((0.41, 0.15))),
-    "one strong line, 6.3 Hz": Effect(with_lines((6.3, 3.0))),
-    "boxcar of 4": Effect(boxcar(4), short=2),
-    "low-pass, 2 samples": Effect(low_pass(2.0), short=3),
-    "low-pass, 6 samples": Effect(low_pass(6.0), short=5),
-    "Butterworth, 0.1 of the rate": Effect(butterworth(0.1), short=4),
-    "rounded to 0.5 sigma": rounded(0.5),
-    "rounded to 1 sigma": rounded(1.0),
-    "rounded to 2 sigma": rounded(2.0),
-    "rounded to 3 sigma": rounded(3.0),
-    "ramp of 1e-4 rad/s": ramp(1e-4),
-    "ramp of 1e-3 rad/s": ramp(1e-3),
-    "temperature, 2e-5 rad/s/K": Effect(lambda y, _: y + 2e-5 * DEGREES, heated=True),
-    "temperature, 2e-4 rad/s/K": Effect(lambda y, _: y + 2e-4 * DEGREES, heated=True),
-    "clean, pipeline": Effect(nothing, pipeline=True),
-    "lines, pipeline": Effect(with_lines(*LINES), pipeline=True),
-    "warm-up 2e-4 rad/s, 20 min": warm_up(2e-4, 1200.0),
-    "warm-up 1e-3 rad/s, 20 min": warm_up(1e-3, 1200.0),
-    "warm-up 2e-4 rad/s, 1 h": warm_up(2e-4, 3600.0),
-    "warm-up 1e-3 rad/s, 1 h": warm_up(1e-3, 3600.0),
-    "outliers 0.01 %": outliers(1e-4),
-    "outliers 0.1 %": outliers(1e-3),
-    "outliers 5 %": outliers(0.05, contaminated=True),
-}
 
 
 # Records and fits ----------------------------------------------------------------
@@ -451,10 +272,13 @@ def results(pool: multiprocessing.pool.Pool, cells: list[Cell], count: int, pipe
         for first in range(0, max(counts.values()), BATCH)
     ]
     parts: dict[Cell, list[Fits]] = {each: [] for each in cells}
-    for done, found in enumerate(pool.imap(run, jobs), 1):
-        for each, fits in found.items():
-            parts[each].append(fits)
-        print(f"{done} of {len(jobs)} batches", file=sys.stderr, flush=True)
+    try:
+        for done, found in enumerate(pool.imap(run, jobs), 1):
+            for each, fits in found.items():
+                parts[each].append(fits)
+            print(f"{done} of {len(jobs)} batches", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:  # the table of what is done
+        pool.terminate()
     return {each: joined(*each, parts[each], counts[each]) for each in cells}
 
 
