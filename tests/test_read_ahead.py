@@ -1,0 +1,53 @@
+"""Reading ahead: everything in order, errors where they happen, and no thread that stays."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+
+import pytest
+
+from imumon.recordings import Recording, RecordingError
+from imumon.replay.read_ahead import read_ahead
+from imumon.samples import Gap, SampleBlock
+
+
+class Counting(Recording):
+    """A recording of gaps, 1 s, 2 s ..., whose progress is their number; it may fail."""
+
+    def __init__(self, count: int, error: Exception | None = None) -> None:
+        self.count, self.error, self.progress = count, error, 0.0
+
+    def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
+        for k in range(1, self.count + 1):
+            self.progress = float(k)
+            yield [Gap(float(k))]
+        if self.error is not None:
+            raise self.error
+
+
+def reading() -> bool:
+    return any(thread.name == "reading" for thread in threading.enumerate())
+
+
+def test_everything_comes_in_order_with_its_progress() -> None:
+    found = [(items[0], share) for items, share in read_ahead(Counting(50))]
+    assert found == [(Gap(float(k)), float(k)) for k in range(1, 51)]
+
+
+def test_an_error_comes_behind_what_was_read_before() -> None:
+    ahead = read_ahead(Counting(7, RecordingError("torn", "the tape is torn")))
+    assert len([next(ahead) for _ in range(7)]) == 7
+    with pytest.raises(RecordingError, match="torn"):
+        next(ahead)
+
+
+def test_the_thread_ends_when_the_reader_stops_early() -> None:
+    for items, _ in read_ahead(Counting(1000)):
+        assert items == [Gap(1.0)]
+        break
+    end = time.monotonic() + 10.0
+    while reading() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert not reading()
