@@ -446,6 +446,7 @@ class Monitor:
         if self._record is not None and self.stream is not None:
             self.mismatch = _mismatch(code, self.stream, self._record.interval_s)
             self.restarts += 1
+            self._events.report_gaps(self._record.elapsed_s, self._record)
         self._events.add("restart", f"{cause}: a new record begins", self._record, code=code)
         self.end_record()
         self._events.record_began()
