@@ -200,7 +200,7 @@ def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) 
     panel.set(xscale="log", yscale="log", xlim=x, ylim=y)
     panel.set_xlabel("averaging time τ, s", color=colours["text"])
     panel.set_ylabel(f"Allan deviation σ(τ), {pretty(scale.unit)}", color=colours["text"])
-    _draw_grid(panel, x, y, colours)
+    draw_grid(panel, x, y, colours)
     for grade, limit in report.limit_curves.get(sensor, {}).items():
         _draw_limit(panel, grade, limit, scale.factor, colours)
     for axis, curve in curves.items():
@@ -224,9 +224,10 @@ def _extent(
     return (min(taus) / margin, max(taus) * margin), (low / margin, high * margin)
 
 
-def _draw_grid(
+def draw_grid(
     panel: Axes, x: tuple[float, float], y: tuple[float, float], colours: Mapping[str, str]
 ) -> None:
+    """Draw the grid, the numbers and the frame of a panel with logarithmic axes, as all figures have them."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     for axis, (low, high) in ((panel.xaxis, x), (panel.yaxis, y)):
