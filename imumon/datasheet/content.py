@@ -309,6 +309,7 @@ def _record(report: Report) -> Iterator[Block]:
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
+    rows += [("Remark", text) for text in device.remarks]
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))
     traced = report.evaluation is not None and report.evaluation.provenance is not None

@@ -198,7 +198,7 @@ def _bases(budgets: list[UncertaintyBudget]) -> str:
         found = [c for budget in budgets for c in budget.components if c.source == source]
         bases = dict.fromkeys(each.basis for each in found)
         if found:
-            texts.append(f"{source} (type {found[0].kind}): {'; '.join(bases)}")
+            texts.append(f"{source} (type {found[0].kind}): {'; '.join(bases).replace('^2', '²')}")
     text = ". ".join(f"{each[0].upper()}{each[1:]}" for each in texts)
     return f"{text}."
 
@@ -286,11 +286,14 @@ def _excluded(report: Report) -> Iterator[tuple[str, ...]]:
         start = datetime.fromisoformat(report.session.started or "")
     except ValueError:
         start = None
-    for event in excluding_events(report):
-        length = event.length_s or 0.0
-        begin = 0.0 if event.kind == "warmup" else event.elapsed_s or 0.0
+    for event in sorted(excluding_events(report), key=_begin_s):
+        length, begin = event.length_s or 0.0, _begin_s(event)
         date = stamp(start + timedelta(seconds=begin)) if start is not None else "–"
-        yield (f"{begin:,.1f} s", f"{begin + length:,.1f} s", date, event.text)
+        yield (f"{begin:,.2f} s", f"{begin + length:,.2f} s", date, event.text)
+
+
+def _begin_s(event: Event) -> float:
+    return 0.0 if event.kind == "warmup" else event.elapsed_s or 0.0
 
 
 def excluding_events(report: Report) -> list[Event]:
