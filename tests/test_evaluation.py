@@ -153,6 +153,13 @@ def test_ten_averaging_times_per_decade(recording: Path, tmp_path: Path) -> None
     decade = taus[(taus > 0.99) & (taus < 9.9)]
     assert len(decade) == 10
     assert "Exact Allan deviation" in shown(report)
+    allan = report.channels["gyro/x"].allan
+    assert allan is not None
+    shared = sum(any(abs(tau - t) < 1e-9 for t in taus) for tau in allan.tau_s)
+    assert 0 < shared < len(allan.tau_s)
+    assert f"| {shared} of {len(allan.tau_s)} " in shown(report)  # the rest of the octaves is not compared
+    octaves = replayed(recording, "--exact")
+    assert f"| {len(allan.tau_s)} of {len(allan.tau_s)} " in shown(octaves)
     assert "fully overlapping, exact" in shown(report, "svg")
     imumon("report", out, "-o", tmp_path / "x.csv")
     assert (tmp_path / "x.csv").read_text().count("\nexact,") == 6 * len(taus)

@@ -100,7 +100,8 @@ def evidence_lines(report: Report) -> list[str]:
     if made.exact:
         lines.append("exact Allan deviation: largest difference of the curve of the fit")
         lines += [
-            f"  {name:<8} {largest} (shorter half {short})" for name, _, short, largest in _exact_rows(report)
+            f"  {name:<8} {largest} (shorter half {short}; {octaves} octaves)"
+            for name, _, octaves, short, largest in _exact_rows(report)
         ]
     return lines
 
@@ -206,16 +207,18 @@ def _bases(budgets: list[UncertaintyBudget]) -> str:
 # ---------------------------------------------------------------- exact curve
 
 
-def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
-    """Yield channel, points, and the largest differences, over the shorter half of the octaves and over all."""
+def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield channel, points, octaves of both curves, and the largest differences: shorter half, all."""
     exact = report.evaluation.exact if report.evaluation is not None else {}
     for name, curve in exact.items():
         pairs = [(d, tau) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d is not None]
         largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)
         short = max((abs(d) for d, _ in pairs[: max(1, len(pairs) // 2)]), default=None)
+        allan = report.channels[name].allan if name in report.channels else None
         yield (
             name,
             f"{len(curve.tau_s)}",
+            f"{len(pairs)} of {len(allan.tau_s) if allan is not None else 0}",
             "–" if short is None else f"{100.0 * short:.2g} %",
             "–" if largest is None else f"{100.0 * largest[0]:+.2g} % at {largest[1]:.4g} s",
         )
@@ -227,14 +230,21 @@ def exact_blocks(report: Report) -> Iterator[Block]:
     if not rows:
         return
     yield Heading("Exact Allan deviation")
-    head = ("", "points", "largest difference, shorter half of the octaves", "largest difference")
+    head = (
+        "",
+        "points",
+        "octaves compared",
+        "largest difference, shorter half of these",
+        "largest difference",
+    )
     yield DataTable(head, tuple(rows))
     made = report.evaluation
     guards = made.provenance.guards if made is not None and made.provenance is not None else None
     more = " It has all valid samples, and the curve of the fit excludes disturbances and warm-up."
     yield Paragraph(
         "The fully overlapping Allan deviation (NIST SP 1065, section 5.2.4) of all samples, against the curve of the "
-        f"fit, which overlaps by a quarter of τ.{more if guards else ''}"
+        "fit, which overlaps by a quarter of τ, at the octaves that both have: all with --taus octave."
+        f"{more if guards else ''}"
     )
 
 
