@@ -420,6 +420,18 @@ def test_a_budget_that_cannot_be_is_rejected() -> None:
             read({}, {"gyro/x": each})
 
 
+def test_the_alias_factor_of_deltas_is_not_that_of_the_magnetometer() -> None:
+    """The magnetometer has point samples beside deltas; its filter is not that of the gyroscope."""
+    report = make_report()
+    report = replace(report, device=replace(report.device, alias_factor=1.0))
+    mag = {"mag/x": replace(report.channels["accel/x"], unit="gauss")}
+    budgets = uncertainty_budgets(replace(report, channels=report.channels | mag))
+    for name, standard in (("gyro/x", 0.0), ("mag/x", None)):
+        (part,) = (c for c in budgets[name]["N"].components if c.source == "aliasing")
+        assert part.standard == standard
+    assert "filter of mag is unknown" in part.basis
+
+
 def test_scatter_beyond_statistics_has_three_degrees_of_freedom() -> None:
     report = make_report()
     channel = report.channels["gyro/x"]
