@@ -30,7 +30,8 @@ from imumon.datasheet.blocks import DataTable
 from imumon.datasheet.config_snippets import ros
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
-from imumon.datasheet.figures import svg
+from imumon.datasheet.figures import PANEL_INCHES, PRINT, svg
+from imumon.datasheet.figures import _draw as draw
 from imumon.datasheet.filter_figure import filter_svg
 from imumon.datasheet.filter_values import FilterValue, worst_axis
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
@@ -505,6 +506,24 @@ def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
 
 
 # ---------------------------------------------------------------- the datasheet and its forms
+
+
+@pytest.mark.parametrize("age", ["minutes", "hours", "long"])
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> None:
+    """N, B and K end where the limits of the grades end, at the right."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=PANEL_INCHES, layout="constrained")
+    panel = figure.subplots()
+    draw(panel, aged(age), sensor, PRINT)
+    figure.draw_without_rendering()
+    boxes = [(t.get_text(), t.get_window_extent()) for t in panel.texts if t.get_text()]
+    letters = [box for name, box in boxes if name in COEFFICIENTS]
+    grades = [(name, box) for name, box in boxes if name not in COEFFICIENTS]
+    assert letters
+    assert grades
+    assert [name for name, box in grades if any(box.overlaps(letter) for letter in letters)] == []
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
