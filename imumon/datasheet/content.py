@@ -271,7 +271,7 @@ def _filters(filters: FilterReport) -> Iterator[Block]:
         if (shown := shown_axis(filters, sensor)) is not None:
             caption = (
                 f"{SENSOR_TITLES[sensor]} {shown[0]}, predicted error of the {QUANTITIES[sensor][0]} since the last "
-                "fix: solid or first, the error that a filter has; dashed or second, the error that it states."
+                "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
             )
             yield FilterFigure(sensor, caption, filter_table(filters, sensor))
 
