@@ -56,6 +56,11 @@ class UncertaintyBudget:
     coverage: float  # 1, factor for 95 %
     expanded: float  # in `unit`, expanded uncertainty
 
+    def is_plausible(self) -> bool:
+        """Return whether the value is not 0, and no uncertainty is negative. A bias may be negative, its spread not."""
+        spreads = [each.standard for each in self.components if each.standard is not None]
+        return self.value != 0.0 and min(self.combined, self.expanded, self.coverage, *spreads) >= 0.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitCheck:
@@ -111,3 +116,7 @@ class Evaluation:
     not_covered: tuple[str, ...] = ()  # what no budget includes, one line each
     conformity: Conformity | None = None  # against a data sheet; null: none of this device is known
     exact: Mapping[str, ExactCurve] = field(default_factory=dict)  # by channel; with --exact only
+
+    def sizes_are_positive(self) -> bool:
+        """Return whether every budget of N, B and K is of a value above 0."""
+        return all(made.value > 0.0 for budgets in self.budgets.values() for made in budgets.values())

@@ -496,8 +496,7 @@ def _bounded(data: Any, most: int) -> Any:
 
 def _listed(data: Any, words: tuple[str, ...]) -> Any:
     """Return a word that is one of `words`."""
-    if data not in words:
-        raise TypeError(f"{_checked(data, str)[:40]!r} is not one of {', '.join(words)}")
+    _check(data in words, f"{_checked(data, str)[:40]!r} is not one of {', '.join(words)}")
     return data
 
 
@@ -529,6 +528,7 @@ def _check_session(session: SessionCounters) -> None:
 
 def _check_report(report: Report) -> None:
     _check(report.period_s > 0.0 and report.speed > 0.0, "a period or speed that is not positive")
+    _check(report.evaluation is None or report.evaluation.sizes_are_positive(), "a budget not above 0")
     for names in (report.channels, report.grade, report.limits, report.limit_curves):
         _check_channels(names)
 
@@ -536,7 +536,7 @@ def _check_report(report: Report) -> None:
 _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Report: _check_report,
     Evaluation: lambda part: _check_channels({**part.exact, **part.budgets, **part.bias_budgets}),
-    UncertaintyBudget: lambda part: _check(part.value != 0.0, "a budget of 0"),
+    UncertaintyBudget: lambda part: _check(part.is_plausible(), "a budget of 0, or a negative uncertainty"),
     ExactCurve: lambda part: _check(all(tau > 0.0 for tau in part.tau_s), "a tau that is not positive"),
     SessionCounters: _check_session,
     Coefficient: _check_coefficient,

@@ -12,8 +12,11 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +30,8 @@ from imumon.datasheet.blocks import DataTable
 from imumon.datasheet.config_snippets import ros
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
-from imumon.datasheet.figures import svg
+from imumon.datasheet.figures import PANEL_INCHES, PRINT, svg
+from imumon.datasheet.figures import _draw as draw
 from imumon.datasheet.filter_figure import filter_svg
 from imumon.datasheet.filter_values import FilterValue, worst_axis
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
@@ -39,7 +43,7 @@ from imumon.noise.synthesis import synthesise
 from imumon.pipeline.report_builder import effective_samples
 from imumon.report import COEFFICIENTS, Allan, Coefficient, Readable, Report, TimeTo, from_json, to_json
 from imumon.tui.formatting import Notation
-from imumon.units import READABLE, pretty
+from imumon.units import READABLE, duration, figures, pretty
 
 AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
 
@@ -398,6 +402,39 @@ def test_every_number_says_what_it_is_and_what_it_rests_on(form: str) -> None:
     assert len(re.findall(r"rests on \d", shown)) >= (2 if form == "ros" else 4)
 
 
+@pytest.mark.parametrize(
+    ("form", "units"),
+    [
+        ("vins", {"acc_n": "m/s^2", "gyr_n": "rad/s", "acc_w": "m/s^3", "gyr_w": "rad/s^2"}),
+        ("fastlio", {"acc_cov": "(m/s^2)^2", "gyr_cov": "(rad/s)^2"}),
+        ("fastlio", {"b_acc_cov": "(m/s^3)^2", "b_gyr_cov": "(rad/s^2)^2"}),
+        ("px4", {"EKF2_GYR_NOISE": "rad/s", "EKF2_ACC_B_NOISE": "m/s^3"}),
+        ("ardupilot", {"EK3_GYRO_P_NSE": "rad/s", "EK3_ABIAS_P_NSE": "m/s^3"}),
+    ],
+)  # fmt: skip
+def test_a_number_of_another_unit_than_n_and_walk_names_it(form: str, units: dict[str, str]) -> None:
+    lines = [line.strip() for line in text(make_report(LONG_S), form).splitlines()]
+    for name, unit in units.items():
+        assert re.match(rf"(param set )?{name}\b", lines[lines.index(f"# {name} in {unit}") + 1])
+
+
+def test_a_setting_names_what_of_the_record_it_does_not_rest_on() -> None:
+    report = make_report(LONG_S)
+    warm = replace(report, session=replace(report.session, warmup_s=3594.0, excluded_s=6.0))
+    length = duration(report.session.elapsed_s)
+    assert f"rests on {length} of record, 1 h of them excluded" in text(warm, "kalibr")
+
+
+def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
+    report = with_bounded_k(make_report(LONG_S))
+    made = filters(report).channels["gyro/x"]
+    assert made.walk_factor is None
+    factor = figures(made.walk / made.assumed.K, 2)
+    assert f"{made.walk:.4e}, {factor} times K {made.assumed.K:.3e}: half its bound, K <" in text(
+        report, "kalibr"
+    )
+
+
 @pytest.mark.parametrize("form", [form for form in SETTINGS if form not in COVARIANCES])
 def test_a_longer_horizon_needs_other_walks(form: str) -> None:
     report = make_report(LONG_S)
@@ -436,6 +473,28 @@ def test_gtsam_is_python_and_leaves_no_covariance_of_one(age: str) -> None:
     assert "params.setIntegrationCovariance(" in code
 
 
+def test_gtsam_before_4_3_adds_no_uncertainty_of_the_bias_to_each_sample(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """GTSAM 4.2 has 1 rad/s and 1 m/s^2 by default: its rotation is then unknown after a second."""
+    for has_it in (True, False):
+        calls: dict[str, Any] = {}
+        names = ["setAccelerometerCovariance", "setGyroscopeCovariance", "setIntegrationCovariance"]
+        names += [
+            "setBiasAccCovariance",
+            "setBiasOmegaCovariance",
+            *(["setBiasAccOmegaInit"] if has_it else []),
+        ]
+        made = SimpleNamespace(**{name: partial(calls.__setitem__, name) for name in names})
+        maker = SimpleNamespace(MakeSharedU=lambda gravity, made=made: made)
+        module = SimpleNamespace(PreintegrationCombinedParams=maker)
+        monkeypatch.setitem(sys.modules, "gtsam", module)  # type: ignore[arg-type]
+        exec(text(make_report(LONG_S), "gtsam"), {})
+        assert sorted(calls) == sorted(names)
+        if has_it:
+            np.testing.assert_array_equal(calls["setBiasAccOmegaInit"], np.zeros((6, 6)))
+
+
 @pytest.mark.parametrize("form", [*SETTINGS, "md", "html"])
 def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
     report = make_report()
@@ -449,6 +508,24 @@ def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
 # ---------------------------------------------------------------- the datasheet and its forms
 
 
+@pytest.mark.parametrize("age", ["minutes", "hours", "long"])
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> None:
+    """N, B and K end where the limits of the grades end, at the right."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=PANEL_INCHES, layout="constrained")
+    panel = figure.subplots()
+    draw(panel, aged(age), sensor, PRINT)
+    figure.draw_without_rendering()
+    boxes = [(t.get_text(), t.get_window_extent()) for t in panel.texts if t.get_text()]
+    letters = [box for name, box in boxes if name in COEFFICIENTS]
+    grades = [(name, box) for name, box in boxes if name not in COEFFICIENTS]
+    assert letters
+    assert grades
+    assert [name for name, box in grades if any(box.overlaps(letter) for letter in letters)] == []
+
+
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
     report = make_report(LONG_S)
@@ -459,6 +536,8 @@ def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
     assert "## For a Kalman filter" in sheet
     assert ("angle error of axis" if sensor == "gyro" else "velocity error of axis") in sheet
     assert filter_svg(filters(nothing_yet()), sensor) == ""
+    numbers = {"".join(element.itertext()).strip() for element in root.iter("text")}
+    assert {"1", "10", "100"} <= numbers  # as in the figure of the Allan deviation, not powers of ten
 
 
 @pytest.mark.parametrize("age", AGES)
@@ -542,7 +621,9 @@ def test_csv_is_one_tidy_table(age: str) -> None:
     assert len(points) == sum(len(c.allan.tau_s) for c in report.channels.values() if c.allan)
     parts = [row for row in table if row["kind"] == "coefficient"]
     assert len(parts) == 3 * sum(1 for c in report.channels.values() if c.N)
-    assert not [row for row in table if row["value"] and not row["unit"] and row["kind"] != "record"]
+    assert not [row for row in table if row["value"] and not row["unit"]]
+    counters = {row["name"]: row["unit"] for row in table if row["kind"] == "record"}
+    assert [counters[name] for name in ("elapsed_s", "discarded_bytes", "samples")] == ["s", "byte", "1"]
     for row in points[:3]:
         at = [f"{tau}" for tau in report.channels["gyro/x"].allan.tau_s].index(row["tau_s"])  # type: ignore[union-attr]
         assert float(row["value"]) == report.channels["gyro/x"].allan.sigma[at]  # type: ignore[union-attr]

@@ -153,6 +153,13 @@ def test_ten_averaging_times_per_decade(recording: Path, tmp_path: Path) -> None
     decade = taus[(taus > 0.99) & (taus < 9.9)]
     assert len(decade) == 10
     assert "Exact Allan deviation" in shown(report)
+    allan = report.channels["gyro/x"].allan
+    assert allan is not None
+    shared = sum(any(abs(tau - t) < 1e-9 for t in taus) for tau in allan.tau_s)
+    assert 0 < shared < len(allan.tau_s)
+    assert f"| {shared} of {len(allan.tau_s)} " in shown(report)  # the rest of the octaves is not compared
+    octaves = replayed(recording, "--exact")
+    assert f"| {len(allan.tau_s)} of {len(allan.tau_s)} " in shown(octaves)
     assert "fully overlapping, exact" in shown(report, "svg")
     imumon("report", out, "-o", tmp_path / "x.csv")
     assert (tmp_path / "x.csv").read_text().count("\nexact,") == 6 * len(taus)
@@ -193,6 +200,29 @@ def test_a_named_filter_answers_what_the_recording_does_not_say(recording: Path)
         imumon("replay", recording, f"--filter={wrong}", code=2)
 
 
+def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(recording: Path) -> None:
+    """The window of a VN-100 averages samples of 800 Hz; a table may be of another sensor."""
+    for words, assumed in (
+        ("4", "rate before the filter"),
+        ("factory", "filter"),
+        ("none", "rate before the filter"),
+    ):
+        text = imumon("report", recording, "--filter", words)
+        stated = f"the recording names no device: its {assumed} is assumed to be "
+        assert f"{words}, as given with --filter; {stated}" in text
+        assert f"--filter {words}: {stated}" in text  # the remark, with what to do
+        assert "give window and rate, such as 8@1000" in text
+    assert "is assumed to be" not in imumon("report", recording, "--filter", "8@1000")
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="../shared is absent")
+def test_the_format_of_a_recording_names_the_device_for_the_filter() -> None:
+    report = replayed(SHARED / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--filter", "factory")
+    assert report.device.alias_factor == pytest.approx(np.sqrt(5.0))
+    assert report.device.settings["filter"] == "factory, as given with --filter"
+    assert not any("--filter" in remark for remark in report.device.remarks)
+
+
 def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
     noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=1)
     np.savez(tmp_path / "d.npz", t=np.arange(2000) / HZ, dt=np.full(2000, 1 / HZ),
@@ -201,6 +231,7 @@ def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
     if report.device.stream == "deltas":
         assert report.device.alias_factor == 1.0
         assert any("--filter is not used" in remark for remark in report.device.remarks)
+        assert "--filter is not used" in shown(report)
 
 
 # ---------------------------------------------------------------- data sheets
@@ -365,6 +396,42 @@ def test_a_budget_adds_up() -> None:
         assert ("aliasing" in {c.source for c in budget.components}) == (letter == "N")
 
 
+def test_a_budget_that_cannot_be_is_rejected() -> None:
+    """N, B and K are above 0, a bias may be negative, an uncertainty is not."""
+    report = evaluated(make_report())
+    assert report.evaluation is not None
+    made = report.evaluation.budgets["gyro/x"]["N"]
+    part = made.components[0]
+
+    def read(budgets: dict[str, Any], bias: dict[str, Any]) -> Report:
+        evaluation = replace(report.evaluation, budgets=budgets, bias_budgets=bias)  # type: ignore[type-var]
+        return from_json(Report, to_json(replace(report, evaluation=evaluation)))
+
+    read({}, {"gyro/x": replace(made, value=-1e-3)})
+    for value in (0.0, -made.value):
+        with pytest.raises(ValueError, match="a budget"):
+            read({"gyro/x": {"N": replace(made, value=value)}}, {})
+    wrong = (
+        replace(made, combined=-1.0), replace(made, expanded=-1.0), replace(made, coverage=-1.0),
+        replace(made, components=(replace(part, standard=-1.0),)),
+    )  # fmt: skip
+    for each in (replace(made, value=0.0), *wrong):
+        with pytest.raises(ValueError, match="a budget of 0, or a negative"):
+            read({}, {"gyro/x": each})
+
+
+def test_the_alias_factor_of_deltas_is_not_that_of_the_magnetometer() -> None:
+    """The magnetometer has point samples beside deltas; its filter is not that of the gyroscope."""
+    report = make_report()
+    report = replace(report, device=replace(report.device, alias_factor=1.0))
+    mag = {"mag/x": replace(report.channels["accel/x"], unit="gauss")}
+    budgets = uncertainty_budgets(replace(report, channels=report.channels | mag))
+    for name, standard in (("gyro/x", 0.0), ("mag/x", None)):
+        (part,) = (c for c in budgets[name]["N"].components if c.source == "aliasing")
+        assert part.standard == standard
+    assert "filter of mag is unknown" in part.basis
+
+
 def test_scatter_beyond_statistics_has_three_degrees_of_freedom() -> None:
     report = make_report()
     channel = report.channels["gyro/x"]
@@ -458,9 +525,13 @@ def test_the_digest_of_a_directory_is_of_all_its_files(tmp_path: Path) -> None:
 def test_excluded_intervals_have_begin_and_end() -> None:
     report = replace(make_report(), events=_events())
     text = shown(with_provenance(report, None, {}, True))
-    assert "| 1,000.0 s | 1,002.0 s | 2026-03-01T08:16:40.000Z | knock" in text
-    assert "| 0.0 s     | 594.0 s   | 2026-03-01T08:00:00.000Z | a warm-up" in text
-    assert len(excluding_events(report)) == 2  # the first warm-up is part of the second
+    rows = ("| 0.00 s     | 594.00 s   | 2026-03-01T08:00:00.000Z | a warm-up",
+            "| 400.13 s   | 400.14 s   | 2026-03-01T08:06:40.130Z | glitch",
+            "| 1,000.00 s | 1,002.00 s | 2026-03-01T08:16:40.000Z | knock")  # fmt: skip
+    at = [text.find(row) for row in rows]
+    assert -1 not in at
+    assert at == sorted(at)
+    assert len(excluding_events(report)) == 3  # the first warm-up is part of the second
 
 
 def _events() -> tuple[Any, ...]:
@@ -476,6 +547,7 @@ def _events() -> tuple[Any, ...]:
         length_s=length,
     )
     return (
+        make("disturbance", 400.13, 0.01, "glitch on gyro/x: 0.01 s excluded"),
         make("disturbance", 1000.0, 2.0, "knock on gyro/x: 2 s excluded"),
         make("warmup", 1500.0, 300.0, "a warm-up of 5 min is over and excluded"),
         make("warmup", 1638.0, 594.0, "a warm-up of 9 min 54 s is over and excluded"),

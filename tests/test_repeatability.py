@@ -172,6 +172,11 @@ def test_a_report_of_a_daemon_names_the_daemon(tmp_path: Path) -> None:
     assert origin is not None
     assert (origin.software, origin.commit) == (f"imumon {__version__}", commit())
     assert (origin.guards, origin.input, origin.input_reason) == (False, None, "a running daemon")
+    (state,) = tmp_path.glob("*.state")
+    of_state = from_json(Report, imumon("report", state, "--format", "json")).evaluation
+    assert of_state is not None
+    assert of_state.provenance is not None
+    assert of_state.provenance.guards is False
     assert origin.made == report.time
     assert made is not None
     assert made.provenance is not None

@@ -152,8 +152,9 @@ def _from_file(arguments: argparse.Namespace) -> Any:
 
     if head.startswith(STATE_MAGIC):
         _check_recording(arguments, "a saved state")
-        made = with_turn_on(_from_state(Path(arguments.file)), Path(arguments.file))
-        return with_provenance(made, arguments.file, {}, None)
+        saved, guarded = _from_state(Path(arguments.file))
+        made = with_turn_on(saved, Path(arguments.file))
+        return with_provenance(made, arguments.file, {}, guarded)
     if head.lstrip().startswith(b"{"):
         _check_recording(arguments, "a saved report")
         return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
@@ -176,8 +177,8 @@ def _from_report(path: Path) -> Any:
         raise CommandError("not_a_report", f"{path} is not a saved report: {error}", REPORT_CURE) from None
 
 
-def _from_state(path: Path) -> Any:
-    """Return the report of a saved state, as of the time when it was saved."""
+def _from_state(path: Path) -> tuple[Any, bool]:
+    """Return the report of a saved state, as of the time when it was saved, and whether its guards were on."""
     from datetime import datetime
 
     from imumon.checkpoint import decode
@@ -188,7 +189,8 @@ def _from_state(path: Path) -> Any:
     try:
         state = decode(path.read_bytes(), f"the state {path}")
         meta = state.meta
-        monitor = Monitor(MonitorOptions(guarded=bool(meta["monitor"]["guarded"])))
+        guarded = bool(meta["monitor"]["guarded"])
+        monitor = Monitor(MonitorOptions(guarded=guarded))
         monitor.restore(meta["monitor"], state.arrays, 0.0)
         monitor.accept_restored()
         known = {"serial": meta.get("serial")} | meta.get("device", {})
@@ -201,7 +203,7 @@ def _from_state(path: Path) -> Any:
         if monitor.stream is not None and monitor.stream.kind == "compensated":
             caveats = tuple(dict.fromkeys((*caveats, "compensated")))
         saved = datetime.fromisoformat(meta["saved"])
-        return monitor.report(saved, device, "stopped", session, device_caveats=caveats)
+        return monitor.report(saved, device, "stopped", session, device_caveats=caveats), guarded
     except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
         message = f"the state {path} is of another version of imumon"
         raise CommandError("state_of_another_version", message, "use the version that saved it") from None

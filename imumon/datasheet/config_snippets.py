@@ -161,7 +161,8 @@ def _autopilot(
             lines.append(f"# {name} ?")
         else:
             value = worst.value / math.sqrt(step.length_s)
-            lines.append(f"# {name} in {unit}{worst.comment}")
+            above = "" if "{comment}" in form else worst.comment
+            lines.append(f"# {name} in {unit}{above}")
             lines.append(form.format(name=name, value=value, comment=worst.comment))
     return "\n".join(lines) + "\n"
 
@@ -201,5 +202,9 @@ def gtsam(report: Report, filters: FilterReport) -> str:
     lines += [
         "# of the integration, not of the sensor; the default of GTSAM is 1",
         "params.setIntegrationCovariance(np.eye(3) * 1e-8)",
+        "# GTSAM before 4.3, gtsam/navigation/CombinedImuFactor.cpp: an uncertainty of the bias in every sample, 1 by",
+        "# default (rad/s, m/s^2); the bias of the graph has it already",
+        'if hasattr(params, "setBiasAccOmegaInit"):',
+        "    params.setBiasAccOmegaInit(np.zeros((6, 6)))",
     ]
     return "\n".join(lines) + "\n"

@@ -271,7 +271,7 @@ def _filters(filters: FilterReport) -> Iterator[Block]:
         if (shown := shown_axis(filters, sensor)) is not None:
             caption = (
                 f"{SENSOR_TITLES[sensor]} {shown[0]}, predicted error of the {QUANTITIES[sensor][0]} since the last "
-                "fix: solid or first, the error that a filter has; dashed or second, the error that it states."
+                "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
             )
             yield FilterFigure(sensor, caption, filter_table(filters, sensor))
 
@@ -309,6 +309,7 @@ def _record(report: Report) -> Iterator[Block]:
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
+    rows += [("Remark", text) for text in device.remarks]
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))
     traced = report.evaluation is not None and report.evaluation.provenance is not None

@@ -32,6 +32,9 @@ COLUMNS = (
 STATISTICS = ("mean", "std", "min", "max")
 COUNTERS_NOT_SHOWN = ("started", "excluded_by")
 
+UNITS_OF_COUNTERS = {"s": "s", "bytes": "byte"}
+"""Units of the counters of the session, by the end of their name; others count."""
+
 Row = dict[str, Any]
 
 
@@ -48,7 +51,7 @@ def csv_table(report: Report) -> str:
 def _rows(report: Report) -> Iterator[Row]:
     for each in fields(report.session):
         if each.name not in COUNTERS_NOT_SHOWN:
-            unit = "s" if each.name.endswith("_s") else "1"
+            unit = UNITS_OF_COUNTERS.get(each.name.rpartition("_")[2], "1")
             yield {
                 "kind": "record",
                 "name": each.name,

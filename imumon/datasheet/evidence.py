@@ -100,7 +100,8 @@ def evidence_lines(report: Report) -> list[str]:
     if made.exact:
         lines.append("exact Allan deviation: largest difference of the curve of the fit")
         lines += [
-            f"  {name:<8} {largest} (shorter half {short})" for name, _, short, largest in _exact_rows(report)
+            f"  {name:<8} {largest} (shorter half {short}; {octaves} octaves)"
+            for name, _, octaves, short, largest in _exact_rows(report)
         ]
     return lines
 
@@ -198,7 +199,7 @@ def _bases(budgets: list[UncertaintyBudget]) -> str:
         found = [c for budget in budgets for c in budget.components if c.source == source]
         bases = dict.fromkeys(each.basis for each in found)
         if found:
-            texts.append(f"{source} (type {found[0].kind}): {'; '.join(bases)}")
+            texts.append(f"{source} (type {found[0].kind}): {'; '.join(bases).replace('^2', '²')}")
     text = ". ".join(f"{each[0].upper()}{each[1:]}" for each in texts)
     return f"{text}."
 
@@ -206,16 +207,18 @@ def _bases(budgets: list[UncertaintyBudget]) -> str:
 # ---------------------------------------------------------------- exact curve
 
 
-def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
-    """Yield channel, points, and the largest differences, over the shorter half of the octaves and over all."""
+def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield channel, points, octaves of both curves, and the largest differences: shorter half, all."""
     exact = report.evaluation.exact if report.evaluation is not None else {}
     for name, curve in exact.items():
         pairs = [(d, tau) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d is not None]
         largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)
         short = max((abs(d) for d, _ in pairs[: max(1, len(pairs) // 2)]), default=None)
+        allan = report.channels[name].allan if name in report.channels else None
         yield (
             name,
             f"{len(curve.tau_s)}",
+            f"{len(pairs)} of {len(allan.tau_s) if allan is not None else 0}",
             "–" if short is None else f"{100.0 * short:.2g} %",
             "–" if largest is None else f"{100.0 * largest[0]:+.2g} % at {largest[1]:.4g} s",
         )
@@ -227,14 +230,21 @@ def exact_blocks(report: Report) -> Iterator[Block]:
     if not rows:
         return
     yield Heading("Exact Allan deviation")
-    head = ("", "points", "largest difference, shorter half of the octaves", "largest difference")
+    head = (
+        "",
+        "points",
+        "octaves compared",
+        "largest difference, shorter half of these",
+        "largest difference",
+    )
     yield DataTable(head, tuple(rows))
     made = report.evaluation
     guards = made.provenance.guards if made is not None and made.provenance is not None else None
     more = " It has all valid samples, and the curve of the fit excludes disturbances and warm-up."
     yield Paragraph(
         "The fully overlapping Allan deviation (NIST SP 1065, section 5.2.4) of all samples, against the curve of the "
-        f"fit, which overlaps by a quarter of τ.{more if guards else ''}"
+        "fit, which overlaps by a quarter of τ, at the octaves that both have: all with --taus octave."
+        f"{more if guards else ''}"
     )
 
 
@@ -286,11 +296,14 @@ def _excluded(report: Report) -> Iterator[tuple[str, ...]]:
         start = datetime.fromisoformat(report.session.started or "")
     except ValueError:
         start = None
-    for event in excluding_events(report):
-        length = event.length_s or 0.0
-        begin = 0.0 if event.kind == "warmup" else event.elapsed_s or 0.0
+    for event in sorted(excluding_events(report), key=_begin_s):
+        length, begin = event.length_s or 0.0, _begin_s(event)
         date = stamp(start + timedelta(seconds=begin)) if start is not None else "–"
-        yield (f"{begin:,.1f} s", f"{begin + length:,.1f} s", date, event.text)
+        yield (f"{begin:,.2f} s", f"{begin + length:,.2f} s", date, event.text)
+
+
+def _begin_s(event: Event) -> float:
+    return 0.0 if event.kind == "warmup" else event.elapsed_s or 0.0
 
 
 def excluding_events(report: Report) -> list[Event]:

@@ -53,6 +53,10 @@ CAPTION_CHARACTERS = 128
 PAGE_INCHES = (8.4, 4.6)
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
+NAME_SHARE = (
+    0.013,
+    0.06,
+)  # of the frame: width of a letter of a grade's name, height of its line. Not critical
 LETTER_ROOM = 1.3  # factor below a floor for its letter. Not critical
 FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
 _SVG_REPLACEMENTS = (
@@ -200,9 +204,11 @@ def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) 
     panel.set(xscale="log", yscale="log", xlim=x, ylim=y)
     panel.set_xlabel("averaging time τ, s", color=colours["text"])
     panel.set_ylabel(f"Allan deviation σ(τ), {pretty(scale.unit)}", color=colours["text"])
-    _draw_grid(panel, x, y, colours)
+    draw_grid(panel, x, y, colours)
+    taken = [(m.tau_s, max(m.low, y[0]), m.high) for m in marks]
+    taken += [(t, s, s) for c in curves.values() for t, s in zip(c.tau_s, c.sigma, strict=True) if s > 0.0]
     for grade, limit in report.limit_curves.get(sensor, {}).items():
-        _draw_limit(panel, grade, limit, scale.factor, colours)
+        _draw_limit(panel, grade, limit, scale.factor, colours, taken)
     for axis, curve in curves.items():
         _draw_curve(panel, axis, curve, colours)
     _draw_exact(panel, report, sensor, curves, colours)
@@ -224,9 +230,10 @@ def _extent(
     return (min(taus) / margin, max(taus) * margin), (low / margin, high * margin)
 
 
-def _draw_grid(
+def draw_grid(
     panel: Axes, x: tuple[float, float], y: tuple[float, float], colours: Mapping[str, str]
 ) -> None:
+    """Draw the grid, the numbers and the frame of a panel with logarithmic axes, as all figures have them."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     for axis, (low, high) in ((panel.xaxis, x), (panel.yaxis, y)):
@@ -249,9 +256,19 @@ def draw_frame(panel: Axes, colours: Mapping[str, str]) -> None:
 
 
 def _draw_limit(
-    panel: Axes, grade: str, limit: LimitCurve, factor: float, colours: Mapping[str, str]
+    panel: Axes,
+    grade: str,
+    limit: LimitCurve,
+    factor: float,
+    colours: Mapping[str, str],
+    taken: Sequence[tuple[float, float, float]],
 ) -> None:
-    """Draw the curve at the limits of a grade, with its name at the right end inside the frame."""
+    """Draw the curve at the limits of a grade, with its name as far right inside the frame as nothing covers it.
+
+    Parameters
+    ----------
+    taken : averaging time, lower and upper end of what is drawn there.
+    """
     import numpy as np
 
     (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
@@ -262,11 +279,33 @@ def _draw_limit(
     if len(inside):
         end = inside[-1]
         left_aligned = end < len(tau) / 4
+        if not left_aligned:
+            shares = [i for i in inside[::-4] if i >= len(tau) / 2] or [end]
+            end = min(shares, key=lambda i: _covered(panel, grade, (float(tau[i]), float(sigma[i])), taken))
         panel.annotate(
             grade, (tau[inside[0] if left_aligned else end], sigma[end]), (6 if left_aligned else -3, 3),
             textcoords="offset points", ha="left" if left_aligned else "right", va="bottom", fontsize=8,
             color=colours["muted"],
         )  # fmt: skip
+
+
+def _covered(
+    panel: Axes, name: str, place: tuple[float, float], taken: Sequence[tuple[float, float, float]]
+) -> int:
+    """Return how much lies under a name that ends at `place` and is written above it."""
+
+    def share(value: float, ends: tuple[float, float]) -> float:
+        return math.log(value / ends[0]) / math.log(ends[1] / ends[0])
+
+    x, y = panel.get_xlim(), panel.get_ylim()
+    right, bottom = share(place[0], x), share(place[1], y)
+    left, top = right - NAME_SHARE[0] * (len(name) + 1), bottom + NAME_SHARE[1]
+    return sum(
+        left < share(tau, x) < right + NAME_SHARE[0]
+        and share(low, y) < top
+        and share(high, y) > bottom - NAME_SHARE[1]
+        for tau, low, high in taken
+    )
 
 
 def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]) -> None:

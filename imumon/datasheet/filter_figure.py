@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from imumon.datasheet.blocks import DataTable
-from imumon.datasheet.figures import PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.datasheet.figures import PAGE, PAGE_INCHES, draw_grid, page_svg
 from imumon.filter_report import FilterChannel, FilterReport
 from imumon.units import DEG, figures
 
@@ -89,7 +89,7 @@ def _draw(panel: Axes, channel: FilterChannel, factor: float, colours: Mapping[s
         handles.append(Line2D([], [], color=colour, linewidth=1.4, label=title))
     handles.append(Line2D([], [], color=colours["muted"], linestyle=(0, (4, 2)), label="stated"))
     panel.set(xscale="log", yscale="log", xlim=(channel.nees.horizon_s[0], channel.nees.horizon_s[-1]))
-    draw_frame(panel, colours)
+    draw_grid(panel, panel.get_xlim(), panel.get_ylim(), colours)
     panel.legend(
         handles=handles, frameon=False, ncols=len(handles), loc="lower right", bbox_to_anchor=(1.0, 1.0),
         borderaxespad=0.1, fontsize=8, labelcolor=colours["text"],

@@ -78,7 +78,7 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
     lines = [f"{title}, {parts[axis].unit}; worst axis {axis}"]
     if letter == "N":
         lines += [f"  {name}: {value_text(part)}" for name, part in parts.items()]
-        lines.append(f"  N of the fit; rests on {duration(report.session.elapsed_s)} of record")
+        lines.append(f"  N of the fit; rests on {_rests_on(report)}")
     else:
         lines += [f"  {name}: {walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
         lines += walk_origin(report, filters)
@@ -92,7 +92,8 @@ def walk_text(report: Report, filters: FilterReport, name: str) -> str:
     if made is None or part is None:
         return "not known: N, B or K is unknown"
     if made.walk_factor is None:
-        return f"{made.walk:.4e}; K {value_text(part)}, made for K {made.assumed.K:.3e}"
+        share = f"{figures(made.walk / made.assumed.K, 2)} times" if made.assumed.K > 0.0 else "made for"
+        return f"{made.walk:.4e}, {share} K {made.assumed.K:.3e}: half its bound, K {value_text(part)}"
     return f"{made.walk:.4e}, {figures(made.walk_factor, 2)} times K {value_text(part)}"
 
 
@@ -100,8 +101,16 @@ def walk_origin(report: Report, filters: FilterReport) -> list[str]:
     """Return where a walk comes from, as comments."""
     return [
         f"  from N, B and K: the smallest with NEES <= 1.25 for 1 to {filters.horizon_s:g} s without a fix;",
-        f"  rests on {duration(report.session.elapsed_s)} of record",
+        f"  rests on {_rests_on(report)}",
     ]
+
+
+def _rests_on(report: Report) -> str:
+    """Return the length of the record, and what of it counts."""
+    session = report.session
+    excluded = session.excluded_s + session.warmup_s
+    length = f"{duration(session.elapsed_s)} of record"
+    return f"{length}, {duration(excluded)} of them excluded" if excluded else length
 
 
 def _unknown(sensor: str, parts: Mapping[str, Coefficient]) -> str:

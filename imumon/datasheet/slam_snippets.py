@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from imumon.datasheet.config_snippets import SAME_UNIT, comments, rate_of
+from imumon.datasheet.config_snippets import SAME_UNIT, STEP_UNITS, comments, rate_of
 from imumon.datasheet.filter_values import (
     axis_values,
     settings_header,
@@ -39,6 +39,7 @@ def _named(
     factors: Mapping[str, float | None],
     power: int = 1,
     indent: str = "",
+    units: Mapping[tuple[str, str], str] | None = None,
 ) -> list[str]:
     """Return ``name: value`` of the worst axes, with their comments.
 
@@ -46,11 +47,15 @@ def _named(
     ----------
     factors : factor of white noise ("N") and walk ("K"); None if it is unknown, as the rate is.
     power : 1 for a standard deviation, 2 for a variance, which takes the factor unsquared.
+    units : of the numbers before `power`, where they are not those of N and walk.
     """
     lines = []
     for (sensor, letter), name in names.items():
         worst, factor = worst_axis(report, filters, sensor, letter), factors[letter]
         lines += comments(worst.lines, indent)
+        if units is not None:
+            unit = units[sensor, letter] if power == 1 else f"({units[sensor, letter]})^2"
+            lines.append(f"{indent}# {name} in {unit}")
         if worst.value is None or factor is None:
             why = " (the sample rate is unknown)" if worst.value is not None else ""
             lines.append(f"{indent}# {name}: ?{why}")
@@ -80,10 +85,9 @@ def vins(report: Report, filters: FilterReport) -> str:
         f"N sqrt(2 rate) and walk sqrt(rate), {_at_rate(report)}",
     ]
     factors = {"N": math.sqrt(2.0 * rate), "K": math.sqrt(rate)} if rate else dict.fromkeys("NK")
+    names = _by_part("acc_n", "gyr_n", "acc_w", "gyr_w")
     lines = comments([*settings_header(report, filters), *meaning])
-    return "\n".join(
-        [*lines, *_named(report, filters, _by_part("acc_n", "gyr_n", "acc_w", "gyr_w"), factors), ""]
-    )
+    return "\n".join([*lines, *_named(report, filters, names, factors, units=STEP_UNITS), ""])
 
 
 def fastlio(report: Report, filters: FilterReport) -> str:
@@ -94,7 +98,7 @@ def fastlio(report: Report, filters: FilterReport) -> str:
         f"sample: cov is N^2 rate and walk^2 rate, {_at_rate(report)}",
     ]
     names = _by_part("acc_cov", "gyr_cov", "b_acc_cov", "b_gyr_cov")
-    values = _named(report, filters, names, dict.fromkeys("NK", rate or None), 2, "    ")
+    values = _named(report, filters, names, dict.fromkeys("NK", rate or None), 2, "    ", STEP_UNITS)
     return "\n".join([*comments([*settings_header(report, filters), *meaning]), "mapping:", *values, ""])
 
 

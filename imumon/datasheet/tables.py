@@ -258,10 +258,13 @@ def _caveats(report: Report) -> list[str]:
     return lines if warning is None else [*lines, f"{FILTER_NOT_KNOWN}: {warning}"]
 
 
+FILTER_CURE = "For a recording, --filter names it."
+
+
 def filter_warning(report: Report) -> str | None:
     """Return a warning about samples of a sensor whose filter is unknown; None if there is nothing to warn of."""
     warning = filter_not_known(report)
-    return warning and f"{warning} {driver_advice(report, 'unknown')}".strip()
+    return warning and " ".join(filter(None, (warning, driver_advice(report, "unknown"), FILTER_CURE)))
 
 
 def driver_advice(report: Report, about: str) -> str:

@@ -15,7 +15,8 @@ the same quantity of the sensor under the same conditions. Components of a coeff
   day and the scatter of this record. n - 1 degrees of freedom of n days. Only where the history is known.
 - resolution (type B): rounding to a step q adds a white variance of q^2/12 per sample, N_q^2 = q^2 / (12 rate).
   N without it lies in [sqrt(N^2 - N_q^2), N]: a rectangular distribution.
-- aliasing (type B): a factor, not a spread. It is named and not combined.
+- aliasing (type B): a factor, not a spread. It is named and not combined. The alias factor of a report is that of
+  gyroscope and accelerometer: a magnetometer has point samples also beside deltas.
 - time base (type B): a clock that runs fast by e changes tau: N by e/2, K by -e/2. Deltas divided by the interval
   also change by -e. Rectangular, with an assumed tolerance of the clock.
 
@@ -173,7 +174,7 @@ def _budget(
         scatter,
         *([_repeatability(days, scatter.standard or 0.0)] if days is not None else []),
         _resolution(channel, letter, value, report.device.sample_rate_hz),
-        *([_aliasing(report)] if letter == "N" else []),
+        *([_aliasing(report, name)] if letter == "N" else []),
         _time_base(report, name, letter, value),
     )
     return _combined(part.unit, value, components)
@@ -237,9 +238,11 @@ def _resolution(channel: Channel, letter: str, value: float, rate_hz: float | No
     return made((value - least) / math.sqrt(12.0), f"steps of {step:.3g} {channel.unit}, rectangular")
 
 
-def _aliasing(report: Report) -> UncertaintyComponent:
+def _aliasing(report: Report, name: str) -> UncertaintyComponent:
     factor = report.device.alias_factor
-    if factor is None:
+    if sensor_of(name) not in ("gyro", "accel"):
+        standard, basis = None, f"the filter of {sensor_of(name)} is unknown: N may be too high, not combined"
+    elif factor is None:
         standard, basis = None, "the filter of the sensor is unknown: N may be too high, not combined"
     elif factor > 1.001:
         standard, basis = None, f"N of the stream is {factor:.2f} times that of the sensor, not combined"

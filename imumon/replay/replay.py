@@ -73,6 +73,14 @@ class SensorFilter:
             raise FilterUnknown("filter_unknown", message, "give its samples and their rate, such as 8@1000")
         return factor
 
+    def assumption(self, driver: DeviceDriver | None) -> str | None:
+        """Return what is assumed of a device that the recording does not name; None: nothing."""
+        if driver is not None or self.loop_hz is not None:
+            return None
+        what = "filter is" if self.window is None else "rate before the filter is"
+        how = "the factory setting" if self.window is None else "that"
+        return f"the recording names no device: its {what} assumed to be {how} of a {registry.driver().title}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayOptions:
@@ -259,8 +267,10 @@ class _Run:
         if self.device.alias_factor is not None:
             return self.device, ("it names the filter of the sensor: --filter is not used",)
         factor = self._filter.alias_factor(self._driver, rate)
-        settings = {**self.device.settings, "filter": f"{self._filter.text}, as given with --filter"}
-        return replace(self.device, alias_factor=factor, settings=settings), ()
+        given, assumed = f"{self._filter.text}, as given with --filter", self._filter.assumption(self._driver)
+        settings = {**self.device.settings, "filter": f"{given}; {assumed}" if assumed else given}
+        remark = f"--filter {self._filter.text}: {assumed}; give window and rate, such as 8@1000"
+        return replace(self.device, alias_factor=factor, settings=settings), (remark,) if assumed else ()
 
     def _note(self, event: Event) -> None:
         self._events.append(event)

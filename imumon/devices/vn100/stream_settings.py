@@ -175,7 +175,7 @@ def filter_advice(rate_hz: float | None) -> Mapping[str, str]:
     folds_below = LOOP_RATE // FACTORY_WINDOW
     return {
         "aliased": f"The filter of a VN-100 is register {IMU_FILTER}: set it to {LOOP_RATE} Hz divided by the rate.",
-        "unknown": f"With the factory settings of a VN-100, N of point samples below {folds_below} Hz is too high by "
+        "unknown": f"If it is a VN-100 with factory settings, N of point samples below {folds_below} Hz is too high by "
         f"√({folds_below} Hz / rate){here}.",
     }
 
