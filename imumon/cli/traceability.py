@@ -140,7 +140,7 @@ Digest = tuple[int | None, str | None, str | None]
 
 
 class DigestThread:
-    """The digest of a file, computed while something else goes on.
+    """The digest of a file, computed in a thread.
 
     Parameters
     ----------
