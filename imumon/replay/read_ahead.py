@@ -42,7 +42,7 @@ def read_ahead(recording: Recording) -> Iterator[tuple[Items, float | None]]:
         else:
             blocks.put(None)
 
-    Thread(target=read, name="reading", daemon=True).start()  # a daemon: the end of the program does not wait for a pipe
+    Thread(target=read, name="reading", daemon=True).start()  # a daemon: the end of the program must not wait
     try:
         while (found := blocks.get()) is not None:
             if isinstance(found, BaseException):
