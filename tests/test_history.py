@@ -345,10 +345,17 @@ def test_the_command_reads_the_file(tmp_path: Path) -> None:
 
 
 def test_the_command_names_the_devices_if_there_are_several(tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        write(tmp_path, name, [period(0)])
-    assert "one, two" in imumon("history", "--state", tmp_path, code=2)
-    imumon("history", "--state", tmp_path, "--id", "two")
+    now = time.time()
+    for name in ("one", "three", "two"):
+        write(tmp_path, name, [period(0, begin=now - 3600.0)])
+    assert "one, three, two" in imumon("history", "--state", tmp_path, code=2)
+    rows = {
+        name: json.loads(imumon("history", "--state", tmp_path, "--id", name, "--json"))
+        for name in ("two", "tw")
+    }
+    assert rows["tw"] == rows["two"]
+    assert {row["device"] for row in rows["tw"]} == {"two"}
+    assert "three, two" in imumon("history", "--state", tmp_path, "--id", "t", code=2)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.history_report import STEPS
+from imumon.messages import matching
 
 ANSWER_S = 1.0
 """How long to wait for a daemon before its file is read, s."""
@@ -21,7 +22,7 @@ ANSWER_S = 1.0
 
 def add_history(parser: Parser) -> None:
     add = parser.add_argument
-    add("--id", metavar="NAME", help="device; default: the only one")
+    options.add_id(parser, "device; default: the only one")
     add("--state", metavar="DIR", help="read the file in this directory, and ask no daemon")
     options.add_endpoints(parser)
     options.add_config(parser, "settings; options override the file")
@@ -103,14 +104,15 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
     from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
 
     known = devices(directory)
-    if id is None and len(known) > 1:
-        message = f"there are histories of {', '.join(known)}"
+    meant = matching(id, known)
+    if len(meant) > 1:
+        message = f"there are histories of {', '.join(meant)}"
         raise CommandError("several_histories", message, "choose one with --id", USAGE)
     if id is None and not known:
         message = f"no daemon answers, and there is no history in {directory}"
         cure = "start one with imumon run, or name the directory with --state"
         raise CommandError("no_history", message, cure, NOT_FOUND)
-    name = id or known[0]
+    name = meant[0] if meant else str(id)
     try:
         with HistoryStore(directory / f"{name}{SUFFIX}") as store:
             for timed in store.periods(chosen):

@@ -37,7 +37,9 @@ def test_15_two_daemons(tmp_path: Path) -> None:
         said = imumon("run", "--port", play.port, "--state", tmp_path / "b", *elsewhere, code=1)
         assert play.port in said
         with scene(tmp_path / "b", seed=16, start=False) as other:
-            words = ("run", "--port", other.port, "--duration", "20", "--state")
+            quiet = tmp_path / "quiet.toml"  # where it searches is in the log, too
+            quiet.write_text("[log]\nlevel = 'warning'\n")
+            words = ("run", "--config", quiet, "--port", other.port, "--duration", "20", "--state")
             said = imumon(*words, tmp_path / "c", "--listen", play.daemon.endpoint, code=1)
             assert play.daemon.endpoint.rpartition(":")[2] in said
             said = imumon(*words, play.state, *elsewhere, code=1)
@@ -72,7 +74,7 @@ def test_17_memory_that_the_service_unit_grants(tmp_path: Path) -> None:
     """All of its data, not only what is resident, fits in the unit's limit."""
     with scene(tmp_path, seed=17, start=False) as play:
         play.start(before=("sh", "-c", f'ulimit -d {MEMORY_MAX_KB} && exec "$@"', "sh"))
-        before = play.calm()
+        before = play.calm(more=500)  # by then the modules for fits are loaded
         after = play.calm(more=1500)
         play.end(before, after)
 
