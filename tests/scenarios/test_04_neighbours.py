@@ -74,7 +74,7 @@ def test_17_memory_that_the_service_unit_grants(tmp_path: Path) -> None:
     """All of its data, not only what is resident, fits in the unit's limit."""
     with scene(tmp_path, seed=17, start=False) as play:
         play.start(before=("sh", "-c", f'ulimit -d {MEMORY_MAX_KB} && exec "$@"', "sh"))
-        before = play.calm(more=500)  # by then the modules for fits are loaded
+        before = play.calm()
         after = play.calm(more=1500)
         play.end(before, after)
 
