@@ -14,7 +14,6 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.history_report import STEPS
-from imumon.messages import matching
 
 ANSWER_S = 1.0
 """How long to wait for a daemon before its file is read, s."""
@@ -102,6 +101,7 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
     """Yield the rows of a file."""
     from imumon.history.rows import rows
     from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
+    from imumon.messages import matching
 
     known = devices(directory)
     meant = matching(id, known)

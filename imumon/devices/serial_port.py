@@ -75,7 +75,7 @@ def find_ports() -> list[PortInfo]:
 
 
 def pseudo_terminal(path: str) -> int | None:
-    """Return when a pseudo-terminal was made, ns, which tells it from the next one of its number; None for others."""
+    """Return when a pseudo-terminal was made, ns; None for others. The next terminal of its number has another time."""
     if os.path.abspath(path).startswith(PSEUDO_TERMINALS):
         with contextlib.suppress(OSError):
             return os.stat(path).st_ctime_ns
