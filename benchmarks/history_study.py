@@ -138,8 +138,8 @@ def main() -> None:
         )
     print(f"{words.months} sensor-months: {false} false alarms, {false / words.months:.2f} per sensor-month")
     for step in STEPS:
-        delay = f", after {np.median(delays[step]):.0f} days" if delays[step] else ""
-        print(f"N times {step}: found in {found[step]} of {words.months}{delay} (median)")
+        shown = f", days until then: median {np.median(delays[step]):g}, longest {max(delays[step])}"
+        print(f"N times {step}: found in {found[step]} of {words.months}{shown if delays[step] else ''}")
 
 
 if __name__ == "__main__":

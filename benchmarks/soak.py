@@ -92,7 +92,8 @@ def state_bytes(directory: Path) -> int:
 def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, object]:
     """A real emulator, a real daemon, a real subscriber."""
     live = words.mode == "live"
-    settings = EmulatorSettings(seed=1, baud=921600 if live else words.baud, warm_up=0.0, speed=words.speed)
+    baud, port = 921600 if live else words.baud, str(scratch / "port")
+    settings = EmulatorSettings(seed=1, baud=baud, warm_up=0.0, speed=words.speed, link=port)
     until_s = words.minutes * 60.0 if live else words.days * 86400.0
     extra = ["--record", "/dev/null"] if live else []
     options = (f"{words.speed:g}", *(["history.enabled=false"] if words.no_history else []))
@@ -102,7 +103,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
     with ExitStack() as alive:
         sensor = alive.enter_context(spawn(settings))
         began, started = time.monotonic(), datetime.now(UTC)
-        daemon = alive.enter_context(Daemon(sensor.path, scratch / "state", *extra, before=lapse))
+        daemon = alive.enter_context(Daemon(port, scratch / "state", *extra, before=lapse))
         first = daemon.samples(1)
         seen_s = time.monotonic() - began
         first_s = (datetime.fromisoformat(first.time) - started).total_seconds()

@@ -120,10 +120,10 @@ EVENT_LEVELS: Mapping[str, Level] = {
     "state": "info",
     "recording": "error",
     "bus": "warning",
-    "remark": "warning",
+    "remark": "notice",
 }
 """Level of an event by its kind. An event that ends a trouble is a notice whatever its kind; some others of the
-kinds `connect` and `state` differ too."""
+kinds `connect`, `state` and `remark` differ too."""
 
 CLOCKS: Mapping[str, str] = {
     "startup": "the sensor's own clock",

@@ -93,6 +93,7 @@ async def browser(program: str, folder: Path, address: str) -> AsyncIterator[Pag
                     page = Page(socket)
                     for domain in ("Page", "Network", "Log", "Runtime"):
                         await page.call(f"{domain}.enable")
+                    await page.call("Emulation.setFocusEmulationEnabled", enabled=True)  # as the front window
                     await page.call("Page.navigate", url=address)
                     yield page
         finally:

@@ -1,6 +1,7 @@
 """A device without serial port, checksum and registers: a file that exists is a sensor that is plugged in.
 
-Its clock runs at 101 Hz with jittered stamps, and every 50th sample is lost. ``fake:PATH`` is its URL.
+Its clock runs at 101 Hz with jittered stamps, and every 50th sample is lost. ``fake:PATH`` is its URL. Each line of
+the file is a remark.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ class FakeDevice(Device):
         return self.info()
 
     def info(self) -> DeviceInfo:
-        return DeviceInfo(id="fake-1", kind="fake", model="Fake", serial="1", port=str(self._path))
+        remarks = tuple(self._path.read_text().splitlines()) if self._path.exists() else ()
+        return DeviceInfo(
+            id="fake-1", kind="fake", model="Fake", serial="1", port=str(self._path), remarks=remarks
+        )
 
     def _due(self) -> int:
         return int((time.monotonic() - self._begin) * RATE_HZ)
@@ -70,3 +74,12 @@ class FakeDriver(DeviceDriver):
 
     def create(self, options: DeviceOptions) -> Device:
         return FakeDevice(options)
+
+
+def install_fake(site: Path) -> None:
+    """Install a distribution with this device below `site`, for ``PYTHONPATH``."""
+    info = site / "imumon_fake-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: imumon-fake\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[imumon.devices]\nfake = fake_device:FakeDriver\n")
+    (site / "fake_device.py").write_text(Path(__file__).read_text())

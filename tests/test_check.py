@@ -178,13 +178,15 @@ def test_a_sensor_without_samples_is_unknown() -> None:
 
 @pytest.mark.slow
 def test_a_real_sensor_is_ok_lossy_and_unplugged(tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+    port = str(tmp_path / "port")  # a link: another program may get the terminal that is unplugged
+    with spawn(EmulatorSettings(seed=1, link=port)) as sensor, Daemon(port, tmp_path / "state") as daemon:
         daemon.samples(200)
         assert plugin("--connect", daemon.endpoint)[0] == 0
         sensor.ask("fault drop=0.2")
         daemon.wait(lambda r: (r.session.recent_loss or 0.0) > 0.011)
         assert plugin("--connect", daemon.endpoint)[0] == 1
-        sensor.ask("unplug")
+        sensor.ask("unplug")  # on a busy machine the sensor may be silent first
+        daemon.wait(lambda r: any(e.kind == "disconnect" for e in daemon.viewer.events(r.device.id)))
         daemon.wait(lambda r: r.state == "waiting")
         code, text, _ = plugin("--connect", daemon.endpoint)
         assert code == 2

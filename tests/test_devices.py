@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 import ros2_actors
 from daemons import free_endpoint
-from fake_device import RATE_HZ, FakeDriver
+from fake_device import RATE_HZ, FakeDriver, install_fake
 
 from imumon.config import Settings
 from imumon.devices import registry
@@ -391,11 +391,7 @@ def test_a_decoder_discards_garbage_to_the_byte(scheme: str, chunk: int) -> None
 def installed(tmp_path: Path) -> dict[str, str]:
     """Environment in which a distribution with the fake device is installed."""
     site = tmp_path / "site"
-    info = site / "imumon_fake-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: imumon-fake\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[imumon.devices]\nfake = fake_device:FakeDriver\n")
-    (site / "fake_device.py").write_text((TESTS / "fake_device.py").read_text())
+    install_fake(site)
     return {**os.environ, "PYTHONPATH": str(site)}
 
 

@@ -84,7 +84,7 @@ def test_six_sensors_of_which_three_have_a_fault(tmp_path: Path) -> None:
         assert {name for name in NAMES if found[name]["imumon_up",] == 0.0} == {UNPLUGGED}
         changed = ("imumon_caveat", "changed", "gyro/x")
         assert {name for name in NAMES if changed in found[name]} == {DEGRADED}
-        counted = {name: {k for k in kinds if ("imumon_events_total", k) in found[name]} for name in NAMES}
+        counted = {name: {k for k in kinds if found[name]["imumon_events_total", k]} for name in NAMES}
         assert {name: there for name, there in counted.items() if there} == {n: {k} for n, k in KINDS.items()}
 
         rows = {}

@@ -86,7 +86,7 @@ def test_lost_messages_are_not_missing_samples() -> None:
     made, items = assemble("ros2:/imu", lossy)
     assert (made.lost, made.losses) == (3, 2)
     notices = [item for item in items if isinstance(item, Notice)]
-    assert [notice.kind for notice in notices] == ["remark"]
+    assert [(notice.kind, notice.level) for notice in notices] == [("remark", "info")]  # the alarm is `loss`
 
 
 def test_a_quantity_without_an_estimate_is_no_channel() -> None:

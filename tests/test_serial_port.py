@@ -20,7 +20,7 @@ import pytest
 
 from imumon.devices import serial_port as port_module
 from imumon.devices.base import DeviceError, DeviceLost
-from imumon.devices.serial_port import PortInfo, SerialPort, find_again, holders
+from imumon.devices.serial_port import PortInfo, SerialPort, find_again, holders, pseudo_terminal
 from imumon.devices.vn100.vn100_device import _other_readers
 
 
@@ -337,3 +337,25 @@ def test_replugged_adapter_is_identified_by_its_serial_number(tmp_path: Path) ->
     assert find_again(here, [PortInfo(here, "", ours)], now) == [here, "/dev/ttyUSB9"]
     assert find_again("/dev/ttyS99", [PortInfo("/dev/ttyS99", "", None)], now) == []
     assert find_again("socket://a:1", [], now) == ["socket://a:1"]
+
+
+def test_another_terminal_of_the_same_number_is_not_the_port(tmp_path: Path) -> None:
+    """It belongs to whoever has opened it, and would be written to."""
+    master, slave = os.openpty()
+    path, link = os.ttyname(slave), tmp_path / "sensor"
+    link.symlink_to(path)
+    opened = pseudo_terminal(path)
+    os.write(slave, b"x")
+    assert find_again(path, [], [], opened) == [path]
+    os.close(master)
+    os.close(slave)
+    assert find_again(path, [], [], opened) == []
+    time.sleep(0.05)  # the kernel stamps in steps of some milliseconds
+    others = []
+    while not os.path.exists(path):
+        others.append(os.openpty())
+    assert find_again(path, [], [], opened) == []
+    assert find_again(str(link), [], [], pseudo_terminal(str(link))) == [str(link)]
+    for pair in others:
+        for end in pair:
+            os.close(end)

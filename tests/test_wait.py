@@ -16,10 +16,11 @@ from commands import run_inside
 from daemons import Daemon, free_endpoint
 from test_check import measured, published
 
+from imumon.cli.daemon_state import current_trouble
 from imumon.cli.options import seconds, share
 from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.report import Report, SensorGrade, SessionCounters
+from imumon.report import Event, Report, SensorGrade, SessionCounters
 from imumon.samples import sensor_of
 from imumon.units import READABLE
 
@@ -204,15 +205,40 @@ def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
 
 
 def test_it_says_that_the_sensor_is_disconnected(tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+    port = str(tmp_path / "port")  # a link: another program may get the terminal that is unplugged
+    with spawn(EmulatorSettings(seed=1, link=port)) as sensor, Daemon(port, tmp_path / "state") as daemon:
         daemon.samples(50)
-        sensor.ask("unplug")
+        sensor.ask("unplug")  # on a busy machine the sensor may be silent first
+        daemon.wait(lambda r: any(e.kind == "disconnect" for e in daemon.viewer.events(r.device.id)))
         daemon.wait(lambda r: r.state == "waiting")
         done = wait("--connect", daemon.endpoint, "--grade", "navigation", "--timeout", "2s")
-        assert done.returncode == 4
-        first, last = done.stderr.splitlines()
+        assert done.returncode == 4, done.stderr
+        lines = done.stderr.splitlines()
+        assert len(lines) == 2, done.stderr
+        first, last = lines
         assert first.startswith("imumon: vn100-0100056785: the sensor is disconnected: ")
         assert last.startswith("imumon: not reached in 2 s: the sensor is disconnected: ")
+
+
+class LateEvents:
+    """Subscriber whose events arrive some time after the first report."""
+
+    def __init__(self, after_s: float) -> None:
+        self._begin_s = time.monotonic() + after_s
+
+    def events(self, id: str) -> list[Event]:
+        lost = Event(time="", kind="disconnect", text="the cable is out", device=id)
+        return [lost] if time.monotonic() >= self._begin_s else []
+
+
+def test_the_trouble_is_that_of_events_that_come_after_the_report(long: Report) -> None:
+    waiting, soon = replace(long, state="waiting"), time.monotonic() + 20.0
+    text = "the sensor is disconnected: the cable is out"
+    assert current_trouble(LateEvents(0.3), waiting, soon) == text
+    assert (
+        current_trouble(LateEvents(60.0), waiting, time.monotonic()) == "the sensor is disconnected or silent"
+    )
+    assert current_trouble(LateEvents(60.0), long, soon) is None
 
 
 def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:

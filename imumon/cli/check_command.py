@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -47,7 +48,7 @@ def add_check(parser: Parser) -> None:
 
 def check(arguments: argparse.Namespace) -> int:
     """Print the line of a plugin and return its exit code."""
-    from imumon.cli.daemon_state import current_reports, grades_text, loss_text, trouble
+    from imumon.cli.daemon_state import EVENTS_S, current_reports, current_trouble, grades_text, loss_text
     from imumon.cli.query import ANSWER_S
 
     baseline = options.baseline(arguments.baseline)
@@ -55,7 +56,7 @@ def check(arguments: argparse.Namespace) -> int:
     with options.subscriber(arguments) as subscriber:
         report = options.first_report(subscriber, arguments.id, ANSWER_S, "check its service")
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
-        stopped = trouble(report, subscriber.events(report.device.id))
+        stopped = current_trouble(subscriber, report, time.monotonic() + EVENTS_S)
     critical, warnings = [], []
     if report.state == "stopped":
         critical.append("the daemon has ended")

@@ -19,6 +19,9 @@ from imumon.units import duration
 GRACE_S = 0.5
 """s beyond two periods that a report may be old, and that the next one is waited for. Not critical."""
 
+EVENTS_S = 2.0
+"""s that the events of a device may arrive after its first report. Not critical."""
+
 _TROUBLES = {
     "disconnect": "disconnected",
     "waiting": "disconnected",
@@ -67,6 +70,16 @@ def trouble(report: Report, events: Sequence[Event]) -> str | None:
     if last is None:
         return "the sensor is disconnected or silent"
     return f"the sensor is {_TROUBLES[last.kind]}: {last.text}"
+
+
+def current_trouble(subscriber: Any, report: Report, end_s: float) -> str | None:
+    """Return the trouble of a device; wait until `end_s`, monotonic, for events that come after its first report."""
+    id = report.device.id
+    while report.state == "waiting" and time.monotonic() < end_s:
+        if any(event.kind in _TROUBLES for event in subscriber.events(id)):
+            break
+        time.sleep(0.02)
+    return trouble(report, subscriber.events(id))
 
 
 def loss_text(report: Report) -> str:

@@ -21,7 +21,7 @@ ANSWER_S = 1.0
 
 def add_history(parser: Parser) -> None:
     add = parser.add_argument
-    add("--id", metavar="NAME", help="device; default: the only one")
+    options.add_id(parser, "device; default: the only one")
     add("--state", metavar="DIR", help="read the file in this directory, and ask no daemon")
     options.add_endpoints(parser)
     options.add_config(parser, "settings; options override the file")
@@ -101,16 +101,18 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
     """Yield the rows of a file."""
     from imumon.history.rows import rows
     from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
+    from imumon.messages import matching
 
     known = devices(directory)
-    if id is None and len(known) > 1:
-        message = f"there are histories of {', '.join(known)}"
+    meant = matching(id, known)
+    if len(meant) > 1:
+        message = f"there are histories of {', '.join(meant)}"
         raise CommandError("several_histories", message, "choose one with --id", USAGE)
     if id is None and not known:
         message = f"no daemon answers, and there is no history in {directory}"
         cure = "start one with imumon run, or name the directory with --state"
         raise CommandError("no_history", message, cure, NOT_FOUND)
-    name = id or known[0]
+    name = meant[0] if meant else str(id)
     try:
         with HistoryStore(directory / f"{name}{SUFFIX}") as store:
             for timed in store.periods(chosen):

@@ -108,7 +108,7 @@ def status(arguments: argparse.Namespace) -> int:
 
 def wait(arguments: argparse.Namespace) -> int:
     """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
-    from imumon.cli.daemon_state import trouble
+    from imumon.cli.daemon_state import EVENTS_S, current_trouble
     from imumon.cli.wait_condition import WaitCondition
     from imumon.units import duration
 
@@ -128,10 +128,11 @@ def wait(arguments: argparse.Namespace) -> int:
         report = options.first_report(
             subscriber, arguments.id, arguments.timeout or ANSWER_S, _cure(arguments)
         )
+        events_s = min(time.monotonic() + EVENTS_S, end_s)
         stopped = None  # why the sensor delivers nothing
         try:
             while unmet := condition.unmet(report):
-                before, stopped = stopped, trouble(report, subscriber.events(report.device.id))
+                before, stopped = stopped, current_trouble(subscriber, report, events_s)
                 if stopped and stopped != before:
                     print_status("")
                     print_message(f"{report.device.id}: {stopped}")

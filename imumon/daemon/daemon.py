@@ -280,7 +280,7 @@ class Daemon:
         self._streams.clear()
         if self._persistence.differing(info) and self._monitor.samples:
             self._start_new_record(info)
-        self._on_info(info)
+        self._on_info(info, "warning")  # it was otherwise before
         self._event("connect", f"{info.title} is back on {info.port} after {away:.1f} s", "notice")
 
     def _start_new_record(self, info: DeviceInfo) -> None:
@@ -357,13 +357,13 @@ class Daemon:
         if self._started is None:
             self._started = report.stamp(datetime.now(UTC))
 
-    def _on_info(self, info: DeviceInfo) -> None:
-        """Keep what is known of the device; each new remark is an event."""
+    def _on_info(self, info: DeviceInfo, level: Level | None = None) -> None:
+        """Keep what is known of the device; each new remark is an event of this level, None: that of the kind."""
         self._info = info
         for remark in info.remarks:
             if remark not in self._known_remarks:
                 self._known_remarks.add(remark)
-                self._event("remark", remark)
+                self._event("remark", remark, level)
 
     def _gap(self, length_s: float | None) -> None:
         self._monitor.gap(length_s)

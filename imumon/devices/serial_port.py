@@ -48,6 +48,7 @@ READ_BYTES = 1 << 14
 PIECE_BYTES = 1 << 16
 """Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes. Not critical."""
 
+PSEUDO_TERMINALS = "/dev/pts/"
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
 # what drivers raise for a port that has vanished (termios.error is no OSError)
@@ -73,18 +74,31 @@ def find_ports() -> list[PortInfo]:
     return sorted(ports, key=lambda port: (port.usb is None, port.path))
 
 
-def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[str]:
+def pseudo_terminal(path: str) -> int | None:
+    """Return when a pseudo-terminal was made, ns; None for others. The next terminal of its number has another time."""
+    if os.path.abspath(path).startswith(PSEUDO_TERMINALS):
+        with contextlib.suppress(OSError):
+            return os.stat(path).st_ctime_ns
+    return None
+
+
+def find_again(
+    path: str, before: list[PortInfo], now: list[PortInfo], terminal: int | None = None
+) -> list[str]:
     """Return the paths of a port that had vanished, best first.
 
     The same path is first, if it exists; then ports of the same adapter (vendor, product, serial number). A
-    port of another adapter is never returned: it would be written to.
+    port of another adapter is never returned: it would be written to. Nor is another
+    pseudo-terminal with the number of the one that was closed; a link is followed to whatever it names.
 
     Parameters
     ----------
     path : at which it was opened.
     before, now : `find_ports` before it vanished, and now.
+    terminal : `pseudo_terminal` of the path when it was opened.
     """
-    paths = [path] if "://" in path or os.path.exists(path) else []
+    remains = os.path.exists(path) and pseudo_terminal(path) == terminal
+    paths = [path] if "://" in path or remains else []
     adapters = {p.usb for p in before if os.path.realpath(p.path) == os.path.realpath(path)} - {None}
     return paths + [p.path for p in now if p.usb in adapters and p.path not in paths]
 
@@ -411,7 +425,9 @@ def _open_tty(path: str, baud: int) -> Any:
         raise _open_error(path, error) from None
     with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pseudo-terminal has no such mode
         port.set_low_latency_mode(True)
-    if not os.path.realpath(path).startswith("/dev/pts/"):  # a pseudo-terminal would stay locked after a kill
+    if not os.path.realpath(path).startswith(
+        PSEUDO_TERMINALS
+    ):  # a pseudo-terminal would stay locked after a kill
         with contextlib.suppress(OSError):
             fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
     return port

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, get_args
 
 from imumon.errors import ImumonError
+from imumon.messages import EVENT_LEVELS
 from imumon.report import COEFFICIENTS, Coefficient, Event, GradeName, Report
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ class MetricsServer:
 
         self._report: Report | None = None
         self._arrived = time.monotonic()
-        self._events: Counter[str] = Counter()
+        # each known kind from 0 on: Prometheus does not see the growth of a counter that begins at 1
+        self._events: Counter[str] = Counter(dict.fromkeys(EVENT_LEVELS, 0))
         self._device = ""
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self)

@@ -24,6 +24,14 @@ POLICY = (
     "connect-src 'self' ws: wss:; img-src 'self' data:; frame-ancestors 'none'"
 )
 """Content security policy: nothing from other hosts, in particular no fonts."""
+FOCUS = """<script>
+const focus = setInterval(() => {
+  const keys = document.querySelector(".xterm-helper-textarea");
+  if (keys && document.body.classList.contains("-first-byte")) { keys.focus(); clearInterval(focus); }
+}, 100);
+</script>
+"""
+"""Lets the screen have the keys from the first moment: the page of textual-serve needs a click before."""
 
 
 class WebError(ImumonError):
@@ -65,6 +73,8 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
             finally:
                 browsers.discard(id(request))
         response = await handler(request)
+        if request.path == "/":
+            response.text = response.text.replace("</body>", f"{FOCUS}</body>")
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["Referrer-Policy"] = "no-referrer"
         return response

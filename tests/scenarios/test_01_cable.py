@@ -49,7 +49,7 @@ def test_03_corrupted_bytes(tmp_path: Path, probability: float) -> None:
         begun = play.sensor.ask(f"fault corrupt={probability}")["made"]
         play.calm(more=200)
         exposed = play.sensor.ask("fault")["made"] - begun
-        after = play.calm()
+        after = play.calm(more=250)  # a busy machine has damaged messages on the way
         damaged = 1.0 - (1.0 - probability) ** PACKET
         assert after.report.session.bad_checksums > 0 or damaged * exposed < 5
         play.end(before, after, Fault(exposed=exposed, damaged=damaged))

@@ -37,7 +37,9 @@ def test_15_two_daemons(tmp_path: Path) -> None:
         said = imumon("run", "--port", play.port, "--state", tmp_path / "b", *elsewhere, code=1)
         assert play.port in said
         with scene(tmp_path / "b", seed=16, start=False) as other:
-            words = ("run", "--port", other.port, "--duration", "20", "--state")
+            quiet = tmp_path / "quiet.toml"  # where it searches is in the log, too
+            quiet.write_text("[log]\nlevel = 'warning'\n")
+            words = ("run", "--config", quiet, "--port", other.port, "--duration", "20", "--state")
             said = imumon(*words, tmp_path / "c", "--listen", play.daemon.endpoint, code=1)
             assert play.daemon.endpoint.rpartition(":")[2] in said
             said = imumon(*words, play.state, *elsewhere, code=1)

@@ -152,7 +152,9 @@ class ImuAssembler:
             count = self.lost - self._lost_noticed
             self._lost_noticed, self._notice_s = self.lost, now_s
             text = f"{count} message{'s were' if count > 1 else ' was'} lost between publisher and imumon"
-            items.append(Notice("remark", f"{text}: {self.lost} of {self.lost + self.messages} in all"))
+            items.append(
+                Notice("remark", f"{text}: {self.lost} of {self.lost + self.messages} in all", "info")
+            )
         return items + self._blocks(final=False)
 
     def finish(self) -> list[Item]:
@@ -167,7 +169,7 @@ class ImuAssembler:
             if not self._others_noticed:
                 self._others_noticed = True
                 text = f"several nodes publish {self._url.topic}: only the first is used"
-                items.append(Notice("remark", text))
+                items.append(Notice("remark", text, "warning"))
             self._reject(message)
             return
         if message.sequence is not None:

@@ -21,6 +21,7 @@ from imumon.devices.serial_port import (
     find_again,
     find_ports,
     holders,
+    pseudo_terminal,
 )
 from imumon.devices.vn100.commands import NotAVn100
 from imumon.devices.vn100.decoder import Vn100Decoder
@@ -108,6 +109,7 @@ class Vn100Device(Device):
         self._session: Vn100Session | None = None
         self._earlier = DeviceCounters()  # of earlier connections
         self._ports: list[PortInfo] = []  # when the sensor was found
+        self._terminal: int | None = None  # also then, see `pseudo_terminal`
         self._serial: str | None = None
         self._identified = self._streaming = self._started = False
         self._info: DeviceInfo | None = None
@@ -128,7 +130,9 @@ class Vn100Device(Device):
         if not self._identified:  # until it was started, another sensor may take its place
             self._serial = None
             self._path = self._given_path or self._search()
-        paths = find_again(self._path, self._ports, find_ports()) if self._identified else [self._path]
+        paths = [self._path]
+        if self._identified:
+            paths = find_again(self._path, self._ports, find_ports(), self._terminal)
         error: DeviceError = DeviceNotFound(
             "port_not_found", f"no port {self._path}", "plug the sensor in again"
         )
@@ -193,7 +197,7 @@ class Vn100Device(Device):
             raise
         self._port, self._session, self._path = port, session, path
         self._serial = info.serial
-        self._ports = find_ports()
+        self._ports, self._terminal = find_ports(), pseudo_terminal(path)
         self._info = info
         return info
 
