@@ -22,6 +22,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import ros2_actors
+from bus_actors import until
 from daemons import Daemon
 from figures import Figure, at_most, show
 from soak import growth_kb
@@ -53,7 +54,7 @@ def measure(minutes: float, rate_hz: float) -> Iterator[Figure]:
         Daemon(f"ros2:/imu/data?router={endpoint}", Path(scratch)) as daemon,
     ):
         pid = daemon.process.pid
-        daemon.wait(lambda r: r.state != "waiting")  # the subscription is there
+        until(lambda: driver.ask("heard") == "1", 60.0)
         driver.ask("replug")
         daemon.samples(FIRST_SAMPLES)
         begin, cpu, load, memory = time.monotonic(), cpu_s(pid), [], []
