@@ -99,6 +99,7 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
         assert chosen.session.samples == len(other.data["timestamp"])
         assert chosen.device.stream == "unknown"
         assert "its integrals cover 1% of the time" in remarks
+        assert "not used" not in remarks
 
 
 @needs_recordings

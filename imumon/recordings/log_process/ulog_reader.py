@@ -46,15 +46,14 @@ class ULogLog(Log):
         self.facts = _facts(log.msg_info_dict)
         if log.file_corruption:
             self.problem = "is corrupt: only the messages that are intact are used"
-        self.remarks = []
         best = self.topics[0].type if self.topics else ""
         unused = [topic for topic in self.topics if topic.type == "vehicle_imu" != best and topic.note]
         if unused:
             names = ", ".join(topic.name for topic in unused)
-            self.remarks = [f"{names} not used: {unused[0].note}"]
+            self.unused = [f"{names} not used: {unused[0].note}"]
         if log.dropouts:
             lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
-            self.remarks += [f"its logger dropped messages for {lost:.3g} s in total"]
+            self.remarks = [f"its logger dropped messages for {lost:.3g} s in total"]
 
     def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
         yield from array_blocks(self._arrays[self.topics[topic].name], columns)
