@@ -304,7 +304,8 @@ class TableRows:
         others = [name.strip() for k, name in enumerate(self._names) if k not in used]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
         text = f"{self._path} has no clock: no column with numbers has the name of a time{hint}"
-        return RateRequired("rate_required", text, f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}")
+        cure = f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}" if others else RATE_CURE
+        return RateRequired("rate_required", text, cure)
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
