@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ros2_actors
+from bus_actors import until
 from daemons import free_endpoint
 from fake_device import RATE_HZ, FakeDriver
 
@@ -232,7 +233,7 @@ def test_the_reader_runs_it_from_open_to_close(bench: Bench) -> None:
     reader, events = DeviceReader(bench.device()), []
     reader.start()
 
-    def until(kind: type, seconds: float = 15.0) -> None:
+    def read_to(kind: type, seconds: float = 60.0) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             event = reader.get(0.1)
@@ -242,18 +243,18 @@ def test_the_reader_runs_it_from_open_to_close(bench: Bench) -> None:
                     return
         raise AssertionError(f"no {kind.__name__} among {[type(event).__name__ for event in events]}")
 
-    until(Opened)
+    read_to(Opened)
     assert not any(isinstance(event, Started) for event in events)
     reader.begin()
-    until(Started)
-    until(Items)
+    read_to(Started)
+    read_to(Items)
     bench.unplug()
-    until(Disconnected)
+    read_to(Disconnected)
     bench.replug()
-    until(Started)
-    until(Items)
+    read_to(Started)
+    read_to(Items)
     reader.stop()
-    until(EndOfStream)
+    read_to(EndOfStream)
     assert events[-1].error is None
     assert reader.join(10.0)
     assert reader.restored is True
@@ -273,8 +274,7 @@ def test_a_full_queue_holds_the_reader_and_loses_nothing_of_the_device(
     reader.begin()
     while not isinstance(reader.get(10.0), Started):
         pass
-    time.sleep(2.0)
-    assert reader._queue.full()
+    until(reader._queue.full, 60.0)
     reader.stop(discard=True)
     assert reader.join(10.0)
     assert reader.restored is True

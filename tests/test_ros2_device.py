@@ -359,7 +359,7 @@ def test_a_run_without_a_topic_ends_with_the_list_of_topics(tmp_path: Path) -> N
     with system() as (endpoint, _):
         command = [sys.executable, "-m", "imumon", "run", "--state", str(tmp_path), "--port"]
         done = subprocess.run(
-            [*command, f"ros2:?router={endpoint}"], capture_output=True, text=True, timeout=30, check=False
+            [*command, f"ros2:?router={endpoint}"], capture_output=True, text=True, timeout=120, check=False
         )
     assert done.returncode == 3
     assert "IMU topics: /imu/data" in done.stderr
@@ -372,7 +372,7 @@ def test_a_duration_without_a_driver_is_exit_code_4(tmp_path: Path) -> None:
         [*command, f"ros2:/imu?router={free_router()}"],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=120,
         check=False,
     )
     assert done.returncode == 4, done.stderr
@@ -385,7 +385,7 @@ def test_doctor_shows_the_topic_and_lists_others() -> None:
 
         def checks(topic: str) -> dict[str, Any]:
             url = f"ros2:{topic}?router={endpoint}"
-            done = subprocess.run([*command, url], capture_output=True, text=True, timeout=30, check=False)
+            done = subprocess.run([*command, url], capture_output=True, text=True, timeout=120, check=False)
             rows = json.loads(done.stdout)
             return {row["name"]: row for row in (rows["checks"] if isinstance(rows, dict) else rows)}
 
