@@ -66,7 +66,8 @@ def measure(minutes: float, rate_hz: float) -> Iterator[Figure]:
         sent = int(driver.ask("pause"))
         samples, missing = settled(daemon, sent)
         session = daemon.wait(lambda r: True).session
-        daemon.stop()
+        _, _, log = daemon.stop()
+    print(log, file=sys.stderr)
     yield Figure("messages sent, received", f"{sent}, {samples}")
     lost = sent - samples
     yield Figure("messages lost", str(lost), f"missing {missing}", "0", lost == 0 and missing == 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import struct
 import time
 from datetime import UTC, datetime
@@ -107,6 +108,30 @@ def test_a_bridged_sensor_has_the_numbers_of_its_port(tmp_path: Path) -> None:
         assert b.N.value == pytest.approx(a.N.value, rel=0.01)
         assert overlapping(a.B, b.B), (name, a.B, b.B)
         assert overlapping(a.K, b.K), (name, a.K, b.K)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("who", ["daemon", "router"])
+def test_a_program_that_stands_still_for_seconds_loses_no_message(tmp_path: Path, who: str) -> None:
+    """A busy host: what is on its way waits in the link, which must not be closed meanwhile."""
+    endpoint = free_router()
+    with (
+        ros2_actors.router(endpoint) as router,
+        ros2_actors.publisher(endpoint, "/imu/data", 1000.0, paused="yes") as driver,
+        Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon,
+    ):
+        until(lambda: driver.ask("heard") == "1", 60.0)
+        driver.ask("replug")
+        before = daemon.samples(2000).session.samples
+        process = daemon.process if who == "daemon" else router.process
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(3.0)
+        process.send_signal(signal.SIGCONT)
+        daemon.samples(before + 4000)
+        sent = int(driver.ask("pause"))
+        made = daemon.wait(lambda r: r.session.samples + r.session.missing >= sent)
+        daemon.stop()
+    assert (made.session.samples, made.session.missing, made.session.overruns) == (sent, 0, 0)
 
 
 @pytest.mark.slow
