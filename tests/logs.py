@@ -102,6 +102,36 @@ class DataFlash:
             for instance in range(instances):
                 self.add("IMU", 10**6 + k * step_us, instance, *(gyro[k] + instance), *accel[k], 30.0)
 
+    def raw_samples(
+        self,
+        gyro: np.ndarray,
+        accel: np.ndarray,
+        *,
+        step_us: int = 1000,
+        accel_us: int = 0,
+        accel_every: int = 1,
+        suffix: str = "",
+        instances: int = 1,
+    ) -> None:
+        """Add `GYR` and `ACC` messages, as with raw logging.
+
+        Parameters
+        ----------
+        accel_us : by which the accelerometer is later.
+        accel_every : it has a sample with each so many of the gyroscope.
+        suffix : "1" makes `GYR1` and `ACC1` without an instance, as the logs had until 2020.
+        """
+        form, columns = ("QBQfff", "TimeUS,I,SampleUS") if not suffix else ("QQfff", "TimeUS,SampleUS")
+        self.define(f"ACC{suffix}", form, f"{columns},AccX,AccY,AccZ")
+        self.define(f"GYR{suffix}", form, f"{columns},GyrX,GyrY,GyrZ")
+        for k in range(len(gyro)):
+            sampled = 10**6 + k * step_us
+            for instance in range(instances):
+                start = (sampled + 700, instance) if not suffix else (sampled + 700,)
+                self.add(f"GYR{suffix}", *start, sampled, *(gyro[k] + instance))
+                if k % accel_every == 0:
+                    self.add(f"ACC{suffix}", *start, sampled + accel_us, *(accel[k] + instance))
+
     def batch(self, kind: int, number: int, start_us: int, rate: float, mul: int, values: np.ndarray) -> None:
         """Add a batch of (n, 3) counts."""
         if "ISBH" not in self._forms:

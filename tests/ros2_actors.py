@@ -193,6 +193,9 @@ def _run_publisher(endpoint: str, topic: str, rate_hz: float, options: dict[str,
                 made.begin, made.index, made.rate_hz = time.time_ns(), 0, float(value)
             elif name == "pause":
                 paused = True
+            elif name == "heard":
+                print(int(made.publisher.matching_status.matching), flush=True)
+                continue
             print(made.sequence, flush=True)
         elif not paused:
             made.send()

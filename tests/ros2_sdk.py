@@ -43,6 +43,8 @@ def publish(topic: str, where: dict[str, Any]) -> None:
     vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
     print("ready", flush=True)
     sys.stdin.readline()
+    while not made.pub.matching_status.matching:  # the subscription is on its way
+        time.sleep(0.01)
     begin = time.time()
     for k in range(COUNT):
         stamp_ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE_HZ)

@@ -99,6 +99,7 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
         assert chosen.session.samples == len(other.data["timestamp"])
         assert chosen.device.stream == "unknown"
         assert "its integrals cover 1% of the time" in remarks
+        assert "not used" not in remarks
 
 
 @needs_recordings
@@ -233,6 +234,59 @@ def test_instances_can_be_selected(tmp_path: Path) -> None:
     for k in (1, 2):
         np.testing.assert_allclose(read(path, topic=f"IMU/{k}").values[:, :3], RATE_RAD + k, rtol=1e-6)
     assert "ardupilot IMU/1 (gyro, accel, temperature)" in imumon("replay", path, "--topic", "IMU/1")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "accel_us", "name"), [("", 0, "GYR/0"), ("", 300, "GYR/0"), ("1", 300, "GYR1")]
+)
+def test_raw_samples_take_the_place_of_an_imu(tmp_path: Path, suffix: str, accel_us: int, name: str) -> None:
+    log = DataFlash()
+    log.raw_samples(RATE_RAD, FORCE, suffix=suffix, accel_us=accel_us)
+    path = log.write(tmp_path / "a.BIN")
+    reader = DFReader.DFReader_binary(str(path))
+    expected = {"GYR": [], "ACC": []}  # type: dict[str, list[Any]]
+    while (message := reader.recv_match(type=[f"GYR{suffix}", f"ACC{suffix}"])) is not None:
+        expected[message.get_type()[:3]].append(message)
+    report, remarks = replayed(path)
+    assert report.session.samples == len(expected["GYR"]) == N
+    assert report.session.missing == 0
+    assert report.device.sample_rate_hz == pytest.approx(1000.0)
+    assert report.device.source == f"ardupilot {name} (gyro, accel)"
+    assert f"{name} is used: point samples at 1000 Hz; --topic selects another: ACC{name[3:]}" in remarks
+    found = read(path)
+    np.testing.assert_array_equal(found.values[:, :3], [[m.GyrX, m.GyrY, m.GyrZ] for m in expected["GYR"]])
+    np.testing.assert_array_equal(found.values[:, 3:], [[m.AccX, m.AccY, m.AccZ] for m in expected["ACC"]])
+    alone = read(path, topic=f"ACC{name[3:]}")
+    np.testing.assert_array_equal(alone.values, found.values[:, 3:])
+
+
+def test_raw_samples_of_two_sensors_are_not_mixed(tmp_path: Path) -> None:
+    log = DataFlash()
+    log.raw_samples(RATE_RAD, FORCE, instances=2)
+    path = log.write(tmp_path / "a.BIN")
+    for k in (0, 1):
+        found = read(path, topic=f"GYR/{k}").values
+        np.testing.assert_allclose(found[:, :3], RATE_RAD + k, rtol=1e-6)
+        np.testing.assert_allclose(found[:, 3:], FORCE + k, rtol=1e-6)
+
+
+def test_a_raw_accelerometer_of_another_rate_is_a_topic_of_its_own(tmp_path: Path) -> None:
+    log = DataFlash()
+    log.raw_samples(RATE_RAD, FORCE, accel_every=4)
+    path = log.write(tmp_path / "a.BIN")
+    report, remarks = replayed(path)
+    assert report.device.source == "ardupilot GYR/0 (gyro)"
+    assert "ACC/0 not used: its samples are at other times, --topic reads it alone" in remarks
+    assert len(read(path, topic="ACC/0")) == N // 4
+
+
+def test_the_imu_of_a_log_with_raw_samples_is_used_first(tmp_path: Path) -> None:
+    log = DataFlash()
+    log.raw_samples(RATE_RAD, FORCE)
+    log.imu(RATE_RAD, FORCE)
+    report, remarks = replayed(log.write(tmp_path / "a.BIN"))
+    assert report.device.source == "ardupilot IMU/0 (gyro, accel, temperature)"
+    assert "--topic selects another: GYR/0, ACC/0" in remarks
 
 
 def test_batches_are_samples_with_pauses(tmp_path: Path) -> None:

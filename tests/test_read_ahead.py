@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import pytest
 
 from imumon.recordings import Recording, RecordingError
-from imumon.replay.read_ahead import read_ahead
+from imumon.replay.replay import read_ahead
 from imumon.samples import Gap, SampleBlock
 
 

@@ -12,6 +12,7 @@ from commands import imumon
 from tables import RATE, G, csv, read, replayed, truth
 
 from imumon.devices.vn100 import ascii
+from imumon.errors import RateRequired
 from imumon.recordings import RecordingError
 from imumon.recordings.base import OptionError
 from imumon.recordings.column_names import parse_name
@@ -68,6 +69,26 @@ def test_sentences_without_a_time_are_a_raw_capture(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\r\n".join(sentences(300)[1]) + "\r\n")
     assert replayed(path, rate_hz=40.0)[0].session.samples == 300
+
+
+@pytest.mark.parametrize(
+    ("form", "header"),
+    [('"{s}"', "data\n"), ('"{s}"', ""), ("{s},ok", "data,state\n")],
+    ids=["quoted", "bare", "behind"],
+)
+def test_sentences_in_cells_without_a_time_need_a_rate(tmp_path: Path, form: str, header: str) -> None:
+    values, lines = sentences(300)
+    lines[100] = lines[100].replace("9.7", "9.1")
+    path = tmp_path / "a.csv"
+    path.write_text(header + "\n".join(form.format(s=line) for line in lines) + "\n")
+    report, remarks = replayed(path, rate_hz=40.0)
+    assert (report.session.samples, report.session.missing, report.device.sample_rate_hz) == (299, 1, 40.0)
+    assert f"1 sentences fail their check and count as lost; first line {101 + bool(header)}" in remarks
+    found = read(path, rate_hz=40.0)
+    np.testing.assert_allclose(found.values[:, :3], np.delete(values, 100, axis=0)[:, 6:], atol=1e-6)
+    with pytest.raises(RateRequired) as caught:
+        replayed(path)
+    assert caught.value.cure == "give the sample rate with --rate"
 
 
 # ---------------------------------------------------------------- doubled rows

@@ -95,7 +95,9 @@ class LogFile(Table):
         self.header = facts or None
         if received.get("problem"):
             self.problem = f"{path} {received['problem']}"
-        found = replace(found, remarks=(*self._notes(options, received.get("remarks", ())), *found.remarks))
+        unused = received.get("unused", ()) if options.topic is None else ()
+        notes = self._notes(options, [*unused, *received.get("remarks", ())])
+        found = replace(found, remarks=(*notes, *found.remarks))
         self._columns = [*found.columns, *found.times, *([found.interval] if found.interval else [])]
         self._names = [self._topic["columns"][column.index] for column in self._columns]
         source = f"{kind} {self._topic['shown']}"

@@ -1,8 +1,9 @@
-"""Sentence table: a table one of whose columns has the raw sentences of a device, beside a time.
+"""Sentence table: a table one of whose columns has the raw sentences of a device, usually beside a time.
 
 Loggers write the time at which a sentence arrived, and the sentence: ``1700000000.123,$VNYMR,...*4F``, with or without
 quotes. The sentence has the separator of the table in it, so it is taken out first; its decoder gives the samples, and
-the other cells the time. Stamps of a host show lost samples, which the sentences alone do not.
+the other cells the time. Stamps of a host show lost samples, which the sentences alone do not. Sentences without a
+time need a rate; bare ones, each a line, are a raw capture.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ SHOWN_LINES = 30
 
 
 class SentenceTable(Table):
-    """A table with a column of sentences and one of times.
+    """A table with a column of sentences, and one of times or a rate.
 
     Parameters
     ----------
     scheme : URL scheme of the driver whose decoder it is.
     decoder : of the driver.
     stream : of the sentences that are used.
-    time : column of the time, without the sentence.
+    time : column of the time, without the sentence; None: there is none.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class SentenceTable(Table):
         decoder: RawDecoder,
         scheme: str,
         stream: Stream,
-        time: Column,
+        time: Column | None,
     ) -> None:
         self.path, self.driver = capture.path, scheme
         self._capture, self._decoder, self._stream, self._time = capture, decoder, stream, time
@@ -64,7 +65,7 @@ class SentenceTable(Table):
             Column(k, name, sensor_of(name), name.partition("/")[2] or None, unit=SI[sensor_of(name)])
             for k, name in enumerate(stream.channels)
         )
-        found = ColumnLayout(stream.kind, stream.channels, columns, (time,))
+        found = ColumnLayout(stream.kind, stream.channels, columns, (time,) if time is not None else ())
         self._rows = TableRows(self.path, found, "csv", options.rate_hz, source=f"csv of {stream.source}")
         self._other = self._invalid = self._line = 0
         self._first_invalid = 0
@@ -101,8 +102,11 @@ class SentenceTable(Table):
             if not values:
                 self._invalid += 1
                 self._first_invalid = self._first_invalid or self._line
-            rest = decoded(line[: match.start()] + line[match.end() :])
-            rows.append([*(values or [math.nan] * len(self._stream.channels)), self._seconds(rest)])
+            row = values or [math.nan] * len(self._stream.channels)
+            if self._time is not None:
+                cells = cells_of(decoded(line[: match.start()] + line[match.end() :]))
+                row = [*row, cell_time(cells, self._time.index, self._dates)]
+            rows.append(row)
             places.append(self._line if values else 0)
         if not rows:
             return []
@@ -130,20 +134,15 @@ class SentenceTable(Table):
         values: list[float] = blocks[-1].values[-1].tolist()
         return values
 
-    def _seconds(self, text: str) -> float:
-        """Return the time in the cells beside a sentence; NaN if it is no time."""
-        return cell_time(cells_of(text), self._time.index, self._dates)
-
     def no_samples(self) -> RecordingError:
-        return RecordingError(
-            "no_rows", f"{self.path} has no valid sentence beside a time", "record it again"
-        )
+        beside = "" if self._time is None else " beside a time"
+        return RecordingError("no_rows", f"{self.path} has no valid sentence{beside}", "record it again")
 
 
 def sentence_table(
     capture: RawCapture, options: ReadOptions, decoder: RawDecoder, scheme: str
 ) -> SentenceTable | None:
-    """Return a capture as a table of sentences; None if it has no time beside them, or a better clock in them.
+    """Return a capture as a table of sentences; None if they are bare, or have a better clock in them.
 
     Parameters
     ----------
@@ -171,7 +170,11 @@ def sentence_table(
         columns[k] for k in readable
     ]
     if not times:
-        return None
+        bare = all(
+            match is None or not (match[0].endswith(b'"') or line[match.end() :].strip())
+            for line, match in zip(lines, matches, strict=True)
+        )
+        return None if bare else SentenceTable(capture, options, decoder, scheme, blocks[0].stream, None)
     best = min(times, key=lambda column: column.rank)
     text = beside[0][best.index]
     unit = "s" if ":" in text else best.unit

@@ -21,6 +21,7 @@ from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
 
 ROWS = 1 << 15
@@ -115,7 +116,9 @@ class TableRows:
         self._lost_before = 0  # rows lost before the next one
         self._used: list[int] = []  # columns that are not left out
         self._host: HostStamps | None = None  # rows wait until their stamps have been placed
+        self._late: LateStamps | None = None  # of stamps of a sample clock
         self._waiting: list[Floats] = []
+        self._waiting_lost = np.empty(0, np.int64)  # rows lost before each of these, of a sample clock
         self._names, self._source = names, source or what
         self._remarks = list(columns.remarks)
         self._incomplete, self._first_incomplete = 0, ""  # rows that lacked a number, and where the first is
@@ -199,7 +202,12 @@ class TableRows:
             times = self._times(rows)
             if times is not None and self._stream.clock == "startup":
                 self._note_back(times, places)
-            yield SampleBlock(self._stream, values, times, lost)
+            if self._late is None or times is None:
+                yield SampleBlock(self._stream, values, times, lost)
+                return
+            self._waiting.append(values)
+            self._waiting_lost = np.concatenate([self._waiting_lost, lost])
+            yield from self._in_time(self._late.place(times, lost))
             return
         self._waiting.append(values)
         stamps = rows[:, width : width + len(columns.times)]
@@ -240,6 +248,18 @@ class TableRows:
         """Yield the rows that still wait, at the end of the table."""
         if self._host is not None:
             yield from self._placed(self._host.place(np.empty(0), final=True))
+        if self._late is not None:
+            nothing = np.empty(0, np.int64)
+            yield from self._in_time(self._late.place(nothing, nothing, final=True))
+
+    def _in_time(self, times: Ints) -> Iterator[SampleBlock]:
+        """Yield the oldest rows that wait, at their times on the grid."""
+        if not len(times):
+            return
+        assert self._stream is not None
+        values, lost, ready = np.concatenate(self._waiting), self._waiting_lost, len(times)
+        self._waiting, self._waiting_lost = [values[ready:]], lost[ready:]
+        yield SampleBlock(self._stream, values[:ready], times, lost[:ready])
 
     def _placed(self, lost: Ints) -> Iterator[SampleBlock]:
         """Yield the oldest rows that wait, of which the losses before are known."""
@@ -284,7 +304,8 @@ class TableRows:
         others = [name.strip() for k, name in enumerate(self._names) if k not in used]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
         text = f"{self._path} has no clock: no column with numbers has the name of a time{hint}"
-        return RateRequired("rate_required", text, f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}")
+        cure = f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}" if others else RATE_CURE
+        return RateRequired("rate_required", text, cure)
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
@@ -352,6 +373,7 @@ class TableRows:
         interval, steady = stamp_interval(t)
         self._compare(interval * 1e-9, own=steady)
         if steady:
+            self._late = LateStamps(interval)
             return "startup", interval * 1e-9
         self._host = HostStamps(t, interval)
         text = "its time stamps are late or in batches, as those of a host: "

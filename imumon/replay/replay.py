@@ -8,9 +8,12 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from queue import Empty, Queue
+from threading import Thread
 from typing import Literal, TypeAlias
 
 from imumon import pipeline, report
@@ -22,7 +25,6 @@ from imumon.evaluation import Evaluation
 from imumon.pipeline import Monitor
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
-from imumon.replay.read_ahead import read_ahead
 from imumon.report import DeviceDescription, Event
 from imumon.samples import Gap, Kind, SampleBlock
 
@@ -33,9 +35,14 @@ PUBLISH_S = 1.0
 """s between two reports on the bus, as of the daemon."""
 
 
+WAITING_BLOCKS = 2
+"""Blocks that wait for the statistics: one is enough for equal blocks, a second one evens out unequal ones. Not
+critical."""
+
 ALIASED = 1.001
 """Alias factor above which N is called aliased: more than rounding. Not critical."""
 
+Items: TypeAlias = Sequence[SampleBlock | Gap]
 TauGrid: TypeAlias = Literal["octave", "decade"]
 
 
@@ -166,6 +173,45 @@ def replay(
     if bus is not None:
         run.publish(bus, "stopped")
     return final
+
+
+def read_ahead(recording: Recording) -> Iterator[tuple[Items, float | None]]:
+    """Yield what a recording yields, and its progress, share of the file, at that time.
+
+    A thread reads and decodes while the caller works on the samples: both spend most of their time on arrays,
+    where Python lets threads run on two cores.
+
+    Counters of the recording may include blocks that have not been yielded yet, until the last one has.
+
+    Raises
+    ------
+    Whatever reading raises.
+    """
+    blocks: Queue[tuple[Items, float | None] | BaseException | None] = Queue(WAITING_BLOCKS)
+    abandoned = False
+
+    def read() -> None:
+        try:
+            for items in recording:
+                blocks.put((items, recording.progress))
+                if abandoned:
+                    return
+        except BaseException as error:
+            blocks.put(error)
+        else:
+            blocks.put(None)
+
+    Thread(target=read, name="reading", daemon=True).start()  # a daemon: the end of the program must not wait
+    try:
+        while (found := blocks.get()) is not None:
+            if isinstance(found, BaseException):
+                raise found
+            yield found
+    finally:
+        abandoned = True
+        with suppress(Empty):  # so that a thread that waits for a place continues, and ends
+            while True:
+                blocks.get_nowait()
 
 
 class _Run:

@@ -235,6 +235,7 @@ def absent_topic(url: TopicUrl, publishers: set[TopicPublisher]) -> RosError:
     if url.rmw == "dds":
         cure = "compare ROS_DOMAIN_ID and ROS_LOCALHOST_ONLY; a system with rmw_zenoh needs rmw=zenoh"
         return RosError("ros2_nothing_visible", text, cure)
-    cure = "start the nodes with RMW_IMPLEMENTATION=rmw_zenoh_cpp and this router, compare ROS_DOMAIN_ID; "
+    cure = "start the nodes with RMW_IMPLEMENTATION=rmw_zenoh_cpp and this router, which forwards nothing between "
+    cure += "peers: one without gossip, or behind another router, is invisible; compare ROS_DOMAIN_ID; "
     cure += "most systems run DDS: add rmw=dds to the URL"
     return RosError("ros2_nothing_visible", text, cure)

@@ -55,8 +55,9 @@ MAX_TOKENS = 1 << 14
 """Publishers, subscriptions and nodes that are kept of a domain. Not critical."""
 MAX_MESSAGE_BYTES = 1 << 20
 """Bytes of a message that is accepted; an Imu has 320. Not critical."""
-LEASE_MS = 2000
-"""ms after which a silent link is closed. Not critical."""
+LEASE_MS = 10_000
+"""ms after which a silent link is closed, as by default in Zenoh: the link of a host that is busy for two seconds must
+stay, with what waits in it. The end of a router shows at once. Not critical."""
 RETRY_MS = {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 1.5}
 """Times between two attempts to connect to a router that is gone. Not critical."""
 ANSWER_S = 1.0

@@ -3,7 +3,8 @@
 A recording shows all its stamps at once (`timestamps`); here they come one after the other, and the rate may
 change. The first stamps show what they are:
 
-- Stamps of a sample clock step by whole intervals. They are used as they are; `sample_clock` places them.
+- Stamps of a sample clock step by whole intervals. They are used as they are, but for single late ones
+  (`late_stamps`); `sample_clock` places them.
 - Stamps of a host are late or in batches. `HostStamps` finds the samples lost before each row, and the times are
   those of an even grid that follows the stamps slowly.
 - Stamps that do not change, or show no possible rate, are missing: the time of publication is used instead, as stamps
@@ -18,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from imumon.samples import Floats, Ints
+from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, rate_obstacle, stamp_interval
 
 FIRST_ROWS = 128
@@ -83,6 +85,7 @@ class LiveStamps:
         self._recent = np.empty(0, np.int64)  # stamps since the last check
         self._doubts = 0  # checks in a row that contradict the decision
         self._origin = 0  # ns; times below are relative to it
+        self._late: LateStamps | None = None  # of steady stamps
         self._host: HostStamps | None = None
         self._interval = 0.0  # ns, of host stamps
         self._lost = 0  # messages known to be lost, which `HostStamps` does not count again
@@ -116,10 +119,9 @@ class LiveStamps:
                 return earlier
             rows, self._waiting = self._waiting, self._waiting[:0]
         elif (recent := self._contradicting(rows)) is not None:
-            earlier = self._even_times(rows[:0], final=True)
+            earlier = self._times(rows[:0], final=True)
             self._begin_grid(recent)
-        times = rows[:, STAMPS] if self._steady else self._even_times(rows, final)
-        return np.concatenate([earlier, times])
+        return np.concatenate([earlier, self._times(rows, final)])
 
     def _decide(self, final: bool) -> None:
         """Decide what the stamps are, if the waiting rows show it."""
@@ -145,8 +147,11 @@ class LiveStamps:
         found = _interval(times)
         self._steady = found is None or (found[1] and self._used == STAMPS)
         self.remark = {STAMPS: None, PUBLISHED: MISSING, ARRIVED: UNUSABLE}[self._used]
-        self._host, self._last, self._at = None, None, None
-        if found is None or self._steady:
+        self._late, self._host, self._last, self._at = None, None, None, None
+        if found is None:
+            return
+        if self._steady:
+            self._late = LateStamps(found[0])
             return
         self._interval = found[0]
         self._host = HostStamps((times - self._origin).astype(np.float64), self._interval)
@@ -164,6 +169,8 @@ class LiveStamps:
         if found is None:
             return None
         interval, steady = found
+        if steady and self._late is not None:
+            self._late.interval = interval
         differs = not steady if self._steady else abs(interval / self._interval - 1.0) > RATE_SHARE
         self._doubts = self._doubts + 1 if differs else 0
         if self._doubts < 2:
@@ -171,14 +178,20 @@ class LiveStamps:
         self._doubts = 0
         return recent
 
-    def _even_times(self, rows: Ints, final: bool) -> Ints:
+    def _times(self, rows: Ints, final: bool) -> Ints:
+        """Return the times of the oldest rows that wait, ns."""
+        if self._host is not None:
+            return self._even_times(self._host, rows, final)
+        if self._late is not None:
+            return self._late.place(rows[:, STAMPS], rows[:, LOST], final=final)
+        return rows[:, STAMPS]
+
+    def _even_times(self, host: HostStamps, rows: Ints, final: bool) -> Ints:
         """Return times on an even grid that follows the stamps, ns."""
-        if self._host is None:
-            return rows[:, STAMPS]
         lost = self._lost + np.cumsum(rows[:, LOST])
         self._lost = int(lost[-1]) if len(lost) else self._lost
         self._lost_before = np.concatenate([self._lost_before, rows[:, LOST]])
-        missing = self._host.place(self._plausible(rows) - lost * self._interval)
+        missing = host.place(self._plausible(rows) - lost * self._interval)
         times = self._after(missing, follow=True)
         if final:  # no later row shows whether these are late or behind a loss
             rest = self._after(np.zeros(len(self._lost_before), np.int64), follow=False)

@@ -146,8 +146,10 @@ class ImuAssembler:
         for name, received in others.items():
             self._add_others(name, received)
         now_s = now_ns * 1e-9
+        # a busy host takes messages late: a publisher with one among them was not silent
+        here = any(message.publisher == self._publisher for message in messages)
         for message in messages:
-            self._add(message, now_s, items)
+            self._add(message, now_s, here, items)
         if self.lost > self._lost_noticed and now_s - self._notice_s >= NOTICE_S:
             count = self.lost - self._lost_noticed
             self._lost_noticed, self._notice_s = self.lost, now_s
@@ -161,11 +163,11 @@ class ImuAssembler:
         """Return what still waits, at the end of the stream."""
         return self._blocks(final=True)
 
-    def _add(self, message: Received, now_s: float, items: list[Item]) -> None:
-        """Add a message of the main topic as a row."""
+    def _add(self, message: Received, now_s: float, here: bool, items: list[Item]) -> None:
+        """Add a message of the main topic as a row; `here`: one of the publisher that is followed arrived with it."""
         self.messages += 1
         self.bytes += len(message.payload)
-        if not self._is_followed(message, now_s):
+        if not self._is_followed(message, now_s, here):
             if not self._others_noticed:
                 self._others_noticed = True
                 text = f"several nodes publish {self._url.topic}: only the first is used"
@@ -190,11 +192,11 @@ class ImuAssembler:
         self._times.append((stamp, _within_64_bits(published), arrived, self._lost_before))
         self._lost_before = 0
 
-    def _is_followed(self, message: Received, now_s: float) -> bool:
+    def _is_followed(self, message: Received, now_s: float, here: bool) -> bool:
         """Return whether a message is of the publisher that is followed: the first, until it is silent."""
         if message.publisher != self._publisher:
             silent = now_s - self._heard_s > max(SILENT_S, SILENT_MESSAGES * self._interval_s)
-            if self._publisher is not None and not silent:
+            if self._publisher is not None and (here or not silent):
                 return False
             self._publisher, self._sequence = message.publisher, None
         elif now_s > self._heard_s:

@@ -62,7 +62,8 @@ def serve(kind: str, path: Path, source: BinaryIO, sink: BinaryIO) -> None:
     try:
         log = opened(kind, path)
         topics = [asdict(topic) for topic in log.topics]
-        send({"topics": topics, "facts": log.facts, "remarks": log.remarks, "problem": log.problem})
+        notes = {"unused": log.unused, "remarks": log.remarks, "problem": log.problem}
+        send({"topics": topics, "facts": log.facts, **notes})
         sink.flush()
         wanted = json.loads(source.readline() or b"null")
         if wanted is None:

@@ -14,6 +14,9 @@ from imumon.samples import Floats
 ROWS = 1 << 15
 """Rows in a block. Not critical."""
 
+MATCHED = 0.99
+"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time. Not critical."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
@@ -48,12 +51,14 @@ class Log:
     ----------
     topics : the best first, if the log has an order.
     facts : fields of the header of a recording: model, firmware.
+    unused : why a topic that is better by its kind is not the first, one line each.
     remarks : what was left out or is doubtful, one line each.
     problem : why it was not read to its end, or None.
     """
 
     topics: Sequence[Topic] = ()
     facts: Mapping[str, str] = {}
+    unused: Sequence[str] = ()
     remarks: Sequence[str] = ()
     problem: str | None = None
 
@@ -69,7 +74,9 @@ class Log:
 
 
 def best_first(topics: Sequence[Topic], preferred: str = "") -> list[Topic]:
-    """Return the topics of an autopilot: those with both sensors before those with one, averages, then the fastest.
+    """Return the topics of an autopilot, the best first.
+
+    Those with both sensors come before those with one, then averages, then the fastest, then a gyroscope.
 
     Parameters
     ----------
@@ -84,11 +91,11 @@ def best_first(topics: Sequence[Topic], preferred: str = "") -> list[Topic]:
     for topic in topics:
         rates[topic.type] = max(rates.get(topic.type, 0.0), topic.rate_hz or 0.0)
 
-    def rank(topic: Topic) -> tuple[bool, bool, bool, bool, float, str]:
+    def rank(topic: Topic) -> tuple[bool, bool, bool, bool, float, bool, str]:
         gyro, accel = "gyro/x" in topic.map, "accel/x" in topic.map
         first = topic.averaged and topic.type == preferred
         neither, one = not (gyro or accel), not (gyro and accel)
-        return neither, one, not topic.averaged, not first, -rates[topic.type], topic.name
+        return neither, one, not topic.averaged, not first, -rates[topic.type], not gyro, topic.name
 
     return sorted(topics, key=rank)
 
@@ -109,3 +116,21 @@ def step_s(times_us: npt.NDArray[Any]) -> float | None:
         return None
     step = float(np.median(np.diff(times_us.astype(np.float64)))) * 1e-6
     return step if step > 0.0 else None
+
+
+def rows_at(own_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
+    """Return (n,) the row of another series at the time of each own row, -1: none; None: its times are others.
+
+    >>> rows_at(np.arange(5) * 10, np.arange(5) * 10 + 1).tolist()
+    [0, 1, 2, 3, 4]
+    >>> rows_at(np.arange(5) * 10, np.arange(3) * 20) is None
+    True
+    """
+    step = step_s(own_us)
+    if step is None or not len(other_us):
+        return None
+    own, other = own_us.astype(np.float64), other_us.astype(np.float64)
+    nearest = np.clip(np.searchsorted(other, own - step * 0.5e6), 0, len(other) - 1)
+    near = np.abs(other[nearest] - own) < step * 0.5e6
+    single = len(np.unique(nearest[near])) == int(near.sum())
+    return np.where(near, nearest, -1) if single and near.mean() >= MATCHED else None

@@ -1,8 +1,9 @@
 """DataFlash reader: inertial messages of an ArduPilot log (.BIN), indexed by pymavlink.
 
 `IMU` has point samples behind the filter of the autopilot (INS_GYRO_FILTER), `GYR` and `ACC` those before it if raw
-logging is on. Batches of raw samples have a header, `ISBH`, and data, `ISBD`: 32 samples of one sensor in a message,
-with pauses between the batches. Definitions of the messages: ArduPilot, libraries/AP_InertialSensor/LogStructure.h.
+logging is on; the samples of `ACC` are joined to those of `GYR` if their times agree. Batches of raw samples have a
+header, `ISBH`, and data, `ISBD`: 32 samples of one sensor in a message, with pauses between the batches. Definitions
+of the messages: ArduPilot, libraries/AP_InertialSensor/LogStructure.h.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.recordings.log_process.base import ROWS, Log, Topic, array_blocks, best_first, step_s
+from imumon.recordings.log_process.base import ROWS, Log, Topic, array_blocks, best_first, rows_at, step_s
 from imumon.samples import AXES, Floats
 
 Rows: TypeAlias = npt.NDArray[Any]
@@ -72,8 +73,17 @@ class _Messages:
         parts = [self.rows(k, k + ROWS)[name] for k in range(0, max(len(self.places), 1), ROWS)]
         return np.concatenate(parts)
 
+    def numbers(self, rows: Rows, name: str) -> Floats:
+        """Return (n,) values of one column of some rows, in its unit."""
+        return rows[name].astype(np.float64) * self.scales.get(name, 1.0)
+
     def only(self, chosen: npt.NDArray[Any]) -> _Messages:
         return replace(self, places=self.places[chosen])
+
+
+def _is_imu(topic: Topic) -> bool:
+    """Return whether a topic has the values that the autopilot uses."""
+    return topic.type.startswith("IMU") and {"gyro/x", "accel/x"} <= set(topic.map)
 
 
 class DataFlashLog(Log):
@@ -86,9 +96,11 @@ class DataFlashLog(Log):
         self._data = np.frombuffer(self._log.data_map, np.uint8)
         self._messages: dict[str, _Messages] = {}
         self._batches: dict[str, dict[str, npt.NDArray[Any]]] = {}
+        self._joined: dict[str, tuple[_Messages, npt.NDArray[np.int64]]] = {}  # accelerometer, and its rows
         self.facts = self._facts()
         topics = [topic for name in list(self._log.name_to_id) for topic in self._topics(name)]
-        self.topics = best_first([*topics, *self._batch_topics()])
+        best = best_first([*self._with_accelerometers(topics), *self._batch_topics()])
+        self.topics = sorted(best, key=lambda topic: not _is_imu(topic))
 
     def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
         name = self.topics[topic].name
@@ -96,10 +108,18 @@ class DataFlashLog(Log):
             yield from array_blocks(self._batches[name], columns)
             return
         messages = self._messages[name]
+        accel, at = self._joined.get(name, (None, np.empty(0, np.int64)))
         for start in range(0, len(messages.places), ROWS):
             rows = messages.rows(start, start + ROWS)
-            parts = [rows[c].astype(np.float64) * messages.scales.get(c, 1.0) for c in columns]
-            yield np.column_stack(parts), rows.nbytes
+            size = rows.nbytes
+            found = {c: messages.numbers(rows, c) for c in columns if c in (rows.dtype.names or ())}
+            if accel is not None:
+                part = at[start : start + ROWS]
+                theirs = accel.only(part).rows(0, ROWS)
+                size += theirs.nbytes
+                for c in set(ACCEL) & set(columns):
+                    found[c] = np.where(part >= 0, accel.numbers(theirs, c), np.nan)
+            yield np.column_stack([found[c] for c in columns]), size
 
     def _of(self, name: str) -> _Messages | None:
         """Return the messages of a type; None if there are none, or their format is unknown."""
@@ -149,6 +169,30 @@ class DataFlashLog(Log):
                 map=known,
                 rate_hz=None if step is None else 1.0 / step,
             )
+
+    def _with_accelerometers(self, topics: Sequence[Topic]) -> Iterator[Topic]:
+        """Yield topics; a gyroscope gets the samples of its accelerometer, which stays a topic of its own."""
+        by_name = {topic.name: topic for topic in topics}
+        for topic in topics:
+            other = by_name.get(topic.name.replace("GYR", "ACC", 1))
+            alone = {"gyro/x", "accel/x", "t"} & set(topic.map) == {"gyro/x", "t"}
+            if not topic.name.startswith("GYR") or other is None or not alone:
+                yield topic
+                continue
+            own, accel = self._messages[topic.name], self._messages[other.name]
+            times = [
+                each.column(known.map["t"].partition(":")[0])
+                for each, known in ((own, topic), (accel, other))
+                if "t" in known.map
+            ]
+            at = rows_at(*times) if len(times) == 2 and "accel/x" in other.map else None
+            if at is None:
+                note = f"{other.name} not used: its samples are at other times, --topic reads it alone"
+                yield replace(topic, note=note)
+                continue
+            self._joined[topic.name] = accel, at
+            known = {name: text for name, text in other.map.items() if name.startswith("accel")}
+            yield replace(topic, columns=[*topic.columns, *ACCEL], map={**topic.map, **known})
 
     def _batch_topics(self) -> Iterator[Topic]:
         """Yield a topic for the batches of each sensor."""

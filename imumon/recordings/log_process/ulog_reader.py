@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.recordings.log_process.base import Log, Topic, array_blocks, best_first, step_s
+from imumon.recordings.log_process.base import Log, Topic, array_blocks, best_first, rows_at, step_s
 from imumon.samples import AXES, Floats
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
@@ -25,9 +25,6 @@ COVERED = 0.9
 
 ONE_STEP = 1.5
 """Median steps up to which a step is that of two consecutive messages. Not critical."""
-
-MATCHED = 0.99
-"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time. Not critical."""
 
 FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m/s2")}
 """Topics with all samples of a chip: sensor and unit."""
@@ -49,15 +46,14 @@ class ULogLog(Log):
         self.facts = _facts(log.msg_info_dict)
         if log.file_corruption:
             self.problem = "is corrupt: only the messages that are intact are used"
-        self.remarks = []
         best = self.topics[0].type if self.topics else ""
         unused = [topic for topic in self.topics if topic.type == "vehicle_imu" != best and topic.note]
         if unused:
             names = ", ".join(topic.name for topic in unused)
-            self.remarks = [f"{names} not used: {unused[0].note}"]
+            self.unused = [f"{names} not used: {unused[0].note}"]
         if log.dropouts:
             lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
-            self.remarks += [f"its logger dropped messages for {lost:.3g} s in total"]
+            self.remarks = [f"its logger dropped messages for {lost:.3g} s in total"]
 
     def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
         yield from array_blocks(self._arrays[self.topics[topic].name], columns)
@@ -140,16 +136,13 @@ def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
 
 def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str, str]) -> str:
     """Add the samples of an accelerometer at the same times to those of a gyroscope; return what was left out."""
-    if time not in other or not set(AXES) <= set(other) or (step := step_s(arrays[time])) is None:
+    if time not in other or not set(AXES) <= set(other) or step_s(arrays[time]) is None:
         return ""
-    own, theirs = (each[time].astype(np.float64) for each in (arrays, other))
-    nearest = np.clip(np.searchsorted(theirs, own - step * 0.5e6), 0, max(len(theirs) - 1, 0))
-    near = np.abs(theirs[nearest] - own) < step * 0.5e6 if len(theirs) else np.zeros(len(own), bool)
-    single = len(np.unique(nearest[near])) == int(near.sum())
-    if not single or near.mean() < MATCHED:
+    rows = rows_at(arrays[time], other[time])
+    if rows is None:
         return "sensor_accel not used: its samples are at other times, --topic reads it alone"
     for axis in AXES:
-        arrays[f"sensor_accel.{axis}"] = np.where(near, other[axis].astype(np.float64)[nearest], np.nan)
+        arrays[f"sensor_accel.{axis}"] = np.where(rows >= 0, other[axis].astype(np.float64)[rows], np.nan)
         known[f"accel/{axis}"] = f"sensor_accel.{axis}:m/s2"
     return ""
 
