@@ -5,7 +5,7 @@ Both spend most of their time on arrays, where Python lets threads run on two co
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from queue import Empty, Queue
 from threading import Thread
@@ -16,11 +16,15 @@ from imumon.samples import Gap, SampleBlock
 BLOCKS = 2
 """Blocks that wait: one is enough for equal blocks, a second one evens out unequal ones. Not critical."""
 
+END_S = 1.0
+"""s that the end waits for the thread: a block takes far less, a pipe without data has no limit. If the interpreter ends
+while a thread is inside a library in C++, that aborts the process. Not critical."""
+
 Items = Sequence[SampleBlock | Gap]
 
 
-def read_ahead(recording: Recording) -> Iterator[tuple[Items, float | None]]:
-    """Yield what a recording yields, and its progress, share of the file, at that time.
+def read_ahead(recording: Recording) -> Generator[tuple[Items, float | None], None, None]:
+    """Yield what a recording yields, and its progress, share of the file, at that time. Close it at the end.
 
     Counters of the recording may include blocks that have not been yielded yet, until the last one has.
 
@@ -42,7 +46,8 @@ def read_ahead(recording: Recording) -> Iterator[tuple[Items, float | None]]:
         else:
             blocks.put(None)
 
-    Thread(target=read, name="reading", daemon=True).start()  # a daemon: the end of the program must not wait
+    thread = Thread(target=read, name="reading", daemon=True)  # a daemon: a pipe must not keep the program
+    thread.start()
     try:
         while (found := blocks.get()) is not None:
             if isinstance(found, BaseException):
@@ -53,3 +58,4 @@ def read_ahead(recording: Recording) -> Iterator[tuple[Items, float | None]]:
         with suppress(Empty):  # so that a thread that waits for a place continues, and ends
             while True:
                 blocks.get_nowait()
+        thread.join(END_S)

@@ -9,6 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Literal, TypeAlias
@@ -141,16 +142,17 @@ def replay(
     recording = options.open()
     run = _Run(options, recording)
     begun, due = time.monotonic(), 0.0
-    for items, share in read_ahead(recording):
-        for item in items:
-            run.feed(item)
-        if progress is not None:
-            progress(share, run.elapsed_s)
-        if bus is not None and time.monotonic() >= due:
-            due = time.monotonic() + PUBLISH_S
-            run.publish(bus, "running")
-        if options.speed is not None:
-            time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
+    with closing(read_ahead(recording)) as ahead:
+        for items, share in ahead:
+            for item in items:
+                run.feed(item)
+            if progress is not None:
+                progress(share, run.elapsed_s)
+            if bus is not None and time.monotonic() >= due:
+                due = time.monotonic() + PUBLISH_S
+                run.publish(bus, "running")
+            if options.speed is not None:
+                time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
     run.monitor.flush()
     final = run.report("stopped")
     final = replace(final, events=run.record_events())
