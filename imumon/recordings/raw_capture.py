@@ -235,7 +235,7 @@ class _Part:
 
 
 def _standard_input() -> BinaryIO:
-    """Open standard input a second time: the end of the interpreter closes `sys.stdin`, and aborts if a thread reads it."""
+    """Open standard input a second time: the interpreter aborts at its end if a thread reads `sys.stdin`."""
     return os.fdopen(sys.stdin.fileno(), "rb", closefd=False)
 
 
