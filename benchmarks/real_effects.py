@@ -279,6 +279,8 @@ def results(pool: multiprocessing.pool.Pool, cells: list[Cell], count: int, pipe
             print(f"{done} of {len(jobs)} batches", file=sys.stderr, flush=True)
     except KeyboardInterrupt:  # the table of what is done
         pool.terminate()
+        if not all(parts.values()):
+            raise
     return {each: joined(*each, parts[each], counts[each]) for each in cells}
 
 

@@ -218,7 +218,7 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
         lost.update_grades({"gyro": SensorGrade(nearest=None if k % 2 else "industrial")}, at)
     assert len(lost.drain()) == 1
     again = EventLog()
-    again.record_restored(cast(Accumulators, SimpleNamespace(warmup_s=0.0)))
+    again.record_restored(cast(Accumulators, SimpleNamespace(history=SimpleNamespace(changes=dict))))
     assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
     assert reported(again, range(2000, 3000), 500) == [
         "gyro: meets nothing, nearest consumer, provisional (before: meets nothing, nearest industrial, provisional)"

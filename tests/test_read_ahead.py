@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 
 import pytest
 
 from imumon.recordings import Recording, RecordingError
-from imumon.replay.replay import read_ahead
+from imumon.replay.read_ahead import read_ahead
 from imumon.samples import Gap, SampleBlock
 
 
@@ -50,4 +51,12 @@ def test_the_thread_ends_when_the_reader_stops_early() -> None:
     end = time.monotonic() + 10.0
     while reading() and time.monotonic() < end:
         time.sleep(0.01)
+    assert not reading()
+
+
+def test_the_thread_has_ended_when_the_work_on_its_samples_fails() -> None:
+    """A thread inside a library in C++ when the interpreter ends aborts the process."""
+    with closing(read_ahead(Counting(1000))) as ahead:
+        next(ahead)
+        assert reading()
     assert not reading()

@@ -127,8 +127,10 @@ def _temporary() -> Iterator[str]:
     interruptible = False
 
     def terminate(number: int, frame: FrameType | None) -> None:
+        nonlocal interruptible
         received.append(number)
-        if interruptible:  # not while the directory is made or deleted
+        if interruptible:  # not while the directory is made or deleted, and once: a terminal may send two
+            interruptible = False
             raise _Terminated
 
     ending = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]

@@ -64,7 +64,6 @@ class EventLog:
         self._events: list[DetectedEvent] = []
         self._gaps, self._missing = 0, 0  # not reported yet
         self._next_gap_s = 0.0  # s of the record, earliest time of the next event about gaps
-        self._warmup_s = 0.0
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
         self._changes: dict[tuple[int, str, str], float] = {}  # when it was last there, s of the record
@@ -107,12 +106,15 @@ class EventLog:
         self._events.append(event)
 
     def record_began(self) -> None:
-        """Note that the times of the record begin at 0."""
-        self._gaps, self._missing, self._next_gap_s, self._warmup_s = 0, 0, 0.0, 0.0
+        """Note that the times of the record begin at 0, and that nothing of it has been reported."""
+        self._gaps, self._missing, self._next_gap_s = 0, 0, 0.0
+        self._warming_up = self._warmup_reported = False
+        self._changes.clear()
 
     def record_restored(self, record: Accumulators) -> None:
-        """Note that the warm-up and the grades of a restored record have been reported before."""
-        self._warmup_s = record.warmup_s
+        """Note that the changes between hours and the grades of a restored record have been reported before."""
+        for column, changes in record.history.changes().items():
+            self._changes |= {(column, each.against, each.quantity): 0.0 for each in changes}
         self._first_grades_known = True
 
     def update_guard(self, record: Accumulators) -> None:
@@ -124,14 +126,15 @@ class EventLog:
             text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
             event = DetectedEvent("disturbance", text, "", start, name, length, disturbance.size)
             self._events.append(event)
-        if (warmup := record.warmup_s) > self._warmup_s:
-            self._warmup_s = warmup
+        decisions, record.history.decisions = record.history.decisions, []
+        for elapsed_s, warmup in decisions:
             text = f"a warm-up of {duration(warmup)} is over and excluded"
-            self._add_at(record.history.decided_s, "warmup", text, length_s=warmup)
+            self._add_at(elapsed_s, "warmup", text, length_s=warmup)
         for place, at_rest in record.guard.rest_changes():
             text = "at rest again" if at_rest else "not at rest: statistics are suspended"
             self._add_at(place * record.interval_s, "rest" if at_rest else "motion", text)
-        for place, stuck in record.guard.stuck_changes() if record.guarded else ():
+        stuck_changes = record.guard.stuck_changes()
+        for place, stuck in stuck_changes if record.guarded else ():
             begins = "the values do not change: an axis or the whole sensor hangs"
             text, level = (begins, None) if stuck else ("the values change again", NOTICE)
             self._add_at(place * record.interval_s, "stuck", text, level=level)

@@ -185,10 +185,14 @@ class Monitor:
             for placed in self._clock.finish():
                 self._accumulate(placed)
         if self._record is not None:
-            self._record.flush()
-            self._update_periods(self._record)
-            self._events.update_guard(self._record)
-            self._events.report_gaps(self._record.elapsed_s, self._record)
+            self._flush_record(self._record)
+
+    def _flush_record(self, record: Accumulators) -> None:
+        """Process the samples that the guard holds back, and report what waits for later ones."""
+        record.flush()
+        self._update_periods(record)
+        self._events.update_guard(record)
+        self._events.report_gaps(record.elapsed_s, record)
 
     def events(self) -> list[DetectedEvent]:
         """Return what happened since the last call, in order."""
@@ -446,7 +450,7 @@ class Monitor:
         if self._record is not None and self.stream is not None:
             self.mismatch = _mismatch(code, self.stream, self._record.interval_s)
             self.restarts += 1
-            self._events.report_gaps(self._record.elapsed_s, self._record)
+            self._flush_record(self._record)
         self._events.add("restart", f"{cause}: a new record begins", self._record, code=code)
         self.end_record()
         self._events.record_began()

@@ -166,7 +166,7 @@ class _Part:
         self.problem: str | None = None
         self.header: dict[str, Any] | None = None
         try:
-            self._file = sys.stdin.buffer if path == "-" else open_input(path, pipe=not later)
+            self._file = _standard_input() if path == "-" else open_input(path, pipe=not later)
             head = self._file.read(CHUNK)
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)
@@ -232,6 +232,11 @@ class _Part:
                     yield out
         if not member.eof:
             self.problem = "is truncated: the part that is there is used"
+
+
+def _standard_input() -> BinaryIO:
+    """Open standard input a second time: the interpreter aborts at its end if a thread reads `sys.stdin`."""
+    return os.fdopen(sys.stdin.fileno(), "rb", closefd=False)
 
 
 def split_lines(chunks: Iterator[bytes]) -> Iterator[bytes | dict[str, Any]]:

@@ -8,12 +8,10 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from queue import Empty, Queue
-from threading import Thread
 from typing import Literal, TypeAlias
 
 from imumon import pipeline, report
@@ -25,6 +23,7 @@ from imumon.evaluation import Evaluation
 from imumon.pipeline import Monitor
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
+from imumon.replay.read_ahead import read_ahead
 from imumon.report import DeviceDescription, Event
 from imumon.samples import Gap, Kind, SampleBlock
 
@@ -35,14 +34,9 @@ PUBLISH_S = 1.0
 """s between two reports on the bus, as of the daemon."""
 
 
-WAITING_BLOCKS = 2
-"""Blocks that wait for the statistics: one is enough for equal blocks, a second one evens out unequal ones. Not
-critical."""
-
 ALIASED = 1.001
 """Alias factor above which N is called aliased: more than rounding. Not critical."""
 
-Items: TypeAlias = Sequence[SampleBlock | Gap]
 TauGrid: TypeAlias = Literal["octave", "decade"]
 
 
@@ -148,16 +142,17 @@ def replay(
     recording = options.open()
     run = _Run(options, recording)
     begun, due = time.monotonic(), 0.0
-    for items, share in read_ahead(recording):
-        for item in items:
-            run.feed(item)
-        if progress is not None:
-            progress(share, run.elapsed_s)
-        if bus is not None and time.monotonic() >= due:
-            due = time.monotonic() + PUBLISH_S
-            run.publish(bus, "running")
-        if options.speed is not None:
-            time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
+    with closing(read_ahead(recording)) as ahead:
+        for items, share in ahead:
+            for item in items:
+                run.feed(item)
+            if progress is not None:
+                progress(share, run.elapsed_s)
+            if bus is not None and time.monotonic() >= due:
+                due = time.monotonic() + PUBLISH_S
+                run.publish(bus, "running")
+            if options.speed is not None:
+                time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))
     run.monitor.flush()
     final = run.report("stopped")
     final = replace(final, events=run.record_events())
@@ -173,45 +168,6 @@ def replay(
     if bus is not None:
         run.publish(bus, "stopped")
     return final
-
-
-def read_ahead(recording: Recording) -> Iterator[tuple[Items, float | None]]:
-    """Yield what a recording yields, and its progress, share of the file, at that time.
-
-    A thread reads and decodes while the caller works on the samples: both spend most of their time on arrays,
-    where Python lets threads run on two cores.
-
-    Counters of the recording may include blocks that have not been yielded yet, until the last one has.
-
-    Raises
-    ------
-    Whatever reading raises.
-    """
-    blocks: Queue[tuple[Items, float | None] | BaseException | None] = Queue(WAITING_BLOCKS)
-    abandoned = False
-
-    def read() -> None:
-        try:
-            for items in recording:
-                blocks.put((items, recording.progress))
-                if abandoned:
-                    return
-        except BaseException as error:
-            blocks.put(error)
-        else:
-            blocks.put(None)
-
-    Thread(target=read, name="reading", daemon=True).start()  # a daemon: the end of the program must not wait
-    try:
-        while (found := blocks.get()) is not None:
-            if isinstance(found, BaseException):
-                raise found
-            yield found
-    finally:
-        abandoned = True
-        with suppress(Empty):  # so that a thread that waits for a place continues, and ends
-            while True:
-                blocks.get_nowait()
 
 
 class _Run:

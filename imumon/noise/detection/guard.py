@@ -233,6 +233,10 @@ class Guard:
             out[-1] = replace(out[-1], values=out[-1].values[:-fill], valid=out[-1].valid[:-fill])
         self._index -= fill
         self._breaks = [min(place, self._index) for place in self._breaks]
+        self._stuck_changes = [(min(place, self._index), now) for place, now in self._stuck_changes]
+        for detector in self._detectors:
+            detector.rest_changes = [(min(place, self._index), now) for place, now in detector.rest_changes]
+        self._events = [replace(e, length=min(e.length, self._index - e.start)) for e in self._events]
         return out
 
     def _drain(self, fill: int) -> list[GuardedSamples]:
@@ -308,7 +312,10 @@ class Guard:
         for f in range(len(stuck) // self._frame):
             rows = slice(f * self._frame, (f + 1) * self._frame)
             known = np.flatnonzero(received[rows])
-            if len(known) and (now := bool(repeats[rows][known[-1]])) != self._was_stuck:
+            if not len(known):
+                continue
+            now = bool(repeats[rows][known[-1]]) or (self._was_stuck and f in self._stuck_axes.unclear)
+            if now != self._was_stuck:
                 self._was_stuck = now
                 self._stuck_changes.append((index + (f + 1) * self._frame, now))
 
@@ -427,9 +434,10 @@ class Guard:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays, without running disturbances and unread events."""
-        numbers = [self._index, self.disturbances, self._started, self._was_stuck, *self._breaks]
+        numbers = [self._index, self.disturbances, self._started, *self._breaks]
         out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
         out |= {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
+        out |= {"stuck": np.array(self._was_stuck)}
         out |= {"excludes": np.array(self._excludes), "numbers": np.array(numbers, dtype=np.int64)}
         for prefix, part in self._parts().items():
             out |= {prefix + name: value for name, value in part.save().items()}
@@ -441,9 +449,8 @@ class Guard:
         self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
         for name in _ARRAYS:
             setattr(self, f"_{name}", saved[name].copy())
-        self._index, self.disturbances, *flags = (int(v) for v in saved["numbers"])
-        started, stuck, *self._breaks = flags
-        self._started, self._was_stuck = bool(started), bool(stuck)
+        self._index, self.disturbances, started, *self._breaks = (int(v) for v in saved["numbers"])
+        self._started, self._was_stuck = bool(started), bool(saved.get("stuck", False))
         for prefix, part in self._parts().items():
             part.restore(subset(saved, prefix))
         return self

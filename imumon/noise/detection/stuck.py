@@ -157,6 +157,10 @@ class StuckAxisDetector(ArrayState):
     ----------
     channels : columns that are compared.
     groups : (c,) group of each channel of the stream.
+
+    Attributes
+    ----------
+    unclear : frames of the last update with too few valid rows to decide whether a stuck axis still is.
     """
 
     _STATE = ("_run", "_flat", "_frames", "_step", "_span")
@@ -167,6 +171,7 @@ class StuckAxisDetector(ArrayState):
         self._rows = slice(span.start, span.stop) if contiguous else np.array(channels, dtype=np.intp)
         self._groups = [groups[c] for c in channels]
         c = len(channels)
+        self.unclear: set[int] = set()
         self._run = np.zeros(c, dtype=np.int64)  # frames in a row without a change
         self._flat = np.zeros(c)  # frames learned from: those without a change, all
         self._frames = np.zeros(c)
@@ -192,7 +197,7 @@ class StuckAxisDetector(ArrayState):
         ok = None if valid.all() else valid.T[self._groups].reshape(x.shape)
         if ok is not None:
             suspect |= ~ok.all(axis=2)
-        stuck = []
+        stuck, self.unclear = [], set()
         for f in range(frames):
             examined = suspect[:, f] | (self._run > 0) | (self._frames < LEARN_FRAMES)
             if not examined.any():
@@ -202,6 +207,8 @@ class StuckAxisDetector(ArrayState):
             for c in np.flatnonzero(examined).tolist():
                 row = x[c, f] if ok is None else x[c, f][ok[c, f]]
                 if len(row) < LEAST_VALID * x.shape[2]:
+                    if self._run[c] >= LEAST_FRAMES and self.stuck[c]:
+                        self.unclear.add(f)
                     continue
                 span = float(row.max() - row.min())
                 if span > 0.0:

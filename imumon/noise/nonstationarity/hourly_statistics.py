@@ -92,7 +92,7 @@ class HourlyStatistics:
     warmup_s : s, valid samples that are excluded as a warm-up, without the missing or otherwise excluded ones
         within it.
     drift : means of the whole record.
-    decided_s : s since the first sample, when the end of the warm-up was decided; 0: there is none.
+    decisions : time in s, and `warmup_s`, of each end of a warm-up that was found; the monitor takes them.
     comparisons : time in s, and changes by column, of each hour that was compared; the monitor takes them.
     stretches : every 10 minutes, hour and day.
     warmup_channels : as given.
@@ -119,7 +119,8 @@ class HourlyStatistics:
         self._hour = round(HOUR_S * rate)
         self._marks: dict[int, Window] = {0: self._cascade.open_window()}
         self._start = 0  # end of the warm-up
-        self.warmup_s = self.decided_s = 0.0
+        self.warmup_s = 0.0
+        self.decisions: list[tuple[float, float]] = []
         self.comparisons: list[tuple[float, dict[int, tuple[Change, ...]]]] = []
         self._hour_mark = self._cascade.open_window()
         self._quarters = Quarters(self._cascade, rate)
@@ -227,7 +228,8 @@ class HourlyStatistics:
         if settled or self._slopes_settled(mark, begin, middle):
             self._start = candidate
             self._quarters.discard_before(candidate)
-            self.warmup_s, self.decided_s = self._warmup_length_s(), self.position * self._interval
+            self.warmup_s = self._warmup_length_s()
+            self.decisions.append((self.position * self._interval, self.warmup_s))
             self._hours, self._changes = [], {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
             self._cascade.close_window(self._marks.pop(start))

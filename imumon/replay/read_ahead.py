@@ -1,0 +1,61 @@
+"""Read ahead: one thread reads and decodes a recording while another one works on its samples.
+
+Both spend most of their time on arrays, where Python lets threads run on two cores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import suppress
+from queue import Empty, Queue
+from threading import Thread
+
+from imumon.recordings import Recording
+from imumon.samples import Gap, SampleBlock
+
+BLOCKS = 2
+"""Blocks that wait: one is enough for equal blocks, a second one evens out unequal ones. Not critical."""
+
+END_S = 1.0
+"""s that the end waits for the thread: a block takes far less, a pipe without data has no limit. If the
+interpreter ends while a thread is inside a library in C++, that aborts the process. Not critical."""
+
+Items = Sequence[SampleBlock | Gap]
+
+
+def read_ahead(recording: Recording) -> Generator[tuple[Items, float | None], None, None]:
+    """Yield what a recording yields, and its progress, share of the file, at that time. Close it at the end.
+
+    Counters of the recording may include blocks that have not been yielded yet, until the last one has.
+
+    Raises
+    ------
+    Whatever reading raises.
+    """
+    blocks: Queue[tuple[Items, float | None] | BaseException | None] = Queue(BLOCKS)
+    abandoned = False
+
+    def read() -> None:
+        try:
+            for items in recording:
+                blocks.put((items, recording.progress))
+                if abandoned:
+                    return
+        except BaseException as error:
+            blocks.put(error)
+        else:
+            blocks.put(None)
+
+    thread = Thread(target=read, name="reading", daemon=True)  # a daemon: a pipe must not keep the program
+    thread.start()
+    try:
+        while (found := blocks.get()) is not None:
+            if isinstance(found, BaseException):
+                raise found
+            yield found
+    finally:
+        abandoned = True
+        with suppress(Empty):  # so that a thread that waits for a place continues, and ends
+            while True:
+                blocks.get_nowait()
+        thread.join(END_S)

@@ -1,0 +1,186 @@
+"""Events of the monitor where records end, restart or are split: none is lost, doubled or at a wrong time."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+
+from imumon.devices.vn100 import ascii
+from imumon.noise.detection import Guard
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.events import DetectedEvent, EventLog
+from imumon.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
+
+STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
+RATE = 100.0
+
+
+def noise(seconds: float, rate: float = RATE, seed: int = 3) -> Floats:
+    values = np.random.default_rng(seed).normal(0.0, 1.0, (round(seconds * rate), 6))
+    return values * np.array([1e-3] * 3 + [1e-2] * 3) - np.array([0.0] * 5 + [9.8])
+
+
+def clock(values: Floats, rate: float = RATE, after_s: float = 1.0) -> Ints:
+    return (round(after_s * 1e9) + np.arange(len(values)) * round(1e9 / rate)).astype(np.int64)
+
+
+def feed(monitor: Monitor, values: Floats, time: Ints, block: int = 5000) -> None:
+    for begin in range(0, len(values), block):
+        part = values[begin : begin + block]
+        lost = np.zeros(len(part), dtype=np.int64)
+        monitor.feed(SampleBlock(STREAM, part, time[begin : begin + block], lost))
+
+
+def drained(monitor: Monitor, kind: str) -> list[tuple[str, float | None]]:
+    return [(event.text, event.elapsed_s) for event in monitor.events() if event.kind == kind]
+
+
+def drifted(rate: float = 10.0, seed: int = 1) -> Floats:
+    """Samples (n, 6) of 7300 s whose second hour has more noise on one axis."""
+    values = noise(7300.0, rate, seed)
+    values[round(3600 * rate) :, 2] *= 1.5
+    return values
+
+
+def test_a_new_record_reports_the_changes_that_the_record_before_had() -> None:
+    monitor, before, after = Monitor(), drifted(), drifted(8.0, 2)
+    feed(monitor, before, clock(before, 10.0))
+    feed(monitor, after, clock(after, 8.0, 7301.0))
+    changes = drained(monitor, "change")
+    assert [elapsed_s for _, elapsed_s in changes] == [7200.0, 7200.0]
+
+
+def test_changes_between_hours_are_reported_once_over_a_restart_of_the_daemon() -> None:
+    before, monitor = drifted(), Monitor()
+    feed(monitor, before, clock(before, 10.0))
+    assert len(drained(monitor, "change")) == 1
+    saved = monitor.save()
+    for factor, expected in ((1.5, []), (1.25, ["gyro/z: N does not differ from the hours before any more"])):
+        again = Monitor()
+        again.restore(*saved, 0.0)
+        after = noise(3600.0, 10.0, 9)
+        after[:, 2] *= factor
+        feed(again, after, clock(after, 10.0, 7301.0))
+        assert [text for text, _ in drained(again, "change")] == expected
+
+
+def test_each_end_of_a_warm_up_is_an_event_for_any_splitting_of_the_samples() -> None:
+    values = 0.1 * noise(2000.0, 10.0)
+    values[:, 1] += 5e-3 * np.exp(-np.arange(len(values)) / 4000.0)
+    found = []
+    for block in (100, len(values)):
+        monitor = Monitor()
+        feed(monitor, values, clock(values, 10.0), block)
+        found.append(drained(monitor, "warmup"))
+    assert found[0] == found[1]
+    assert len(found[0]) >= 2
+
+
+def test_lost_samples_do_not_end_that_an_axis_is_stuck() -> None:
+    values = noise(200.0)
+    values[12_000:16_000, 0] = values[12_000, 0]
+    kept = np.ones(len(values), dtype=bool)
+    kept[14_010:14_085] = False  # most of a frame
+    monitor = Monitor()
+    feed(monitor, values[kept], clock(values)[kept])
+    assert [elapsed_s for _, elapsed_s in drained(monitor, "stuck")] == [122.0, 161.0]
+
+
+def test_no_event_is_behind_the_end_of_the_record() -> None:
+    values = noise(140.56)
+    values[14_000:] = values[14_000]
+    monitor = Monitor()
+    feed(monitor, values, clock(values))
+    monitor.flush()
+    events = [event for event in monitor.events() if event.kind in ("stuck", "disturbance")]
+    assert {event.kind for event in events} == {"stuck", "disturbance"}
+    ends = [(event.elapsed_s or 0.0) + (event.length_s or 0.0) for event in events]
+    assert max(ends) <= 140.56 + 1e-9
+
+
+def test_a_disturbance_that_a_new_record_ends_is_an_event() -> None:
+    values, after = noise(160.0), noise(10.0, 80.0, 5)
+    steps = np.random.default_rng(1).normal(0.0, 0.05, (2000, 6))
+    values[14_000:] += np.cumsum(steps, axis=0)
+    monitor = Monitor()
+    feed(monitor, values, clock(values))
+    assert drained(monitor, "disturbance") == []
+    feed(monitor, after, clock(after, 80.0, 161.0))
+    events: list[DetectedEvent] = monitor.events()
+    assert [event.kind for event in events] == ["disturbance", "restart"]
+    assert monitor.restarts == 1
+
+
+def test_a_new_record_does_not_end_the_warm_up_of_the_one_before() -> None:
+    class Record:
+        elapsed_s = 10.0
+        warmup_s = 0.0
+
+    log, record = EventLog(), cast(Accumulators, Record())
+    log.update_warmup(record, True)
+    log.record_began()
+    log.update_warmup(record, False)
+    assert log.drain() == []
+
+
+def test_a_guard_continues_a_state_that_does_not_say_whether_it_was_stuck() -> None:
+    guard = Guard(["gyro"] * 3, 100.0)
+    guard.update(noise(10.0)[:, :3])
+    saved = guard.save()
+    del saved["stuck"]
+    assert not Guard.restore(saved).stuck
+
+
+def test_unguarded_records_keep_no_changes_that_nobody_reads() -> None:
+    values = noise(20.0)
+    values[1000:1500] = values[1000]
+    guard = Guard(["gyro"] * 3 + ["accel"] * 3, RATE, excludes=False)
+    guard.update(values)
+    assert guard.stuck_changes() != []
+    monitor = Monitor(MonitorOptions(guarded=False))
+    feed(monitor, values, clock(values))
+    assert monitor._record is not None
+    assert monitor._record.guard.stuck_changes() == []
+    assert drained(monitor, "stuck") == []
+
+
+def test_an_error_while_a_pipe_is_open_is_no_crash() -> None:
+    """A thread that waits for standard input must not hold what the interpreter closes at its end."""
+    row = [0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, -9.8, 0.001, 0.002, 0.003]
+    with subprocess.Popen(
+        [sys.executable, "-P", "-m", "imumon", "replay", "-"], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        sentence = ascii.encode(ascii.sentence("VNYMR", row))
+        process.stdin.write(sentence * ((1 << 20) // len(sentence) + 100))
+        process.stdin.flush()
+        assert process.wait(30.0) == 2
+        assert process.stderr.read().decode() == (
+            "imumon: $VNYMR has no clock: give its sample rate with --rate\n"
+        )
+
+
+@pytest.mark.parametrize("second", [signal.SIGTERM, signal.SIGHUP])
+def test_a_second_signal_does_not_interrupt_the_cleaning_up(second: signal.Signals, tmp_path: Path) -> None:
+    cleaned = tmp_path / "cleaned"
+    program = f"""
+import os, pathlib, signal
+from imumon.cli.run_command import _temporary
+with _temporary() as directory:
+    try:
+        os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        os.kill(os.getpid(), {int(second)})
+        pathlib.Path({str(cleaned)!r}).write_text(directory)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=30.0, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGHUP, b"")
+    assert not Path(cleaned.read_text()).exists()
