@@ -101,6 +101,17 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
         )
 
 
+def identified(bench: Bench, device: Device) -> DeviceInfo:
+    """Open a device; a VN-100 again if it was too slow to say its serial number, as on a busy machine."""
+    info = device.open()
+    for _ in range(3 if bench.driver.scheme == "vn100" else 0):
+        if info.serial is not None:
+            break
+        device.close()
+        info = device.open()
+    return info
+
+
 def test_every_registered_device_has_a_bench() -> None:
     assert set(registry.schemes()) == {"vn100", "ros2"}
 
@@ -196,7 +207,7 @@ def test_the_rate_of_the_fake_is_its_own(tmp_path: Path) -> None:
 
 def test_a_lost_device_is_an_error_and_comes_back_as_the_same(bench: Bench) -> None:
     device = bench.device()
-    info = device.open()
+    info = identified(bench, device)
     device.start()
     read_for(device, 30.0, enough=20)
     before = device.counters
@@ -207,7 +218,7 @@ def test_a_lost_device_is_an_error_and_comes_back_as_the_same(bench: Bench) -> N
     with pytest.raises(DeviceError):
         device.open()
     bench.replug()
-    assert device.open().id == info.id
+    assert identified(bench, device).id == info.id
     device.start()
     assert blocks(read_for(device, 30.0, enough=20))
     assert device.counters.received_bytes >= before.received_bytes
