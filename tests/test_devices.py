@@ -130,7 +130,7 @@ def blocks(items: list[Item]) -> list[SampleBlock]:
 
 def test_it_opens_identifies_itself_and_streams(bench: Bench) -> None:
     device = bench.device()
-    info = device.open()
+    info = identified(bench, device)
     assert info.id
     assert info.port
     assert device.start().id == info.id
