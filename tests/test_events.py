@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -17,6 +18,7 @@ from imumon.pipeline import Monitor, MonitorOptions
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
+from imumon.timebase.sample_clock import BREAK
 
 STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
 RATE = 100.0
@@ -184,3 +186,14 @@ with _temporary() as directory:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=30.0, check=False)
     assert (done.returncode, done.stderr) == (-signal.SIGHUP, b"")
     assert not Path(cleaned.read_text()).exists()
+
+
+@pytest.mark.parametrize("size", [1, 7, 6000])
+def test_a_clock_that_is_reset_all_the_time_does_not_flood_the_log(size: int) -> None:
+    events, steps, span = EventLog(), np.where(np.arange(6000) % 50 == 49, BREAK, 1), 0
+    for begin in range(0, len(steps), size):
+        part = steps[begin : begin + size]
+        span += len(part)
+        events.update_clock(part, cast(Accumulators, SimpleNamespace(span=span, interval_s=0.01)))
+    found = [event.elapsed_s for event in events.drain()]
+    assert found == pytest.approx([0.49, 10.49, 20.49, 30.49, 40.49, 50.49])

@@ -24,7 +24,8 @@ from imumon.timebase.sample_clock import BREAK
 from imumon.units import duration
 
 GAP_EVENT_S = 10.0
-"""s of device time between two events about gaps: a lossy link must not flood the log. Not critical."""
+"""s of device time between two events about gaps, or about resets of the clock: a lossy link or a broken clock
+must not flood the log. Not critical."""
 
 GRADE_HOLD = 1.1
 """Growth of the record, as a factor, over which another grade must hold before it is an event: a value near
@@ -64,6 +65,7 @@ class EventLog:
         self._events: list[DetectedEvent] = []
         self._gaps, self._missing = 0, 0  # not reported yet
         self._next_gap_s = 0.0  # s of the record, earliest time of the next event about gaps
+        self._next_reset_s = 0.0  # the same for resets of the clock
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
         self._changes: dict[tuple[int, str, str], float] = {}  # when it was last there, s of the record
@@ -87,12 +89,12 @@ class EventLog:
         level: Level | None = None,
     ) -> None:
         """Add one event, `length_s` long, at the present end of the record."""
-        elapsed = record.elapsed_s if record else None
-        self._events.append(DetectedEvent(kind, text, code, elapsed, channel, length_s, level=level))
+        elapsed_s = record.elapsed_s if record else None
+        self._add_at(elapsed_s, kind, text, code=code, length_s=length_s, channel=channel, level=level)
 
     def _add_at(
         self,
-        elapsed_s: float,
+        elapsed_s: float | None,
         kind: str,
         text: str,
         *,
@@ -101,13 +103,14 @@ class EventLog:
         channel: str | None = None,
         level: Level | None = None,
     ) -> None:
-        """Add one event at a time of the record."""
+        """Add one event at a time of the record; None: there is no record."""
         event = DetectedEvent(kind, text, code, elapsed_s, channel, length_s, level=level)
         self._events.append(event)
 
     def record_began(self) -> None:
         """Note that the times of the record begin at 0, and that nothing of it has been reported."""
-        self._gaps, self._missing, self._next_gap_s = 0, 0, 0.0
+        self._gaps, self._missing = 0, 0
+        self._next_gap_s = self._next_reset_s = 0.0
         self._warming_up = self._warmup_reported = False
         self._changes.clear()
 
@@ -152,14 +155,23 @@ class EventLog:
             self.add("warmup", text, record)
 
     def update_clock(self, steps: Ints, record: Accumulators) -> None:
-        """Add resets of the clock before samples that the record has just received, steps (n,)."""
+        """Add resets of the clock before samples that the record has just received.
+
+        After an event, resets in the next `GAP_EVENT_S` are counted by the monitor only.
+
+        Parameters
+        ----------
+        steps : (n,) grid steps since the sample before.
+        """
         breaks = steps == BREAK
         if not breaks.any():
             return
         places = record.span - np.cumsum(np.where(breaks, 1, steps)[::-1])[::-1]
-        for place in places[breaks].tolist():
-            text = "the clock of the sensor was reset: a gap of unknown length"
-            self._add_at(place * record.interval_s, "restart", text, code="clock_reset")
+        for elapsed_s in (places[breaks] * record.interval_s).tolist():
+            if elapsed_s >= self._next_reset_s:
+                self._next_reset_s = elapsed_s + GAP_EVENT_S
+                text = "the clock of the sensor was reset: a gap of unknown length"
+                self._add_at(elapsed_s, "restart", text, code="clock_reset")
 
     def update_gaps(self, steps: Ints, record: Accumulators) -> None:
         """Add the gaps before samples that the record has just received.
@@ -206,7 +218,7 @@ class EventLog:
         for name in sorted(now - self._constant):
             self.add("constant", f"{name} never changed: dead, stuck or not measured", record, channel=name)
         for name in sorted(self._constant - now):
-            self.add("constant", f"{name} changes now", record, channel=name, level="notice")
+            self.add("constant", f"{name} changes now", record, channel=name, level=NOTICE)
         self._constant = now
 
     def update_loss(self, changes: Iterable[LossChange], record: Accumulators) -> None:
@@ -214,7 +226,7 @@ class EventLog:
         for change in changes:
             lost = f"{change.missing:,} of the last {change.expected:,} samples did not arrive"
             text = lost if change.begins else f"the loss has ended: {lost}"
-            level: Level | None = None if change.begins else "notice"
+            level = None if change.begins else NOTICE
             elapsed = record.elapsed_s - change.age_s
             self._events.append(DetectedEvent("loss", text, elapsed_s=elapsed, level=level))
 

@@ -253,7 +253,7 @@ class _Run:
                 self._restarts[event.code] += 1
                 self._restart_texts[event.code] = event.text
         breaks = [
-            f"{self._restart_texts[code]}{f' (the last of {n:,} such restarts)' if n > 1 else ''}"
+            f"{self._restart_texts[code]}{f' (the last of {n:,} such events)' if n > 1 else ''}"
             for code, n in self._restarts.items()
         ]
         remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks, *remark)))
