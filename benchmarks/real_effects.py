@@ -114,11 +114,12 @@ def by_estimator(values: np.ndarray, effect: Effect, excess_kurtosis: float = 0.
         cascade.update(part)
         spectrum.update(part)
         drift.update(np.concatenate((part, degrees[begin : begin + CHUNK]), axis=1))
-    estimator = Estimator(averaged=False, time_to=False)
+    estimator, density = Estimator(averaged=False, time_to=False), spectrum.result()
     fits = estimator.fit(
         cascade.result(),
         resolution=[effect.step * SIGMA] * count,
-        bands=spectrum.result().bands,
+        bands=density.bands,
+        quiet=density.quiet,
         kurtosis=[excess_kurtosis] * count,
         blocks=drift.blocks(count),
     )

@@ -98,6 +98,7 @@ class Analysis:
             renew=force or None,
             resolution=steps,
             bands=density.bands,
+            quiet=density.quiet,
             kurtosis=record.excess_kurtosis().tolist(),
             blocks=history.drift.blocks(record.allan_channels, history.begin_s),
         )

@@ -22,11 +22,11 @@ from imumon.noise.fit.confidence import OCTAVES_FOR_N, ChannelConfidence, confid
 from imumon.noise.fit.covariance import TERMS, tables
 from imumon.noise.fit.leastsquares import FitProblems
 from imumon.noise.fit.model_selection import select_models
-from imumon.noise.fit.narrow_band_offset import band_offset, kurtosis_covariance
+from imumon.noise.fit.narrow_band_offset import band_offset, kurtosis_covariance, with_quiet_octaves
 from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
 from imumon.noise.fit.slow_regressors import without_slow_regressors
-from imumon.noise.statistics.narrow_bands import NarrowBand
+from imumon.noise.statistics.narrow_bands import NarrowBand, QuietDensity
 from imumon.samples import Floats
 
 PRECISION_N = 0.01
@@ -90,6 +90,7 @@ class Estimator:
         renew: bool | None = None,
         resolution: Sequence[float] | None = None,
         bands: Sequence[Sequence[NarrowBand]] | None = None,
+        quiet: Sequence[QuietDensity | None] | None = None,
         kurtosis: Sequence[float] | None = None,
         blocks: BlockMeans | None = None,
     ) -> tuple[ChannelFit, ...]:
@@ -101,6 +102,8 @@ class Estimator:
         resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
             than half of it shows in the rounding only, and no coefficient is given.
         bands : narrow bands of the spectrum of each channel, which are subtracted from its curve.
+        quiet : density of each channel without them, of the same record; None: where it has none. The shortest
+            octaves come from it beside a strong band.
         kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits.
         blocks : means over stretches of the same record, which separate K from a drift; None: K comes from
             the curve alone.
@@ -112,7 +115,7 @@ class Estimator:
         if octaves == 0:
             return (pending_fit(0, "no difference yet"),) * count
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
-        problems, reasons = _problems(curve, flags, resolution, bands, kurtosis, blocks)
+        problems, reasons = _problems(curve, flags, resolution, bands, quiet, kurtosis, blocks)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._confidences.get(channel)
@@ -187,6 +190,7 @@ def _problems(
     averaged: Sequence[bool],
     resolution: Sequence[float] | None,
     bands: Sequence[Sequence[NarrowBand]] | None = None,
+    quiet: Sequence[QuietDensity | None] | None = None,
     kurtosis: Sequence[float] | None = None,
     blocks: BlockMeans | None = None,
 ) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
@@ -211,7 +215,7 @@ def _problems(
     kind = np.array([kinds.index(kind) for kind in averaged])
     free = np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0)
     variance, excess = np.where(used, variance, 1.0), np.zeros(len(used))
-    offset, (extra, changing) = np.zeros(used.shape), np.zeros((2, *used.shape, used.shape[1]))
+    (offset, lines), (extra, changing) = np.zeros((2, *used.shape)), np.zeros((2, *used.shape, used.shape[1]))
     if blocks is not None:
         slow, added = without_slow_regressors(curve, blocks)
         variance = np.where(used, slow, 1.0)
@@ -219,6 +223,12 @@ def _problems(
     for row in range(len(used)):
         if bands is not None and len(bands[row]):
             offset[row], more, changing[row] = band_offset(bands[row], curve.m, curve.tau0)
+            lines[row] = offset[row] / variance[row]
+            if quiet is not None and (density := quiet[row]) is not None:
+                counts = int(curve.valid[row]), curve.span
+                variance[row], offset[row], more, changing[row] = with_quiet_octaves(
+                    bands[row], density, curve.m, variance[row], more, *counts
+                )
             extra[row] += more
         if kurtosis is not None and kurtosis[row] > 0.0:
             white = float(variance[row, 0])
@@ -226,5 +236,5 @@ def _problems(
     quantisation = np.full(len(used), np.inf)
     if resolution is not None:
         quantisation = (MAX_STEPS * np.array(resolution[: len(used)], dtype=np.float64)) ** 2 / 12.0
-    parts = (variance, thinning, used, free, excess, offset, extra, changing, quantisation)
+    parts = (variance, thinning, used, free, excess, offset, extra, changing, lines, quantisation)
     return FitProblems(table, kind, *parts), reasons

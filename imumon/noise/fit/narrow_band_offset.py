@@ -13,18 +13,23 @@ process: a line that is steady, or wanders within its width many times, is subtr
 that comes and goes, or whose shape is not that of its band, is not. The fit takes the errors of the first kind,
 and those of the second where chi-square rejects them (`model_selection`).
 
+Beside a strong line even these errors exceed the statistics of the shortest octaves. Their noise then comes from
+the spectrum itself: the same integral over the density without the bands has no error of the line, only that of
+the segments which the spectrum leaves out (`quiet_octaves`). Each octave takes the way with the smaller error.
+
 Outliers leave the expectation alone. Noise of independent samples with excess kurtosis g has Allan variances
 whose relative covariances all gain g/n (the fourth cumulant of the sum of squares), as if N^2 itself varied.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from imumon.noise.statistics.narrow_bands import NarrowBand
-from imumon.samples import Floats, Ints
+from imumon.noise.statistics.narrow_bands import NarrowBand, QuietDensity
+from imumon.noise.statistics.spectral_lines import HOP, SEGMENT
+from imumon.samples import Bools, Floats, Ints
 
 STEADY_POWER_ERROR, STEADY_SHAPE_ERROR = 0.005, 0.002
 """1, relative errors of the power of a band beyond its statistics, and of the contribution at each octave, of a
@@ -39,6 +44,18 @@ REACH = 2.2
 """Widths to either side of the centre over which a band extends. Not critical."""
 NODES = 41
 """Frequencies by which a band is represented. Not critical."""
+
+QUIET_OCTAVES = 4
+"""Octaves that the spectrum may replace, up to 8 samples: longer ones need bins that the window disturbs. Not
+critical."""
+WINDOW_EFFICIENCY = 0.95
+"""1, share of the samples of its segments that an average over many bins uses: Hann windows with half overlap
+weight samples by 1 +- 1/3. Not critical."""
+LEVEL_ERROR = 0.02
+"""1, relative error of the density that replaces a band. Not critical."""
+UNEVEN_ERROR = 0.01
+"""1, relative change of the noise power in a long record, of which the spectrum uses the beginning more. Not
+critical."""
 
 _STEPS = np.linspace(-REACH, REACH, NODES)
 _WEIGHTS = np.exp(-0.5 * _STEPS**2) / np.exp(-0.5 * _STEPS**2).sum()
@@ -58,13 +75,16 @@ def transfer(frequency: Floats, m: Ints, tau0: float) -> Floats:
     return np.asarray(2.0 * np.sin(x * m) ** 4 / (m * sine) ** 2)
 
 
-def band_offset(bands: Sequence[NarrowBand], m: Ints, tau0: float) -> tuple[Floats, Floats, Floats]:
+def band_offset(
+    bands: Sequence[NarrowBand], m: Ints, tau0: float, without: Callable[[NarrowBand], Bools] | None = None
+) -> tuple[Floats, Floats, Floats]:
     """Return the Allan variances of bands, their covariance, and what to add to it for lines that change.
 
     Parameters
     ----------
     m : (k,) cluster lengths, samples.
     tau0 : s
+    without : returns (k,) the octaves that do not contain a band; None: each contains all.
 
     Returns
     -------
@@ -75,6 +95,8 @@ def band_offset(bands: Sequence[NarrowBand], m: Ints, tau0: float) -> tuple[Floa
     for band in bands:
         nodes = np.clip(band.frequency_hz + band.width_hz * _STEPS, 0.0, 0.5 / tau0)
         response = transfer(nodes, m, tau0)
+        if without is not None:
+            response[:, without(band)] = 0.0
         mean = _WEIGHTS @ response
         deviation = _ROOTS * response
         moments = _MOMENTS.T @ deviation
@@ -87,6 +109,73 @@ def band_offset(bands: Sequence[NarrowBand], m: Ints, tau0: float) -> tuple[Floa
         changing += (POWER_ERROR * band.power) ** 2 * together
         changing += np.diag(band.power**2 * (whole + (SHAPE_ERROR * mean) ** 2))
     return offset, steady, changing
+
+
+def quiet_octaves(quiet: QuietDensity, m: Ints, samples: int, span: int) -> tuple[Floats, Floats]:
+    """Return the Allan variances of the density without bands, and what to add to the covariance of the octaves.
+
+    The segments are part of the samples, so that only the rest of them adds an error.
+
+    Parameters
+    ----------
+    m : (k,) cluster lengths, samples; the first `QUIET_OCTAVES` are computed.
+    samples, span : valid samples of the record, and all of its grid. Where samples are missing, the density is
+        too low by up to their share.
+
+    Returns
+    -------
+    variance : (q,) unit^2, q at most `QUIET_OCTAVES`.
+    error : (q, q) unit^4.
+    """
+    width = quiet.rate_hz / SEGMENT
+    frequency = np.asarray(np.arange(1.0, len(quiet.density)) * width)  # a constant has no Allan variance
+    response = transfer(frequency, m[:QUIET_OCTAVES], 1.0 / quiet.rate_hz)
+    power = quiet.density[1:, None] * width * response
+    variance = power.sum(axis=0)
+    share = min(1.0, quiet.averages * HOP / max(samples, 1))
+    outside = 2.0 / (WINDOW_EFFICIENCY * quiet.averages) * (1.0 - WINDOW_EFFICIENCY * share)
+    common = 1.0 - samples / max(span, 1) + UNEVEN_ERROR * (1.0 - share)
+    level = LEVEL_ERROR * power[quiet.replaced[1:]].sum(axis=0)
+    return variance, outside * power.T @ power + common**2 * np.outer(variance, variance) + np.outer(
+        level, level
+    )
+
+
+def with_quiet_octaves(
+    bands: Sequence[NarrowBand],
+    quiet: QuietDensity,
+    m: Ints,
+    variance: Floats,
+    steady: Floats,
+    samples: int,
+    span: int,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the Allan variances with those of the density where these have the smaller error.
+
+    Parameters
+    ----------
+    variance : (k,) unit^2, Allan variances of the samples.
+    steady : (k, k) unit^4, as `band_offset` returns it.
+    m, samples, span : as in `quiet_octaves`.
+
+    Returns
+    -------
+    variance : (k,) unit^2.
+    offset, steady, changing : as of `band_offset`, of the bands that these variances contain.
+    """
+    own, error = quiet_octaves(quiet, m, samples, span)
+    better = np.zeros(len(m), dtype=bool)
+    better[: len(own)] = np.diag(error) < np.diag(steady)[: len(own)]
+    at = np.flatnonzero(better)
+    variance, added = variance.copy(), np.zeros(steady.shape)
+    variance[at], added[np.ix_(at, at)] = own[at], error[np.ix_(at, at)]
+
+    def without(band: NarrowBand) -> Bools:
+        place = min(round(band.frequency_hz / quiet.rate_hz * SEGMENT), len(quiet.replaced) - 1)
+        return np.asarray(better & quiet.replaced[place])
+
+    offset, steady, changing = band_offset(bands, m, 1.0 / quiet.rate_hz, without)
+    return variance, offset, steady + added, changing
 
 
 def kurtosis_covariance(variance: float, kurtosis: float, samples: int, m: Ints) -> Floats:

@@ -197,7 +197,7 @@ def _caveats(problem: FitProblems, present: Bools, selected: SelectedModel, p: F
     used = problem.used[0]
     first, beyond = int(np.argmax(used)), present & ~used
     long, block = bool(beyond[-1]), bool(beyond[np.argmax(used) :].any())
-    lines = float((problem.offset / problem.variance)[problem.used].max(initial=0.0))
+    lines = float(problem.lines[problem.used].max(initial=0.0))
     holds = {
         "misfit": not selected.passes or not selected.fits or long,
         "vibration": lines > VIBRATION_SHARE or (block and not long) or (first > 0 and p[QUANTISATION] > 0.0),

@@ -63,8 +63,28 @@ class NarrowBand:
     error: float
 
 
-def find_narrow_bands(power: Floats, averages: int, rate: float, band: range) -> list[NarrowBand]:
-    """Return the bands of one channel in one stage of the spectrum.
+@dataclass(frozen=True, slots=True, eq=False)
+class QuietDensity:
+    """Density of a channel with its narrow bands replaced by the density beside them.
+
+    Attributes
+    ----------
+    density : (BINS,) (channel unit)^2/Hz, one-sided.
+    replaced : (BINS,) bins of bands.
+    averages : segments averaged.
+    rate_hz : Hz, sampling rate.
+    """
+
+    density: Floats
+    replaced: Bools
+    averages: int
+    rate_hz: float
+
+
+def find_narrow_bands(
+    power: Floats, averages: int, rate: float, band: range
+) -> tuple[list[NarrowBand], QuietDensity | None]:
+    """Return the bands of one channel in one stage of the spectrum, and the density without any; None: it has none.
 
     Parameters
     ----------
@@ -80,13 +100,18 @@ def find_narrow_bands(power: Floats, averages: int, rate: float, band: range) ->
     for _ in range(PASSES):
         left, right = side_levels(np.where(inside, np.nan, power)[None])[:, 0] * to_mean
         higher = np.fmax(left, right)
-        high = power > least * higher
+        high = (power > least * higher) | (inside & np.isnan(higher))
         high[:LOWEST_BIN] = False
         if not high.any():
-            return []
+            return [], None
         level = np.sqrt(np.where(np.isfinite(left), left, right) * np.where(np.isfinite(right), right, left))
-        inside = _widened(high & np.isfinite(level))
-    bins, bands = np.flatnonzero(inside & np.isfinite(level)), []
+        inside = _widened(high)
+    known = np.flatnonzero(level > 0.0)
+    if not len(known):
+        return [], None
+    # in the middle of a broad band both sides are unknown
+    level = np.exp(np.interp(np.arange(BINS), known, np.log(level[known])))
+    bins, bands = np.flatnonzero(inside), []
     for group in np.split(bins, np.flatnonzero(np.diff(bins) > 1) + 1):
         above = power[group] - level[group]
         size, weights = float(above.sum() * df), np.maximum(above, 0.0)
@@ -100,7 +125,7 @@ def find_narrow_bands(power: Floats, averages: int, rate: float, band: range) ->
         noise = level[group] * (level[group] + 2.0 * np.maximum(above, 0.0))
         error = df * np.hypot(np.sqrt(2.0 / nu * noise.sum()), LEVEL_ERROR * level[group].sum())
         bands.append(NarrowBand(frequency * df, float(width * df), size, float(error)))
-    return bands
+    return bands, QuietDensity(np.where(inside, level, power), inside, averages, rate)
 
 
 def _widened(high: Bools) -> Bools:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.statistics.narrow_bands import NarrowBand, distinct_bands, find_narrow_bands
+from imumon.noise.statistics.narrow_bands import NarrowBand, QuietDensity, distinct_bands, find_narrow_bands
 from imumon.noise.statistics.spectral_lines import (
     BINS,
     HOP,
@@ -74,6 +74,7 @@ class PowerSpectrum:
     averages : (k, c) segments averaged in each value.
     lines : lines of each channel, strongest first.
     bands : narrow bands of each channel, also of weak and broad lines, strongest first.
+    quiet : density of each channel at the full rate without its bands; None where there are none.
     white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
     """
 
@@ -82,6 +83,7 @@ class PowerSpectrum:
     averages: Ints
     lines: tuple[tuple[Line, ...], ...]
     bands: tuple[tuple[NarrowBand, ...], ...]
+    quiet: tuple[QuietDensity | None, ...]
     white: Floats
 
 
@@ -259,10 +261,11 @@ class SpectrumAccumulator:
             empty = np.zeros((0, c))
             white = np.full(c, np.nan)
             none = ((),) * c
-            return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), none, none, white)
+            return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), none, none, (None,) * c, white)
         frequency, density, averages = [], [], []
         lines: list[list[Line]] = [[] for _ in self._groups]
         bands: list[list[NarrowBand]] = [[] for _ in self._groups]
+        quiet: list[QuietDensity | None] = [None] * c
         rms = np.sqrt(np.nansum(stages[0][1], axis=1) * self._rate / SEGMENT)
         size = np.abs(self._level) + rms
         for s, (rate, power, count) in reversed(list(enumerate(stages))):
@@ -274,12 +277,13 @@ class SpectrumAccumulator:
             for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
                 own, k, band = sides[:, i], int(count[i]), range(low, high)
                 lines[i] += find_lines(power[i], own, k, rate, band, self._rate, float(size[i]))
-                bands[i] += find_narrow_bands(power[i], k, rate, band)
+                found, quiet[i] = find_narrow_bands(power[i], k, rate, band)  # the full rate comes last
+                bands[i] += found
         white = np.array([_white(p, int(k)) for p, k in zip(*stages[0][1:], strict=True)])
         distinct_lines = tuple(distinct(each) for each in lines)
         f, power, count = np.concatenate(frequency), np.concatenate(density), np.concatenate(averages)
         distinct_power = tuple(distinct_bands(each) for each in bands)
-        return PowerSpectrum(f, power, count, distinct_lines, distinct_power, white)
+        return PowerSpectrum(f, power, count, distinct_lines, distinct_power, tuple(quiet), white)
 
     def _waiting_valid(self) -> Bools:
         """Return (n, g) which of the samples that wait for a hop are valid."""
