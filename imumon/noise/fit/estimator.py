@@ -22,7 +22,12 @@ from imumon.noise.fit.confidence import OCTAVES_FOR_N, ChannelConfidence, confid
 from imumon.noise.fit.covariance import TERMS, tables
 from imumon.noise.fit.leastsquares import FitProblems
 from imumon.noise.fit.model_selection import select_models
-from imumon.noise.fit.narrow_band_offset import band_offset, kurtosis_covariance, with_quiet_octaves
+from imumon.noise.fit.narrow_band_offset import (
+    QUIET_AVERAGES,
+    band_offset,
+    kurtosis_covariance,
+    with_quiet_octaves,
+)
 from imumon.noise.fit.restricted_likelihood import BlockMeans
 from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
 from imumon.noise.fit.slow_regressors import without_slow_regressors
@@ -224,9 +229,10 @@ def _problems(
         if bands is not None and len(bands[row]):
             offset[row], more, changing[row] = band_offset(bands[row], curve.m, curve.tau0)
             lines[row] = offset[row] / variance[row]
-            if quiet is not None and (density := quiet[row]) is not None:
+            density = quiet[row] if quiet is not None else None
+            if density is not None and density.averages >= QUIET_AVERAGES:
                 counts = int(curve.valid[row]), curve.span
-                variance[row], offset[row], more, changing[row] = with_quiet_octaves(
+                variance[row], offset[row], more = with_quiet_octaves(
                     bands[row], density, curve.m, variance[row], more, *counts
                 )
             extra[row] += more

@@ -317,7 +317,8 @@ def _iterate(prepared: PreparedProblems, p: Floats, fixed: Floats, free: Bools, 
         powers = fixed.copy()
         powers[np.arange(len(at))[:, None], terms] += solution
         after = prepared.model(powers)
-        nonzero = np.asarray((after > prepared.unused).any(axis=1))
+        fitted_part = after - prepared.offset - prepared.unused
+        nonzero = np.asarray((fitted_part > 0.0).any(axis=1) & (after > 0.0).all(axis=1))
         powers = np.where(nonzero[:, None], powers, at)
         moving = nonzero & (np.abs(after / model - 1.0).max(axis=1) > CONVERGED)
         p[rows] = powers

@@ -27,8 +27,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from imumon.noise.statistics.narrow_bands import NarrowBand, QuietDensity
-from imumon.noise.statistics.spectral_lines import HOP, SEGMENT
+from imumon.noise.statistics.narrow_bands import LEVEL_ERROR, NarrowBand, QuietDensity
+from imumon.noise.statistics.spectral_lines import GUARD, HOP, MEDIAN_ERROR, OVERLAP_DOF, SEGMENT, SIDE
 from imumon.samples import Bools, Floats, Ints
 
 STEADY_POWER_ERROR, STEADY_SHAPE_ERROR = 0.005, 0.002
@@ -45,14 +45,15 @@ REACH = 2.2
 NODES = 41
 """Frequencies by which a band is represented. Not critical."""
 
+QUIET_AVERAGES = 256
+"""Segments from which the density without bands is used: what they leave beside a band shows from 6 % of the
+density on. Not critical."""
 QUIET_OCTAVES = 4
 """Octaves that the spectrum may replace, up to 8 samples: longer ones need bins that the window disturbs. Not
 critical."""
 WINDOW_EFFICIENCY = 0.95
 """1, share of the samples of its segments that an average over many bins uses: Hann windows with half overlap
 weight samples by 1 +- 1/3. Not critical."""
-LEVEL_ERROR = 0.02
-"""1, relative error of the density that replaces a band. Not critical."""
 UNEVEN_ERROR = 0.01
 """1, relative change of the noise power in a long record, of which the spectrum uses the beginning more. Not
 critical."""
@@ -135,10 +136,12 @@ def quiet_octaves(quiet: QuietDensity, m: Ints, samples: int, span: int) -> tupl
     share = min(1.0, quiet.averages * HOP / max(samples, 1))
     outside = 2.0 / (WINDOW_EFFICIENCY * quiet.averages) * (1.0 - WINDOW_EFFICIENCY * share)
     common = 1.0 - samples / max(span, 1) + UNEVEN_ERROR * (1.0 - share)
-    level = LEVEL_ERROR * power[quiet.replaced[1:]].sum(axis=0)
-    return variance, outside * power.T @ power + common**2 * np.outer(variance, variance) + np.outer(
-        level, level
-    )
+    median_error = MEDIAN_ERROR * np.sqrt(1.0 / (OVERLAP_DOF * quiet.averages * SIDE))
+    level = np.hypot(LEVEL_ERROR, median_error) * power[quiet.replaced[1:]].sum(axis=0)
+    beside = (np.convolve(quiet.replaced, np.ones(2 * GUARD + 1), "same") > 0.5) & ~quiet.replaced
+    hidden = np.sqrt(2.0 / (OVERLAP_DOF * quiet.averages)) * power[beside[1:]].sum(axis=0)  # of wider bands
+    error = outside * power.T @ power + common**2 * np.outer(variance, variance)
+    return variance, error + np.outer(level, level) + np.outer(hidden, hidden)
 
 
 def with_quiet_octaves(
@@ -149,7 +152,7 @@ def with_quiet_octaves(
     steady: Floats,
     samples: int,
     span: int,
-) -> tuple[Floats, Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Return the Allan variances with those of the density where these have the smaller error.
 
     Parameters
@@ -161,7 +164,7 @@ def with_quiet_octaves(
     Returns
     -------
     variance : (k,) unit^2.
-    offset, steady, changing : as of `band_offset`, of the bands that these variances contain.
+    offset, steady : as of `band_offset`, of the bands that these variances contain.
     """
     own, error = quiet_octaves(quiet, m, samples, span)
     better = np.zeros(len(m), dtype=bool)
@@ -174,8 +177,8 @@ def with_quiet_octaves(
         place = min(round(band.frequency_hz / quiet.rate_hz * SEGMENT), len(quiet.replaced) - 1)
         return np.asarray(better & quiet.replaced[place])
 
-    offset, steady, changing = band_offset(bands, m, 1.0 / quiet.rate_hz, without)
-    return variance, offset, steady + added, changing
+    offset, rest, _ = band_offset(bands, m, 1.0 / quiet.rate_hz, without)
+    return variance, offset, rest + added
 
 
 def kurtosis_covariance(variance: float, kurtosis: float, samples: int, m: Ints) -> Floats:
