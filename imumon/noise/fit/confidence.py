@@ -13,7 +13,7 @@ Rules:
 3. Where several descriptions pass, the limits are the union of theirs, and a coefficient is ``measured`` only
    if each of them shows it.
 4. ``pending``: too few octaves to distinguish the terms, no description that fits, or a term above the curve
-   itself; the reason says so.
+   itself; the reason says so. Of several descriptions, those with a term above the curve do not count.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def confidences(
     blocks : means of the channels over stretches of the record; None: K comes from the curve.
     spectrum : whether the lines are known, see `select_models`.
     """
-    models = select_models(problems, previous, spectrum=spectrum)
+    models = _below_curve(problems, select_models(problems, previous, spectrum=spectrum))
     fitted = with_selection(problems, models)
     powers = np.array([model.p for model in models])
     low, high, status, reasons = _united_limits(problems, models, span * tau0)
@@ -131,6 +131,20 @@ def confidences(
         times = [TimeTo(N=n, B=b, K=k) for n, b, k in known]
     rows = zip(models, low, high, status, reasons, times, walks, strict=True)
     return [ChannelConfidence(span, *row) for row in rows]
+
+
+def _below_curve(problems: FitProblems, models: Sequence[SelectedModel]) -> list[SelectedModel]:
+    """Return the models without the descriptions that have a term above the curve, if any remains."""
+    groups = [(model, *model.others) for model in models]
+    owner = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    every, each = problems.take(owner), [model for group in groups for model in group]
+    powers = np.array([model.p for model in each])
+    wrong = np.asarray(_exceeds_curve(every, with_selection(every, each), powers).any(axis=1))
+    sound = []
+    for row, group in enumerate(groups):
+        left = [model for model, above in zip(group, wrong[owner == row], strict=True) if not above]
+        sound.append(replace(left[0], others=tuple(left[1:])) if left else group[0])
+    return sound
 
 
 def _united_limits(
@@ -275,7 +289,11 @@ def _limits(
     part, begin = each.take(tested), p[channel]
     zeros = np.zeros(int(tested.sum()))
     at_zero[tested] = intervals.score(part.prepare(), part.free, term[tested], zeros, begin[tested])[0]
-    detected = tested & (at_zero > DETECTED_SCORE) & (p[:, :3].ravel() > 0.0)
+    estimate = p[:, :3].ravel()
+    # without a term that dominates the curve, the weights may be those of another curve
+    contradicts = tested & (at_zero < 0.0) & (estimate > 0.0)
+    at_zero[contradicts] = estimate[contradicts] / deviation[contradicts]
+    detected = tested & (at_zero > DETECTED_SCORE) & (estimate > 0.0)
     begin[~detected, term[~detected]] = 0.0
     # One search finds all limits: the lower ones of detected terms, and every upper one.
     rows = np.concatenate([np.flatnonzero(detected), np.flatnonzero(tested)])
