@@ -87,3 +87,20 @@ def test_missing_samples_make_the_density_less_certain(quiet: Floats) -> None:
     assert density is not None
     whole, some = (quiet_octaves(density, 2 ** np.arange(4), n, LENGTH)[1] for n in (LENGTH, LENGTH - 4000))
     assert np.all(np.diag(some) > np.diag(whole))
+
+
+@pytest.mark.parametrize(("frequency_hz", "wander"), [(18.5, 0.02), (18.5, 0.005), (12.0, 0.02)])
+def test_n_has_a_value_in_short_records_beside_a_line_that_comes_and_goes(
+    frequency_hz: float, wander: float
+) -> None:
+    """Without N, the errors of the line explain the whole curve: the test of N at zero must not stop there."""
+    n, columns, rng = 13_000, 10, np.random.default_rng(1)
+    values = synthesise(n, RATE, N=[N] * columns, B=1e-6, K=0.0, seed=3, averaged=False)
+    time, seconds = np.arange(n) / RATE, np.arange(n // RATE + 2)
+    for c in range(columns):
+        shift, size = (np.interp(time, seconds, rng.standard_normal(len(seconds))) for _ in range(2))
+        phase = 2.0 * np.pi * np.cumsum(frequency_hz * (1.0 + wander * shift)) / RATE
+        values[:, c] += 10.0 * SIGMA * (1.0 + size) * np.sin(phase)
+    fits = fitted(values)
+    assert {fit.N.status for fit in fits} == {"measured"}
+    assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= 8
