@@ -3,7 +3,8 @@
     python benchmarks/recordings.py [--recordings DIR] [--figures DIR]
 
 The recordings are not part of the project; without the folder there is nothing to do. Their `$VNYMR` is
-read here without the decoder and without guards: every sample counts.
+read here without the decoder and without guards: every sample counts. Octaves, spectrum and block means lead to
+the fit, as in the daemon.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, FittedCoefficient, OctaveCascade
+from imumon.noise.nonstationarity.drift import DriftAccumulator
+from imumon.noise.statistics.psd import SpectrumAccumulator
 from imumon.units import READABLE, figures, pretty
 
 RATE = 40.0
@@ -140,10 +143,15 @@ def main() -> None:
         if not path.exists():
             print(f"{path} is not there: nothing to fit")
             continue
-        cascade = OctaveCascade(6, tau0=1 / RATE)
-        cascade.update(read(path))
-        curve = cascade.result()
-        fits = Estimator(averaged=False).fit(curve)
+        values, groups = read(path), [0] * len(AXES)
+        cascade = OctaveCascade(len(AXES), tau0=1 / RATE)
+        spectrum, drift = SpectrumAccumulator(groups, RATE), DriftAccumulator(groups, RATE)
+        for accumulator in (cascade, spectrum, drift):
+            accumulator.update(values)
+        curve, density = cascade.result(), spectrum.result()
+        fits = Estimator(averaged=False).fit(
+            curve, bands=density.bands, quiet=density.quiet, blocks=drift.blocks(len(AXES))
+        )
         table(name, curve, fits)
         if options.figures:
             draw(name, curve, fits, options.figures)

@@ -53,11 +53,18 @@ def fitted(values: Floats) -> tuple[ChannelFit, ...]:
 def test_a_strong_line_costs_n_little(
     quiet: Floats, frequency_hz: float, size: float, wander: float, change: float
 ) -> None:
-    fits = fitted(quiet + line(frequency_hz, size, wander=wander, change=change))
+    values = quiet + line(frequency_hz, size, wander=wander, change=change)
+    fits = fitted(values)
     assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= CHANNELS - 2
     own, without = (np.median([fit.N.high - fit.N.low for fit in each]) for each in (fits, fitted(quiet)))
     assert own <= 1.5 * without
     assert all("vibration" in fit.caveats for fit in fits)
+    cascade = OctaveCascade(CHANNELS, tau0=1.0 / RATE)
+    cascade.update(values)
+    for fit, sigma in zip(
+        fits, cascade.result().sigma.T, strict=True
+    ):  # the model has the line, as the samples have
+        np.testing.assert_allclose(fit.model[:6], sigma[:6], rtol=0.05)
 
 
 def test_the_density_without_bands_has_the_octaves_of_the_noise(quiet: Floats) -> None:

@@ -228,7 +228,7 @@ def _problems(
     for row in range(len(used)):
         if bands is not None and len(bands[row]):
             offset[row], more, changing[row] = band_offset(bands[row], curve.m, curve.tau0)
-            lines[row] = offset[row] / variance[row]
+            lines[row] = offset[row]
             density = quiet[row] if quiet is not None else None
             if density is not None and density.averages >= QUIET_AVERAGES:
                 counts = int(curve.valid[row]), curve.span

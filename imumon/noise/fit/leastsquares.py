@@ -81,7 +81,8 @@ class FitProblems:
     offset : (b, k) unit^2, part of the Allan variances that is known and not fitted: spectral lines.
     extra : (b, k, k) unit^4, covariance beyond that of the noise: of `offset`, and of outliers.
     changing : (b, k, k) unit^4, covariance to add to `extra` where the lines are not steady.
-    lines : (b, k) 1, share of spectral lines in the Allan variances of the samples.
+    lines : (b, k) unit^2, Allan variances of the spectral lines in the samples. `offset` is without those of
+        octaves that come from the spectrum, and so is `variance`.
     max_quantisation : (b,) unit^2, largest power of quantisation that the resolution allows; inf: unknown.
     """
 

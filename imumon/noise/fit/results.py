@@ -114,7 +114,7 @@ def channel_fits(
     every = whole.prepare()  # with the statistics of the octaves alone, not scaled by a misfit
     model = every.model(positive)
     edf = 2.0 / np.einsum("bii->bi", every.covariance(positive, model))
-    model = np.where(used, prepared.model(p), model)
+    model = np.where(used, prepared.model(p), model) + problems.lines - problems.offset
     with np.errstate(divide="ignore"):  # too few differences for a limit: it is infinite
         low = 1.0 / np.sqrt(_share_of_expectation(0.975, edf))
         high = 1.0 / np.sqrt(_few_differences_quantile(edf))
@@ -197,7 +197,8 @@ def _caveats(problem: FitProblems, present: Bools, selected: SelectedModel, p: F
     used = problem.used[0]
     first, beyond = int(np.argmax(used)), present & ~used
     long, block = bool(beyond[-1]), bool(beyond[np.argmax(used) :].any())
-    lines = float(problem.lines[problem.used].max(initial=0.0))
+    sampled = problem.variance + problem.lines - problem.offset
+    lines = float((problem.lines / sampled)[problem.used].max(initial=0.0))
     holds = {
         "misfit": not selected.passes or not selected.fits or long,
         "vibration": lines > VIBRATION_SHARE or (block and not long) or (first > 0 and p[QUANTISATION] > 0.0),
