@@ -63,3 +63,21 @@ def test_a_description_that_the_data_decide_against_does_not_widen_the_limits(qu
             assert model.chi2 is not None
             assert other.chi2 is not None
             assert abs(model.chi2 - other.chi2) <= 10.0 * abs(model.dof - other.dof)
+
+
+@pytest.mark.parametrize("length", [2, 4])
+def test_the_limits_behind_a_moving_average_do_not_alternate(quiet: Floats, length: int) -> None:
+    total = np.cumsum(quiet[: 1 << 16], axis=0)
+    averaged = (total[length:] - total[:-length]) / length
+    cascade, estimator = OctaveCascade(CHANNELS, tau0=1.0 / RATE), Estimator(averaged=False, time_to=False)
+    at, widths = 8_000, []
+    cascade.update(averaged[:at])
+    while at < len(averaged):
+        widths.append(
+            [fit.N.high - fit.N.low for fit in estimator.fit(cascade.result(), bands=[()] * CHANNELS)]
+        )
+        part = averaged[at : round(1.05 * at)]
+        cascade.update(part)
+        at += len(part)
+    jumps = np.abs(np.diff(np.log(np.array(widths, dtype=float)), axis=0)) > np.log(1.4)
+    assert jumps.sum() <= 2 * CHANNELS  # of 43 reports of each channel

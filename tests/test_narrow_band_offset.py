@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from imumon.noise import Estimator, OctaveCascade, synthesise
 from imumon.noise.fit.narrow_band_offset import quiet_octaves
@@ -111,3 +112,38 @@ def test_n_has_a_value_in_short_records_beside_a_line_that_comes_and_goes(
     fits = fitted(values)
     assert {fit.N.status for fit in fits} == {"measured"}
     assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= 8
+
+
+@pytest.mark.parametrize("frequency_hz", [1.4, 1.6, 1.8, 19.9, 20.0])
+def test_a_line_at_the_ends_of_the_spectrum_keeps_n(quiet: Floats, frequency_hz: float) -> None:
+    """Below the twelfth bin a line is not removed whole; at half the sampling rate the density is halved."""
+    values = quiet + line(frequency_hz, 10.0, wander=0.0, change=0.0)
+    fits = fitted(values)
+    assert {fit.N.status for fit in fits} == {"measured"}
+    assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= CHANNELS - 2
+    own, without = (np.median([fit.N.high - fit.N.low for fit in each]) for each in (fits, fitted(quiet)))
+    assert own <= 3.0 * without
+
+
+@pytest.mark.parametrize(("pole", "size"), [(0.995, 5.0), (0.999, 5.0), (0.99, 3.0)])
+def test_a_resonance_keeps_n(quiet: Floats, pole: float, size: float) -> None:
+    """Its tails reach beyond the band; where the octaves from the spectrum do not fit, those of the samples count."""
+    turn = 2.0 * pole * np.cos(2.0 * np.pi * 8.0 / RATE)
+    noise = np.random.default_rng(1).standard_normal((LENGTH, CHANNELS))
+    shaken = lfilter([1.0], [1.0, -turn, pole**2], noise, axis=0)
+    gain = size * SIGMA / shaken.std()
+    truth = np.sqrt(N**2 + (gain / (1.0 - turn + pole**2)) ** 2 / RATE)
+    fits = fitted(quiet + gain * shaken)
+    assert {fit.N.status for fit in fits} == {"measured"}
+    assert sum(fit.N.low <= truth <= fit.N.high for fit in fits) >= CHANNELS - 2
+
+
+def test_only_the_full_rate_has_a_quiet_density(quiet: Floats) -> None:
+    """With gaps in each segment the full rate has no averages, but the rate below may have some."""
+    values = quiet[:60_000] + line(9.0, 3.0, wander=0.01, change=0.0)[:60_000]
+    valid = np.ones((len(values), 1), dtype=bool)
+    valid[np.arange(len(values)) % 128 < 14] = False
+    spectrum = SpectrumAccumulator([0] * CHANNELS, RATE)
+    spectrum.update(values, valid)
+    for density in spectrum.result().quiet:
+        assert density is None or density.rate_hz == RATE

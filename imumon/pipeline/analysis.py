@@ -98,7 +98,7 @@ class Analysis:
             renew=force or None,
             resolution=steps,
             bands=density.bands,
-            quiet=density.quiet,
+            quiet=None if history.begin_s else density.quiet,  # the spectrum contains the warm-up
             kurtosis=record.excess_kurtosis().tolist(),
             blocks=history.drift.blocks(record.allan_channels, history.begin_s),
         )

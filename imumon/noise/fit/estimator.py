@@ -14,6 +14,7 @@ is measured and what only bounded follows the rules in `confidence`. A channel w
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,6 +88,7 @@ class Estimator:
         self.precision = {"N": PRECISION_N, "B": PRECISION_B, "K": PRECISION_K} | (precision or {})
         self._record: Hashable = None
         self._confidences: dict[int, ChannelConfidence] = {}
+        self._sampled: set[int] = set()  # channels whose octaves all come from the samples
 
     def fit(
         self,
@@ -107,7 +109,7 @@ class Estimator:
         resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
             than half of it shows in the rounding only, and no coefficient is given.
         bands : narrow bands of the spectrum of each channel, which are subtracted from its curve.
-        quiet : density of each channel without them, of the same record; None: where it has none. The shortest
+        quiet : density of each channel without them, of the same samples; None: where it has none. The shortest
             octaves come from it beside a strong band.
         kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits.
         blocks : means over stretches of the same record, which separate K from a drift; None: K comes from
@@ -115,12 +117,14 @@ class Estimator:
         """
         if curve.record is None or curve.record != self._record:
             self._confidences.clear()
+            self._sampled.clear()
         self._record = curve.record
         octaves, count = len(curve.m), curve.valid.size
         if octaves == 0:
             return (pending_fit(0, "no difference yet"),) * count
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
-        problems, reasons = _problems(curve, flags, resolution, bands, quiet, kurtosis, blocks)
+        problems, reasons = _problems(curve, flags, resolution, bands, kurtosis, blocks)
+        quieted = None if bands is None or quiet is None else _with_quiet(problems, curve, bands, quiet)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._confidences.get(channel)
@@ -129,6 +133,10 @@ class Estimator:
                 self._confidences.pop(channel, None)
             elif known is None or renew or (renew is None and not current):
                 due.append(channel)
+        if quieted is not None:
+            self._choose(problems, quieted, due)
+            own = [c for c in range(count) if c not in self._sampled]
+            problems = problems.instead(quieted, own)
         if due:
             self._renew(problems.take(due), due, curve, blocks, spectrum=bands is not None)
         fits = {row: pending_fit(octaves, *reason) for row, reason in enumerate(reasons) if reason}
@@ -136,6 +144,17 @@ class Estimator:
             known_rows = [self._confidences[row] for row in rows]
             fits |= zip(rows, channel_fits(curve, rows, problems.take(rows), known_rows), strict=True)
         return tuple(fits[row] for row in range(count))
+
+    def _choose(self, problems: FitProblems, quieted: FitProblems, due: list[int]) -> None:
+        """Note the channels where octaves from the spectrum misfit, or exclude more: a resonance has tails."""
+        rows = [c for c in due if (problems.variance[c] != quieted.variance[c]).any()]
+        if not rows:
+            return
+        previous = [self._confidences[c].model if c in self._confidences else None for c in rows]
+        both = [select_models(each.take(rows), previous) for each in (problems, quieted)]
+        for c, sampled, own in zip(rows, *both, strict=True):
+            worse = own.used.sum() < sampled.used.sum() or own.changing or not own.passes
+            (self._sampled.add if worse else self._sampled.discard)(c)
 
     def _renew(
         self,
@@ -195,7 +214,6 @@ def _problems(
     averaged: Sequence[bool],
     resolution: Sequence[float] | None,
     bands: Sequence[Sequence[NarrowBand]] | None = None,
-    quiet: Sequence[QuietDensity | None] | None = None,
     kurtosis: Sequence[float] | None = None,
     blocks: BlockMeans | None = None,
 ) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
@@ -229,12 +247,6 @@ def _problems(
         if bands is not None and len(bands[row]):
             offset[row], more, changing[row] = band_offset(bands[row], curve.m, curve.tau0)
             lines[row] = offset[row]
-            density = quiet[row] if quiet is not None else None
-            if density is not None and density.averages >= QUIET_AVERAGES:
-                counts = int(curve.valid[row]), curve.span
-                variance[row], offset[row], more = with_quiet_octaves(
-                    bands[row], density, curve.m, variance[row], more, *counts
-                )
             extra[row] += more
         if kurtosis is not None and kurtosis[row] > 0.0:
             white = float(variance[row, 0])
@@ -244,3 +256,22 @@ def _problems(
         quantisation = (MAX_STEPS * np.array(resolution[: len(used)], dtype=np.float64)) ** 2 / 12.0
     parts = (variance, thinning, used, free, excess, offset, extra, changing, lines, quantisation)
     return FitProblems(table, kind, *parts), reasons
+
+
+def _with_quiet(
+    problems: FitProblems,
+    curve: AllanCurve,
+    bands: Sequence[Sequence[NarrowBand]],
+    quiet: Sequence[QuietDensity | None],
+) -> FitProblems:
+    """Return the problems with octaves from the spectrum where these have the smaller errors."""
+    variance, offset, extra = problems.variance.copy(), problems.offset.copy(), problems.extra.copy()
+    for row, density in enumerate(quiet[: len(variance)]):
+        if density is not None and density.averages >= QUIET_AVERAGES:
+            _, steady, _ = band_offset(bands[row], curve.m, curve.tau0)
+            counts = int(curve.valid[row]), curve.span
+            variance[row], offset[row], own = with_quiet_octaves(
+                bands[row], density, curve.m, variance[row], steady, *counts
+            )
+            extra[row] += own - steady
+    return replace(problems, variance=variance, offset=offset, extra=extra)

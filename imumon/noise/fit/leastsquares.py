@@ -104,6 +104,14 @@ class FitProblems:
         arrays = [each.name for each in fields(self) if each.name != "tables"]
         return replace(self, **{name: getattr(self, name)[index] for name in arrays})
 
+    def instead(self, other: FitProblems, rows: list[int]) -> FitProblems:
+        """Return the problems with some rows of others."""
+        arrays = [each.name for each in fields(self) if each.name != "tables"]
+        mixed = {name: getattr(self, name).copy() for name in arrays}
+        for name, array in mixed.items():
+            array[rows] = getattr(other, name)[rows]
+        return replace(self, **mixed)
+
     @property
     def span(self) -> int:
         """Samples, length of the record."""

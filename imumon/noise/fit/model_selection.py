@@ -32,6 +32,7 @@ A description in use is kept while it passes, so no octave alternates between re
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -101,13 +102,15 @@ critical."""
 KEPT = 3
 """Descriptions whose limits are united, at most, for the processor time. Not critical."""
 
-DECISIVE = 10.0
-"""1, fall of chi-square with one octave fewer that decides for this description: noise alone makes it in 2 of
-1,000 records. At 6, N behind a low-pass filter is held in 0.5 % fewer records. Not critical."""
+DECISIVE, STILL_DECISIVE = 10.0, 5.0
+"""1, fall of chi-square with one octave fewer that decides for this description, and that keeps it where it was
+decided before: noise alone makes the first in 2 of 1,000 records. At 6, N behind a low-pass filter is held in 0.5 %
+fewer records. Not critical."""
 
-AVERAGE_ERROR = 0.03
-"""1, relative deviation of the excluded octaves from those of a moving average up to which they count as such.
-Other filters differ by tens of per cent. Not critical."""
+AVERAGE_ERROR, STILL_AVERAGE_ERROR, MOST_AVERAGE_ERROR = 0.03, 0.06, 0.15
+"""1, relative deviation of the excluded octaves from those of a moving average, beyond the statistics of N, up to
+which they count as such; up to which they still do; and the largest with the statistics. Other filters differ by
+tens of per cent. Not critical."""
 
 TERM_COST = 2
 """Excluded octaves that cost as much as a term: it explains several octaves at once. Not critical."""
@@ -190,23 +193,35 @@ def select_models(
     rows = [(row, each) for row, model in enumerate(models) for each in (model, *model.others)]
     fits = _with_error(problems.take([row for row, _ in rows]), [each for _, each in rows])
     selected: list[SelectedModel] = []
-    for model, changes in zip(models, changing.tolist(), strict=True):
+    for model, changes, before in zip(models, changing.tolist(), previous, strict=True):
         group = [replace(fits.pop(0), changing=changes) for _ in range(1 + len(model.others))]
-        best, *others = _undecided(group)
+        best, *others = _undecided(group, before)
         selected.append(replace(best, others=tuple(others)))
     return selected
 
 
-def _undecided(models: list[SelectedModel]) -> list[SelectedModel]:
+def _undecided(models: list[SelectedModel], previous: SelectedModel | None) -> list[SelectedModel]:
     """Return the models without those that one with fewer octaves decides against."""
 
     def decides(other: SelectedModel, model: SelectedModel) -> bool:
         if other.chi2 is None or model.chi2 is None:
             return False
-        fewer = model.dof - other.dof
-        return fewer > 0 and model.chi2 - other.chi2 > DECISIVE * fewer
+        fewer = int(model.used.sum() - other.used.sum())
+        least = STILL_DECISIVE if _was_alone(other, previous) else DECISIVE
+        alike = np.array_equal(model.free, other.free)
+        return fewer > 0 and alike and model.chi2 - other.chi2 > least * fewer
 
     return [model for model in models if not any(decides(other, model) for other in models)]
+
+
+def _was_alone(model: SelectedModel, previous: SelectedModel | None) -> bool:
+    """Return whether a model, on a shorter part of the record, had no other beside it."""
+    if previous is None or previous.others:
+        return False
+    known = min(previous.used.size, model.used.size)
+    return np.array_equal(model.used[:known], previous.used[:known]) and np.array_equal(
+        model.free, previous.free
+    )
 
 
 def _with_all_octaves(problems: FitProblems, previous: Sequence[SelectedModel | None]) -> list[SelectedModel]:
@@ -328,7 +343,8 @@ def _searched(
     for row, models in whole.items():
         options = (_cheapest(models, problems.used[row], p, previous[row]) for p in (CLEAR_P, REJECTED_P))
         if (best := next(filter(None, options), None)) is not None:
-            found[row] = replace(best, others=()) if _is_moving_average(problems, row, best) else best
+            alone = _is_moving_average(problems, row, best, previous[row])
+            found[row] = replace(best, others=()) if alone else best
     left = [row for row in rejected if row not in found]
     cut = _fitted_all(problems, {row: _cut_candidates(problems.used[row], only_end=spectrum) for row in left})
     for row in left:
@@ -351,9 +367,17 @@ def _cheapest(
     most = _cost(passed[0], available) + KEPT_COST
     kept = previous and next((model for model in passed if _same(model, previous, available)), None)
     best = kept or passed[0]
+    if _was_alone(best, previous) and any(_nearly_passes(model, best) for model in models):
+        return replace(best, passes=True)  # it stays alone while the one that it replaced is not rejected
     others = [model for model in passed if model is not best and _cost(model, available) <= most]
     others.sort(key=lambda model: -(model.p_value or 0.0))
     return replace(best, passes=True, others=tuple(others[: KEPT - 1]))
+
+
+def _nearly_passes(model: SelectedModel, best: SelectedModel) -> bool:
+    """Return whether a model is not rejected that has one octave more than the best one."""
+    one_more = int(model.used.sum() - best.used.sum()) == 1 and np.array_equal(model.free, best.free)
+    return one_more and model.p_value is not None and model.p_value >= REJECTED_P
 
 
 def _fitted_all(
@@ -415,16 +439,20 @@ def _is_possible(problems: FitProblems, row: int, model: SelectedModel) -> bool:
     return bool(tail <= MAX_LAGS * model.p[0] * design[first, 0]) and ramp
 
 
-def _is_moving_average(problems: FitProblems, row: int, model: SelectedModel) -> bool:
+def _is_moving_average(
+    problems: FitProblems, row: int, model: SelectedModel, previous: SelectedModel | None
+) -> bool:
     """Return whether the excluded shortest octaves are those of the white noise of a model behind a moving average."""
     short = int(np.argmax(model.used))
-    if not short or not problems.used[row, :short].all():
+    error = STILL_AVERAGE_ERROR if _was_alone(model, previous) else AVERAGE_ERROR
+    error += math.sqrt(3.0 * 2.0**short / problems.span)
+    if not short or not problems.used[row, :short].all() or model.p[0] <= 0.0 or error > MOST_AVERAGE_ERROR:
         return False
     design, observed = problems.tables[problems.kind[row]].design[:short], problems.variance[row, :short]
     others = problems.offset[row, :short] + design[:, 1:3] @ np.maximum(model.p[1:3], 0.0)
     white = design[:, 0] * model.p[0]
     # the average reduces the others, too: by an unknown share
-    low, high = (observed - others) / white * (1.0 - AVERAGE_ERROR), observed / white * (1.0 + AVERAGE_ERROR)
+    low, high = (observed - others) / white * (1.0 - error), observed / white * (1.0 + error)
     for length in range(2, 2**short + 2):  # a longer one bends the first octave in use, too
         expected = np.array([_share_of_average(length, 2**octave) for octave in range(short)])
         if np.all((low <= expected) & (expected <= high)):

@@ -28,7 +28,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from imumon.noise.statistics.narrow_bands import LEVEL_ERROR, NarrowBand, QuietDensity
-from imumon.noise.statistics.spectral_lines import GUARD, HOP, MEDIAN_ERROR, OVERLAP_DOF, SEGMENT, SIDE
+from imumon.noise.statistics.spectral_lines import HOP, MEDIAN_ERROR, OVERLAP_DOF, SEGMENT, SIDE
 from imumon.samples import Bools, Floats, Ints
 
 STEADY_POWER_ERROR, STEADY_SHAPE_ERROR = 0.005, 0.002
@@ -72,7 +72,7 @@ def transfer(frequency: Floats, m: Ints, tau0: float) -> Floats:
     array([[1., 1., 0.]])
     """
     x = np.pi * tau0 * np.asarray(frequency)[:, None]
-    sine = np.maximum(np.sin(x), 1e-300)
+    sine = np.maximum(np.sin(x), 1e-100)
     return np.asarray(2.0 * np.sin(x * m) ** 4 / (m * sine) ** 2)
 
 
@@ -138,8 +138,7 @@ def quiet_octaves(quiet: QuietDensity, m: Ints, samples: int, span: int) -> tupl
     common = 1.0 - samples / max(span, 1) + UNEVEN_ERROR * (1.0 - share)
     median_error = MEDIAN_ERROR * np.sqrt(1.0 / (OVERLAP_DOF * quiet.averages * SIDE))
     level = np.hypot(LEVEL_ERROR, median_error) * power[quiet.replaced[1:]].sum(axis=0)
-    beside = (np.convolve(quiet.replaced, np.ones(2 * GUARD + 1), "same") > 0.5) & ~quiet.replaced
-    hidden = np.sqrt(2.0 / (OVERLAP_DOF * quiet.averages)) * power[beside[1:]].sum(axis=0)  # of wider bands
+    hidden = (quiet.tails[1:, None] * width * response).sum(axis=0)
     error = outside * power.T @ power + common**2 * np.outer(variance, variance)
     return variance, error + np.outer(level, level) + np.outer(hidden, hidden)
 

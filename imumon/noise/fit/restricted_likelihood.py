@@ -340,7 +340,7 @@ class _WalkSearch:
         """Return K^2 and B^2, (3 + nodes, c): estimate, limits, nodes."""
         c = len(self._n2)
         own = self._square
-        levels = np.concatenate(([0.5, TAIL, 1.0 - TAIL], NODES, [1.0 - TAIL]))[:, None]
+        levels = np.concatenate(([0.5, TAIL, 1.0 - TAIL], NODES, [TAIL, 1.0 - TAIL]))[:, None]
         shape = (len(levels), c)
         _, total, b2_zero = self._test(np.zeros((1, c)), self._b2[None], FIRST_STEPS)
         # means as they are typically without a walk: no bound is lower than theirs
@@ -365,7 +365,10 @@ class _WalkSearch:
             low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
         k2, b2 = np.where(zero, 0.0, np.exp(high)), np.where(zero, b2_zero, b2)
         k2[2] = np.maximum(k2[2], k2[-1])
-        return k2[:-1], b2[:-1]
+        k2[1] = np.where(
+            k2[1] < k2[0], k2[1], k2[-2]
+        )  # where both tests differ, the score has the estimate inside
+        return k2[:-2], b2[:-2]
 
     def _test(
         self, k2: Floats, b2: Floats, steps: int, step: Floats | float = 0.0

@@ -40,6 +40,9 @@ WINDOW_WIDTH = 0.58
 is not the line's. Not critical."""
 LEAST_WIDTH = 0.05
 """Bins, least width of a band: the error of its frequency. Not critical."""
+TAIL_BINS = 3
+"""Bins on each side of a band whose mean shows the tail of a resonance. Beyond the edge, at g bins from its centre,
+a tail that falls as 1/f^2 holds g times the density of the edge. Not critical."""
 LEVEL_ERROR = 0.02
 """1, relative error of the density under a band. Not critical."""
 
@@ -71,12 +74,14 @@ class QuietDensity:
     ----------
     density : (BINS,) (channel unit)^2/Hz, one-sided.
     replaced : (BINS,) bins of bands.
+    tails : (BINS,) (channel unit)^2/Hz, what resonances may leave beside their bands, all of one sign.
     averages : segments averaged.
     rate_hz : Hz, sampling rate.
     """
 
     density: Floats
     replaced: Bools
+    tails: Floats
     averages: int
     rate_hz: float
 
@@ -111,13 +116,20 @@ def find_narrow_bands(
         return [], None
     # in the middle of a broad band both sides are unknown
     level = np.exp(np.interp(np.arange(BINS), known, np.log(level[known])))
-    bins, bands = np.flatnonzero(inside), []
+    level[-1] *= 0.5  # as the density at the Nyquist frequency
+    bins, bands, tails = np.flatnonzero(inside), [], np.zeros(BINS)
     for group in np.split(bins, np.flatnonzero(np.diff(bins) > 1) + 1):
         above = power[group] - level[group]
         size, weights = float(above.sum() * df), np.maximum(above, 0.0)
         if size <= 0.0:
             continue
         frequency = float(weights @ group / weights.sum())
+        for edge in (group[0] - TAIL_BINS, group[-1] + 1):
+            beside = np.arange(max(edge, 0), min(edge + TAIL_BINS, BINS - 1))
+            if len(beside):
+                rise = max(float(np.mean(power[beside] / level[beside])) - 1.0, 0.0)
+                rise = max(rise, float(np.sqrt(2.0 / nu / len(beside))))
+                tails[beside] += rise * level[beside] * np.abs(beside - frequency).min() / len(beside)
         if not band.start <= frequency < band.stop:
             continue
         variance = float(weights @ (group - frequency) ** 2 / weights.sum()) - WINDOW_WIDTH**2
@@ -125,7 +137,10 @@ def find_narrow_bands(
         noise = level[group] * (level[group] + 2.0 * np.maximum(above, 0.0))
         error = df * np.hypot(np.sqrt(2.0 / nu * noise.sum()), LEVEL_ERROR * level[group].sum())
         bands.append(NarrowBand(frequency * df, float(width * df), size, float(error)))
-    return bands, QuietDensity(np.where(inside, level, power), inside, averages, rate)
+    # a line at the lowest bins is not removed whole
+    whole = not inside[: LOWEST_BIN + LOBE_BINS + 1].any()
+    quiet = QuietDensity(np.where(inside, level, power), inside, tails, averages, rate) if whole else None
+    return bands, quiet
 
 
 def _widened(high: Bools) -> Bools:

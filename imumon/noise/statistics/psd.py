@@ -277,8 +277,10 @@ class SpectrumAccumulator:
             for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
                 own, k, band = sides[:, i], int(count[i]), range(low, high)
                 lines[i] += find_lines(power[i], own, k, rate, band, self._rate, float(size[i]))
-                found, quiet[i] = find_narrow_bands(power[i], k, rate, band)  # the full rate comes last
+                found, without = find_narrow_bands(power[i], k, rate, band)
                 bands[i] += found
+                if s == 0:
+                    quiet[i] = without
         white = np.array([_white(p, int(k)) for p, k in zip(*stages[0][1:], strict=True)])
         distinct_lines = tuple(distinct(each) for each in lines)
         f, power, count = np.concatenate(frequency), np.concatenate(density), np.concatenate(averages)
