@@ -249,13 +249,14 @@ def test_the_axes_do_not_move_while_a_curve_grows() -> None:
 
 
 def test_the_chart_marks_only_measured_coefficients() -> None:
-    for age, letters in ((8.0, "N"), (3600.0, "NB"), (reports.LONG_S, "NBK")):
+    cases = ((8.0, "gyro/x", "N"), (3600.0, "gyro/y", "NB"), (reports.LONG_S, "gyro/x", "NBK"))
+    for age, channel, letters in cases:
         report = reports.report(age)
         text = text_of(
-            charts.allan_chart(running().updated(reports={reports.ID: report}, channel="gyro/x"), 100, 40)
+            charts.allan_chart(running().updated(reports={reports.ID: report}, channel=channel), 100, 40)
         )
         for letter in "NBK":
-            part = getattr(report.channels["gyro/x"], letter)
+            part = getattr(report.channels[channel], letter)
             assert (part.status == "measured") == (letter in letters)
             if letter in letters:
                 height = charts.FLICKER if letter == "B" else 1.0
