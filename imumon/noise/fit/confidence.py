@@ -290,7 +290,8 @@ def _limits(
     zeros = np.zeros(int(tested.sum()))
     at_zero[tested] = intervals.score(part.prepare(), part.free, term[tested], zeros, begin[tested])[0]
     estimate = p[:, :3].ravel()
-    # without a term that dominates the curve, the weights may be those of another curve
+    # The score at zero weights the octaves as if the term were absent. Where the term makes most of the curve,
+    # these weights are far off, and the score may even be negative: then the estimate decides.
     contradicts = tested & (at_zero < 0.0) & (estimate > 0.0)
     at_zero[contradicts] = estimate[contradicts] / deviation[contradicts]
     detected = tested & (at_zero > DETECTED_SCORE) & (estimate > 0.0)

@@ -124,7 +124,7 @@ class Estimator:
             return (pending_fit(0, "no difference yet"),) * count
         flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
         problems, reasons = _problems(curve, flags, resolution, bands, kurtosis, blocks)
-        quieted = None if bands is None or quiet is None else _with_quiet(problems, curve, bands, quiet)
+        spectral = None if bands is None or quiet is None else _with_spectrum(problems, curve, bands, quiet)
         due = []
         for channel, reason in enumerate(reasons):
             known = self._confidences.get(channel)
@@ -133,10 +133,10 @@ class Estimator:
                 self._confidences.pop(channel, None)
             elif known is None or renew or (renew is None and not current):
                 due.append(channel)
-        if quieted is not None:
-            self._choose(problems, quieted, due)
+        if spectral is not None:
+            self._choose_octaves(problems, spectral, due)
             own = [c for c in range(count) if c not in self._sampled]
-            problems = problems.instead(quieted, own)
+            problems = problems.with_rows_of(spectral, own)
         if due:
             self._renew(problems.take(due), due, curve, blocks, spectrum=bands is not None)
         fits = {row: pending_fit(octaves, *reason) for row, reason in enumerate(reasons) if reason}
@@ -145,13 +145,13 @@ class Estimator:
             fits |= zip(rows, channel_fits(curve, rows, problems.take(rows), known_rows), strict=True)
         return tuple(fits[row] for row in range(count))
 
-    def _choose(self, problems: FitProblems, quieted: FitProblems, due: list[int]) -> None:
+    def _choose_octaves(self, problems: FitProblems, spectral: FitProblems, due: list[int]) -> None:
         """Note the channels where octaves from the spectrum misfit, or exclude more: a resonance has tails."""
-        rows = [c for c in due if (problems.variance[c] != quieted.variance[c]).any()]
+        rows = [c for c in due if (problems.variance[c] != spectral.variance[c]).any()]
         if not rows:
             return
         previous = [self._confidences[c].model if c in self._confidences else None for c in rows]
-        both = [select_models(each.take(rows), previous) for each in (problems, quieted)]
+        both = [select_models(each.take(rows), previous) for each in (problems, spectral)]
         for c, sampled, own in zip(rows, *both, strict=True):
             worse = own.used.sum() < sampled.used.sum() or own.changing or not own.passes
             (self._sampled.add if worse else self._sampled.discard)(c)
@@ -258,7 +258,7 @@ def _problems(
     return FitProblems(table, kind, *parts), reasons
 
 
-def _with_quiet(
+def _with_spectrum(
     problems: FitProblems,
     curve: AllanCurve,
     bands: Sequence[Sequence[NarrowBand]],

@@ -20,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -101,16 +102,18 @@ class FitProblems:
 
     def take(self, index: Ints | Bools | list[int]) -> FitProblems:
         """Return some of the problems, in any order, also repeated."""
-        arrays = [each.name for each in fields(self) if each.name != "tables"]
-        return replace(self, **{name: getattr(self, name)[index] for name in arrays})
+        return replace(self, **{name: array[index] for name, array in self._arrays().items()})
 
-    def instead(self, other: FitProblems, rows: list[int]) -> FitProblems:
+    def with_rows_of(self, other: FitProblems, rows: list[int]) -> FitProblems:
         """Return the problems with some rows of others."""
-        arrays = [each.name for each in fields(self) if each.name != "tables"]
-        mixed = {name: getattr(self, name).copy() for name in arrays}
+        mixed = {name: array.copy() for name, array in self._arrays().items()}
         for name, array in mixed.items():
             array[rows] = getattr(other, name)[rows]
         return replace(self, **mixed)
+
+    def _arrays(self) -> dict[str, Any]:
+        """Return the fields with one row per problem."""
+        return {each.name: getattr(self, each.name) for each in fields(self) if each.name != "tables"}
 
     @property
     def span(self) -> int:

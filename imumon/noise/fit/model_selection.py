@@ -35,14 +35,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from scipy.special import chdtrc
 
-from imumon.noise.fit.covariance import TERMS
+from imumon.noise.fit.candidate_octaves import (
+    BASE,
+    LEAST_OCTAVES,
+    QUANTISATION,
+    candidates_without_block,
+    candidates_without_short,
+)
 from imumon.noise.fit.intervals import score
-from imumon.noise.fit.leastsquares import RAMP, SIGNED, FitProblems, misfit, solve
+from imumon.noise.fit.leastsquares import RAMP, FitProblems, misfit, solve
 from imumon.samples import Bools, Floats
 
 REJECTED_P = 1e-3
@@ -75,21 +80,6 @@ TOLERATED_ERROR = 1e-2
 """1, relative error of the modelled Allan variance that is not tested: no sensor follows the model closer.
 Not critical."""
 
-MAX_SHORT = 7
-"""Octaves that may be excluded at the short end. A correlation over more samples is not that of a filter. Not
-critical."""
-
-MAX_LONG = 6
-"""Octaves that may be excluded at the long end: the rest describes a record of a 64th of the length. Not
-critical."""
-
-MAX_BLOCK = 10
-"""Octaves in the middle that may be excluded where no spectrum is known: a strong line bends about ten. Not
-critical."""
-
-MAX_SHORT_BESIDE_BLOCK = 2
-"""Octaves that may be excluded at the short end together with a block, for the processor time. Not critical."""
-
 MAX_LAGS = 1.0
 """1, largest share of N^2/tau that the 1/tau^2 term may have at the shortest octave in use: a correlation over
 less than the cluster cannot add more. Not critical."""
@@ -115,9 +105,6 @@ tens of per cent. Not critical."""
 TERM_COST = 2
 """Excluded octaves that cost as much as a term: it explains several octaves at once. Not critical."""
 
-LEAST_OCTAVES = 5
-"""Octaves that must stay for the three terms: two degrees of freedom are left to test. Sensitivity: halved 0
-%, doubled changes which values appear (gyro x drift steady_B value of the record "warm-up")."""
 FIT_ROUNDS = 8
 """Rounds of weighting and solving for each description. Not critical."""
 
@@ -128,8 +115,6 @@ MAX_ERROR = 0.3
 """1, relative error of the modelled Allan variance above which no description fits. Not critical."""
 ERROR_STEPS = 14
 """Bisections between the two, on a logarithmic scale: 0.1 % of the error. Not critical."""
-QUANTISATION = SIGNED
-_BASE = np.arange(len(TERMS)) < 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +151,7 @@ class SelectedModel:
     @property
     def plain(self) -> bool:
         """Whether it uses all octaves up to the last one, and no term beside the three."""
-        return bool(self.used[: np.flatnonzero(self.used)[-1]].all() and np.array_equal(self.free, _BASE))
+        return bool(self.used[: np.flatnonzero(self.used)[-1]].all() and np.array_equal(self.free, BASE))
 
 
 def select_models(
@@ -226,7 +211,7 @@ def _was_alone(model: SelectedModel, previous: SelectedModel | None) -> bool:
 
 def _with_all_octaves(problems: FitProblems, previous: Sequence[SelectedModel | None]) -> list[SelectedModel]:
     """Return the models of rule 1."""
-    base = _fitted(problems, [(used, _BASE) for used in problems.used])
+    base = _fitted(problems, [(used, BASE) for used in problems.used])
     return _with_scored_terms(problems, base, previous)
 
 
@@ -339,14 +324,16 @@ def _searched(
 ) -> dict[int, SelectedModel]:
     """Return the cheapest description that passes with those beside it, or the best that does not, by row."""
     found: dict[int, SelectedModel] = {}
-    whole = _fitted_all(problems, {row: _candidates(problems.used[row]) for row in rejected})
+    whole = _fitted_all(problems, {row: candidates_without_short(problems.used[row]) for row in rejected})
     for row, models in whole.items():
         options = (_cheapest(models, problems.used[row], p, previous[row]) for p in (CLEAR_P, REJECTED_P))
         if (best := next(filter(None, options), None)) is not None:
             alone = _is_moving_average(problems, row, best, previous[row])
             found[row] = replace(best, others=()) if alone else best
     left = [row for row in rejected if row not in found]
-    cut = _fitted_all(problems, {row: _cut_candidates(problems.used[row], only_end=spectrum) for row in left})
+    cut = _fitted_all(
+        problems, {row: candidates_without_block(problems.used[row], only_end=spectrum) for row in left}
+    )
     for row in left:
         best = _cheapest(cut[row], problems.used[row], ACCEPTED_CUT_P, previous[row])
         tried = [rejected[row], *whole[row]]
@@ -391,43 +378,6 @@ def _fitted_all(
         if _is_possible(problems, row, fit):
             result[row].append(fit)
     return result
-
-
-def _candidates(available: Bools) -> list[tuple[Bools, Bools]]:
-    """Return octaves, (k,), and terms, (5,), of the descriptions without some of the shortest octaves."""
-    choices = product(range(MAX_SHORT + 1), (False, True))
-    candidates = [_candidate(available, short, 0, 0, ramp=ramp) for short, ramp in choices]
-    return [each for each in candidates if _enough(*each)]
-
-
-def _cut_candidates(available: Bools, *, only_end: bool) -> list[tuple[Bools, Bools]]:
-    """Return the same without a block of octaves: at the long end, or anywhere beside the short end."""
-    count = int(available.sum())
-    if only_end:
-        choices = product(range(MAX_SHORT + 1), range(1, MAX_LONG + 1))
-        cuts = [(short, count - length, length) for short, length in choices]
-    else:
-        choices = product(range(MAX_SHORT_BESIDE_BLOCK + 1), range(1, MAX_BLOCK + 1))
-        cuts = [
-            (short, begin, length)
-            for short, length in choices
-            for begin in range(short + 1, count - length + 1)
-        ]
-    candidates = [_candidate(available, short, begin, length, ramp=False) for short, begin, length in cuts]
-    return [each for each in candidates if _enough(*each)]
-
-
-def _candidate(available: Bools, short: int, begin: int, length: int, *, ramp: bool) -> tuple[Bools, Bools]:
-    """Return octaves and terms without the shortest octaves, and without `length` from the `begin`-th on."""
-    used, free = available.copy(), _BASE.copy()
-    octaves = np.flatnonzero(available)
-    used[octaves[:short]] = used[octaves[begin : begin + length]] = False
-    free[QUANTISATION], free[RAMP] = short > 0, ramp
-    return used, free
-
-
-def _enough(used: Bools, free: Bools) -> bool:
-    return bool(used.sum() >= LEAST_OCTAVES - 3 + free.sum())
 
 
 def _is_possible(problems: FitProblems, row: int, model: SelectedModel) -> bool:

@@ -14,10 +14,11 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from imumon.noise.allan import AllanCurve
+from imumon.noise.fit.candidate_octaves import QUANTISATION
 from imumon.noise.fit.confidence import TOO_SHORT, ChannelConfidence
 from imumon.noise.fit.covariance import TERMS
 from imumon.noise.fit.leastsquares import RAMP, FitProblems, solve
-from imumon.noise.fit.model_selection import QUANTISATION, SelectedModel, with_selection
+from imumon.noise.fit.model_selection import SelectedModel, with_selection
 from imumon.report import Readings, Status, TimeTo
 from imumon.samples import Bools, Floats
 

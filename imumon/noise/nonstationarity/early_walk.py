@@ -18,13 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from imumon.noise.fit.restricted_likelihood import (
-    LEAST_BLOCKS,
-    BlockMeans,
-    Combinations,
-    tail_probability,
-    unit_covariances,
-)
+from imumon.noise.fit.restricted_likelihood import LEAST_BLOCKS, BlockMeans, unit_covariances
+from imumon.noise.fit.walk_limits import Combinations, tail_probability
 from imumon.samples import Floats
 
 STEPS = 100
