@@ -1,14 +1,19 @@
 """Baseline: the noise of a sensor at rest, learned robustly while it runs.
 
 The detection of a knock requires the usual noise. Time is divided into *frames* of ten *parts*, about 1 s and
-0.1 s. The baseline keeps four figures of every quiet frame and channel: the mean, the deviation of the samples
-about it, that of the parts about it, and the distance of the mean from the level (the median of the
-`LEVEL_FRAMES` quiet frames before it). Medians over the last `BASELINE_FRAMES` of them are the baseline: it
-does not move before half of those frames are disturbed.
+0.1 s. The baseline keeps five figures of every quiet frame and channel: the mean, the deviation of the samples
+about it, that of the parts about it, the distance of the mean from the level (the median of the `LEVEL_FRAMES`
+quiet frames before it), and what the mean would scatter by if the noise within 0.1 s were white. Medians over
+the last `BASELINE_FRAMES` of them are the baseline: it does not move before half of those frames are disturbed.
 
 The scales change at fixed frame numbers only (`SCHEDULE`, then every `BASELINE_FRAMES`), so that decisions do
 not depend on how the samples are chunked. As long as they rest on few frames, the thresholds are wider by the
 uncertainty of the scales.
+
+A record may begin in motion, and motion that lasts may be tried as a new baseline. The noise of the sensor itself
+shows both: it is nearly white from 0.1 s on, so that its fast part predicts how much the means of neighbouring
+frames differ, in any unit and for any quality of the sensor. Motion is slow, and they differ by more. Absolute
+limits remain where this fails: coloured noise that is small is rest, and noise that no sensor has is motion.
 """
 
 from __future__ import annotations
@@ -19,92 +24,72 @@ from typing import ClassVar
 
 import numpy as np
 
-from imumon.samples import Bools, Floats
+from imumon.samples import Bools, Floats, Ints
 
 PARTS = 10
-"""Parts of a frame: of about 0.1 s, the shortest time that is excluded. Sensitivity: halved or doubled, it
-changes which values appear (accel z readings B of the record "disturbed")."""
+"""Parts of a frame: of about 0.1 s, the shortest time that is excluded."""
 BASELINE_FRAMES = 128
-"""Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes.
-Not critical."""
+"""Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes."""
 LEVEL_FRAMES = 8
-"""Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it. Not
-critical."""
+"""Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it."""
 SCHEDULE = (2, 3, 4, 6, 8, 12, 16, 32, 64, 128)
-"""Quiet frames after which the scales change. Not critical."""
+"""Quiet frames after which the scales change."""
 KNOWN_SHARE = 0.25
-"""Valid share of a frame from which it is assessed. Not critical."""
+"""Valid share of a frame from which it is assessed."""
 
 SAMPLE_SIGMA = 7.0
-"""Standard deviations of a sample that are unusual: 3e-12, less than one in a month at 800 Hz. Sensitivity:
-halved changes which values appear, doubled 0 % (events disturbance of the record "clean")."""
+"""Standard deviations of a sample that are unusual: 3e-12, less than one in a month at 800 Hz."""
 PART_SIGMA = 7.0
-"""Standard deviations of the mean of a part that are unusual. Sensitivity: halved changes which values
-appear, doubled 0 % (events disturbance of the record "clean")."""
+"""Standard deviations of the mean of a part that are unusual."""
 MEAN_SIGMA = 7.0
-"""Standard deviations of the mean of a frame from the level that are unusual. Not critical."""
+"""Standard deviations of the mean of a frame from the level that are unusual."""
 SPREAD_SIGMA = 6.0
-"""Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`. Not
-critical."""
+"""Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`."""
 LEAST_RATIO = 1.5
-"""Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little. Not
-critical."""
+"""Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little."""
 
 REST_LIMIT_GYRO = 1.5e-3
-"""Rad/s, Allan deviation at 1 s above which a gyroscope with a coloured spectrum is not at rest: two to three
-times the consumer grade. A parked car with its engine running stays below, a driven one does not. Not
-critical."""
+"""Rad/s, Allan deviation at 1 s up to which a gyroscope is at rest, whatever its spectrum: two to three times the
+consumer grade. A parked car with its engine running stays below, a driven one does not."""
 REST_LIMIT_ACCEL = 3e-2
-"""M/s^2, the same limit of an accelerometer. Not critical."""
-WHITE_FACTOR = 20.0
-"""Factor on these limits above which a sensor with a white spectrum is not at rest either: 100 deg/sqrt(h) is
-no sensor, but one that is shaken. Not critical."""
-ONE_AXIS_FACTOR = 2.0
-"""Factor on the limits above which a single axis is not at rest: four standard errors of a median of
-`REST_FRAMES` steps. Below, more than one axis exceeds them. Not critical."""
+"""M/s^2, the same limit of an accelerometer."""
+REST_FACTOR = 2.2
+"""Allan deviation at 1 s, over that predicted from the noise within 0.1 s, up to which a sensor is at rest too. It
+is wider by n^-1/2 for n differences: 2.5 for three axes and `REST_FRAMES`, where a recorded hand exceeds 2.9."""
+SHAKEN_FACTOR = 20.0
+"""Factor on these limits above which a sensor is shaken, whatever its spectrum: 100 deg/sqrt(h) is no sensor."""
+INDEPENDENT_SAMPLES = 100
+"""Independent samples of a frame that are assumed at most: the filter of the sensor may end at 50 Hz."""
 TURN_RATE = 0.1
 """Rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest.
-Sensitivity: halved 0 %, doubled changes which values appear (gyro z allan used of the record "jittered")."""
+Noise does not distinguish a steady turn from a bias."""
 REST_FRAMES = 16
-"""Frames by which rest is assessed, the last ones. Not critical."""
+"""Frames by which rest is assessed, the last ones."""
 LEAST_REST_FRAMES = 4
-"""Frames below which the sensor is taken to be at rest. Not critical."""
-REST_MARGIN = 7.2
-"""Factor of k^-1/2 by which the limits of rest are wider with fewer than `REST_FRAMES` frames k: six standard
-errors of their median, so that a record of a noisy sensor does not begin as motion. Not critical."""
-COLOURED_STEP = 2.0
-"""Ratio of the steps between frames to what white noise of the parts makes, above which noise is coloured.
-Not critical."""
-COLOURED_PARTS = 1.5
-"""Ratio of the deviation of the parts to what white noise of the samples makes, above which it is coloured.
-Not critical."""
-FILTER_RATE_HZ = 200.0
-"""Hz, rate above which samples are not independent: behind a sensor filter of 5 ms. Not critical."""
+"""Frames below which the sensor is taken to be at rest."""
 
 MAD_SIGMA = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745. Not critical."""
+"""Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745."""
 MEDIAN_ERROR = 1.25
-"""Standard error of a median over that of a mean, sqrt(pi / 2). Not critical."""
+"""Standard error of a median over that of a mean, sqrt(pi / 2)."""
 SCALE_MARGIN = 4.0
-"""Standard errors of a scale by which thresholds of samples and parts are wider. Not critical."""
+"""Standard errors of a scale by which thresholds of samples and parts are wider."""
 SHIFT_ERROR = 1.2
-"""Relative standard error of a deviation from n median absolute distances, times sqrt(n). Not critical."""
+"""Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
 SHIFT_MARGIN = 3.0
-"""Standard errors of the scatter of the means by which its threshold is wider. Not critical."""
+"""Standard errors of the scatter of the means by which its threshold is wider."""
 MOST_SCATTER = 3.0
-"""Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it. Not
-critical."""
+"""Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
 
 COARSE_SIGMA = 0.3
-"""Deviation, in quantisation steps, below which a channel is mostly constant: one step is no knock. Not
-critical."""
+"""Deviation, in quantisation steps, below which a channel is mostly constant: one step is no knock."""
 COARSE_PEAK_STEPS = 3.0
-"""Quantisation steps that a sample of such a channel may be off. Not critical."""
+"""Quantisation steps that a sample of such a channel may be off."""
 COARSE_MEAN_STEPS = 2.0
-"""Quantisation steps that the mean of a part or a frame of such a channel may be off. Not critical."""
+"""Quantisation steps that the mean of a part or a frame of such a channel may be off."""
 
 ROUNDING = 1e-12
-"""Share of the level by which sums of equal numbers may differ. Not critical."""
+"""Share of the level by which sums of equal numbers may differ."""
 
 
 class ArrayState:
@@ -133,6 +118,8 @@ class FrameStatistics:
     parts : (k, c) deviation of the means of the parts about the mean of the frame.
     peak : (k, c) greatest distance of a sample from the mean of the frame.
     part_peak : (k, c) greatest distance of the mean of a part from the mean of the frame.
+    white : (k, c) deviation that the mean of the frame has if its noise is white. The noise is that within the
+        parts, or the difference of neighbouring parts if that is less: motion is slow and adds little to it.
     known : (k,) enough samples are valid.
     """
 
@@ -141,6 +128,7 @@ class FrameStatistics:
     parts: Floats
     peak: Floats
     part_peak: Floats
+    white: Floats
     known: Bools
 
     def __getitem__(self, rows: slice | Bools) -> FrameStatistics:
@@ -162,30 +150,52 @@ class FrameStatistics:
         level : (c,) channel unit.
         """
         c, k, parts, part = d.shape
+        size, within = parts * part, np.inf
+        independent = min(size, INDEPENDENT_SAMPLES)
         if usable is None:
             means = (d.reshape(-1, part) @ np.full(part, 1.0 / part)).reshape(c, k, parts)
             mean = means.mean(axis=2)
-            flat = d.reshape(c, k, parts * part)
-            square = np.einsum("ckf,ckf->ck", flat, flat) / (parts * part)
+            flat = d.reshape(c, k, size)
+            square = np.einsum("ckf,ckf->ck", flat, flat) / size
             peak = np.maximum(flat.max(axis=2) - mean, mean - flat.min(axis=2))
             means -= mean[:, :, None]
             spread = np.einsum("ckp,ckp->ck", means, means) / parts
             part_peak = np.abs(means).max(axis=2)
             known = np.ones(k, dtype=bool)
+            variance = square - mean**2
+            steps = means[:, :, 1:] - means[:, :, :-1]
+            between = np.einsum("ckp,ckp->ck", steps, steps) * (0.5 / (parts * (parts - 1)))
+            if part > 1:
+                within = (variance - spread) * (part / ((part - 1) * independent))
         else:
             count = usable.sum(axis=2)  # (k, PARTS)
             n = np.maximum(count.sum(axis=1), 1)
             filled = np.maximum((count > 0).sum(axis=1), 1)
-            mean = d.sum(axis=(2, 3)) / n
+            sums = d.sum(axis=3)
+            mean = sums.sum(axis=2) / n
             square = np.einsum("ckpm,ckpm->ck", d, d) / n
             peak = (np.abs(d - mean[:, :, None, None]) * usable).max(axis=(2, 3))
             # A part with few samples scatters more: weighted so that full parts give the plain deviation.
-            means = d.sum(axis=3) / np.maximum(count, 1) - mean[:, :, None]
-            spread = (count * means**2).sum(axis=2) / n * (n / (filled * part))
+            means = sums / np.maximum(count, 1) - mean[:, :, None]
+            weighted = np.einsum("ckp,kp->ck", means * means, count)
+            spread = weighted / (filled * part)
             part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
-            known = n >= KNOWN_SHARE * parts * part
-        rms = np.sqrt(np.maximum(square - mean**2, 0.0))
-        return cls((mean + level[:, None]).T, rms.T, np.sqrt(spread).T, peak.T, part_peak.T, known)
+            known = n >= KNOWN_SHARE * size
+            variance = square - mean**2
+            left, right = count[:, :-1], count[:, 1:]
+            weight = left * right / np.maximum(left + right, 1)
+            steps = means[:, :, 1:] - means[:, :, :-1]
+            squares = np.einsum("ckp,kp->ck", steps * steps, weight)
+            between = _mean(squares, np.count_nonzero(weight, axis=1)) / size
+            within = _mean(variance * n - weighted, n - filled) / independent
+        variances = np.stack((variance, spread, np.minimum(between, within)))
+        rms, deviation, white = np.sqrt(np.maximum(variances, 0.0))
+        return cls((mean + level[:, None]).T, rms.T, deviation.T, peak.T, part_peak.T, white.T, known)
+
+
+def _mean(sums: Floats, counts: Ints) -> Floats:
+    """Return the mean of sums (c, k) over counts (k,); inf where nothing was counted."""
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.inf)
 
 
 _PUBLIC_STATE = ("origin", "sample", "part", "shift")
@@ -198,7 +208,6 @@ class NoiseBaseline(ArrayState):
     ----------
     sensors : (c,) sensor of each channel.
     frame : samples of a frame, a multiple of `PARTS`.
-    rate_hz : Hz.
 
     Attributes
     ----------
@@ -212,15 +221,15 @@ class NoiseBaseline(ArrayState):
 
     _STATE = ("_ring", "_recent_means", "_scale", "_scatter", "_step", "_limits", *_PUBLIC_STATE)
 
-    def __init__(self, sensors: tuple[str, ...], frame: int, rate_hz: float) -> None:
+    def __init__(self, sensors: tuple[str, ...], frame: int) -> None:
         c = len(sensors)
         limits = {"gyro": REST_LIMIT_GYRO, "accel": REST_LIMIT_ACCEL}
         self._frame = frame
-        self._gyro = [i for i, s in enumerate(sensors) if s == "gyro"]
+        self._members = {name: [i for i, s in enumerate(sensors) if s == name] for name in sensors}
+        self._axes = np.array([float(sensors.count(s)) for s in sensors])
         self._rest_limit = np.array([limits.get(s, np.inf) for s in sensors])
-        self._white = np.sqrt(PARTS / frame * max(1.0, rate_hz / FILTER_RATE_HZ))
-        # ring by frame number: mean, ln rms, ln parts, |mean - level|
-        self._ring = np.full((BASELINE_FRAMES, 4, c), np.nan)
+        # ring by frame number: mean, ln rms, ln parts, |mean - level|, white
+        self._ring = np.full((BASELINE_FRAMES, 5, c), np.nan)
         self.frames = 0
         self.stale = 0
         self.at_rest = True
@@ -260,7 +269,7 @@ class NoiseBaseline(ArrayState):
         k, before = len(means), min(self.frames, LEVEL_FRAMES)
         row = np.concatenate((self._recent_means[:before][::-1], means))
         if before == LEVEL_FRAMES:
-            windows = np.stack([row[i : i + k] for i in range(LEVEL_FRAMES)])
+            windows = row[np.arange(LEVEL_FRAMES)[:, None] + np.arange(k)]
             windows.sort(axis=0)
             middle = windows[(LEVEL_FRAMES - 1) // 2] + windows[LEVEL_FRAMES // 2]
             return np.asarray(0.5 * middle, dtype=np.float64)
@@ -284,6 +293,7 @@ class NoiseBaseline(ArrayState):
         ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
         ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
         ring[at, 3] = np.abs(quiet.mean - self._levels(quiet.mean))
+        ring[at, 4] = quiet.white
         if not self.frames:
             ring[0, 3] = np.nan
         newest = quiet.mean[::-1][:LEVEL_FRAMES]
@@ -354,25 +364,19 @@ class NoiseBaseline(ArrayState):
         return np.asarray(np.maximum(np.maximum(limits, steps), ROUNDING * np.abs(self.origin)))
 
     def _is_rest(self, n: int) -> bool:
-        """Return whether the last of `n` frames can be rest, by absolute limits."""
-        if float(np.linalg.norm(self.level[self._gyro])) > TURN_RATE:
+        """Return whether the last of `n` frames can be rest: squares are averaged over the axes of a sensor."""
+        if float(np.linalg.norm(self.level[self._members.get("gyro", [])])) > TURN_RATE:
             return False
         k = min(n, REST_FRAMES)
         if k < LEAST_REST_FRAMES:
             return True
         rows = self._ring[(self.frames - k + np.arange(k)) % BASELINE_FRAMES]
-        zero = np.zeros(rows.shape[2])
-        step = _median(np.abs(np.diff(rows[:, 0], axis=0)), zero) * (MAD_SIGMA / np.sqrt(2.0))
-        rms, parts = np.exp(_median(rows[:, 1], zero)), np.exp(_median(rows[:, 2], zero))
-        coloured = step > COLOURED_STEP * parts / np.sqrt(PARTS)
-        coloured |= parts > COLOURED_PARTS * self._white * rms
-        # the median of few steps scatters
-        limit = self._rest_limit * (1.0 + REST_MARGIN * (k**-0.5 - REST_FRAMES**-0.5))
-        moves = ((step > limit) & coloured) | (step > WHITE_FACTOR * self._rest_limit)
-        # the steps of a single axis may be great by chance
-        return int(moves.sum()) < min(2, len(moves)) and not bool(
-            np.any(moves & (step > ONE_AXIS_FACTOR * limit))
-        )
+        step = np.sqrt(0.5 * np.mean(np.diff(rows[:, 0], axis=0) ** 2, axis=0))  # Allan deviation at 1 s
+        white = _median(rows[:, 4], np.zeros(rows.shape[2]))
+        factor = REST_FACTOR * (1.0 + ((k - 1) * self._axes) ** -0.5)
+        limit = np.maximum(self._rest_limit, factor * white)
+        excess = (step / np.minimum(limit, SHAKEN_FACTOR * self._rest_limit)) ** 2
+        return all(float(excess[axes].mean()) <= 1.0 for axes in self._members.values())
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""

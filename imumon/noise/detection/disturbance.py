@@ -31,25 +31,19 @@ GLITCH, KNOCK, MOTION, CLIPPED, STUCK, MAGNETIC = range(1, 7)
 INERTIAL = ("gyro", "accel")
 
 WINDOW_FRAMES = 10
-"""Frames by which motion is recognised, the last ones. Sensitivity: halved or doubled, it changes which
-values appear (excluded_by motion of the record "disturbed")."""
+"""Frames by which motion is recognised, the last ones."""
 MOTION_FRAMES = 8
-"""Unusual frames among them that mean motion: a knock and its echo take fewer. Sensitivity: halved 1.7e+02 %,
-doubled changes which values appear (excluded_by motion of the record "disturbed")."""
+"""Unusual frames among them that mean motion: a knock and its echo take fewer."""
 QUIET_FRAMES = 5
-"""Quiet frames in a row that end motion. Sensitivity: halved 1.2e+02 %, doubled changes which values appear
-(accel z readings K of the record "disturbed")."""
+"""Quiet frames in a row that end motion."""
 NEW_BASELINE_FRAMES = 16
-"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %. Not
-critical."""
+"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %."""
 MOST_UNUSUAL = 0.15
-"""Share of these frames that may be unusual by the baseline that was learned from them. Not critical."""
+"""Share of these frames that may be unusual by the baseline that was learned from them."""
 LARGEST_SHARE = 0.5
-"""Share of the parts of a frame up to which single parts explain it. Sensitivity: halved changes which values
-appear, doubled 1e+02 % (accel z readings B of the record "disturbed")."""
+"""Share of the parts of a frame up to which single parts explain it."""
 ONE_AXIS = 0.5
-"""Repeats of the median axis over those of the most repeating one, below which that one alone is stuck. Not
-critical."""
+"""Repeats of the median axis over those of the most repeating one, below which that one alone is stuck."""
 
 
 USUAL, ONE_CHANNEL, SEVERAL = range(3)
@@ -102,7 +96,6 @@ class DisturbanceDetector(ArrayState):
     sensors : (c,) sensor of each channel of the stream.
     kinds : sensors that are assessed.
     frame : samples of a frame, a multiple of `PARTS`.
-    rate_hz : Hz.
 
     Attributes
     ----------
@@ -116,11 +109,11 @@ class DisturbanceDetector(ArrayState):
     latest : (2, c) channel unit, mean and deviation of the last undisturbed frame that was passed on.
     """
 
-    def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int, rate_hz: float) -> None:
+    def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int) -> None:
         self.inertial = kinds == INERTIAL
         self.channels = [i for i, s in enumerate(sensors) if s in kinds]
         self.groups = [g for g, s in enumerate(dict.fromkeys(sensors)) if s in kinds]
-        self._baseline_arguments = tuple(sensors[i] for i in self.channels), frame, rate_hz
+        self._baseline_arguments = tuple(sensors[i] for i in self.channels), frame
         self.baseline = NoiseBaseline(*self._baseline_arguments)
         self._group_of = [list(dict.fromkeys(sensors)).index(sensors[i]) for i in self.channels]
         self.outliers = OutlierDetector(self._group_of, frame)

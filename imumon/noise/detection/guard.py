@@ -44,23 +44,19 @@ from imumon.samples import Bools, Floats
 
 OUTLIER_EVENT_FRAMES = 60
 """Frames within which the outliers of a sensor are one disturbance: a minute, so that they do not flood the
-events. Not critical."""
+events."""
 MARGIN_BEFORE = 5
-"""Parts (0.1 s) excluded before any other disturbance: it begins below the threshold. Sensitivity: halved 91
-%, doubled changes which values appear (accel z readings B of the record "disturbed")."""
+"""Parts (0.1 s) excluded before any other disturbance: it begins below the threshold."""
 MARGIN_AFTER = 10
-"""Parts (0.1 s) excluded after a knock, motion, saturation or a magnetic disturbance, while it rings down.
-Sensitivity: halved 2e+02 %, doubled changes which values appear (accel z readings B of the record
-"disturbed")."""
+"""Parts (0.1 s) excluded after a knock, motion, saturation or a magnetic disturbance, while it rings down."""
 STUCK_MARGIN_AFTER = 5
-"""Parts (0.1 s) excluded after a stuck output, while the sensor's filter settles. Sensitivity: halved 1e+02
-%, doubled 1.1e+02 % (gyro x distribution bias_low of the record "disturbed")."""
+"""Parts (0.1 s) excluded after a stuck output, while the sensor's filter settles."""
 
 FIRST_FRAMES = 4
-"""Frames that are assessed together at the beginning: one of them may be disturbed. Not critical."""
+"""Frames that are assessed together at the beginning: one of them may be disturbed."""
 
 LONG_SKIP = 3
-"""Whole missing frames from which a gap is skipped and not passed through the detectors. Not critical."""
+"""Whole missing frames from which a gap is skipped and not passed through the detectors."""
 
 _ARRAYS = ("values", "valid", "saturated", "codes", "tail", "counts")
 
@@ -106,7 +102,7 @@ class Guard:
         self._part = max(1, round(rate_hz / PARTS))
         self._frame = self._part * PARTS
         self._detectors = [
-            DisturbanceDetector(sensors, kinds, self._frame, rate_hz)
+            DisturbanceDetector(sensors, kinds, self._frame)
             for kinds in (INERTIAL, ("mag",))
             if any(s in kinds for s in names)
         ]

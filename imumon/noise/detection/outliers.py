@@ -20,23 +20,23 @@ from imumon.noise.detection.stuck import CHANCE
 from imumon.samples import Bools, Floats, Ints
 
 NOISE_SHARE = 0.01
-"""Share of the samples of a channel above which outliers are its noise. Not critical."""
+"""Share of the samples of a channel above which outliers are its noise."""
 RARE_SHARE = 0.005
-"""Share below which they are excluded again. Not critical."""
+"""Share below which they are excluded again."""
 COUNT_ERRORS = 3.0
-"""Standard errors of the count, sqrt(n), by which it exceeds `NOISE_SHARE`. Not critical."""
+"""Standard errors of the count, sqrt(n), by which it exceeds `NOISE_SHARE`."""
 FADE_FRAMES = 1024
-"""Frames after which the counts halve: a quarter of an hour, so that they follow the sensor. Not critical."""
+"""Frames after which the counts halve: a quarter of an hour, so that they follow the sensor."""
 
 LEAST_RUN = 3
-"""Samples in a row, or nearly, that are a knock where outliers are rare. Not critical."""
+"""Samples in a row, or nearly, that are a knock where outliers are rare."""
 MOST_OUTLIERS = 0.3
-"""Share of the samples of a frame and sensor up to which they are outliers. Not critical."""
+"""Share of the samples of a frame and sensor up to which they are outliers."""
 CROWD_ERRORS = 5.0
-"""Standard errors above their usual share in a frame up to which they are, too. Not critical."""
+"""Standard errors above their usual share in a frame up to which they are, too."""
 SMALL_SAMPLE = 1.5
 """Standard errors of a deviation from n samples, times sqrt(2 n), by which the threshold of samples without a
-baseline is wider. Not critical."""
+baseline is wider."""
 
 
 class OutlierDetector(ArrayState):

@@ -23,40 +23,35 @@ from imumon.noise.detection.baseline import ArrayState
 from imumon.samples import Bools, Floats
 
 CHANCE = 1e-12
-"""Probability below which a run of repeats is not chance: less than one false run in a month at 800 Hz. Not
-critical."""
+"""Probability below which a run of repeats is not chance: less than one false run in a month at 800 Hz."""
 
 LEAST_REPEATS = 5
-"""Samples, shortest run of repeats that counts, however rare repeats are: a driver may send one twice.
-Sensitivity: halved 79 %, doubled 1.3e+02 % (accel x skewness of the record "disturbed")."""
+"""Samples, shortest run of repeats that counts, however rare repeats are: a driver may send one twice."""
 LEAST_FRAMES = 2
-"""Frames, shortest run in which a stuck axis does not change at all: one may be split by a restart.
-Sensitivity: halved 79 %, doubled 0 % (accel x skewness of the record "disturbed")."""
+"""Frames, shortest run in which a stuck axis does not change at all: one may be split by a restart."""
 LAWFUL_SHARE = 0.999
-"""Share of repeats from which a channel counts as constant: no run of it is unusual. Not critical."""
+"""Share of repeats from which a channel counts as constant: no run of it is unusual."""
 
 LEARN_ROWS = 8
-"""Samples from which the share of repeats is taken as usual. Not critical."""
+"""Samples from which the share of repeats is taken as usual."""
 LEARN_EVERY = 32
-"""Frames between two updates of the usual share, after powers of two at first. Not critical."""
+"""Frames between two updates of the usual share, after powers of two at first."""
 FADE_ROWS = 4096
-"""Samples after which older ones count half, so that the usual share follows the sensor. Not critical."""
+"""Samples after which older ones count half, so that the usual share follows the sensor."""
 
 LEARN_FRAMES = 8
 """Most frames of one run without a change that are learned as usual; changing frames in which the
-quantisation step is determined. Sensitivity: halved 68 %, doubled 0 % (accel x skewness of the record
-"disturbed")."""
+quantisation step is determined."""
 FADE_FRAMES = 4096
-"""Frames, memory of the usual share of frames without a change. Not critical."""
+"""Frames, memory of the usual share of frames without a change."""
 WIDE_STEPS = 4.0
 """Quantisation steps that a frame of an axis must span before a constant value counts: a narrower axis may
-stay in the middle of a step. Not critical."""
+stay in the middle of a step."""
 LEAST_VALID = 0.5
-"""Valid share of a frame from which it is compared. Sensitivity: halved 0 %, doubled 95 % (accel x skewness
-of the record "disturbed")."""
+"""Valid share of a frame from which it is compared."""
 
 HASH_MULTIPLIER = 0x9E3779B97F4A7C15
-"""2^64 over the golden ratio, for multiplicative hashing (Knuth, TAOCP 3, section 6.4). Not critical."""
+"""2^64 over the golden ratio, for multiplicative hashing (Knuth, TAOCP 3, section 6.4)."""
 
 _NEVER = int(np.iinfo(np.int64).max)
 
