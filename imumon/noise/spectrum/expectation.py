@@ -1,0 +1,135 @@
+"""Expectation and degrees of freedom of Welch sums for white noise, flicker and random walk.
+
+The density of noise of N = B = K = 1 is 1, 1/(2 pi f) and 1/(2 pi f)^2, two-sided, f in cycles per sample. A sample
+that is an average over its interval adds the factor sinc^2 and the aliases, a point sample is that of the discrete
+processes of Kasdin and Walter (1992). Behind the half-band filters of a level each density has the filters' power
+response, and a bin sees it through the power of the Hann window. Images of the decimation are 59 dB down and count as
+nothing.
+
+The mean over the bins of a band and over the segments is a sum of correlated squares. Its degrees of freedom are
+2 (number)^2 over the sum of their squared correlations, of the bins of one segment and of those of two segments that
+overlap by half (Welch 1967; Percival & Walden 1993, section 6.17).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from imumon.noise.spectrum.half_band import TAPS
+from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
+from imumon.noise.spectrum.spectrum import FIRST_BIN, WINDOW, WINDOW_POWER, last_bin
+from imumon.samples import Floats, Ints
+
+FINE = 8
+"""Points per bin at which a density is averaged over the lobe of the window."""
+LOBE = 3
+"""Bins to each side of a bin over which the power of the Hann window is averaged; beyond are 10^-5 of it."""
+SAME_FROM = 6
+"""Level from which on the levels differ by their scale only: sampling no longer shows."""
+ALIASES = 20
+"""Aliases on each side that are added for averages."""
+
+
+def sampled_density(f: Floats, *, averaged: bool) -> Floats:
+    """Return (3, k) two-sided density of the samples for N = B = K = 1 in units of the interval.
+
+    Parameters
+    ----------
+    f : (k,) cycles per sample, above 0 and at most 1/2.
+    """
+    if not averaged:
+        slope = 2.0 * np.sin(np.pi * f)
+        return np.stack((np.ones_like(f), 1.0 / slope, 1.0 / slope**2))
+    at = np.abs(f[:, None] + np.arange(-ALIASES, ALIASES + 1))
+    rate = 2.0 * np.pi * at
+    average = np.sinc(at) ** 2
+    return np.stack((np.ones_like(f), (average / rate).sum(axis=1), (average / rate**2).sum(axis=1)))
+
+
+def filter_power(f: Floats, level: int) -> Floats:
+    """Return (k,) the power response of the filters above a level at frequencies of level 0, cycles per sample."""
+    response = np.ones_like(f)
+    lags = 2 * len(TAPS) - 1 - 2 * np.arange(len(TAPS))
+    for s in range(level):
+        at = 2.0 * np.pi * f * 2.0**s
+        response = response * (0.5 + 2.0 * np.cos(np.multiply.outer(at, lags)) @ TAPS) ** 2
+    return response
+
+
+def window_power(f: Floats, window: int) -> Floats:
+    """Return (k,) the power response of a moving average over some samples, f in cycles per sample."""
+    return np.asarray((np.sin(np.pi * f * window) / (window * np.sin(np.pi * f))) ** 2)
+
+
+def short_term_density(level: int) -> Floats:
+    """Return (n,) 4 sin^2(pi f) at each bin in use: quantisation, or the first bend of a filter of unknown shape."""
+    f = np.arange(FIRST_BIN, last_bin(level)) / SEGMENT / 2.0**level
+    return np.asarray(4.0 * np.sin(np.pi * f) ** 2 * filter_power(f, min(level, SAME_FROM)))
+
+
+@lru_cache(maxsize=128)
+def bin_expectation(level: int, *, averaged: bool, window: int = 1) -> Floats:
+    """Return (3, n) the expectation of the density of each bin in use, for N = B = K = 1 in units of tau0.
+
+    The density is that of level 0: the squared transform over the power of the window, times 2^level.
+
+    Parameters
+    ----------
+    averaged : the samples are true averages over their interval, else point samples.
+    window : samples of a moving average in the sensor; 1: none.
+    """
+    if level > SAME_FROM + window.bit_length():
+        same = SAME_FROM + window.bit_length()
+        scale = 2.0 ** (level - same)
+        factors = np.array([1.0, scale, scale**2])[:, None]
+        return np.asarray(bin_expectation(same, averaged=averaged, window=window) * factors)
+    offsets = np.arange(-LOBE * FINE, LOBE * FINE + 1) / FINE
+    t = np.arange(SEGMENT)
+    lobe = np.abs(np.exp(-2j * np.pi * np.multiply.outer(offsets, t) / SEGMENT) @ WINDOW) ** 2
+    lobe /= lobe.sum()
+    bins = np.arange(FIRST_BIN, last_bin(level))
+    f = np.abs(bins[:, None] + offsets) / SEGMENT
+    f = np.where(f > 0.5, 1.0 - f, f) / 2.0**level
+    density = sampled_density(f.ravel(), averaged=averaged) * filter_power(f.ravel(), level)
+    density *= window_power(f.ravel(), window)
+    return np.asarray(density.reshape(3, *f.shape) @ lobe)
+
+
+@lru_cache(maxsize=32)
+def segment_variances(level: int = 0) -> Floats:
+    """Return (3,) the variance within a segment of samples for N = B = K = 1, of white noise 0, over that of `holes`.
+
+    In units of the interval of the level. Samples count by the square of the window. White noise is not part of it:
+    missing samples leave it white. The samples that are missing are those of level 0, which vary more than their
+    averages; and behind a half-band filter the shares vary less than their density at low frequencies says.
+    """
+    lag = np.arange(SEGMENT + 1.0)
+    out = [0.0]
+    for phase in (lag**2 * np.log(np.maximum(lag, 1.0)) / (2.0 * np.pi), lag**3 / 12.0):
+        by_lag = 2.0 * phase[:-1] - phase[np.abs(np.arange(SEGMENT) - 1)] - phase[1:]
+        covariance = by_lag[np.abs(np.arange(SEGMENT)[:, None] - np.arange(SEGMENT))]
+        weight = WINDOW**2 / WINDOW_POWER
+        out.append(float(weight @ (np.diag(covariance) - 2.0 * covariance.mean(axis=1)) + covariance.mean()))
+    within = np.array([0.0, level * np.log(2.0) / np.pi, (1.0 - 0.5**level) / 6.0])
+    width = 2.0 * (0.25 + 2.0 * float(TAPS @ TAPS)) if level else 1.0
+    return np.asarray((np.array(out) + within) / width)
+
+
+@lru_cache(maxsize=1)
+def _bin_correlation() -> tuple[Floats, Floats]:
+    """Return (BINS, BINS) squared correlations of the bins of one segment, and of two that overlap by half."""
+    t = np.arange(SEGMENT)
+    waves = WINDOW * np.exp(-2j * np.pi * np.arange(BINS)[:, None] * t / SEGMENT)
+    same = np.abs(waves.conj() @ waves.T / WINDOW_POWER) ** 2
+    beside = np.abs(waves[:, HOP:].conj() @ waves[:, :HOP].T / WINDOW_POWER) ** 2
+    return same, beside
+
+
+def degrees_of_freedom(bins: Ints, segments: float) -> float:
+    """Return the degrees of freedom of the mean over some bins, numbers of a segment, and some segments."""
+    same, beside = (c[np.ix_(bins, bins)].sum() for c in _bin_correlation())
+    return float(
+        2.0 * (segments * len(bins)) ** 2 / (same * segments + 2.0 * beside * max(segments - 1.0, 0.0))
+    )

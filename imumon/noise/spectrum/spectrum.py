@@ -1,0 +1,550 @@
+"""Welch sums of a stream from half the sampling rate down to a few cycles per record, in bounded memory.
+
+A cascade of levels: each one averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), and
+passes every second sample behind a half-band filter to the next level. Level s resolves rate / 2^s / 256, so that
+resolution follows frequency, and memory grows with the logarithm of the record only. The filter keeps a strong line
+out of the lower levels (59 dB), which averages over two samples would not.
+
+Missing samples need no model. With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters.
+A segment transforms w x - mean w, where mean is the sum of w x over the sum of w, and divides by the mean share of w.
+White noise of density N^2 then has density N^2 / share whatever the pattern of the losses, because w x stays white.
+Slow noise keeps its density, and its variance within the segment times the relative variance of w is added as white
+noise, which is known too. Segments in which w varies much do not count: with few losses every level has segments, with
+many only the levels whose samples are sums over several.
+
+Density is one-sided for people (`PowerSpectrum`), two-sided in the fit.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.noise.spectrum.half_band import HISTORY, decimated_with_shares
+from imumon.noise.spectrum.narrow_bands import NarrowBand, distinct_bands, find_narrow_bands
+from imumon.noise.spectrum.spectral_lines import (
+    BINS,
+    HOP,
+    SEGMENT,
+    distinct,
+    find_lines,
+    median_to_mean,
+    side_levels,
+)
+from imumon.report import Line
+from imumon.samples import Bools, Floats, Ints
+
+LEVELS = 30
+"""Most levels: 2^37 samples are five years at 800 Hz."""
+MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.25, 0.06, 5
+"""Relative variance of the share of valid samples within a segment that counts, and the same from level `BELOW` on: so
+much of the variance of the slow noise within the segment appears as white noise. Single losses have averaged out on the
+lower levels, where slow noise prevails and only long gaps remain."""
+LEAST_SHARE = 0.2
+"""Mean share of valid samples in a segment that counts."""
+LONG_GAP = 1 << 16
+"""Samples, longest gap that segments may span; a longer one ends all segments."""
+
+FIRST_BIN, LAST_BIN = 46, 92
+"""Bins of a level that are used, from the first one to before the last: an octave in which the filter is flat. The
+level above begins at twice the frequency. Level 0 is used up to half the sampling rate."""
+SUB_BAND = 8
+"""Bins that are added up in the sums of a part of a record: a sixth of the octave."""
+LEAST_AVERAGES = 4
+"""Averages from which a level replaces the one above in what is displayed."""
+BATCH_HOPS = 8
+"""Hops that are processed together, because each array operation has a fixed cost."""
+
+WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
+WINDOW_POWER = float(WINDOW @ WINDOW)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PowerSpectrum:
+    """Power spectral densities of some channels.
+
+    Attributes
+    ----------
+    frequency_hz : (k,) Hz, rising.
+    density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
+    averages : (k, c) segments averaged in each value.
+    lines : lines of each channel, strongest first.
+    bands : narrow bands of each channel, also of weak and broad lines, strongest first.
+    masks : for each level (c, BINS), the bins of narrow bands.
+    white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
+    """
+
+    frequency_hz: Floats
+    density: Floats
+    averages: Ints
+    lines: tuple[tuple[Line, ...], ...]
+    bands: tuple[tuple[NarrowBand, ...], ...]
+    masks: tuple[Bools, ...]
+    white: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelSums:
+    """Sums of one level over the segments of a record, or of a part of it.
+
+    Attributes
+    ----------
+    power : (c, n) (channel unit)^2, sums of the squared transforms over `WINDOW_POWER`, by bin from `FIRST_BIN` on or
+        by sub-band.
+    white : (g,) sums of the relative density of white noise, 1 for a segment without missing samples.
+    holes : (g,) sums of the relative variance of the share of valid samples within each segment.
+    averages : (g,) segments.
+    """
+
+    power: Floats
+    white: Floats
+    holes: Floats
+    averages: Ints
+
+    def __sub__(self, other: LevelSums) -> LevelSums:
+        """Return the sums since the others were taken."""
+        return LevelSums(*(getattr(self, name) - getattr(other, name) for name in LevelSums.__slots__))
+
+
+def last_bin(level: int) -> int:
+    """Return the end of the bins that are used of a level."""
+    return LAST_BIN if level else BINS - 1
+
+
+def sub_bands(level: int) -> Ints:
+    """Return the first bins of the sub-bands of a level."""
+    return np.arange(FIRST_BIN, last_bin(level), SUB_BAND)
+
+
+class _Level:
+    """One rate of the cascade."""
+
+    def __init__(self, channels: int, groups: int) -> None:
+        self.power = np.zeros((channels, BINS))
+        self.white, self.holes = np.zeros(groups), np.zeros(groups)
+        self.averages = np.zeros(groups, dtype=np.int64)
+        self.clear()
+
+    def clear(self) -> None:
+        """Discard the samples that wait for a segment."""
+        self.hops = 0  # since the last break
+        self.last: Floats | None = None  # (c, HOP) the hop before
+        self.last_share: Floats | None = None  # (g, HOP) its shares of valid samples; None: all
+        self.history: Floats | None = None  # (c, HISTORY) inputs before the next hop
+        self.history_share: Floats | None = None
+        self.half: Floats | None = None  # (c, HOP/2) first half of a hop
+        self.half_share: Floats | None = None
+        self.waiting: list[tuple[Floats, Floats | None]] = []  # hops (c, n HOP) and their shares (g, n HOP)
+
+    def sub_sums(self, level: int) -> LevelSums:
+        """Return the present sums by sub-band."""
+        power = np.add.reduceat(self.power[:, : last_bin(level)], sub_bands(level), axis=1)
+        return LevelSums(power / WINDOW_POWER, self.white.copy(), self.holes.copy(), self.averages.copy())
+
+
+class SpectrumMark:
+    """A place in a stream, and the sums of each level over the segments that begin before it."""
+
+    def __init__(self, start: int, place: int) -> None:
+        self.start = start  # samples since the last break
+        self.place = place  # as given, in the record
+        self.sums: dict[int, LevelSums] = {}  # those of the other levels are still growing
+
+
+class SpectrumAccumulator:
+    """Cascade of power spectra.
+
+    Parameters
+    ----------
+    groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
+    rate_hz : Hz, sampling rate.
+    """
+
+    def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
+        self._groups = np.array(groups, dtype=np.int64)
+        self._g = int(self._groups.max()) + 1 if len(groups) else 0
+        self._rate = rate_hz
+        self._levels: list[_Level] = []
+        self._marks: list[SpectrumMark] = []
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of state."""
+        return sum(
+            v.nbytes for level in self._levels for v in vars(level).values() if isinstance(v, np.ndarray)
+        )
+
+    def update(self, x: Floats, valid: Floats | None = None) -> None:
+        """Add consecutive samples.
+
+        Parameters
+        ----------
+        x : (c, n) channel unit about an offset, 0.0 where missing; n is a multiple of `HOP`, or these samples are the
+            last before a break.
+        valid : (g, n) 1.0 where valid, 0.0 where missing; None: all.
+        """
+        used = x.shape[1] // HOP * HOP
+        if used:
+            own = None if valid is None or valid[:, :used].all() else valid[:, :used].copy()
+            self._feed(0, x[:, :used].copy(), own)
+
+    def skip(self, n: int) -> None:
+        """Note that `n` samples are missing, a multiple of `HOP`."""
+        if n > LONG_GAP:
+            self.break_()
+        elif n >= HOP:
+            self._feed(0, np.zeros((len(self._groups), n)), np.zeros((self._g, n)))
+
+    def break_(self) -> None:
+        """Note a gap of unknown length: no segment spans it."""
+        self._process_waiting()
+        for mark in self._marks:
+            self._take(mark, range(LEVELS))
+        for level in self._levels:
+            level.clear()
+
+    def add_mark(self, place: int) -> SpectrumMark:
+        """Return a mark at the present place, which the caller may number."""
+        mark = SpectrumMark(self._position, place)
+        if not mark.start:
+            self._take(mark, range(LEVELS))
+        self._marks.append(mark)
+        return mark
+
+    def drop_mark(self, mark: SpectrumMark) -> None:
+        """Forget a mark that is no longer needed."""
+        self._marks = [own for own in self._marks if own is not mark]
+
+    def sums(self) -> list[LevelSums]:
+        """Return the sums of each level by bin, from `FIRST_BIN` on."""
+        self._process_waiting()
+        return [
+            LevelSums(
+                level.power[:, FIRST_BIN : last_bin(s)] / WINDOW_POWER,
+                *(getattr(level, name).copy() for name in LevelSums.__slots__[1:]),
+            )
+            for s, level in enumerate(self._levels)
+        ]
+
+    def sums_between(self, begin: SpectrumMark, end: SpectrumMark | None = None) -> list[LevelSums]:
+        """Return the sums of each level by sub-band over the segments that begin between two marks; None: now."""
+        self._process_waiting()
+        out = []
+        for s, level in enumerate(self._levels):
+            now = level.sub_sums(s)
+            last = now if end is None else end.sums.get(s, now)
+            out.append(last - begin.sums.get(s, now))
+        return out
+
+    def copy(self) -> SpectrumAccumulator:
+        """Return an independent accumulator in the same state, without marks."""
+        self._process_waiting()
+        other = copy.copy(self)
+        other._marks, other._levels = [], []
+        for level in self._levels:
+            new = copy.copy(level)
+            for name in LevelSums.__slots__:
+                setattr(new, name, getattr(level, name).copy())
+            new.waiting = []
+            other._levels.append(new)  # what waits for a segment is replaced, never changed
+        return other
+
+    def add_sums(self, other: SpectrumAccumulator) -> None:
+        """Add the sums of another accumulator of the same groups, whose samples lie before a break."""
+        other._process_waiting()
+        self._process_waiting()
+        while len(self._levels) < len(other._levels):
+            self._levels.append(_Level(len(self._groups), self._g))
+        for own, level in zip(self._levels, other._levels, strict=False):
+            for name in LevelSums.__slots__:
+                setattr(own, name, getattr(own, name) + getattr(level, name))
+
+    @property
+    def _position(self) -> int:
+        """Samples since the last break."""
+        if not self._levels:
+            return 0
+        first = self._levels[0]
+        waiting = sum(int(x.shape[1]) for x, _ in first.waiting)
+        return first.hops * HOP + waiting
+
+    def _take(self, mark: SpectrumMark, levels: range) -> None:
+        """Keep the present sums of some levels for a mark."""
+        none = np.zeros(self._g, dtype=np.int64)
+        for s in levels:
+            if s not in mark.sums:
+                if s < len(self._levels):
+                    mark.sums[s] = self._levels[s].sub_sums(s)
+                else:
+                    zero = np.zeros((len(self._groups), len(sub_bands(s))))
+                    mark.sums[s] = LevelSums(zero, np.zeros(self._g), np.zeros(self._g), none)
+
+    def _feed(self, s: int, x: Floats, share: Floats | None) -> None:
+        """Add whole hops (c, n), channel unit, with the shares of valid samples (g, n) to level s."""
+        if s == len(self._levels):
+            self._levels.append(_Level(len(x), self._g))
+        waiting = self._levels[s].waiting
+        waiting.append((x, share))
+        if sum(w.shape[1] for w, _ in waiting) >= BATCH_HOPS * HOP:
+            self._process(s)
+
+    def _process(self, s: int) -> None:
+        """Process the hops that wait at level s."""
+        level = self._levels[s]
+        if not level.waiting:
+            return
+        x, share = _joined(level.waiting, self._g)
+        level.waiting = []
+        self._add_segments(s, x, share)
+        level.last = x[:, -HOP:].copy()
+        level.last_share = None if share is None else share[:, -HOP:].copy()
+        if s + 1 >= LEVELS:
+            return
+        halves, half_share, level.history, level.history_share = decimated_with_shares(
+            level.history, level.history_share, x, share
+        )
+        if level.half is not None:
+            halves, half_share = _joined([(level.half, level.half_share), (halves, half_share)], self._g)
+        used = halves.shape[1] // HOP * HOP
+        level.half = level.half_share = None
+        if used < halves.shape[1]:
+            level.half = halves[:, used:].copy()
+            level.half_share = None if half_share is None else half_share[:, used:].copy()
+        if used:
+            self._feed(s + 1, halves[:, :used], None if half_share is None else half_share[:, :used])
+
+    def _process_waiting(self) -> None:
+        """Process everything that waits; the sums do not depend on when."""
+        for s in range(LEVELS):
+            if s < len(self._levels):  # which processing may add
+                self._process(s)
+
+    def _add_segments(self, s: int, x: Floats, share: Floats | None) -> None:
+        """Add the segments that these hops complete, and take the sums that marks wait for."""
+        level, hops = self._levels[s], x.shape[1] // HOP
+        first = level.hops - (level.last is not None)  # number of the first of the hops at hand
+        level.hops += hops
+        if level.last is not None:
+            x, share = _joined([(level.last, level.last_share), (x, share)], self._g)
+        count = x.shape[1] // HOP - 1
+        due = [mark for mark in self._marks if s not in mark.sums]
+        # a segment belongs to what follows a mark if it begins at the mark or later
+        begins = {mark: -(-mark.start // (HOP << s)) - first for mark in due}
+        done = 0
+        for mark in sorted(due, key=lambda mark: begins[mark]):
+            at = begins[mark]
+            if at >= count:
+                break
+            if at > done:
+                self._add(s, x[:, done * HOP : (at + 1) * HOP], _part(share, done, at + 1))
+                done = at
+            self._take(mark, range(s, s + 1))
+        if count > done:
+            self._add(s, x[:, done * HOP :], _part(share, done, count + 1))
+
+    def _add(self, s: int, x: Floats, share: Floats | None) -> None:
+        """Add the half-overlapped segments of some hops, (c, n HOP), to level s."""
+        level = self._levels[s]
+        hops = x.reshape(len(x), -1, HOP)
+        segments = np.concatenate((hops[:, :-1], hops[:, 1:]), axis=2)
+        count = segments.shape[1]
+        if share is None:
+            segments -= segments.mean(axis=2, keepdims=True)
+            weights = None
+            level.white += count
+            level.averages += count
+        else:
+            parts = share.reshape(len(share), -1, HOP)
+            shares = np.concatenate((parts[:, :-1], parts[:, 1:]), axis=2)
+            mean = shares.mean(axis=2)
+            enough = mean >= LEAST_SHARE
+            safe = np.where(enough, mean, 1.0)
+            holes = shares.var(axis=2) / safe**2
+            enough &= holes <= (MOST_VARIATION if s < BELOW else MOST_VARIATION_BELOW)
+            level.holes = _sum(level.holes, enough * holes)
+            level.white = _sum(level.white, enough / safe)
+            level.averages += enough.sum(axis=1)
+            of = self._groups
+            level_of = segments.sum(axis=2) / (safe[of] * SEGMENT)
+            segments -= level_of[:, :, None] * shares[of]
+            weights = (enough / safe**2)[of]
+        segments *= WINDOW
+        power = np.fft.rfft(segments, axis=2).view(np.float64)
+        power *= power
+        both = power[:, :, ::2] + power[:, :, 1::2]
+        if weights is not None:
+            both *= weights[:, :, None]
+        for number in range(count):  # one after the other: the same bits for any chunking
+            level.power += both[:, number]
+
+    def result(self) -> PowerSpectrum:
+        """Return density, lines and white level."""
+        self._process_waiting()
+        levels = self._densities()
+        c = len(self._groups)
+        if not levels:
+            empty = np.zeros((0, c))
+            none = ((),) * c
+            return PowerSpectrum(
+                np.zeros(0), empty, empty.astype(np.int64), none, none, (), np.full(c, np.nan)
+            )
+        frequency, density, averages = [], [], []
+        lines: list[list[Line]] = [[] for _ in self._groups]
+        bands: list[list[NarrowBand]] = [[] for _ in self._groups]
+        masks: list[Bools] = []
+        size = np.sqrt(np.nansum(levels[0][1], axis=1) * self._rate / SEGMENT)
+        for s, (rate, power, count) in reversed(list(enumerate(levels))):
+            low, high = _displayed(s, len(levels))
+            frequency.append(np.arange(low, high) * rate / SEGMENT)
+            density.append(power[:, low:high].T)
+            averages.append(np.broadcast_to(count, (high - low, len(count))))
+            sides, inside = side_levels(power), np.zeros(power.shape, dtype=bool)
+            for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
+                own, k, band = sides[:, i], int(count[i]), range(low, high)
+                lines[i] += find_lines(power[i], own, k, rate, band, self._rate, float(size[i]))
+                found, inside[i] = find_narrow_bands(power[i], k, rate, band)
+                bands[i] += found
+            masks.insert(0, inside)
+        white = np.array([_white(p, int(k)) for p, k in zip(*levels[0][1:], strict=True)])
+        distinct_lines = tuple(distinct(each) for each in lines)
+        f, power, count = np.concatenate(frequency), np.concatenate(density), np.concatenate(averages)
+        distinct_power = tuple(distinct_bands(each) for each in bands)
+        return PowerSpectrum(f, power, count, distinct_lines, distinct_power, tuple(masks), white)
+
+    def _densities(self) -> list[tuple[float, Floats, Ints]]:
+        """Return rate, Hz, (c, BINS) density and (c,) averages of the levels with enough averages."""
+        out = []
+        for s, level in enumerate(self._levels):
+            if s and level.averages.max() < LEAST_AVERAGES and not self._averages_below(s):
+                break
+            rate = self._rate / 2.0**s
+            count = level.averages[self._groups]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                power = level.power * (2.0 / (rate * WINDOW_POWER)) / count[:, None]
+            power[:, 0] *= 0.5
+            power[:, -1] *= 0.5
+            power[count == 0] = np.nan
+            out.append((rate, power, count))
+        return out
+
+    def _averages_below(self, s: int) -> bool:
+        """Return whether some level below has enough averages, as behind many losses."""
+        return any(level.averages.max() >= LEAST_AVERAGES for level in self._levels[s:])
+
+    def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
+        """Return the state as arrays, with the marks in the order in which they were added.
+
+        Parameters
+        ----------
+        least_s : s; of waiting hops that are shorter, nothing is saved. They count as missing, which costs one or two
+            segments.
+        """
+        self._process_waiting()
+        out = {
+            "levels": np.array(len(self._levels)),
+            "groups": self._groups.copy(),
+            "rate": np.array(self._rate),
+        }
+        for s, level in enumerate(self._levels):
+            short = HOP * 2**s / self._rate < least_s
+            for name, value in vars(level).items():
+                kept = name in (*LevelSums.__slots__, "hops") or not short
+                if value is not None and name not in ("waiting", "power") and kept:
+                    out[f"{s}.{name}"] = np.array(value)
+            out[f"{s}.power"] = level.power[:, self._kept(s)].copy()
+        out["marks"] = np.array([(mark.start, mark.place) for mark in self._marks], dtype=np.int64)
+        for number, mark in enumerate(self._marks):
+            for s in sorted(mark.sums):
+                if s < len(self._levels):
+                    sums = mark.sums[s]
+                    out[f"mark{number}.{s}.power"] = sums.power
+                    out[f"mark{number}.{s}.count"] = np.stack(
+                        (sums.white, sums.holes, sums.averages.astype(np.float64))
+                    )
+            out[f"mark{number}.all"] = np.array(len(mark.sums) == LEVELS)
+        return out
+
+    @classmethod
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> SpectrumAccumulator:
+        """Return an accumulator that continues from a saved state."""
+        self = cls(saved["groups"].tolist(), float(saved["rate"]))
+        self._levels = [_Level(len(self._groups), self._g) for _ in range(int(saved["levels"]))]
+        for s, level in enumerate(self._levels):
+            power = saved[f"{s}.power"]
+            end = last_bin(s) + 1 if s else BINS
+            level.power[:, end - power.shape[1] : end] = power
+            for name in vars(level):
+                if f"{s}.{name}" in saved and name != "power":
+                    value = saved[f"{s}.{name}"]
+                    setattr(level, name, int(value) if name == "hops" else value.copy())
+            if level.history is None:
+                self._missing_before(level)
+        for number, (start, place) in enumerate(saved["marks"].reshape(-1, 2).tolist()):
+            mark = SpectrumMark(start, place)
+            for s in range(len(self._levels)):
+                if f"mark{number}.{s}.power" in saved:
+                    white, holes, averages = saved[f"mark{number}.{s}.count"]
+                    power = saved[f"mark{number}.{s}.power"]
+                    mark.sums[s] = LevelSums(power, white, holes, averages.astype(np.int64))
+            if bool(saved[f"mark{number}.all"]):
+                self._take(mark, range(len(self._levels), LEVELS))
+            self._marks.append(mark)
+        return self
+
+    def _kept(self, s: int) -> slice:
+        """Return the bins of a level that are saved: the lower ones only as long as no level below shows them."""
+        below = self._levels[s + 1].averages.max() if s + 1 < len(self._levels) else 0
+        return slice(FIRST_BIN if below >= LEAST_AVERAGES else 0, last_bin(s) + 1 if s else BINS)
+
+    @property
+    def marks(self) -> Sequence[SpectrumMark]:
+        """Marks in the order in which they were added."""
+        return tuple(self._marks)
+
+    def _missing_before(self, level: _Level) -> None:
+        """Count what was not saved as missing."""
+        if not level.hops:
+            return
+        c = len(self._groups)
+        level.last, level.last_share = np.zeros((c, HOP)), np.zeros((self._g, HOP))
+        level.history, level.history_share = np.zeros((c, HISTORY)), np.zeros((self._g, HISTORY))
+        if level.hops % 2:
+            level.half, level.half_share = np.zeros((c, HOP // 2)), np.zeros((self._g, HOP // 2))
+
+
+def _sum(total: Floats, values: Floats) -> Floats:
+    """Return (g,) the total and the values (g, n), added one after the other: the same bits for any chunking."""
+    return np.asarray(np.add.accumulate(np.column_stack((total, values)), axis=1)[:, -1])
+
+
+def _part(share: Floats | None, begin: int, end: int) -> Floats | None:
+    """Return the shares of some hops."""
+    return None if share is None else share[:, begin * HOP : end * HOP]
+
+
+def _joined(parts: Sequence[tuple[Floats, Floats | None]], groups: int) -> tuple[Floats, Floats | None]:
+    """Return consecutive parts as one."""
+    if len(parts) == 1:
+        return parts[0]
+    x = np.concatenate([own for own, _ in parts], axis=1)
+    if all(share is None for _, share in parts):
+        return x, None
+    ones = [np.ones((groups, own.shape[1])) if share is None else share for own, share in parts]
+    return x, np.concatenate(ones, axis=1)
+
+
+def _displayed(s: int, levels: int) -> tuple[int, int]:
+    """Return the range of bins of level s that are displayed and searched for lines."""
+    return 2 if s + 1 == levels else FIRST_BIN, LAST_BIN if s else BINS
+
+
+def _white(power: Floats, averages: int) -> float:
+    """Return N from the median density in the upper half of the band, unit/sqrt(Hz)."""
+    if averages < LEAST_AVERAGES:
+        return math.nan
+    median = float(np.median(power[BINS // 2 : BINS - 3]))
+    return math.sqrt(0.5 * median * median_to_mean(averages))
