@@ -24,6 +24,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   filter_report.py  parameters for Kalman filters, as a message
   history_report.py  one period of the history, as a message
   report.py      published data model; standard library only
+  report_json.py  JSON of its messages, with bounds for what comes from outside
   evaluation.py  its part for documents: traceability, uncertainty, conformity, exact curve
   samples.py     what devices and recordings deliver
   units.py       SI to readable units

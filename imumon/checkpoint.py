@@ -7,7 +7,7 @@ merged. Another user may have written it: it is a regular file of bounded size, 
 If nothing can be written, the existing state is still read, every save tries again, and `Checkpoint.failed`
 gives the reason.
 
-File format: one line ``imumon-state 2 CRC32 LENGTH`` and LENGTH bytes of zlib data. These contain one line of
+File format: one line ``imumon-state 3 CRC32 LENGTH`` and LENGTH bytes of zlib data. These contain one line of
 JSON (``meta``, and name, type and shape of each array), and the arrays. The bytes of an array are transposed
 (first bytes of all numbers, then second bytes, ...), because similar numbers compress best in this order. A
 state is written thousands of times per day, often to a memory card. A thread compresses and writes, so a slow
@@ -38,15 +38,15 @@ from imumon.errors import ImumonError
 from imumon.files import open_regular, read_bounded, write_new
 from imumon.report import plain
 
-FORMAT = 2
+FORMAT = 3
 LEVEL = 1
-"""Compression level of zlib. Higher levels take twice the time for 3 % less. Not critical."""
+"""Compression level of zlib. Higher levels take twice the time for 3 % less."""
 
 FILE_BYTES = 1 << 26
-"""Bytes of the largest file that is read as a state; a record of a year has less than 1 MB. Not critical."""
+"""Bytes of the largest file that is read as a state; a record of a year has less than 1 MB."""
 
 PLAIN_BYTES = 1 << 28
-"""Bytes of the largest state after decompression. Not critical."""
+"""Bytes of the largest state after decompression."""
 
 _KINDS = "biufcSU"
 """Kinds of the arrays: numbers and texts, no objects."""

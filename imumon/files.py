@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 _PIECE = 1 << 20
-"""Bytes that are read at once from a file without a size, such as a pipe. Not critical."""
+"""Bytes that are read at once from a file without a size, such as a pipe."""
 
 
 def open_regular(

@@ -19,9 +19,9 @@ from dataclasses import dataclass, field
 from imumon.report import DeviceDescription
 
 FILTER_SCHEMA = "imumon.filter/1"
-DEFAULT_HORIZON_S = 600.0  # s, horizon of every format without --horizon. Not critical.
-SHORTEST_HORIZON_S = 1.0  # s, one interval between two fixes of the reference scenario. Not critical.
-LONGEST_HORIZON_S = 86400.0  # s, a day without any fix. Not critical.
+DEFAULT_HORIZON_S = 600.0  # s, horizon of every format without --horizon
+SHORTEST_HORIZON_S = 1.0  # s, one interval between two fixes of the reference scenario
+LONGEST_HORIZON_S = 86400.0  # s, a day without any fix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -43,19 +43,23 @@ CAVEATS: Mapping[str, CaveatText] = {
         "N is not affected. Use deltas or the uncompensated fields.",
     ),
     "warming_up": CaveatText(
-        "still warming up: drift may look like K",
+        "still warming up: K is an upper bound",
         "The temperature still rises, or the mean still settles. At the end of the warm-up, the part that shows "
         "in the record is excluded.",
     ),
     "vibration": CaveatText(
         "something vibrates: short times are distorted",
-        "The fit does not use the octaves that a vibration or a spectral line bends.",
+        "The fit does not use the frequencies of a vibration or a spectral line.",
     ),
     "misfit": CaveatText(
         "the curve is not N + B + K: the limits are widened",
         "The limits include the residuals, and the meaning of the figures is uncertain.",
     ),
-    "not_at_rest": CaveatText("the sensor moves: motion is not noise", "No grade is given."),
+    "not_at_rest": CaveatText(
+        "the sensor moves: motion is not noise",
+        "No grade is given. Leave the sensor at rest. If it is, its unit may be wrong: deg/s read as rad/s look "
+        "like motion. For a table, --map names the units.",
+    ),
     "gaps": CaveatText(
         "more than a tenth of the samples is missing", "The limits at long times are somewhat too narrow."
     ),
@@ -89,7 +93,13 @@ CAVEATS: Mapping[str, CaveatText] = {
         "N counts them. Without them it would be lower by about the ratio that is shown as robust.",
     ),
     "quantised": CaveatText("the resolution of the values shows in the curve"),
-    "temperature": CaveatText("the temperature explains part of the drift"),
+    "temperature": CaveatText(
+        "the temperature explains part of the drift", "N, B and K are without its effect."
+    ),
+    "oscillation": CaveatText(
+        "the mean oscillates slowly: N, B and K are without it",
+        "Air conditioning is a common cause. The report has the period.",
+    ),
 }
 """Texts by caveat."""
 
@@ -132,6 +142,16 @@ CLOCKS: Mapping[str, str] = {
     "none": "a count of the samples, at a configured rate or the mean rate of host stamps",
 }
 """Where the time of the samples comes from, by its name in a report."""
+
+EXCLUSION_CURES: Mapping[str, str] = {
+    "glitch": "check the cable and the baud rate",
+    "knock": "put it where nothing touches it",
+    "motion": "keep it still, or check its unit (deg/s? --map)",
+    "clipped": "choose a wider range of the sensor",
+    "stuck": "restart the sensor",
+    "magnetic": "keep magnets and currents away",
+}
+"""What to try against an exclusion, by its reason."""
 
 NEVER_CHANGES = "never changes"
 ROUNDED_AWAY = "rounded away"
@@ -179,6 +199,22 @@ def excluded_by(report: Report) -> tuple[dict[str, float], float]:
     inertial = any(sensor_of(name) in ("gyro", "accel") for name in report.channels)
     alone = by.pop("magnetic", 0.0) if inertial else 0.0
     return by, alone
+
+
+def excluded_text(share: float, by: Mapping[str, float]) -> str:
+    """Return what share of a record is excluded, for which reason mostly, and what to try.
+
+    Parameters
+    ----------
+    share : 0 to 1, of the samples.
+    by : s, excluded time by reason. That of the magnetometer alone counts only if there is no other.
+
+    >>> excluded_text(0.62, {"knock": 90.0, "glitch": 0.1, "magnetic": 99.0})
+    '62% excluded as knock: put it where nothing touches it'
+    """
+    own = {reason: seconds for reason, seconds in by.items() if reason != "magnetic"} or dict(by)
+    reason = max(own, key=own.__getitem__)
+    return f"{share:.0%} excluded as {reason}: {EXCLUSION_CURES[reason]}"
 
 
 def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
@@ -241,9 +277,15 @@ def caveat_lines(report: Report) -> list[str]:
     return [f"{joined(names)}: {lines[c]}" if names else lines[c] for c, names in caveats(report).items()]
 
 
+SIGNIFICANT_WIDTHS = 2.0
+"""Half-widths of 95 % limits beyond which a slope is significant, 10^-4: the same as in the caveat ``temperature``."""
+
+
 def follows_temperature(drift: Drift | None) -> bool:
     """Return whether a mean follows the temperature significantly: otherwise its slope is no figure."""
-    return drift is not None and drift.per_degC is not None and drift.steady_N is not None
+    if drift is None or drift.per_degC is None or drift.per_degC_high is None:
+        return False
+    return abs(drift.per_degC) > SIGNIFICANT_WIDTHS * (drift.per_degC_high - drift.per_degC)
 
 
 def drifts_with_temperature(drift: Drift | None) -> bool:

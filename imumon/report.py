@@ -1,21 +1,26 @@
-"""Report: the published data model as frozen dataclasses, and its JSON.
+"""Report: the published data model as frozen dataclasses, with the rules of its JSON (`report_json`).
 
-Standard library only: any tool can read a report with this file and `evaluation`. The fields are the contract
-(docs/ZENOH.md): they are extended, but never changed. An unknown value is None with a reason, never 0 or NaN. SI units.
+Standard library only: any tool can read a report with this file, `report_json` and `evaluation`. The fields are the
+contract (docs/ZENOH.md): they are extended, but never changed. An unknown value is None with a reason, never 0 or NaN.
+SI units.
 """
 
 from __future__ import annotations
 
-import json
 import re
-import typing
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
-from functools import cache
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from imumon.evaluation import Evaluation, ExactCurve, UncertaintyBudget
+from imumon.report_json import MAX_BYTES as MAX_BYTES
+from imumon.report_json import MAX_ITEMS as MAX_ITEMS
+from imumon.report_json import MAX_NUMBER as MAX_NUMBER
+from imumon.report_json import JsonReader
+from imumon.report_json import check as _check
+from imumon.report_json import plain as plain
+from imumon.report_json import to_json as to_json
 
 SCHEMA = "imumon.report/1"
 
@@ -25,12 +30,7 @@ GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer
 Axis: TypeAlias = Literal["x", "y", "z"]
 COEFFICIENTS = ("N", "B", "K")
 
-MAX_NUMBER = 1e150  # numbers from outside are smaller: squares and other units are finite. Not critical
-MAX_BYTES = 4_000_000  # bytes of JSON that is read; 64 channels with line breaks have 0.7 MB. Not critical
-MAX_CHANNELS = 64  # channels of a report; a sensor has about 11. Not critical
-MAX_POINTS = 4096  # numbers in an array; the longest has 225. Not critical
-MAX_ITEMS = 256  # entries of a mapping, and lines or parts in a list. Not critical
-MAX_TEXT = 4096  # characters of a text: the longest path of Linux. Not critical
+MAX_CHANNELS = 64  # channels of a report; a sensor has about 11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +91,7 @@ class Readable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coefficient:
-    """N, B or K with its 95 % limits; `value` is None unless measured."""
+    """A coefficient with its 95 % limits; `value` is None unless measured."""
 
     value: float | None  # in `unit`
     low: float | None  # in `unit`, lower 95 % limit; 0 of an upper bound, null while pending
@@ -161,9 +161,9 @@ class TimeTo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitQuality:
-    """Test of the residuals of the fitted model; None while there is nothing to test."""
+    """Test of the description against the powers of its bands; None while there is nothing to test."""
 
-    chi2: float | None = None  # 1, chi-square of the residuals
+    chi2: float | None = None  # 1, deviance of the bands, beside an error of the model of 1 %
     dof: int | None = None  # its degrees of freedom
     p_value: float | None = None  # probability of a larger one if this description holds; after selection
 
@@ -177,8 +177,9 @@ class Allan:
     low: tuple[float | None, ...] = ()  # channel unit, lower 95 % limit of the deviation
     high: tuple[float | None, ...] = ()  # channel unit, upper 95 % limit
     edf: tuple[float | None, ...] = ()  # 1, equivalent degrees of freedom
-    model: tuple[float | None, ...] = ()  # channel unit, fitted deviation; null without a fit
-    used: tuple[bool, ...] = ()  # octaves that the fit rests on
+    model: tuple[float | None, ...] = ()  # channel unit, of all that the report states; null without a fit
+    noise: tuple[float | None, ...] = ()  # channel unit, of N, B and K alone; null without a fit
+    used: tuple[bool, ...] = ()  # octaves in the range of frequencies that the fit uses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,7 +236,7 @@ class Spectrum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Slope of the mean; also N, B and K without the effect of the temperature, if it is significant."""
+    """Slope of the mean against time and temperature, estimated beside N, B and K."""
 
     per_hour: float | None = None  # channel unit per hour
     per_hour_low: float | None = None  # channel unit per hour, lower 95 % limit
@@ -248,10 +249,29 @@ class Drift:
     reason: str | None = None  # why per_degC is null: "no_temperature", "small_range", "collinear"
     temperature_min: float | None = None  # degC, least temperature that the means cover
     temperature_max: float | None = None  # degC, greatest temperature that the means cover
-    explained: float | None = None  # share of the long-tau variance that temperature explains, 0 to 1
-    steady_N: Coefficient | None = None  # N at a constant temperature; null: no significant per_degC
-    steady_B: Coefficient | None = None  # B at a constant temperature; null: no significant per_degC
-    steady_K: Coefficient | None = None  # K at a constant temperature; null: no significant per_degC
+    explained: float | None = None  # share of the slow variance that temperature explains, 0 to 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelColumn:
+    """A regressor of the fit: what moves the mean and is not noise."""
+
+    name: str  # "drift", "temperature", "settling" or "step"
+    value: float  # in `unit`
+    low: float  # in `unit`, lower 95 % limit
+    high: float  # in `unit`, upper 95 % limit
+    unit: str  # such as rad/s/s, rad/s/degC or rad/s
+    time_constant_s: float | None = None  # s, of a settling
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseModel:
+    """What describes the slow and the fast part of a channel besides N, B and K."""
+
+    columns: tuple[ModelColumn, ...] = ()  # regressors in use
+    lines_hz: tuple[float, ...] = ()  # Hz, lines that are no part of the noise
+    oscillations_s: tuple[float, ...] = ()  # s, periods of slow oscillations that are no part of the noise
+    highest_hz: float | None = None  # Hz, highest frequency in use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -313,10 +333,13 @@ class Channel:
     N: Coefficient | None = None  # white noise (random walk of the integral); null: no curve
     B: Coefficient | None = None  # flicker (bias instability); null: no curve
     K: Coefficient | None = None  # random walk of the rate; null: no curve
+    Q: Coefficient | None = None  # quantisation; null: does not show
+    R: Coefficient | None = None  # rate ramp: the drift of the model, as a size; null: not significant
+    model: NoiseModel | None = None  # what else describes the channel; null: no fit
     grade: ChannelGrade | None = None  # of N and B; null: neither gyro nor accel
     readings: Readings | None = None  # N, B, K read off the curve, for comparison
     time_to: TimeTo | None = None  # until N, B, K have the configured precision
-    fit: FitQuality | None = None  # how well the model describes the curve
+    fit: FitQuality | None = None  # how well the model describes the spectrum
     caveats: tuple[str, ...] = ()  # one word each, those of the record included; none without a curve
     allan: Allan | None = None  # Allan deviation; null: no curve
     distribution: Distribution | None = None  # shape of the values, and the bias
@@ -324,7 +347,7 @@ class Channel:
     spectrum: Spectrum | None = None  # at most 24 points a decade, warm-up included; null: no curve
     resolution: float | None = None  # channel unit, step of the values; null: none seen
     robust: Robust | None = None  # white noise without outliers; null: no curve, too coarse, or too short
-    drift: Drift | None = None  # slope of the mean; null: noise unknown, or record too short
+    drift: Drift | None = None  # slope of the mean; null: no fit
     changes: tuple[Change, ...] = ()  # changes beyond chance
 
 
@@ -382,122 +405,14 @@ def stamp(moment: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def to_json(part: Any, *, indent: int | None = None) -> str:
-    """Return a report or a part of one as JSON text; raise ValueError if a number is not finite."""
-    form: Any = {"indent": indent, "separators": (",", ":") if indent is None else None}
-    return json.dumps(part, default=_members, allow_nan=False, ensure_ascii=False, **form)
-
-
-def _members(part: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass, or the items of a mapping."""
-    return {f.name: getattr(part, f.name) for f in fields(part)} if is_dataclass(part) else dict(part)
-
-
-T = typing.TypeVar("T")
-_CONTROL = re.compile(
-    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff\U000e0000-\U000e007f]"
-)
-_NUMBERS = {float, int, bool, float | None}
+T = TypeVar("T")
 _DEVICE_NAME = re.compile("[a-z0-9_-]{1,64}")
 _CHANNEL_NAME = re.compile("[A-Za-z0-9_-]{1,32}(/[A-Za-z0-9_-]{1,32})?")
-
-
-def plain(text: str) -> str:
-    """Return text without control characters, invisible ones and changes of the writing direction.
-
-    Every text from outside passes through here before it is printed: from keys, reports, files and errors.
-    >>> plain("VN-100\\x1b[2J T\\u202e")
-    'VN-100[2J T'
-    """
-    return text if text.isascii() and text.isprintable() else _CONTROL.sub("", text)
 
 
 def is_device_name(text: str) -> bool:
     """Return whether a text can be the name of a device in a key, such as ``vn100-0100056785``."""
     return _DEVICE_NAME.fullmatch(text) is not None
-
-
-def from_json(cls: type[T], text: str | bytes) -> T:
-    """Read JSON as `cls`, such as `Report`; raise ValueError if it is something else.
-
-    Unknown fields are ignored. A report may come from any program, so numbers and lengths are bounded (`MAX_NUMBER`
-    and so on), words of a `Literal` are those listed there, and text is made `plain`.
-    """
-    try:
-        if len(text) > MAX_BYTES:
-            raise TypeError(f"more than {MAX_BYTES} bytes")
-        return typing.cast(T, _reader(cls)(json.loads(text, parse_constant=_reject_constant)))  # type: ignore[arg-type]
-    except (TypeError, AttributeError, KeyError, RecursionError) as error:
-        raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {plain(str(error))}") from None
-
-
-def _reject_constant(name: str) -> None:
-    raise TypeError(f"{name} is not a number of JSON")
-
-
-@cache
-def _reader(hint: Any) -> Callable[[Any], Any]:
-    """Return the function that makes a value of type `hint` from JSON data."""
-    if is_dataclass(hint):
-        return _dataclass_reader(hint)
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin is Mapping:
-        inner, word = _reader(arguments[1]), _reader(str)
-        return lambda data: {word(k): inner(v) for k, v in _bounded(_checked(data, dict), MAX_ITEMS).items()}
-    if hint is str:
-        return lambda data: plain(_bounded(_checked(data, str), MAX_TEXT))
-    if origin is Literal:
-        return lambda data: _listed(data, arguments)
-    if origin is None:
-        return lambda data: _checked(data, hint)
-    inner = _reader(arguments[0])
-    if origin is tuple:
-        most = MAX_POINTS if arguments[0] in _NUMBERS else MAX_ITEMS
-        return lambda data: tuple(map(inner, _bounded(_checked(data, list), most)))
-    return lambda data: None if data is None else inner(data)
-
-
-def _dataclass_reader(cls: Any) -> Callable[[Any], Any]:
-    """Return the function that makes a `cls`: its arrays of numbers have equal lengths."""
-    hints = typing.get_type_hints(cls)
-    readers = {name: _reader(hint) for name, hint in hints.items()}
-    tuples = {name: typing.get_args(hint) for name, hint in hints.items() if typing.get_origin(hint) is tuple}
-    arrays = [name for name, arguments in tuples.items() if arguments[0] in _NUMBERS]
-    check = _CHECKS.get(cls, lambda part: None)
-
-    def read(data: Any) -> Any:
-        part = cls(**{name: readers[name](value) for name, value in data.items() if name in readers})
-        if len({len(getattr(part, name)) for name in arrays}) > 1:
-            raise TypeError(f"arrays of different lengths in {cls.__name__}")
-        check(part)
-        return part
-
-    return read
-
-
-def _checked(data: Any, kind: Any) -> Any:
-    """Return data of type `kind`: an integer is a valid float, an integral float a valid integer."""
-    number = type(data) in (int, float)
-    if number and not abs(data) < MAX_NUMBER:  # NaN too
-        raise TypeError(f"a number that is not below {MAX_NUMBER:g}")
-    if kind is int and type(data) is float and data.is_integer():
-        return int(data)
-    if type(data) is kind or (kind is float and number):
-        return data
-    found = data[:40] if isinstance(data, str) else type(data).__name__
-    raise TypeError(f"{found!r} instead of {kind.__name__}")
-
-
-def _bounded(data: Any, most: int) -> Any:
-    """Return a text, list or mapping that is not too long."""
-    _check(len(data) <= most, f"{len(data)} entries or characters, more than {most}")
-    return data
-
-
-def _listed(data: Any, words: tuple[str, ...]) -> Any:
-    """Return a word that is one of `words`."""
-    _check(data in words, f"{_checked(data, str)[:40]!r} is not one of {', '.join(words)}")
-    return data
 
 
 def _check_channels(names: Collection[str]) -> None:
@@ -514,11 +429,6 @@ def _check_curve(curve: Allan | LimitCurve) -> None:
     _check(all(tau > 0.0 for tau in curve.tau_s), "an averaging time that is not positive")
     if isinstance(curve, LimitCurve):
         _check(bool(curve.tau_s) and all(sigma > 0.0 for sigma in curve.sigma), "a limit not above 0")
-
-
-def _check(holds: bool, fault: str) -> None:
-    if not holds:
-        raise TypeError(fault)
 
 
 def _check_session(session: SessionCounters) -> None:
@@ -548,3 +458,12 @@ _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Signal: lambda signal: _check_channels([signal.channel]),
     Event: lambda event: _check_channels([event.channel] if event.channel is not None else []),
 }  # beside the checks of the types
+_READER = JsonReader(_CHECKS, lists=(NoiseModel,))
+
+
+def from_json(cls: type[T], text: str | bytes) -> T:
+    """Read JSON as `cls`, such as `Report`; raise ValueError if it is something else."""
+    try:
+        return _READER.read(cls, text)
+    except (TypeError, AttributeError, KeyError, RecursionError) as error:
+        raise ValueError(f"not a {cls.__name__.lower()} of {SCHEMA}: {plain(str(error))}") from None

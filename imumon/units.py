@@ -25,12 +25,18 @@ class ReadableUnit(NamedTuple):
 SI = {
     ("gyro", "N"): "rad/s/sqrt(Hz)",
     ("gyro", "B"): "rad/s",
+    ("gyro", "R"): "rad/s^2",
+    ("gyro", "Q"): "rad",
     ("gyro", "K"): "rad/s*sqrt(Hz)",
     ("accel", "N"): "m/s^2/sqrt(Hz)",
     ("accel", "B"): "m/s^2",
+    ("accel", "R"): "m/s^3",
+    ("accel", "Q"): "m/s",
     ("accel", "K"): "m/s^2*sqrt(Hz)",
     ("mag", "N"): "gauss/sqrt(Hz)",
     ("mag", "B"): "gauss",
+    ("mag", "R"): "gauss/s",
+    ("mag", "Q"): "gauss*s",
     ("mag", "K"): "gauss*sqrt(Hz)",
 }
 """SI spelling of a coefficient's unit by (sensor, coefficient)."""
@@ -38,12 +44,18 @@ SI = {
 READABLE = {
     ("gyro", "N"): ReadableUnit(DEG * 60.0, "deg/sqrt(h)"),
     ("gyro", "B"): ReadableUnit(DEG * HOUR, "deg/h"),
+    ("gyro", "R"): ReadableUnit(DEG * HOUR * HOUR, "deg/h/h"),
+    ("gyro", "Q"): ReadableUnit(DEG * HOUR, "arcsec"),
     ("gyro", "K"): ReadableUnit(DEG * HOUR * 60.0, "deg/h/sqrt(h)"),
     ("accel", "N"): ReadableUnit(60.0, "m/s/sqrt(h)"),
     ("accel", "B"): ReadableUnit(1000.0 / STANDARD_GRAVITY, "mg"),
+    ("accel", "R"): ReadableUnit(1000.0 / STANDARD_GRAVITY * HOUR, "mg/h"),
+    ("accel", "Q"): ReadableUnit(1.0, "m/s"),
     ("accel", "K"): ReadableUnit(HOUR * 60.0, "m/s/h/sqrt(h)"),
     ("mag", "N"): ReadableUnit(1000.0, "mG/sqrt(Hz)"),
     ("mag", "B"): ReadableUnit(1000.0, "mG"),
+    ("mag", "R"): ReadableUnit(1000.0 * HOUR, "mG/h"),
+    ("mag", "Q"): ReadableUnit(1000.0, "mG*s"),
     ("mag", "K"): ReadableUnit(1000.0, "mG*sqrt(Hz)"),
 }
 """Readable unit of a coefficient by (sensor, coefficient)."""

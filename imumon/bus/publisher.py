@@ -27,10 +27,10 @@ CURVES = ("allan", "histogram", "spectrum")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
 
 _CHANNEL_FIELDS = tuple(field.name for field in fields(Channel) if field.name not in CURVES)
-_MAX_QUEUED_EVENTS = 1000  # events. Not critical
-_FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets. Not critical
-_MAX_REPORTED_ERRORS = 20  # different texts in `Publisher.status_changes`. Not critical
-_CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link. Not critical
+_MAX_QUEUED_EVENTS = 1000  # events
+_FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets
+_MAX_REPORTED_ERRORS = 20  # different texts in `Publisher.status_changes`
+_CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link
 
 
 @dataclass(slots=True)

@@ -26,11 +26,11 @@ JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
-_SIGNAL_WAIT_S = 3.0  # s; a query for a signal that is not published by then gets no reply. Not critical
-_MAX_PENDING = 32  # queries that wait for a signal; the oldest gets no reply. Not critical
-_CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks. Not critical
-_MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to. Not critical
-_MAX_NAME = 64  # characters of a channel that no report had yet; a longer one is not requested. Not critical
+_SIGNAL_WAIT_S = 3.0  # s; a query for a signal that is not published by then gets no reply
+_MAX_PENDING = 32  # queries that wait for a signal; the oldest gets no reply
+_CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
+_MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
+_MAX_NAME = 64  # characters of a channel that no report had yet; a longer one is not requested
 
 
 class LastValues:

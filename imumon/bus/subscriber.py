@@ -39,22 +39,22 @@ from imumon.bus.zenoh_session import (
 from imumon.report import Event, Report, Signal, from_json, is_device_name, plain
 
 GONE_S = 5.0
-"""Time without a report after which a daemon counts as ended, s; three periods if that is longer. Not critical."""
+"""Time without a report after which a daemon counts as ended, s; three periods if that is longer."""
 
-_MAX_EVENTS = 100  # events of a device. Not critical
-_MAX_DEVICES = 256  # devices; bounds the time that invented names can take. Not critical
-_MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB. Not critical
-_MAX_KEPT = 32_000_000  # bytes of the newest reports of all devices. Not critical
-_MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters. Not critical
-_MAX_RIVALS = 8  # sessions that are named of one device. Not critical
-_MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped. Not critical
-_MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes. Not critical
-_SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal. Not critical
-_HISTORY_TIMEOUT_S = 10.0  # s; time to wait for rows of the history. Not critical
+_MAX_EVENTS = 100  # events of a device
+_MAX_DEVICES = 256  # devices; bounds the time that invented names can take
+_MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
+_MAX_KEPT = 32_000_000  # bytes of the newest reports of all devices
+_MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
+_MAX_RIVALS = 8  # sessions that are named of one device
+_MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
+_MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
+_SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal
+_HISTORY_TIMEOUT_S = 10.0  # s; time to wait for rows of the history
 HISTORY_BYTES = 32_000_000
-"""Bytes of a reply with rows of the history; a daemon sends at most 10 MB. Not critical."""
+"""Bytes of a reply with rows of the history; a daemon sends at most 10 MB."""
 HISTORY_PERIOD_S = 30.0
-"""s between two requests of the history that is shown. Not critical."""
+"""s between two requests of the history that is shown."""
 _NO_ID = "a program that hides its session"
 
 T = TypeVar("T", Report, Event, Signal)

@@ -30,9 +30,9 @@ _BY_NUMBER = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
 """Makes subscribers order messages by sequence number. Ordered by time, a subscriber whose clock is behind
 the daemon's would get only one message."""
 
-_MAX_QUERIES = 16  # queries in the queue; the oldest gets no reply. Not critical
-_FIND_S = 0.15  # s; time in which a liveliness token of a local daemon arrives. Not critical
-_LEASE_MARGIN_S = 0.5  # s after the lease. Not critical
+_MAX_QUERIES = 16  # queries in the queue; the oldest gets no reply
+_FIND_S = 0.15  # s; time in which a liveliness token of a local daemon arrives
+_LEASE_MARGIN_S = 0.5  # s after the lease
 
 
 class Uplink:

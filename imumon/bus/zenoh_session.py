@@ -26,23 +26,23 @@ import zenoh
 from imumon.errors import ImumonError
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
-LEASE_S = 2.0  # s; a link without traffic for this time is closed. Not critical
-RETRY_S = 2.0  # s; longest interval between two attempts to connect. Not critical
-_RETRY_FIRST_S = 0.5  # s; the first interval, which grows to RETRY_S. Not critical
-_RETRY_SOCKET_S = 0.1  # s; an attempt at a Unix socket costs next to nothing. Not critical
-MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB. Not critical
+LEASE_S = 2.0  # s; a link without traffic for this time is closed
+RETRY_S = 2.0  # s; longest interval between two attempts to connect
+_RETRY_FIRST_S = 0.5  # s; the first interval, which grows to RETRY_S
+_RETRY_SOCKET_S = 0.1  # s; an attempt at a Unix socket costs next to nothing
+MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB
 _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
-Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries. Not critical."""
-_BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other queries wait. Not critical
-_MAX_SESSIONS = 100  # peers; Zenoh may keep 16 unfinished messages, so 1 MB, for each. Not critical
+Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries."""
+_BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other queries wait
+_MAX_SESSIONS = 100  # peers; Zenoh may keep 16 unfinished messages, so 1 MB, for each
 _ACCEPT_PENDING = 500
 """Connections that have not finished their handshake; further ones are closed. Zenoh keeps a buffer of 64 kB for
 each: during the attacks of the tests the daemon has at most 146 MB with 500, and 185 MB with 2000. A new viewer
-waits equally long with both when 1,500 connect at once, because the queue of the kernel is full. Not critical."""
+waits equally long with both when 1,500 connect at once, because the queue of the kernel is full."""
 _ACCEPT_LOCAL_S, _ACCEPT_NETWORK_S = 0.5, 3.0
 """s that a handshake may take on this machine, and from another one: idle connections must not use up
-`_ACCEPT_PENDING`. Not critical."""
+`_ACCEPT_PENDING`."""
 _RESERVED_RAW = {
     "mode": "zenoh.mode",
     "listen": "zenoh.listen",

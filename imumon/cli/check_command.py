@@ -23,11 +23,11 @@ OK, WARNING, CRITICAL, UNKNOWN = range(4)
 """Exit codes of plugins."""
 
 MAX_AGE_S = 5.0
-"""s, age of a report from which it is critical, if the command line gives none. Not critical."""
+"""s, age of a report from which it is critical, if the command line gives none."""
 SHOWN_CHANGES = 3
-"""Changes that the line names. Not critical."""
+"""Changes that the line names."""
 FIGURES = 4
-"""Significant figures of performance data. Not critical."""
+"""Significant figures of performance data."""
 WARNED = ("stuck", "constant")
 """Caveats that are a warning, beside ``changed``."""
 
@@ -127,10 +127,12 @@ def _caveats(report: Any, baseline: Any) -> Iterator[str]:
             yield f"{channels}: {line(caveat)}" if channels else line(caveat)
     changes = [(name, each) for name, channel in report.channels.items() for each in channel.changes]
     if baseline is not None:
-        from imumon.noise.nonstationarity.change import compare_reports
+        from imumon.noise.stretches.change import compare_with_report
 
         changes += [
-            (name, each) for name in report.channels for each in compare_reports(baseline, report, name)
+            (name, each)
+            for name, channel in report.channels.items()
+            for each in compare_with_report(baseline, name, channel)
         ]
     texts = list(dict.fromkeys(change_text(name, each) for name, each in changes))
     yield from texts[:SHOWN_CHANGES]

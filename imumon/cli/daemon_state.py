@@ -17,10 +17,10 @@ from imumon.report import Event, Report
 from imumon.units import duration
 
 GRACE_S = 0.5
-"""s beyond two periods that a report may be old, and that the next one is waited for. Not critical."""
+"""s beyond two periods that a report may be old, and that the next one is waited for."""
 
 EVENTS_S = 2.0
-"""s that the events of a device may arrive after its first report. Not critical."""
+"""s that the events of a device may arrive after its first report."""
 
 _TROUBLES = {
     "disconnect": "disconnected",

@@ -54,9 +54,9 @@ COMMANDS: dict[str, tuple[Handler, Callable[[Parser], None], str]] = {
 
 _FILES = 8192
 """File descriptors that the limit of the process is raised to, as far as it may be: each connection to the daemon
-takes one. Not critical."""
+takes one."""
 _MIN_FILES = 64
-"""File descriptors without which no command runs: Zenoh alone opens 20. Not critical."""
+"""File descriptors without which no command runs: Zenoh alone opens 20."""
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 

@@ -18,7 +18,7 @@ STREAMS = ("deltas", "uncompensated", "compensated")
 GATHER_S = 0.3
 """How much longer to wait for other daemons, or others of the same name, after the last one has answered, s."""
 POLL_S = 0.05
-"""Time between two checks for a report, s. Not critical."""
+"""Time between two checks for a report, s."""
 
 
 class Parser(argparse.ArgumentParser):

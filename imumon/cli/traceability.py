@@ -24,7 +24,7 @@ from imumon.report import Report, plain
 COMPUTING = ("numpy", "scipy")
 """Packages whose version is recorded."""
 GIT_S = 5.0
-"""s to wait for git in a source checkout. Not critical."""
+"""s to wait for git in a source checkout."""
 
 
 def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any]] = ()) -> Report:

@@ -39,7 +39,7 @@ TextList: TypeAlias = Annotated[tuple[str, ...], Field(strict=False)]
 SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
 """Limits of a sample rate, Hz."""
 MOST_FAULTS = 100
-"""Faults that are reported of a file. Not critical."""
+"""Faults that are reported of a file."""
 SHOWN_CHARACTERS = 40
 """Longest value in a message, characters."""
 SECTION_CUTOFF, SETTING_CUTOFF = 0.5, 0.6

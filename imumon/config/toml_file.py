@@ -15,10 +15,10 @@ from imumon.files import read_at_most
 from imumon.report import plain
 
 FILE_BYTES = 1 << 16
-"""Bytes of the largest settings file; config.toml has 8 kB. The time to read it is bounded by this. Not critical."""
+"""Bytes of the largest settings file; config.toml has 8 kB. The time to read it is bounded by this."""
 
 LONGEST_LINE = 1000
-"""Characters of a line: the time for a dotted name grows with the square of its length. Not critical."""
+"""Characters of a line: the time for a dotted name grows with the square of its length."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,13 +23,13 @@ from queue import Full, Queue
 from imumon.report import Event, to_json
 
 KILL_S = 10.0
-"""s that the command may take. Not critical."""
+"""s that the command may take."""
 PAUSE_S = 60.0
-"""s from one event of a kind that is passed on to the next. Not critical."""
+"""s from one event of a kind that is passed on to the next."""
 QUEUE_EVENTS = 100
-"""Events that may wait for the command. Not critical."""
+"""Events that may wait for the command."""
 CLOSE_S = 2.0
-"""s that events may take at the end of the daemon: it has 10 s for everything. Not critical."""
+"""s that events may take at the end of the daemon: it has 10 s for everything."""
 LEVELS = ("warning", "error")
 """Levels of the events that are passed on."""
 _PRIVATE = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")

@@ -47,17 +47,17 @@ from imumon.ros2.ros_output import RosOutput
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock, Stream
 
 WAIT_S = 0.1
-"""s that the loop waits for the device before it looks at signals and duties. Not critical."""
+"""s that the loop waits for the device before it looks at signals and duties."""
 HANG_S = 60.0
 """s without activity of the device's thread after which the watchdog is not answered any more: a device must not wait
-so long in one call. The service manager then restarts the daemon. Not critical."""
+so long in one call. The service manager then restarts the daemon."""
 END_S = 3.0
-"""s that the device may take at the end to deliver what has arrived. Not critical."""
+"""s that the device may take at the end to deliver what has arrived."""
 RESTORE_S = 6.0
 """s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries. With
 `END_S` it is below the 10 s after which the service manager kills the daemon."""
 IGNORED_LOG_S = 1.0
-"""s between two log lines on ignored signals. Not critical."""
+"""s between two log lines on ignored signals."""
 
 log = logging.getLogger(__name__)
 

@@ -36,10 +36,10 @@ PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO + 5: 5, logging
 """Levels as priorities of the journal (sd-daemon(3))."""
 
 QUEUE_RECORDS = 1000
-"""Records that may wait to be written. Not critical."""
+"""Records that may wait to be written."""
 
 CLOSE_S = 1.0
-"""How long to wait at the end until all records are written, s. Not critical."""
+"""How long to wait at the end until all records are written, s."""
 
 ROOT = "imumon"
 """Name of the logger that all others of this program are below."""

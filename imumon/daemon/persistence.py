@@ -24,7 +24,7 @@ from imumon.samples import DeviceInfo, Level, SampleBlock
 
 COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
 TRIAL_SAMPLES = 2000
-"""Samples with which a saved record is tried out before it continues. Not critical."""
+"""Samples with which a saved record is tried out before it continues."""
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 

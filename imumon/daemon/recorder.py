@@ -14,7 +14,7 @@ from imumon.errors import ImumonError
 from imumon.recordings import CaptureWriter, check_place
 
 EARLY_BYTES = 1 << 20
-"""Bytes after which a recording starts even if nothing of the stream is known yet. Not critical."""
+"""Bytes after which a recording starts even if nothing of the stream is known yet."""
 
 
 class Recorder:

@@ -20,11 +20,11 @@ IGNORED = tuple(
 (SIGSEGV, SIGABRT, ...) end it at once."""
 
 TIMEOUT_S = 2.0
-"""s without data after which a device counts as silent. Not critical."""
+"""s without data after which a device counts as silent."""
 TIMEOUT_SAMPLES = 5.0
-"""Sample intervals without data that are needed as well, for slow streams. Not critical."""
+"""Sample intervals without data that are needed as well, for slow streams."""
 START_TIMEOUT_S = 30.0
-"""s in which bytes must become samples at the start; a service manager waits longer. Not critical."""
+"""s in which bytes must become samples at the start; a service manager waits longer."""
 
 
 class Shutdown:

@@ -377,7 +377,8 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
     yield Heading("The fit")
     yield DataTable(("", "fit", "N read", "B read", "K read", "caveats"), tuple(rows))
     yield Paragraph(
-        "N, B and K above come from a generalised least-squares fit of σ²(τ) = N²/τ + (2 ln 2/π) B² + K² "
-        "τ/3 to all octaves, with the covariance between them. The classical readings off the curve (σ at "
+        "N, B and K above come from one likelihood of the spectrum and of the block means of the record, without "
+        "drift, temperature, lines and oscillations. The model of the figure is σ²(τ) = N²/τ + (2 ln 2/π) B² + "
+        "K² τ/3 and what these add. The classical readings off the curve (σ at "
         "τ = 1 s on the −½ slope, floor / 0.664, σ at τ = 3 s on the +½ slope) are for comparison: they have no limits."
     )

@@ -6,8 +6,8 @@ are unknown or do not apply.
 kind         name                      value
 record       counters of the session   seconds, bytes or counts
 statistic    mean, std, min, max       of the samples that count
-coefficient  N, B, K                   with 95 % limits; only `high` where it is an upper bound
-allan        sigma                     Allan deviation at tau_s, with limits, model and whether the fit uses it
+coefficient  N, B, K, Q, R             with 95 % limits; only `high` where it is an upper bound; Q and R where they show
+allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
 exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
 uncertainty  N, B, K                   standard uncertainty by `source`; combined and expanded too
 check        N, B, K, floor            against `limit` of a data sheet, with verdict (`status`) and probability
@@ -27,7 +27,7 @@ from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
-    "used", "difference", "source", "limit", "probability",
+    "noise", "used", "difference", "source", "limit", "probability",
 )  # fmt: skip
 STATISTICS = ("mean", "std", "min", "max")
 COUNTERS_NOT_SHOWN = ("started", "excluded_by")
@@ -74,13 +74,13 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
     row: Row
     for name in STATISTICS:
         yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
-    for name in COEFFICIENTS:
+    for name in (*COEFFICIENTS, "Q", "R"):
         part: Coefficient | None = getattr(channel, name)
         if part is not None:
             row = {"value": part.value, "low": part.low, "high": part.high, "status": part.status}
             yield {"kind": "coefficient", "name": name, "unit": part.unit} | row
     if (curve := channel.allan) is not None:
-        columns = ("tau_s", "value", "low", "high", "edf", "model", "used")
+        columns = ("tau_s", "value", "low", "high", "edf", "model", "noise", "used")
         points = zip(
             curve.tau_s,
             curve.sigma,
@@ -88,6 +88,7 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
             curve.high,
             curve.edf,
             curve.model,
+            curve.noise,
             map(int, curve.used),
             strict=True,
         )

@@ -28,7 +28,7 @@ BIAS_SOURCES = ("statistics", "repeatability")
 EXCLUDING = ("disturbance", "warmup")
 """Kinds of events that are stretches whose samples do not count."""
 LEAST_SHARE = 1e-5
-"""Share of a value below which a component is shown as smaller. Not critical."""
+"""Share of a value below which a component is shown as smaller."""
 
 
 def conformity_blocks(report: Report) -> Iterator[Block]:

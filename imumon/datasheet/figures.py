@@ -1,8 +1,8 @@
 """Figures of the Allan deviation, by matplotlib: an element of the HTML page, or a file (SVG, PDF, PNG).
 
-One function draws a sensor into a panel: measured points with 95 % bands, fitted model, octaves that the fit
-does not use, N, B and K with their limits, and the limits of the grades. Axes also differ in the shape of their
-marks, for readers who cannot distinguish the colours. A file also has the values as text and a caption.
+One function draws a sensor into a panel: measured points with 95 % bands, fitted model, its noise alone, octaves
+that the fit does not use, N, B and K with their limits, and the limits of the grades. Axes also differ in the shape of
+their marks, for readers who cannot distinguish the colours. A file also has the values as text and a caption.
 matplotlib is imported where it is needed: it costs other commands 50 MB.
 """
 
@@ -47,17 +47,18 @@ PAGE = {role: f"#10{k:02d}fe" for k, role in enumerate(PRINT)}
 DPI = 150
 PANEL_INCHES = (7.4, 4.1)
 TEXT_INCHES = 0.55
-"""Height of the values below a panel of a file: a page of A4 holds three sensors. Not critical."""
+"""Height of the values below a panel of a file: a page of A4 holds three sensors."""
 CAPTION_CHARACTERS = 128
-"""Characters in a line of the caption of a file. Not critical."""
+"""Characters in a line of the caption of a file."""
 PAGE_INCHES = (8.4, 4.6)
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
 NAME_SHARE = (
     0.013,
     0.06,
-)  # of the frame: width of a letter of a grade's name, height of its line. Not critical
-LETTER_ROOM = 1.3  # factor below a floor for its letter. Not critical
+)  # of the frame: width of a letter of a grade's name, height of its line
+LETTER_ROOM = 1.3  # factor below a floor for its letter
+VISIBLE = 0.03  # share by which the model differs from the noise where both are drawn
 FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
 _SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
@@ -128,8 +129,9 @@ def legend_text(report: Report, sensors: Sequence[str]) -> str:
     exact = report.evaluation is not None and report.evaluation.exact
     dots = "; dots: fully overlapping, exact" if exact else ""
     return (
-        "Overlapping Allan deviation with 95 % limits (bands) and fitted model (lines); hollow: octaves that the "
-        "fit does not use; bars: N/√τ, 0.664 B and K√(τ/3) with 95 % limits; arrows: 95 % upper bounds"
+        "Overlapping Allan deviation with 95 % limits (bands) and fitted model (lines; thin: N, B and K alone, "
+        "where it has more); hollow: octaves that the fit does not use; bars: N/√τ, 0.664 B and K√(τ/3) with "
+        "95 % limits; arrows: 95 % upper bounds"
         f"{dots}{limits}"
     )
 
@@ -309,16 +311,18 @@ def _covered(
 
 
 def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]) -> None:
-    """Draw one axis: band, model, and points, hollow where the fit does not use them."""
+    """Draw one axis: band, model, noise where it differs, and points, hollow where the fit does not use them."""
     import numpy as np
 
     colour, marker, used = colours[axis], MARKERS[axis], np.array(curve.used)
-    low, high, model, sigma = (
+    low, high, model, noise, sigma = (
         np.array([v if v is not None and v > 0.0 else math.nan for v in values])  # matplotlib omits NaN
-        for values in (curve.low, curve.high, curve.model, curve.sigma)
+        for values in (curve.low, curve.high, curve.model, curve.noise, curve.sigma)
     )
     panel.fill_between(curve.tau_s, low, high, color=colour, alpha=0.16, linewidth=0.0)
     panel.plot(curve.tau_s, model, color=colour, linewidth=1.2, label="_")
+    if (np.abs(model / noise - 1.0) > VISIBLE).any():
+        panel.plot(curve.tau_s, noise, color=colour, linewidth=0.6, label="_")
     for shown, face in ((used, colour), (~used, "none")):
         if shown.any():
             panel.plot(
@@ -341,10 +345,10 @@ def _draw_exact(
             )  # fmt: skip
 
 
-MARK_SHIFT = 1.35  # factor of tau between the marks of two axes. Not critical
-MARK_SPAN = 1.14  # factor of tau from the middle of a bar to its end. Not critical
+MARK_SHIFT = 1.35  # factor of tau between the marks of two axes
+MARK_SPAN = 1.14  # factor of tau from the middle of a bar to its end
 MARK_PLACES = {"N": 1.0, "K": 0.4}
-"""Where N and K are marked: s, and as a share of the longest tau; B where the model is lowest. Not critical."""
+"""Where N and K are marked: s, and as a share of the longest tau; B where the noise is lowest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,10 +369,10 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
     for k, (axis, curve) in enumerate(curves.items()):
         channel = report.channels[f"{sensor}/{axis}"]
         first, last = curve.tau_s[0], curve.tau_s[-1]
-        model = [(value, tau) for value, tau in zip(curve.model, curve.tau_s, strict=True) if value]
+        noise = [(value, tau) for value, tau in zip(curve.noise, curve.tau_s, strict=True) if value]
         places = {
             "N": MARK_PLACES["N"],
-            "B": min(model)[1] if model else math.sqrt(first * last),
+            "B": min(noise)[1] if noise else math.sqrt(first * last),
             "K": MARK_PLACES["K"] * last,
         }
         for letter in COEFFICIENTS:

@@ -33,7 +33,7 @@ CURES = {
 """What to do about a coefficient that more data will not give, by its `reason_code`."""
 
 RECOMMENDED_RECORD_S = 8 * 3600.0
-"""s, record that usually shows K or bounds it well below what matters. Not critical: only a warning depends on it."""
+"""s, record that usually shows K or bounds it well below what matters."""
 
 BOUNDED = {
     "N": "half a 95 % upper bound, not seen in this record",

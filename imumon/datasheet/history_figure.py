@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 HistoryRows = Sequence[Mapping[str, Any]]
 LEAST_ROWS = 3
-"""Periods from which there is a history to show. Not critical."""
+"""Periods from which there is a history to show."""
 MOST_TABLE_ROWS = 14
-"""Rows of the table; of a longer history, every second, third and so on is shown, and the newest. Not critical."""
+"""Rows of the table; of a longer history, every second, third and so on is shown, and the newest."""
 
 
 def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, float, float, float]]]:

@@ -10,16 +10,15 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from imumon.datasheet.tables import coefficient_text
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import COEFFICIENTS, Channel, Report
+from imumon.report import Channel, Report
 from imumon.samples import sensor_of
-from imumon.units import figures, pretty, readable_unit
+from imumon.units import duration, figures, pretty, readable_unit
 
-MOST_LINES = 4  # spectral lines shown per channel, the strongest. Not critical
+MOST_LINES = 4  # spectral lines shown per channel, the strongest
 CORRELATED = 0.3  # correlation from which two axes are reported as moving together
 SIGNIFICANT = 5.0  # standard errors by which it must differ from 0; one is 1/sqrt(n), n independent samples
-LEAST_WIDTH = 60  # cells; no note is broken at a smaller width. Not critical
+LEAST_WIDTH = 60  # cells; no note is broken at a smaller width
 
 
 def signal_lines(report: Report, width: int | None = None) -> list[str]:
@@ -98,6 +97,9 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield shape.verdict
     if texts := spectral_lines(channel, f" {unit}"):
         yield f"lines at {', '.join(texts)}"
+    if channel.model is not None and channel.model.oscillations_s:
+        periods = [duration(period) for period in channel.model.oscillations_s]
+        yield f"oscillates with a period of {', '.join(periods)}"
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
     if drifts_with_temperature(drift):
@@ -107,15 +109,8 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
         if drift.temperature_min is not None and drift.temperature_max is not None:
             share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
-        steady = ", ".join(
-            f"{letter} {coefficient_text(part)} {pretty(part.readable.unit)}"
-            for letter in COEFFICIENTS
-            if (part := getattr(drift, f"steady_{letter}")) is not None
-        )
-        yield (
-            f"follows the temperature by {drift.per_degC:.2e}{half} {unit} per degree{share}; "
-            f"without that (the table includes it) {steady}"
-        )
+        slope = f"follows the temperature by {drift.per_degC:.2e}{half} {unit} per degree{share}"
+        yield f"{slope}; N, B and K are without this effect"
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:

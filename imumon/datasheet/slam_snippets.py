@@ -24,10 +24,10 @@ from imumon.units import DEG, HOUR
 PARTS = (("accel", "N"), ("gyro", "N"), ("accel", "K"), ("gyro", "K"))
 
 CORRELATION_TIME_H = 4.0
-"""h, correlation time of the bias for KF-GINS: the one of its example. Not critical: the walk is the same."""
+"""h, correlation time of the bias for KF-GINS: the one of its example."""
 
 HORIZONS_PER_CORRELATION = 10.0
-"""Horizons that this correlation time must be at least long: the process is then a walk. Not critical."""
+"""Horizons that this correlation time must be at least long: the process is then a walk."""
 
 MILLIGAL = 1e-5  # m/s^2
 

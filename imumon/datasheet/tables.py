@@ -23,7 +23,7 @@ from imumon.samples import AXES, sensor_of
 from imumon.units import READABLE, counted, duration, figures, measured, pretty
 
 SHOWN_EVENTS = 30
-"""Most events in the text for a terminal. Not critical."""
+"""Most events in the text for a terminal."""
 
 SENSOR_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 
@@ -83,8 +83,8 @@ def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
     for axis, channel in sensor_axes(report, sensor):
         if (allan := channel.allan) is not None and allan.tau_s:
             sigma = tuple(s * factor for s in allan.sigma)
-            low, high, model = map(scaled, (allan.low, allan.high, allan.model))
-            curves[axis] = replace(allan, sigma=sigma, low=low, high=high, model=model)
+            low, high, model, noise = map(scaled, (allan.low, allan.high, allan.model, allan.noise))
+            curves[axis] = replace(allan, sigma=sigma, low=low, high=high, model=model, noise=noise)
     return curves
 
 

@@ -29,15 +29,15 @@ from imumon.samples import DeviceInfo, Item
 log = logging.getLogger(__name__)
 
 BATCHES = 32
-"""Batches in the queue; one holds what one `Device.read` returned. Not critical."""
+"""Batches in the queue; one holds what one `Device.read` returned."""
 READ_S = 0.2
-"""s that one `Device.read` may wait for data. Not critical."""
+"""s that one `Device.read` may wait for data."""
 RETRY_S = 0.5
-"""s between two attempts to open a device that was lost. Not critical."""
+"""s between two attempts to open a device that was lost."""
 FIRST_RETRY_S = 2.0
-"""s between two attempts to open a device that was never there. Not critical."""
+"""s between two attempts to open a device that was never there."""
 END_S = 1.0
-"""s between the interrupt and the stop request, at most. Not critical."""
+"""s between the interrupt and the stop request, at most."""
 REST_S = 0.1
 """s at the end in which samples that have arrived are still taken; more may arrive all the time."""
 

@@ -34,9 +34,9 @@ from imumon.devices.base import DeviceError, DeviceLost, DeviceNotFound
 pyserial: Any = _pyserial  # it has no types
 
 QUEUE_BYTES = 8 << 20
-"""Bytes in the queue: 90 s at 921600 baud. Not critical."""
+"""Bytes in the queue: 90 s at 921600 baud."""
 POLL_S = 0.1
-"""s after which the reading thread checks whether it has to end. Not critical."""
+"""s after which the reading thread checks whether it has to end."""
 DIALOGUE_S = 1.0
 """s after a write in which the reader delivers every byte at once, because a reply is expected."""
 COLLECT_S = 0.05
@@ -44,9 +44,9 @@ COLLECT_S = 0.05
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
 READ_BYTES = 1 << 14
-"""Bytes of one read from the port: four times what a tty holds. Not critical."""
+"""Bytes of one read from the port: four times what a tty holds."""
 PIECE_BYTES = 1 << 16
-"""Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes. Not critical."""
+"""Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes."""
 
 PSEUDO_TERMINALS = "/dev/pts/"
 _TIOCGICOUNT = 0x545D

@@ -1,7 +1,7 @@
 """Doctor: the probes and checks of an installation, one line per check, with what to do.
 
 doctor        all checks in order
-observations  results of the probes
+observed      results of the probes
 probe_device  what the device sends, or what the daemon that reads it counts
 probe_host    the file of the port, the state directory, the service manager
 probe_zenoh   daemons on Zenoh, and whether another one could listen
@@ -24,13 +24,13 @@ from imumon.devices import registry
 from imumon.devices.base import Check, DeviceError, DeviceOptions
 from imumon.devices.serial_port import find_ports
 from imumon.doctor import checks, probe_host
-from imumon.doctor.observations import PortObservation, ZenohObservation
+from imumon.doctor.observed import PortObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_daemon, observe_device
 from imumon.doctor.probe_zenoh import ZenohProbe
 from imumon.report import Report
 
 OBSERVE_S = 3.0
-"""s for which a device is observed: 1 % of damaged messages show at 40 Hz. Not critical."""
+"""s for which a device is observed: 1 % of damaged messages show at 40 Hz."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,8 @@ from imumon.devices.base import Device, DeviceLost, Observation
 from imumon.report import Report
 from imumon.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
 
-READ_S = 0.2  # s that one read waits for data, and between two reports of a daemon. Not critical
-RATE_SPAN_S = 0.5  # s of samples from which rate and ratio of the clocks are computed. Not critical
+READ_S = 0.2  # s that one read waits for data, and between two reports of a daemon
+RATE_SPAN_S = 0.5  # s of samples from which rate and ratio of the clocks are computed
 JUMP_NS = 10_000_000_000
 """ns of the sample clock from one sample to the next that count as a jump of the clock: longer than a gap in
 a stream that is observed for some seconds."""

@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from imumon.devices.serial_port import find_ports, holders
-from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation
+from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
 
-SYSTEMCTL_S = 5.0  # s that systemctl may take. Not critical
+SYSTEMCTL_S = 5.0  # s that systemctl may take
 
 
 def observe_port(path: str, daemon: str | None = None) -> PortObservation:

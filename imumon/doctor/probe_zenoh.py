@@ -8,10 +8,10 @@ from dataclasses import replace
 
 from imumon.bus import BusError, SessionOptions, Subscriber
 from imumon.bus.zenoh_session import Unreachable, is_local, local_endpoints, open_session
-from imumon.doctor.observations import ZenohObservation
+from imumon.doctor.observed import ZenohObservation
 
-ANSWER_S = 1.0  # s to wait for the first daemon. Not critical
-OTHERS_S = 0.3  # s to wait for further daemons after the first. Not critical
+ANSWER_S = 1.0  # s to wait for the first daemon
+OTHERS_S = 0.3  # s to wait for further daemons after the first
 
 
 class ZenohProbe:

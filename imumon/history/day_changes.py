@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from imumon.history.store import TimedPeriod
-from imumon.noise.nonstationarity.day_change import DAYS_KEPT, find_day_change
+from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
 from imumon.report import Change, stamp
 from imumon.samples import sensor_of
 
@@ -21,10 +21,9 @@ STEP_S = 86400
 AGAINST = "history"
 """What such a change is a change against, in the report."""
 LEAST_CHANGE = {"N": 0.05, "B": 0.5}
-"""Relative changes below which a step does not matter to a user, as for hours (`noise.nonstationarity.change`). Not
-critical."""
+"""Relative changes below which a step does not matter to a user, as for hours (`noise.stretches.change`)."""
 LEAST_S = 3600.0
-"""s of samples that a day must have: B needs an hour. Not critical."""
+"""s of samples that a day must have: B needs an hour."""
 
 
 class DayChanges:

@@ -24,20 +24,20 @@ from imumon.history.rows import iso, json_pieces, rows
 from imumon.history.selection import Selection, SelectionError
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, PowerUp, TimedPeriod, damaged, set_aside
 from imumon.history_report import STEPS, HistoryPeriod
-from imumon.noise.nonstationarity.day_change import DAYS_KEPT
+from imumon.noise.stretches.day_change import DAYS_KEPT
 from imumon.report import Event, Report
 from imumon.samples import Level
 
 MOST_PENDING = 2400
-"""Periods that wait for the disk, two weeks of them; then the oldest is dropped. Not critical."""
+"""Periods that wait for the disk, two weeks of them; then the oldest is dropped."""
 MOST_EVENTS = 1000
-"""Events that wait for the disk; then the oldest is dropped. Not critical."""
+"""Events that wait for the disk; then the oldest is dropped."""
 MOST_ROWS = 20_000
-"""Rows of one answer on the bus, 8 MB. More need a longer step. Not critical."""
+"""Rows of one answer on the bus, 8 MB. More need a longer step."""
 CLEAN_S = 86400.0
-"""s between two deletions of what is too old. Not critical."""
+"""s between two deletions of what is too old."""
 CLOSE_S = 3.0
-"""s that the disk may take at the end. Not critical."""
+"""s that the disk may take at the end."""
 EVENTS = "event"
 """Name of the key of the events below that of the history."""
 

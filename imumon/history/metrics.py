@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
 PORTS = 16
-"""Ports that are tried, from the configured one on: other daemons on this machine have the first. Not critical."""
+"""Ports that are tried, from the configured one on: other daemons on this machine have the first."""
 REQUEST_S = 5.0
-"""s that a client may take for its request. Not critical."""
+"""s that a client may take for its request."""
 
 GRADES = get_args(GradeName)
 

@@ -21,16 +21,14 @@ from imumon.samples import sensor_of
 
 SETTLE_S = 1800.0
 """s after a power-up from which the bias counts as settled. Of a sensor that warms up for longer, the first period
-without the warm-up counts. Sensitivity: halved, the bias contains up to 5 % of the change by the warm-up of a sensor
-with a time constant of 10 minutes."""
+without the warm-up counts."""
 SAME_S, SAME_SHARE = 60.0, 1e-3
 """s, and share of the time that passed, by which the clock of the sensor may lag behind that of the host in one
-power-up: delays of the line, and clocks of 1000 ppm. Not critical."""
+power-up: delays of the line, and clocks of 1000 ppm."""
 LEAST_POWER_UPS = 5
-"""Power-ups from which the repeatability is given: from fewer, its upper limit is over three times its value. Not
-critical."""
+"""Power-ups from which the repeatability is given: from fewer, its upper limit is over three times its value."""
 LEAST_SHARE = 0.5
-"""Share of its samples that a period must have, and not excluded, to give a settled bias. Not critical."""
+"""Share of its samples that a period must have, and not excluded, to give a settled bias."""
 
 
 class PowerUps:

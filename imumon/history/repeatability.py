@@ -18,7 +18,7 @@ from imumon.noise.uncertainty import HALF_WIDTH
 from imumon.report import COEFFICIENTS, MAX_NUMBER
 
 LEAST_DAYS = 3
-"""Days from which their scatter is given: two show a standard deviation only within a factor of 30. Not critical."""
+"""Days from which their scatter is given: two show a standard deviation only within a factor of 30."""
 
 
 def day_scatter(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, DayScatter]]:

@@ -16,7 +16,7 @@ from imumon.report import COEFFICIENTS, stamp
 from imumon.samples import UNITS, sensor_of
 
 DIGITS = 7
-"""Significant digits of a number in a row; the limits of N are wider. Not critical."""
+"""Significant digits of a number in a row; the limits of N are wider."""
 
 _STEP_NAMES = {seconds: name for name, seconds in STEPS.items()}
 _LIMITS = ("value", "low", "high", "status")

@@ -18,7 +18,7 @@ from imumon.history_report import STEPS
 DEFAULT_S = 86400.0
 """s before now that a question without a time asks for."""
 FINE_S, MIDDLE_S = 2.0 * 86400.0, 62.0 * 86400.0
-"""s, longest spans that are answered in steps of 10 minutes and of an hour if no step is asked for. Not critical."""
+"""s, longest spans that are answered in steps of 10 minutes and of an hour if no step is asked for."""
 
 _UNITS = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(u|ms|min|s|m|h|d|w)?", re.ASCII)

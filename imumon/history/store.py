@@ -32,9 +32,9 @@ SUFFIX = ".history.sqlite"
 _STATUSES = get_args(Status)
 _GRADES = get_args(GradeName)
 _BUSY_S = 5.0
-"""s that a reader waits for a file that is being cleaned up. Not critical."""
+"""s that a reader waits for a file that is being cleaned up."""
 _ROWS_AT_ONCE = 500
-"""Rows that are read between two moments at which other threads may run. Not critical."""
+"""Rows that are read between two moments at which other threads may run."""
 
 MIGRATIONS = (
     """
@@ -95,7 +95,7 @@ MIGRATIONS = (
 VERSION = len(MIGRATIONS)
 
 EVENT_S = 600.0
-"""s in which events of one kind and channel are one row with a count. Not critical."""
+"""s in which events of one kind and channel are one row with a count."""
 
 
 class HistoryError(ImumonError):

@@ -1,4 +1,4 @@
-"""Noise of a sensor at rest: Allan deviation, N, B and K with 95 % limits, live and in a few kilobytes.
+"""Noise of a sensor at rest: Allan deviation, N, B and K with 95 % limits, live and in bounded memory.
 
 Mathematics on arrays: no I/O, no clock, no threads. Samples are added in blocks of any length, and results
 are available at any time. The same five lines serve a record of two seconds and one of two months:
@@ -13,7 +13,7 @@ are available at any time. The same five lines serve a record of two seconds and
 >>> f"N = {fit.N.value:.2e} [{fit.N.low:.2e}, {fit.N.high:.2e}] {fit.N.status}"
 'N = 6.08e-05 [6.05e-05, 6.11e-05] measured'
 >>> f"K < {fit.K.high:.0e} {fit.K.status}"
-'K < 1e-05 upper_bound'
+'K < 7e-06 upper_bound'
 
 The curve with its 95 % limits, the octaves that the fit uses and the caveats:
 
@@ -23,7 +23,7 @@ The curve with its 95 % limits, the octaves that the fit uses and the caveats:
    0.005 s  8.63e-04  [8.58e-04, 8.68e-04]
    0.160 s  1.51e-04  [1.48e-04, 1.54e-04]
    5.120 s  3.21e-05  [2.87e-05, 3.64e-05]
- 163.840 s  7.20e-06  [3.77e-06, 2.96e-05]
+ 163.840 s  7.20e-06  [3.86e-06, 2.72e-05]
 >>> bool(fit.used.all()), fit.caveats
 (True, ())
 
@@ -35,11 +35,14 @@ restarts the estimator: it never returns limits of one record for another.
 | package | content |
 |---|---|
 | `allan/` | octave cascade: Allan variance of an endless stream, also since several starts |
-| `fit/` | `Estimator`: N, B, K from exact covariances, with limits, and the time to a precision |
+| `noise_sums` | what the fit sees of a record, or of a part of it |
+| `spectrum/` | Welch sums of the levels, bins that are lines, their expectation |
+| `blocks/` | means over blocks that merge in pairs, and their cosine transform |
+| `fit/` | `Estimator`: the likelihood of N, B and K, with limits, and the time to a precision |
 | `grading` | navigation, tactical, industrial or consumer grade |
-| `statistics/` | moments, histogram, spectrum and its lines, envelope |
+| `statistics/` | moments, histogram, envelope |
 | `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
-| `nonstationarity/` | hour against hour: drift, warm-up, changes |
+| `stretches/` | parts of a record: quarters, hours, days, warm-up, changes |
 | `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
 | `filter_parameters` | numbers that keep a Kalman filter consistent |
 | `uncertainty` | conformity with a limit, and uncertainty budgets |

@@ -28,19 +28,16 @@ import numpy.typing as npt
 from imumon.samples import Floats
 
 STEP_S = 0.2
-"""s, step of the filter in the reference scenario (contract, 5 Hz); it divides 1 s. Not critical: half of it changes
-no walk by more than 0.01 %."""
+"""s, step of the filter in the reference scenario (contract, 5 Hz); it divides 1 s.01 %."""
 
 FIXES = 900
-"""Fixes of the reference scenario, one per second (contract). Sensitivity: half of them raise the walk of
-a sensor with little flicker by 8 %, twice as many lower it by 2 %; with more flicker it does not change."""
+"""Fixes of the reference scenario, one per second (contract)."""
 
 FIX_STD = {"gyro": 1e-3, "accel": 1e-2}
-"""rad and m/s, standard deviation of a fix (contract). Sensitivity: half of it raises the walk
-by up to 22 %, twice as much lowers it by up to 18 %."""
+"""rad and m/s, standard deviation of a fix (contract)."""
 
 UNKNOWN_BIAS = 1e3
-"""Fixes' standard deviations per second that the bias may have at the start: it is unknown. Not critical."""
+"""Fixes' standard deviations per second that the bias may have at the start: it is unknown."""
 
 _STEPS = round(1.0 / STEP_S)  # between two fixes
 

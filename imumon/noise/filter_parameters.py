@@ -30,46 +30,41 @@ from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import Floats
 
 MOST_NEES = 1.25
-"""1, largest NEES of the recommended numbers (contract). Sensitivity: 1.1 raises the walk by 11 to
-45 %, 1.5 lowers it by 11 to 29 %."""
+"""1, largest NEES of the recommended numbers (contract)."""
 
 AIM = 0.998 * MOST_NEES
-"""1, NEES that the search aims at: what is between the horizons, and rounding, stay within `MOST_NEES`. Not
-critical."""
+"""1, NEES that the search aims at: what is between the horizons, and rounding, stay within `MOST_NEES`."""
 
 LEAST_NEES = 0.8
-"""1, smallest NEES of the filter with Gauss-Markov terms (contract). Not critical: decades give 0.99 to 1.02."""
+"""1, smallest NEES of the filter with Gauss-Markov terms (contract).99 to 1.02."""
 
 LEAST_N, MOST_SIZE = 1e-15, 1e6
-"""unit/sqrt(Hz) and SI, N below and N, B or K above which a report describes no sensor: it may come from any program.
-Not critical."""
+"""unit/sqrt(Hz) and SI, N below and N, B or K above which a report describes no sensor."""
 
 NO_WALK = 1e-6
-"""1/s, share of N in the unit of the search: a channel without B and K gets a walk too. Not critical."""
+"""1/s, share of N in the unit of the search: a channel without B and K gets a walk too."""
 
 SMALLEST_WALK = 0.1
-"""Share of K below which no walk goes, where the reference scenario needs none. Not critical."""
+"""Share of K below which no walk goes, where the reference scenario needs none."""
 
 COARSE = np.geomspace(1e-4, 10.0, 21)
-"""Walks of the first search, in units of sqrt(K^2 + B^2/s). Not critical: with half or twice
-as many the walk differs by at most 0.7 %."""
+"""Walks of the first search, in units of sqrt(K^2 + B^2/s).7 %."""
 
 FINE = 9
-"""Walks between two neighbours of the first search, in the second; a line between two gives the result. Not
-critical."""
+"""Walks between two neighbours of the first search, in the second; a line between two gives the result."""
 
 HORIZON_DIGITS = (1.0, 1.4, 2.0, 3.0, 4.0, 6.0)
-"""Horizons of a decade, s: multiples of the step of the filter. Not critical."""
+"""Horizons of a decade, s: multiples of the step of the filter."""
 
 TERMS = 5
-"""Gauss-Markov terms at most (contract). Not critical."""
+"""Gauss-Markov terms at most (contract)."""
 
 TERM_RANGES = ((1.0, 1e4), (0.1, 1e4), (1.0, 1e5), (0.1, 1e5), (1.0, 1e6), (0.1, 1e6))
 """s, fastest and slowest correlation time, first choice first: one term per decade, wider only where these five
-are not consistent. Not critical."""
+are not consistent."""
 
 NEGLIGIBLE_TERM = 0.01
-"""Share of N^2 below which the spectrum of a term, at most 2 sigma^2 tau, is left out. Not critical."""
+"""Share of N^2 below which the spectrum of a term, at most 2 sigma^2 tau, is left out."""
 
 
 def filter_parameters(report: Report, horizon_s: float) -> FilterReport:

@@ -33,17 +33,16 @@ Seed: TypeAlias = int | np.random.Generator | None
 Strength: TypeAlias = float | npt.ArrayLike
 
 LOWEST_POLE_HZ = 1e-10
-"""Hz, frequency below which streamed flicker is no longer flicker: 300 years. Not critical."""
+"""Hz, frequency below which streamed flicker is no longer flicker: 300 years."""
 
 POLE_STEP = 1.25
-"""1, distance of the poles in log frequency: the spectrum ripples by 4 exp(-pi^2 / 1.25) = 0.15 %. Not
-critical."""
+"""1, distance of the poles in log frequency: the spectrum ripples by 4 exp(-pi^2 / 1.25) = 0.15 %."""
 
 STEP_SAMPLES = 64
-"""Samples of flicker computed by one product of matrices. Not critical."""
+"""Samples of flicker computed by one product of matrices."""
 
 BLOCK_STEPS = 32
-"""Such steps in one block. Not critical."""
+"""Such steps in one block."""
 
 # Averaged flicker is the discrete 1/f noise behind a short filter: the root of minimum phase of the ratio of
 # their spectra, sin^2(pi f) sum_k |f + k|^-3 / (2 pi^3) to 1 / (2 sin(pi f)) at f cycles per sample.

@@ -40,18 +40,18 @@ from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
 from imumon.samples import sensor_of
 
 HALF_WIDTH = 1.959964
-"""Standard errors of a 95 % limit (normal distribution). Not critical: it is exact."""
+"""Standard errors of a 95 % limit (normal distribution)."""
 QUARTERS_DOF = 3.0
-"""Degrees of freedom of a standard deviation of four quarters. Not critical: it is exact."""
+"""Degrees of freedom of a standard deviation of four quarters."""
 CRYSTAL_TOLERANCE = 1e-4
 """Share by which the clock of a sensor is assumed to be off at most: 100 parts in a million, ten times a usual
-crystal over temperature. Not critical: far below the statistics of any coefficient."""
+crystal over temperature."""
 GIVEN_RATE_TOLERANCE = 0.01
 """Share by which a configured or mean rate is assumed to be off at most: the oscillator of a sensor without a
-crystal. Sensitivity: doubled 2 % (combined uncertainty of N of an hour without a clock)."""
+crystal."""
 DITHERED = 0.5
 """Steps, least standard deviation at which rounding acts as white noise (Widrow and Kollar, Quantization Noise,
-2008, section 4: exact to 3 % there). Not critical."""
+2008, section 4: exact to 3 % there)."""
 TIME_EXPONENTS = {"N": 0.5, "B": 0.0, "K": -0.5}
 """Power of the interval by which a coefficient changes: N = sigma sqrt(tau), K = sigma sqrt(3/tau)."""
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from imumon.samples import Bools, Floats
 
 LARGEST = 1e60
-"""Channel unit; larger values never count, so that sums of fourth powers stay finite. Not critical."""
+"""Channel unit; larger values never count, so that sums of fourth powers stay finite."""
 
 
 class ValidityGroups:

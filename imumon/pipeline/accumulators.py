@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,13 +19,10 @@ import numpy.typing as npt
 from imumon.noise.allan.overlapping import SampleStore
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance, subset
-from imumon.noise.fit import fit_curve
-from imumon.noise.nonstationarity import HourlyStatistics
-from imumon.noise.nonstationarity.warmup import is_warming_up
 from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDeviation
 from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
-from imumon.noise.statistics.psd import SpectrumAccumulator
+from imumon.noise.stretches import RecordStatistics
 from imumon.pipeline.gap_fill import Break, LongGap, fill_gaps
 from imumon.samples import Floats, sensor_of
 from imumon.timebase.sample_clock import PlacedSamples
@@ -37,14 +33,10 @@ ALLAN_SENSORS = ("gyro", "accel", "mag")
 COUNTERS = ("samples", "missing", "gaps", "span")
 """Attributes of `Accumulators` in the saved state."""
 
-SINGLE_PRECISION = ("envelope.", "spectrum.", "guard.detector")
+SINGLE_PRECISION = ("envelope.", "guard.detector")
 """Prefixes of arrays that are saved with seven digits, for the size of a state that is written thousands of
 times a day: what is drawn, and what the guard compares with. Samples that are held back and sums behind
-published numbers keep all digits, so that a restored record continues identically."""
-
-SAVED_HOP_S = 3600.0
-"""s, shortest hop of the spectrum whose samples are saved. Shorter ones count as missing after a restart,
-which costs one or two segments of many and saves most of the size. Not critical."""
+published numbers keep all digits."""
 
 SavedArrays = dict[str, npt.NDArray[Any]]
 
@@ -56,16 +48,14 @@ class GuardedStatistics:
     Attributes
     ----------
     allan_channels, allan_groups : number of leading columns, and of their groups, with a curve and a spectrum.
-    history : curve of these columns and moments of all, without the warm-up.
-    spectrum : of these columns.
+    history : curve and spectrum of these columns and moments of all, without the warm-up.
     histogram : of all columns.
     differences : of neighbouring samples in the columns with a curve, warm-up included.
     """
 
     allan_channels: int
     allan_groups: int
-    history: HourlyStatistics
-    spectrum: SpectrumAccumulator
+    history: RecordStatistics
     histogram: HistogramAccumulator
     differences: DifferenceAccumulator
 
@@ -74,16 +64,14 @@ class GuardedStatistics:
         for item in items:
             if item.broken or item.skipped:
                 self.differences.break_()
-            for accumulator in (self.history, self.spectrum):  # the histogram does not depend on time
-                if item.broken:
-                    accumulator.break_()
-                if item.skipped:
-                    accumulator.skip(item.skipped)
+            if item.broken:
+                self.history.break_()
+            if item.skipped:
+                self.history.skip(item.skipped)
             if len(item.values):
                 valid = None if item.valid.all() else item.valid
                 allan_valid = None if valid is None else valid[:, : self.allan_groups]
                 self.history.update(item.values, valid)
-                self.spectrum.update(item.values[:, : self.allan_channels], allan_valid)
                 self.histogram.update(item.values, valid)
                 self.differences.update(item.values[:, : self.allan_channels], allan_valid)
 
@@ -168,7 +156,7 @@ class Accumulators:
         return preview
 
     @property
-    def history(self) -> HourlyStatistics:
+    def history(self) -> RecordStatistics:
         """Statistics of what the guard has passed, split by time."""
         return self._statistics.history
 
@@ -233,10 +221,6 @@ class Accumulators:
         """
         return self.statistics.differences.result(steps)
 
-    def is_warming_up(self) -> bool:
-        """Return whether the temperature of the sensor still rises."""
-        return is_warming_up(self.statistics.history.drift, self.temperature)
-
     def new_disturbances(self) -> list[Disturbance]:
         """Return the disturbances that ended since the last call."""
         return self.guard.events() if self.guarded else []
@@ -247,7 +231,6 @@ class Accumulators:
             "guard": self.guard.save(),
             "envelope": self.envelope.save(),
             "history": self._statistics.history.save(),
-            "spectrum": self._statistics.spectrum.save(least_s=SAVED_HOP_S),
             "histogram": self._statistics.histogram.save(),
             "differences": self._statistics.differences.save(),
         }
@@ -267,24 +250,22 @@ class Accumulators:
         self.guard = Guard.restore(subset(wide, "guard."))
         self.envelope = Envelope.restore(subset(wide, "envelope."))
         self._statistics.history.restore(subset(wide, "history."))
-        self._statistics.spectrum = SpectrumAccumulator.restore(subset(wide, "spectrum."))
         self._statistics.histogram = HistogramAccumulator.restore(subset(wide, "histogram."))
         self._statistics.differences = DifferenceAccumulator.restore(subset(wide, "differences."))
 
     def _new_statistics(self) -> GuardedStatistics:
         groups = self.groups[: self.allan_channels]
         inertial = [i for i, name in enumerate(self.channels) if sensor_of(name) in ("gyro", "accel")]
-        history = HourlyStatistics(
+        history = RecordStatistics(
             self.groups,
             self.allan_channels,
             self.interval_s,
-            partial(fit_curve, averaged=self._averaged, time_to=False),
+            averaged=self._averaged[: self.allan_channels],
             warmup_channels=inertial if self.guarded else (),
             temperature=self.temperature,
         )
-        spectrum = SpectrumAccumulator(groups, 1.0 / self.interval_s)
         histogram = HistogramAccumulator(self.groups)
         allan_groups = max(groups, default=-1) + 1
         differences = DifferenceAccumulator(groups)
         allan = self.allan_channels, allan_groups
-        return GuardedStatistics(*allan, history, spectrum, histogram, differences)
+        return GuardedStatistics(*allan, history, histogram, differences)

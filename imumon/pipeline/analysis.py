@@ -11,27 +11,30 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from imumon.noise.fit import ChannelFit, Estimator
+import numpy as np
+
+from imumon.noise.allan import AllanCurve
+from imumon.noise.fit import ChannelFit, Estimator, FittedCoefficient
 from imumon.noise.grading import LIMITS, GradedCoefficient, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.histogram import DistributionShape
-from imumon.noise.statistics.narrow_bands import NarrowBand
+from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.trends import Trends
 from imumon.report import Channel, SensorGrade
-from imumon.samples import UNITS, sensor_of
+from imumon.samples import UNITS, Floats, sensor_of
 
 YOUNG_GROWTH = 0.1
-"""Growth of a young record, as a share, after which it is analysed again: each result changes visibly. Not
-critical."""
+"""Growth of a young record, as a share, after which it is analysed again: each result changes visibly."""
 BASE_PAUSE_S = 5.0
-"""s, with `OLD_GROWTH` the pause from one analysis to the next, for the processor time. Not critical."""
+"""s, with `OLD_GROWTH` the pause from one analysis to the next, for the processor time."""
 OLD_GROWTH = 0.02
-"""Growth of an older record, as a share, after which it is analysed again. `Estimator` recomputes limits, its
-most expensive part, after the same growth. Not critical."""
+"""Growth of an older record, as a share, after which it is analysed again. `Estimator` fits a channel
+again after the same growth."""
+SCATTER_GROWTH = 1.5
+"""Growth of the record, as a factor, after which the scatter between its quarters is computed again."""
 LONGEST_PAUSE_S = 60.0
-"""s, longest pause, so that the end of the curve moves every minute. Not critical."""
+"""s, longest pause, so that the end of the curve moves every minute."""
 
 
 def pause_s(elapsed_s: float) -> float:
@@ -53,14 +56,14 @@ class Analysis:
 
     Attributes
     ----------
-    trends : drift of each channel, steps and settling of its mean.
     fits : by channel, of those with a curve.
     robust : by channel, of those with a curve, the robust companion of its shortest deviation.
     shapes : (c,) shape of the distribution of each channel; None without samples.
     channels : by channel, the fields of a report that come from the analysis.
     grades : headline of each graded sensor, from the fits alone.
     resolution : (c,) channel unit, quantisation steps of the channels with a curve; 0.0 without.
-    bands : narrow bands of the spectrum of each channel with a curve; None before the first analysis.
+    heats_up : whether the temperature of the device has not come to rest.
+    warming_up : whether it heats up, or the mean of an inertial channel settles.
     """
 
     def __init__(
@@ -68,7 +71,10 @@ class Analysis:
     ) -> None:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
-        self.trends = Trends(record, averaged=averaged)
+        self._quarters = Estimator(averaged=averaged, time_to=False)
+        self._scatter: Floats | None = None
+        self._scatter_due_s = 0.0
+        self.warming_up = self.heats_up = False
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
@@ -77,7 +83,6 @@ class Analysis:
         self.channels: dict[str, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
         self.resolution: list[float] | None = None
-        self.bands: Sequence[Sequence[NarrowBand]] | None = None
 
     def update(self, *, force: bool) -> None:
         """Recompute everything if it is due, or, with `force`, if anything has changed."""
@@ -87,25 +92,30 @@ class Analysis:
         early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
         if early or current == self._analysed:
             return
+        if record.warmup_s != self._analysed[2]:
+            self._scatter_due_s = 0.0
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
-        curve, density = statistics.history.curve(), statistics.spectrum.result()
-        self.shapes = statistics.histogram.result()
-        steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
-        self.resolution, self.bands = steps, density.bands
         history = statistics.history
+        curve, self.shapes = history.curve(), statistics.histogram.result()
+        steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
+        self.resolution = steps
         fits = self._estimator.fit(
             curve,
             renew=force or None,
             resolution=steps,
-            bands=density.bands,
-            quiet=None if history.begin_s else density.quiet,  # the spectrum contains the warm-up
             kurtosis=record.excess_kurtosis().tolist(),
-            blocks=history.drift.blocks(record.allan_channels, history.begin_s),
         )
+        inertial = [fits[c] for c in history.warmup_channels if c < len(fits)]
+        settles = still_settles(inertial, record.elapsed_s - history.begin_s)
+        self.heats_up = record.guarded and history.is_warming_up(curve)
+        self.warming_up = self.heats_up or (record.guarded and settles)
+        if self.warming_up:
+            fits = tuple(replace(fit, K=_bounded(fit.K)) for fit in fits)
         robust = record.robust_deviations(steps)
         self.robust = dict(zip(record.channels, robust, strict=False))
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self.trends.update(fits, curve, density.bands, force=force)
+        self._update_scatter(force=force)
+        spectrum = None if curve.sums is None else curve.sums.spectrum
         graded: dict[str, dict[str, dict[str, GradedCoefficient]]] = {}  # N and B by sensor and axis
         for name, each in self.fits.items():
             graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = {"N": each.N, "B": each.B}
@@ -117,11 +127,51 @@ class Analysis:
                 unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
             )
             if fit is not None:
-                trend, steady = self.trends.trend(column), self.trends.steady_fit(column)
+                made = report_builder.with_fit(channel, sensor, curve, column, fit, self._scatter_of(column))
                 channel = replace(
-                    report_builder.with_fit(channel, sensor, curve, column, fit, self.trends.scatter(column)),
-                    spectrum=report_builder.spectrum(sensor, density, column),
-                    drift=report_builder.drift(sensor, trend, steady),
+                    made,
+                    spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
+                    drift=report_builder.drift(fit, history.begin_s, _range(curve)),
                     robust=report_builder.robust(self.robust[name]),
                 )
             self.channels[name] = channel
+
+    def _update_scatter(self, *, force: bool) -> None:
+        """Compute the standard deviations of N, B and K between the quarters, when the record has grown enough."""
+        record = self._record
+        if not force and record.elapsed_s < self._scatter_due_s:
+            return
+        self._scatter_due_s = SCATTER_GROWTH * record.elapsed_s
+        quarters = record.statistics.history.quarters()
+        if quarters is None:
+            self._scatter = None
+            return
+        parts = [
+            self._quarters.fit_sums(sums, span, self.resolution, like=self._estimator)
+            for sums, span in quarters
+        ]
+        values = [[[getattr(fit, name).value for name in "NBK"] for fit in part] for part in parts]
+        self._scatter = np.std(np.array(values, dtype=np.float64), axis=0, ddof=1)
+
+    def _scatter_of(self, column: int) -> tuple[float | None, ...]:
+        """Return the standard deviations of N, B and K of a channel between quarters; None: unknown."""
+        if self._scatter is None:
+            return (None, None, None)
+        return tuple(float(value) if np.isfinite(value) else None for value in self._scatter[column])
+
+
+def _bounded(walk: FittedCoefficient) -> FittedCoefficient:
+    """Return K as an upper bound: what settles may look like it."""
+    if walk.status != "measured":
+        return walk
+    return FittedCoefficient(
+        low=0.0, high=walk.high, status="upper_bound", reason="the sensor is still warming up"
+    )
+
+
+def _range(curve: AllanCurve) -> tuple[float, float] | None:
+    """Return the least and the greatest block mean of the temperature, degC; None: there is none."""
+    degrees = None if curve.sums is None else curve.sums.degrees
+    if degrees is None or not np.isfinite(degrees).any():
+        return None
+    return float(np.nanmin(degrees)), float(np.nanmax(degrees))

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 
-from imumon.noise.nonstationarity.change import NoiseSummary, compare_with_report
+from imumon.messages import excluded_text
+from imumon.noise.stretches.change import compare_with_report
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
@@ -17,15 +18,14 @@ from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
 DISTURBED_SHARE = 0.1
-"""Share of the samples excluded from which the record has the caveat ``disturbed``. Not critical."""
+"""Share of the samples excluded from which the record has the caveat ``disturbed``."""
 GAPS_SHARE = 0.1
-"""Share of the samples missing from which the record has the caveat ``gaps``. Not critical."""
+"""Share of the samples missing from which the record has the caveat ``gaps``."""
 UNGRADED_SHARE = 0.5
-"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative. Not
-critical."""
+"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
 
 
-def record_caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
+def record_caveats(record: Accumulators, analysis: Analysis, *, guarded: bool) -> tuple[str, ...]:
     """Return the caveats that hold for the whole record."""
     holds = {
         "not_at_rest": not record.guard.at_rest,
@@ -33,19 +33,19 @@ def record_caveats(record: Accumulators, *, guarded: bool) -> tuple[str, ...]:
         "saturated": "clipped" in record.excluded_by,
         "stuck": record.stuck,
         "gaps": record.missing_share > GAPS_SHARE,
-        "warming_up": guarded and record.is_warming_up(),
+        "warming_up": guarded and analysis.warming_up,
     }
     return tuple(caveat for caveat, true in holds.items() if true)
 
 
 def no_grade_reason(record: Accumulators) -> str | None:
     """Return why nothing of this record can be graded; None if it can."""
-    if not record.guard.at_rest:
-        return "the sensor is not at rest"
     if record.stuck or record.stuck_share > UNGRADED_SHARE:
         return f"{record.stuck_share:.0%} of the samples repeat: stuck"
     if record.excluded_share > UNGRADED_SHARE:
-        return f"{record.excluded_share:.0%} of the record is excluded: was it moved?"
+        return excluded_text(record.excluded_share, record.excluded_by)
+    if not record.guard.at_rest:
+        return "the sensor is not at rest"
     return None
 
 
@@ -62,11 +62,10 @@ def detect_changes(
     changes = {column: list(each) for column, each in record.statistics.history.changes().items()}
     for column, (name, fit) in enumerate(analysis.fits.items()):
         own = changes.setdefault(column, [])
-        step = analysis.trends.bias_step(column)
-        if step is not None and not any(change.quantity == "bias" for change in own):
-            own.append(step)
+        if fit.step is not None:
+            own.append(fit.step)
         if baseline is not None:
-            own += compare_with_report(baseline, name, NoiseSummary.of(fit, None, record.elapsed_s))
+            own += compare_with_report(baseline, name, fit)
     return {column: tuple(own) for column, own in changes.items() if own}
 
 
@@ -103,8 +102,7 @@ def assess_channels(
                 "outliers": bool(noisy[column]) or (robust is not None and robust.disagrees),
                 "constant": name in constant,
                 "changed": column in changes,
-                "temperature": channel.drift is not None and channel.drift.steady_N is not None,
-                "warming_up": analysis.trends.is_settling(column),
+                "temperature": fit.follows_temperature,
             }
             caveats = (
                 *record_caveats,

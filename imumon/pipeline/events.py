@@ -14,7 +14,7 @@ from datetime import datetime
 import numpy as np
 
 from imumon.messages import EVENT_LEVELS, grade_text
-from imumon.noise.nonstationarity.hourly_statistics import HOURS_BEFORE
+from imumon.noise.stretches.record_statistics import HOURS_BEFORE
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.loss import LossChange
@@ -25,15 +25,14 @@ from imumon.units import duration
 
 GAP_EVENT_S = 10.0
 """s of device time between two events about gaps, or about resets of the clock: a lossy link or a broken clock
-must not flood the log. Not critical."""
+must not flood the log."""
 
 GRADE_HOLD = 1.1
 """Growth of the record, as a factor, over which another grade must hold before it is an event: a value near
-the limit of two grades changes sides with every fit. Not critical."""
+the limit of two grades changes sides with every fit."""
 
 CHANGE_HOLD_S = 60.0
-"""s of the record without a change after which it is over: one near the limit comes and goes with every fit.
-Not critical."""
+"""s of the record without a change after which it is over: one near the limit comes and goes with every fit."""
 
 NOTICE: Level = "notice"
 
@@ -145,10 +144,13 @@ class EventLog:
         for elapsed_s, changes in comparisons:
             self._update_changes(changes, record.channels, elapsed_s, hourly=True)
 
-    def update_warmup(self, record: Accumulators, warming_up: bool) -> None:
-        """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it."""
+    def update_warmup(self, record: Accumulators, warming_up: bool, *, heats_up: bool) -> None:
+        """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it.
+
+        The temperature begins it: means that seem to settle for a while are no event.
+        """
         over = self._warming_up and not warming_up
-        self._warming_up = warming_up
+        self._warming_up = warming_up and (self._warming_up or heats_up)
         if over and not self._warmup_reported and not record.warmup_s:
             self._warmup_reported = True
             text = "the warm-up is over: it does not show in the record so far, nothing is excluded"

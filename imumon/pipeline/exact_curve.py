@@ -21,7 +21,7 @@ from imumon.report import Allan, Channel
 from imumon.samples import Floats, Ints
 
 SAME_TAU = 1e-6
-"""Relative difference up to which two averaging times are the same. Not critical."""
+"""Relative difference up to which two averaging times are the same."""
 
 
 def exact_curves(

@@ -18,8 +18,7 @@ from imumon.samples import Bools, Floats
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 LONG_GAP = 256
-"""Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do. Not
-critical."""
+"""Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
 
 
 @dataclass(frozen=True, slots=True)

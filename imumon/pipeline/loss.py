@@ -18,10 +18,10 @@ import numpy as np
 from imumon.samples import Ints
 
 WINDOW_S = 60
-"""s of the sample clock that the loss refers to. Not critical."""
+"""s of the sample clock that the loss refers to."""
 
 RECOVERED = 0.5
-"""Share of the threshold below which a link has recovered. Not critical."""
+"""Share of the threshold below which a link has recovered."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@
     gap_fill        steps of the sample clock to dense blocks, long gaps and breaks
     accumulators    every accumulator of one stream
     analysis        fits, spectra and shapes, recomputed when the record has grown
-    trends          drift and comparisons, recomputed less often
     assessment      what the results mean: caveats, changes, grades
     report_builder  results as parts of the report
     events          what happened, each thing once
@@ -44,18 +43,16 @@ from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
 NO_CLOCK_SAMPLES = 100
 """Samples of a stream without clock and rate after which the monitor stops waiting for another stream: a
-device that sends several streams has sent all of them by then. Not critical."""
+device that sends several streams has sent all of them by then."""
 
 NO_CLOCK_S = 5.0
-"""s, the same limit by the host clock, because 100 samples of a slow stream take long. Not critical."""
+"""s, the same limit by the host clock, because 100 samples of a slow stream take long."""
 
 SAME_INTERVAL = 1e-3
-"""Relative difference up to which a measured interval is that of the record: clocks agree to 1e-4. Not
-critical."""
+"""Relative difference up to which a measured interval is that of the record: clocks agree to 1e-4."""
 
 SAME_GIVEN_RATE = 1e-6
-"""Relative difference up to which two configured rates are the same: they are equal but for rounding. Not
-critical."""
+"""Relative difference up to which two configured rates are the same: they are equal but for rounding."""
 
 LIMIT_CURVES = limit_curves(LIMITS)
 
@@ -205,7 +202,7 @@ class Monitor:
 
     def _update_periods(self, record: Accumulators) -> None:
         if self._periods is None:
-            record.history.stretches.drain()
+            record.history.finished_stretches()
         else:
             self._periods.update()
             self._finished_periods += self._periods.drain()
@@ -263,7 +260,10 @@ class Monitor:
         if record is None or analysis is None:
             return bare
         analysis.update(force=state != "running")
-        caveats = (*device_caveats, *assessment.record_caveats(record, guarded=self.options.guarded))
+        caveats = (
+            *device_caveats,
+            *assessment.record_caveats(record, analysis, guarded=self.options.guarded),
+        )
         changes = assessment.detect_changes(record, analysis, self.options.baseline)
         reason = assessment.no_grade_reason(record)
         grades = assessment.sensor_grades(analysis, reason)
@@ -271,7 +271,8 @@ class Monitor:
         self._events.update_changes(changes, record)
         self._events.update_grades(grades, record)
         channels = assessment.assess_channels(record, analysis, caveats, changes, reason)
-        self._events.update_warmup(record, any("warming_up" in each.caveats for each in channels.values()))
+        warming_up = any("warming_up" in each.caveats for each in channels.values())
+        self._events.update_warmup(record, warming_up, heats_up=analysis.heats_up)
         return replace(
             bare,
             grade=grades,

@@ -12,9 +12,12 @@ from typing import Any
 
 from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
 from imumon.noise.fit import Estimator, FittedCoefficient
-from imumon.noise.nonstationarity.stretches import STEPS_S, Stretch
+from imumon.noise.stretches.stretches import STEPS_S, Stretch
 from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.analysis import Analysis, pause_s
+from imumon.pipeline.analysis import LONGEST_PAUSE_S, Analysis
+
+LEAST_PAUSE_S, PAUSE_GROWTH = 30.0, 0.25
+"""s, shortest pause from one fit of a period in progress to the next, and its growth, as a share."""
 
 COUNTED = ("samples", "missing", "excluded")
 
@@ -31,7 +34,7 @@ class Periods:
 
     def __init__(self, record: Accumulators, analysis: Analysis, *, averaged: Sequence[bool]) -> None:
         self._record, self._analysis = record, analysis
-        self._estimator = Estimator(averaged=averaged, time_to=False)
+        self._estimators = {step: Estimator(averaged=averaged, time_to=False) for step in STEPS_S}
         self._counted = {step: dict.fromkeys(COUNTED, 0) for step in STEPS_S}  # up to the last period
         self._finished: list[HistoryPeriod] = []
         self._current: dict[int, HistoryPeriod] = {}
@@ -39,8 +42,7 @@ class Periods:
 
     def update(self) -> None:
         """Keep the periods that have ended; call it after all samples that are added."""
-        stretches = self._record.history.stretches
-        for stretch in stretches.drain():
+        for stretch in self._record.history.finished_stretches():
             self._finished.append(self._period(stretch, complete=True))
             self._counted[stretch.step_s] = self._counts()
             self._due_s = 0.0
@@ -74,7 +76,7 @@ class Periods:
             else:
                 self._current[step] = self._period(stretch, complete=False)
         own = record.elapsed_s % STEPS_S[0]
-        self._due_s = max(record.elapsed_s + pause_s(own), 1e-9)
+        self._due_s = record.elapsed_s + min(max(LEAST_PAUSE_S, PAUSE_GROWTH * own), LONGEST_PAUSE_S)
         return list(self._current.values())
 
     def save(self) -> dict[str, Any]:
@@ -88,7 +90,7 @@ class Periods:
             self._counted[step] = {name: int(counts[name]) for name in COUNTED}
 
     def _stretch(self, step_s: int) -> Stretch | None:
-        return self._record.history.stretches.in_progress(STEPS_S.index(step_s))
+        return self._record.history.stretch_in_progress(step_s)
 
     def _counts(self) -> dict[str, int]:
         record = self._record
@@ -114,17 +116,15 @@ class Periods:
             missing=now["missing"] - before["missing"],
             excluded_s=(now["excluded"] - before["excluded"]) * interval_s,
             temperature=temperature,
-            warming_up=record.guarded and (record.is_warming_up() or self._analysis.trends.any_settling),
+            warming_up=self._analysis.warming_up,
             grades={sensor: grade.nearest for sensor, grade in self._analysis.grades.items()},
             channels=self._channels(stretch, moments),
         )
 
     def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[str, PeriodChannel]:
         record = self._record
-        curve = stretch.sums.curve(record.interval_s)
-        fits = self._estimator.fit(
-            curve, renew=True, resolution=self._analysis.resolution, bands=self._analysis.bands
-        )
+        estimator, length = self._estimators[stretch.step_s], stretch.end - stretch.start
+        fits = estimator.fit_sums(stretch.sums, length, self._analysis.resolution)
         channels = {}
         for column, name in enumerate(record.channels):
             own = moments[column]

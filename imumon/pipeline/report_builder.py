@@ -17,49 +17,42 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
 from imumon.noise.fit.results import FittedCoefficient
 from imumon.noise.grading import LIMITS, grade_channel
-from imumon.noise.nonstationarity.drift import Trend
-from imumon.noise.nonstationarity.mean_covariance import MeanCovariance
+from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
 from imumon.noise.statistics.histogram import DistributionShape
-from imumon.noise.statistics.psd import PowerSpectrum
 from imumon.samples import UNITS, Floats, sensor_of
 from imumon.units import HOUR, READABLE, SI, STANDARD_GRAVITY
 
 NEARLY_VERTICAL = 0.95
 """Share of gravity that an axis must measure to have a bias: the excess of the vector's length says nothing
-of axes across it, and the tilt of a more slanted axis adds more than its bias. Sensitivity: halved 0 %,
-doubled changes which values appear (accel z distribution bias_low of the record "disturbed")."""
+of axes across it, and the tilt of a more slanted axis adds more than its bias."""
 
 LEAST_GRAVITY = 0.5
-"""Standard gravities, least length of the accelerometer's mean that is taken for gravity. Sensitivity: halved
-0 %, doubled changes which values appear (accel z distribution bias_low of the record "disturbed")."""
+"""Standard gravities, least length of the accelerometer's mean that is taken for gravity."""
 MOST_GRAVITY = 2.0
-"""Standard gravities, greatest length of the accelerometer's mean that is taken for gravity. Not critical."""
+"""Standard gravities, greatest length of the accelerometer's mean that is taken for gravity."""
 
 GRAVITY_SPREAD = 0.027
-"""M/s^2, greatest difference of gravity at sea level, equator and poles, from the standard one. Sensitivity:
-halved 59 %, doubled 54 % (accel z distribution bias_low of the record "table")."""
+"""M/s^2, greatest difference of gravity at sea level, equator and poles, from the standard one."""
 
 HORIZONTAL_BIAS = 0.05
-"""M/s^2, assumed limit of the bias of the axes beside the vertical one: 5 mg, that of a consumer sensor. Not
-critical."""
+"""M/s^2, assumed limit of the bias of the axes beside the vertical one: 5 mg, that of a consumer sensor."""
 
 LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval. Sensitivity: halved 99 %, doubled 1.2e+02 % (gyro x
-distribution bias_low of the record "disturbed")."""
+"""Standard errors, half-width of a 95 % interval."""
 
 REPORTED_BINS = 64
-"""Most bins in a report, for the size of the message. Not critical."""
+"""Most bins in a report, for the size of the message."""
 POINTS_PER_DECADE = 24
-"""Most points per decade of frequency in a report, for the size of the message. Not critical."""
+"""Most points per decade of frequency in a report, for the size of the message."""
 SIGNAL_DIGITS = 8
-"""Significant digits in a signal view: gravity with noise of 1e-6 m/s^2 must not show steps. Not critical."""
-NO_SCATTER = "scatter: the record is too short for quarters"
+"""Significant digits in a signal view: gravity with noise of 1e-6 m/s^2 must not show steps."""
+NO_SCATTER = "scatter: not every quarter of the record shows a value"
 """Reason of a coefficient with a value and no scatter."""
 
 CURVE_DIGITS = 5
-"""Significant digits of a spectrum, for the size of the message. Not critical."""
+"""Significant digits of a spectrum, for the size of the message."""
 
 
 def coefficient(
@@ -90,6 +83,7 @@ def allan(curve: AllanCurve, column: int, fit: ChannelFit) -> report.Allan:
         high=_positive(fit.high[rows]),
         edf=_positive(fit.edf[rows]),
         model=_positive(fit.model[rows]),
+        noise=_positive(fit.noise[rows]),
         used=tuple(fit.used[rows].tolist()),
     )
 
@@ -113,6 +107,9 @@ def with_fit(
         N=coefficient(sensor, "N", fit.N, scatter[0]),
         B=coefficient(sensor, "B", fit.B, scatter[1]),
         K=coefficient(sensor, "K", fit.K, scatter[2]),
+        Q=None if fit.Q is None else replace(coefficient(sensor, "Q", fit.Q), reason=None),
+        R=None if fit.R is None else replace(coefficient(sensor, "R", fit.R), reason=None),
+        model=noise_model(sensor, fit),
         grade=grade_channel(sensor, N=fit.N, B=fit.B) if sensor in LIMITS else None,
         readings=fit.readings,
         time_to=fit.time_to,
@@ -208,7 +205,7 @@ def with_bias(
     length_s : s, of the record.
     """
     mean = means[name]
-    noise = None if fit is None else MeanCovariance.of(fit)
+    noise = None if fit is None else _largest(fit)
     sensor, extra = sensor_of(name), 0.0
     if mean is None or noise is None or length_s <= 0.0 or sensor not in ("gyro", "accel"):
         return distribution
@@ -223,32 +220,61 @@ def with_bias(
         mean = (length - STANDARD_GRAVITY) / cosine
         extra = GRAVITY_SPREAD + HORIZONTAL_BIAS * math.sqrt(1.0 - cosine**2)
     flicker = 2.0 * math.log(2.0) / math.pi
-    variance = noise.N**2 / length_s + flicker * noise.B**2 + noise.K**2 * length_s / 3.0
+    variance = noise[0] ** 2 / length_s + flicker * noise[1] ** 2 + noise[2] ** 2 * length_s / 3.0
     half = LIMIT_95 * math.sqrt(variance) + extra
     return replace(distribution, bias=mean, bias_low=mean - half, bias_high=mean + half)
 
 
-def drift(sensor: str, trend: Trend | None, steady: ChannelFit | None) -> report.Drift | None:
-    """Return slopes per hour and per degC with their limits, and the noise at a constant temperature."""
-    if trend is None:
+def _largest(fit: ChannelFit) -> tuple[float, float, float] | None:
+    """Return N, B and K, at the upper limit where there is no value; None while one is pending."""
+    n, b, k = (c.value if c.value is not None else c.high for c in (fit.N, fit.B, fit.K))
+    return None if n is None or b is None or k is None else (n, b, k)
+
+
+def noise_model(sensor: str, fit: ChannelFit) -> report.NoiseModel | None:
+    """Return what describes the slow and the fast part of a channel; None without a fit."""
+    if fit.highest_hz is None:
         return None
-    time, temperature = trend.time, trend.temperature
+    unit = UNITS[sensor]
+    units = {"drift": f"{unit}/s", "temperature": f"{unit}/degC"}
+    return report.NoiseModel(
+        columns=tuple(
+            report.ModelColumn(
+                name=each.name,
+                value=each.value,
+                low=each.value - LIMIT_95 * each.error,
+                high=each.value + LIMIT_95 * each.error,
+                unit=units.get(each.name, unit),
+                time_constant_s=each.at_s if each.name == "settling" else None,
+            )
+            for each in fit.columns
+        ),
+        lines_hz=fit.lines_hz,
+        oscillations_s=fit.oscillations_s,
+        highest_hz=fit.highest_hz,
+    )
+
+
+def drift(fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None) -> report.Drift | None:
+    """Return slopes per hour and per degC with their limits; None without a fit."""
+    time, temperature = fit.column("drift"), fit.column("temperature")
+    if time is None:
+        return None
+    half = LIMIT_95 * time.error
+    slope = None if temperature is None else LIMIT_95 * temperature.error
     return report.Drift(
         per_hour=time.value * HOUR,
-        per_hour_low=time.low * HOUR,
-        per_hour_high=time.high * HOUR,
-        significant=time.significant if trend.separable else None,
-        begin_s=trend.begin_s,
-        reason=trend.reason,
-        temperature_min=trend.covered[0] if trend.covered else None,
-        temperature_max=trend.covered[1] if trend.covered else None,
+        per_hour_low=(time.value - half) * HOUR,
+        per_hour_high=(time.value + half) * HOUR,
+        significant=None if fit.no_slope == "collinear" else time.significant,
+        begin_s=begin_s,
+        reason=fit.no_slope or None,
+        temperature_min=covered[0] if covered else None,
+        temperature_max=covered[1] if covered else None,
         per_degC=temperature.value if temperature else None,
-        per_degC_low=temperature.low if temperature else None,
-        per_degC_high=temperature.high if temperature else None,
-        explained=trend.explained if temperature else None,
-        steady_N=coefficient(sensor, "N", steady.N) if steady else None,
-        steady_B=coefficient(sensor, "B", steady.B) if steady else None,
-        steady_K=coefficient(sensor, "K", steady.K) if steady else None,
+        per_degC_low=temperature.value - slope if temperature and slope is not None else None,
+        per_degC_high=temperature.value + slope if temperature and slope is not None else None,
+        explained=fit.explained if temperature else None,
     )
 
 

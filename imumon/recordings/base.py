@@ -11,8 +11,7 @@ from imumon.report import plain
 from imumon.samples import Gap, Kind, SampleBlock
 
 BLOCK_BYTES = 1 << 20
-"""Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast. Not
-critical."""
+"""Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast."""
 
 
 class RecordingError(ImumonError):

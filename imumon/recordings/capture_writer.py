@@ -21,13 +21,13 @@ from imumon.recordings.base import RecordingError
 from imumon.recordings.raw_capture import MARK, part_path
 
 BACKLOG = 8 << 20
-"""Bytes that wait for a slow disk; with more, the recording ends. Not critical."""
+"""Bytes that wait for a slow disk; with more, the recording ends."""
 
 FLUSH_S = 1.0
-"""s of data that a kill may cost. Not critical."""
+"""s of data that a kill may cost."""
 
 COMPRESSED_FLUSHES = 10
-"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression. Not critical."""
+"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression."""
 
 
 def check_place(path: str) -> BinaryIO | None:

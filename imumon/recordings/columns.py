@@ -34,13 +34,13 @@ INERTIAL = {"gyro", "accel"}
 """Sensors of which a table must have one."""
 
 SIMILAR = 0.3
-"""Similarity of names (difflib ratio) from which one is suggested for another. Not critical."""
+"""Similarity of names (difflib ratio) from which one is suggested for another."""
 
 MOST_COLUMNS = 2000
-"""Columns of the widest table: logs have some hundreds. Not critical."""
+"""Columns of the widest table: logs have some hundreds."""
 
 LISTED = 8
-"""Column names that a message lists. Not critical."""
+"""Column names that a message lists."""
 
 MAP_EXAMPLE = "--map gyro/x=COLUMN:UNIT,..."
 

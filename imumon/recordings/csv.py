@@ -29,19 +29,19 @@ from imumon.samples import Floats, SampleBlock
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
 PREAMBLE = 30
-"""Lines before which the header must come. Not critical."""
+"""Lines before which the header must come."""
 
 INVALID_SHARE = 0.1
-"""Share of invalid rows above which a file is no table. Not critical."""
+"""Share of invalid rows above which a file is no table."""
 
 INVALID_ROWS = 10
-"""Invalid rows that every table may have. Not critical."""
+"""Invalid rows that every table may have."""
 
 LONGEST_LINE = 1 << 16
-"""Bytes of a line; a longer one is an invalid row. Not critical."""
+"""Bytes of a line; a longer one is an invalid row."""
 
 BLOCK_BYTES = 1 << 23
-"""Bytes of lines that are parsed at once. Not critical."""
+"""Bytes of lines that are parsed at once."""
 
 _TOO_LONG = "\udfff"
 """Line in place of one that is too long; no text in UTF-8 or Latin-1 has this character."""
@@ -50,13 +50,12 @@ _TOO_LONG_BYTES = b"\xed\xbf\xbf"
 """The same in front of the decoder: it is no UTF-8."""
 
 TIME_ROWS = 1000
-"""Rows that show whether a column of time is readable. Not critical."""
+"""Rows that show whether a column of time is readable."""
 
 QUOTED = 30
-"""Characters of a cell that are quoted in a message. Not critical."""
+"""Characters of a cell that are quoted in a message."""
 
 DAY_S = 86_400.0
-"""Not critical."""
 
 ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]
 """Spellings of these that the fast reader knows. A block with another one is read line by line."""

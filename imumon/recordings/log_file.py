@@ -48,7 +48,7 @@ MAGIC = {
 
 IMU = "sensor_msgs/msg/Imu"
 LONGEST_LINE = 1 << 24
-"""Bytes of a line from the process that reads the log. Not critical."""
+"""Bytes of a line from the process that reads the log."""
 
 
 def log_kind(path: str, head: bytes) -> str | None:

@@ -22,10 +22,10 @@ from imumon.report import plain
 from imumon.samples import AXES, Floats, SampleBlock
 
 MOST_RATIO = 100
-"""Bytes per byte of the file to which an archive may decompress: numbers of a sensor reach 10. Not critical."""
+"""Bytes per byte of the file to which an archive may decompress: numbers of a sensor reach 10."""
 
 FREE_BYTES = 1 << 26
-"""Bytes to which every archive may decompress. Not critical."""
+"""Bytes to which every archive may decompress."""
 
 
 class NpzFile(Table):

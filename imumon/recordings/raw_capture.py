@@ -25,16 +25,16 @@ MARK = b"#imumon-recording "
 """Start of a line that is no data."""
 
 LONGEST_LINE = 1 << 16
-"""Bytes of such a line; a longer one is data. Not critical."""
+"""Bytes of such a line; a longer one is data."""
 
 CHUNK = 256 << 10
-"""Bytes that are read at once. Not critical."""
+"""Bytes that are read at once."""
 
 INFLATED_AT_ONCE = 1 << 12
-"""Bytes of a gzip file that are decompressed at once: a file of tiny members is copied for each. Not critical."""
+"""Bytes of a gzip file that are decompressed at once: a file of tiny members is copied for each."""
 
 MOST_PARTS = 10_000
-"""Parts of which a capture is not read twice; memory does not grow with their number. Not critical."""
+"""Parts of which a capture is not read twice; memory does not grow with their number."""
 
 ACCESS = "check the path and its permissions"
 """Cure for a file that cannot be opened."""

@@ -18,14 +18,13 @@ from imumon.recordings.sentence_table import sentence_table
 from imumon.samples import Gap, SampleBlock
 
 SNIFF_BYTES = 1 << 14
-"""Bytes of a text that are searched for its header line. Not critical."""
+"""Bytes of a text that are searched for its header line."""
 
 NUMBER_LINES = 20
-"""Lines that show whether a text without a header is a table of numbers. Not critical."""
+"""Lines that show whether a text without a header is a table of numbers."""
 
 UTF_16_ZEROS = 50
-"""Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16. Not
-critical."""
+"""Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16."""
 
 
 class DecodedCapture(Recording):

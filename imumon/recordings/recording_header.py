@@ -14,7 +14,7 @@ from typing import Any
 from imumon.report import plain, stamp
 
 MAX_CHARACTERS = 200
-"""Characters of a text that are kept. Not critical."""
+"""Characters of a text that are kept."""
 
 
 def read_header(line: bytes) -> dict[str, Any] | None:

@@ -32,10 +32,10 @@ SI = {"gyro": "rad/s", "accel": "m/s2", "mag": "gauss", "temperature": "degc", "
 """Units of samples, as `column_names` spells them."""
 
 SHOWN_BYTES = 1 << 14
-"""Bytes at the start that show the form of the table. Not critical."""
+"""Bytes at the start that show the form of the table."""
 
 SHOWN_LINES = 30
-"""Lines at the start that show the form of the table. Not critical."""
+"""Lines at the start that show the form of the table."""
 
 
 class SentenceTable(Table):

@@ -25,29 +25,25 @@ from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
 
 ROWS = 1 << 15
-"""Rows in one block. Not critical."""
+"""Rows in one block."""
 
 LARGEST = 1e100
-"""Size from which a number counts as missing: no instrument writes it, and its square overflows. Not
-critical."""
+"""Size from which a number counts as missing: no instrument writes it, and its square overflows."""
 
 RATE_SHARE = 0.02
-"""Share by which a configured rate may differ from that of the stamps without a remark. Not critical."""
+"""Share by which a configured rate may differ from that of the stamps without a remark."""
 
 FILLED = 0.9
-"""Share of the first rows in which a column of time or of a slow sensor must have a number. Sensitivity:
-halved 0 %, doubled changes which values appear ( tmp tmpp_noetcf.csv of the record "RateRequired")."""
+"""Share of the first rows in which a column of time or of a slow sensor must have a number."""
 
 LONGEST_NS = 4e18
-"""ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits. Not
-critical."""
+"""ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
 
 MOST_COPIES = 4
-"""Rows in a row with one stamp up to which they may be copies of one. Not critical."""
+"""Rows in a row with one stamp up to which they may be copies of one."""
 
 COPIED = 0.99
-"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled. Not
-critical."""
+"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
 
 ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message", "px4": "message", "ardupilot": "message"}
 """Word for a row of a table in messages."""
@@ -63,7 +59,7 @@ OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
 """Message and cure for a time that shows no rate."""
 
 ZERO_CELSIUS = 273.15
-"""K. Not critical."""
+"""K."""
 
 
 class Table(Recording):

@@ -17,7 +17,7 @@ from imumon.report import Channel, Coefficient, Report
 from imumon.samples import sensor_of
 
 ALIASED = 1.001
-"""Alias factor above which N counts as raised, beyond rounding errors. Not critical."""
+"""Alias factor above which N counts as raised, beyond rounding errors."""
 
 
 def conformity(report: Report, sheet: ReferenceSheet) -> Conformity:

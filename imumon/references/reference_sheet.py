@@ -23,7 +23,7 @@ from imumon.samples import AXES, sensor_of
 from imumon.units import DEG, HOUR, STANDARD_GRAVITY
 
 MAX_BYTES = 1 << 18
-"""Bytes of a file that is read. Not critical."""
+"""Bytes of a file that is read."""
 SENSORS = ("gyro", "accel", "mag")
 BASES = ("maximum", "typical")
 FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)

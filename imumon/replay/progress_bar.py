@@ -17,13 +17,13 @@ from typing import TextIO
 from imumon.units import duration
 
 BEGIN_S = 2.0
-"""s after which the bar appears. Not critical."""
+"""s after which the bar appears."""
 
 REDRAW_S = 0.2
-"""s between two drawings. Not critical."""
+"""s between two drawings."""
 
 WIDTH = 20
-"""Characters of the bar. Not critical."""
+"""Characters of the bar."""
 
 
 class ProgressBar:

@@ -14,11 +14,11 @@ from imumon.recordings import Recording
 from imumon.samples import Gap, SampleBlock
 
 BLOCKS = 2
-"""Blocks that wait: one is enough for equal blocks, a second one evens out unequal ones. Not critical."""
+"""Blocks that wait: one is enough for equal blocks, a second one evens out unequal ones."""
 
 END_S = 1.0
 """s that the end waits for the thread: a block takes far less, a pipe without data has no limit. If the
-interpreter ends while a thread is inside a library in C++, that aborts the process. Not critical."""
+interpreter ends while a thread is inside a library in C++, that aborts the process."""
 
 Items = Sequence[SampleBlock | Gap]
 

@@ -35,7 +35,7 @@ PUBLISH_S = 1.0
 
 
 ALIASED = 1.001
-"""Alias factor above which N is called aliased: more than rounding. Not critical."""
+"""Alias factor above which N is called aliased: more than rounding."""
 
 TauGrid: TypeAlias = Literal["octave", "decade"]
 

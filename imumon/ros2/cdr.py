@@ -19,9 +19,9 @@ LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 BODY = 4
 """Bytes of that header."""
 MAX_STRING = 4096
-"""Bytes of a string that is read. Not critical."""
+"""Bytes of a string that is read."""
 MAX_SEQUENCE = 4096
-"""Elements of a sequence that is read. Not critical."""
+"""Elements of a sequence that is read."""
 
 _FORMATS = {
     "int8": "b", "uint8": "B", "byte": "B", "bool": "?", "int16": "h", "uint16": "H", "int32": "i",

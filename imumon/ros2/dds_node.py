@@ -28,11 +28,11 @@ from imumon.ros2.node import (
 )
 
 QUEUE_MESSAGES = 1 << 14
-"""Messages of a topic that may wait: 16 s at 1 kHz. Not critical."""
+"""Messages of a topic that may wait: 16 s at 1 kHz."""
 MOST_PUBLISHERS = 1 << 12
-"""Publishers of a domain that are looked at. Not critical."""
+"""Publishers of a domain that are looked at."""
 WAIT_MS = 200
-"""ms after which a wait for a message sees the end of the node. Not critical."""
+"""ms after which a wait for a message sees the end of the node."""
 PREFIX = "rt/"
 """Begins the DDS topic of each ROS 2 topic."""
 

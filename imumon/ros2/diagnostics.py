@@ -21,7 +21,7 @@ DIAGNOSTICS = "/diagnostics"
 OK, WARN, ERROR, STALE = range(4)
 """Levels of a DiagnosticStatus."""
 MAX_LOSS = 0.01
-"""Share of missing samples above which the stream has a warning, as in `imumon check`. Not critical."""
+"""Share of missing samples above which the stream has a warning, as in `imumon check`."""
 WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated", "loop")
 """Caveats that make a warning."""
 STATES: Mapping[str, tuple[int, str]] = {

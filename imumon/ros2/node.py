@@ -24,7 +24,7 @@ MAX_DOMAIN = 232
 MIDDLEWARE = ("zenoh", "dds")
 TOPIC_PARAMETERS = ("accel", "mag", "temperature")
 SHOWN_TOPICS = 8
-"""Topics that a message lists at most. Not critical."""
+"""Topics that a message lists at most."""
 EXAMPLE = "write ros2:/imu/data?domain=0"
 
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)

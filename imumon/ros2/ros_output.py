@@ -21,11 +21,11 @@ from imumon.ros2.message_types import DIAGNOSTIC_ARRAY, IMU
 from imumon.ros2.node import RosError, RosNode, TopicUrl, open_node, parse_url, topic_name
 
 RETRY_S = 2.0
-"""s between two attempts to reach the system. Not critical."""
+"""s between two attempts to reach the system."""
 WAIT_S = 0.2
-"""s after which the thread sees the end of the run. Not critical."""
+"""s after which the thread sees the end of the run."""
 CLOSE_S = 3.0
-"""s that the threads may take to end. Not critical."""
+"""s that the threads may take to end."""
 
 
 class RosOutput:

@@ -48,20 +48,20 @@ from imumon.ros2.topic_keys import (
 
 THREADS = "(rx: (worker_threads: 1), app: (worker_threads: 1))"
 """Threads of Zenoh that receive and that handle, instead of two each: one task that moves between threads wakes them a
-thousand times per second at 1 kHz, which is a quarter of the cost of a message. Not critical."""
+thousand times per second at 1 kHz, which is a quarter of the cost of a message."""
 QUEUE_MESSAGES = 1 << 14
-"""Messages of a topic that may wait: 16 s at 1 kHz, 8 MB. Not critical."""
+"""Messages of a topic that may wait: 16 s at 1 kHz, 8 MB."""
 MAX_TOKENS = 1 << 14
-"""Publishers, subscriptions and nodes that are kept of a domain. Not critical."""
+"""Publishers, subscriptions and nodes that are kept of a domain."""
 MAX_MESSAGE_BYTES = 1 << 20
-"""Bytes of a message that is accepted; an Imu has 320. Not critical."""
+"""Bytes of a message that is accepted; an Imu has 320."""
 LEASE_MS = 10_000
 """ms after which a silent link is closed, as by default in Zenoh: the link of a host that is busy for two seconds must
-stay, with what waits in it. The end of a router shows at once. Not critical."""
+stay, with what waits in it. The end of a router shows at once."""
 RETRY_MS = {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 1.5}
-"""Times between two attempts to connect to a router that is gone. Not critical."""
+"""Times between two attempts to connect to a router that is gone."""
 ANSWER_S = 1.0
-"""s that the router may take to list the graph. Not critical."""
+"""s that the router may take to list the graph."""
 
 
 class ZenohSubscription(Subscription):

@@ -14,59 +14,54 @@ import numpy as np
 from imumon.samples import Floats, Ints
 
 RATE_PRECISION = 1e-4
-"""Relative standard error at which a learned interval is good enough: it moves N by 0.005 %. Not critical."""
+"""Relative standard error at which a learned interval is good enough: it moves N by 0.005 %."""
 
 NOMINAL_SHARE = 0.02
 """Share by which measured steps may differ from a nominal interval that is one: less than between the
-neighbouring output rates of any device. Not critical."""
+neighbouring output rates of any device."""
 
 SIGNIFICANT = 3.0
-"""Standard errors by which a learned interval differs from a nominal one, or from whole Hz. Not critical."""
+"""Standard errors by which a learned interval differs from a nominal one, or from whole Hz."""
 
 SINGLE_STEP = 1.5
-"""Shortest steps by which a step may differ from the shortest ones and still be of one interval. Sensitivity:
-halved changes which values appear, doubled 0 % (cannot of the record "ValueError")."""
+"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
 
 SHORTEST_STEP = 0.9
-"""Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks. Not
-critical."""
+"""Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
 
 PASSES = 8
-"""Passes of counting and fitting; two are enough without jitter. Not critical."""
+"""Passes of counting and fitting; two are enough without jitter."""
 
 GUESS_ERROR = 0.15
-"""Share by which the first guess of an interval may be wrong. Not critical."""
+"""Share by which the first guess of an interval may be wrong."""
 
 COUNTABLE = 0.25
-"""Intervals by which the length of a step may be uncertain so that its intervals can still be counted. Not
-critical."""
+"""Intervals by which the length of a step may be uncertain so that its intervals can still be counted."""
 
 WHOLE = 0.1
-"""Intervals by which a step may differ from a whole number of them and be one. Not critical."""
+"""Intervals by which a step may differ from a whole number of them and be one."""
 
 MOST_STEPS = 0.9
-"""Share of steps that must be whole multiples so that all are. Not critical."""
+"""Share of steps that must be whole multiples so that all are."""
 
 TICK_DISTANCE = 0.1
-"""Ticks by which an interval may differ from a multiple that it is, if it has many ticks. Not critical."""
+"""Ticks by which an interval may differ from a multiple that it is, if it has many ticks."""
 
 TICK_SHARE = 0.02
-"""Share of an interval by which it may differ from a multiple that it is, if it has few ticks. Not
-critical."""
+"""Share of an interval by which it may differ from a multiple that it is, if it has few ticks."""
 
 AMBIGUOUS = 0.25
-"""Intervals; a step further from a whole number is decided by the samples before. Not critical."""
+"""Intervals; a step further from a whole number is decided by the samples before."""
 
 REFERENCE_SAMPLES = 16
 """Samples over which the deviation from the grid is averaged for such a step: enough to make its jitter
-small, few enough that an error of the interval does not show. Not critical."""
+small, few enough that an error of the interval does not show."""
 
 REFERENCE_GAP = 16
-"""Intervals; samples before a longer gap are no reference, for the error of the interval adds up in it. Not
-critical."""
+"""Intervals; samples before a longer gap are no reference, for the error of the interval adds up in it."""
 
 ROUNDING = 1e-9
-"""Relative error of arithmetic and of stamps in whole ns. Not critical."""
+"""Relative error of arithmetic and of stamps in whole ns."""
 
 
 def estimate_interval(

@@ -16,22 +16,22 @@ import numpy as np
 from imumon.samples import Floats, Ints
 
 LONG_STEP = 1.25
-"""Intervals; a longer step is a loss or a late stamp. Not critical."""
+"""Intervals; a longer step is a loss or a late stamp."""
 
 ON_TIME = 0.25
-"""Intervals by which a stamp may differ from the grid and be in time. Not critical."""
+"""Intervals by which a stamp may differ from the grid and be in time."""
 
 WINDOW_S = 1.0
-"""s. Stamps that stay behind the grid for this time are not late, samples were lost. Not critical."""
+"""s. Stamps that stay behind the grid for this time are not late, samples were lost."""
 
 WINDOW_ROWS = 32
-"""Rows that are looked at beyond those of this time, where many come at once. Not critical."""
+"""Rows that are looked at beyond those of this time, where many come at once."""
 
 BEFORE = 15
-"""Steps before a long one that show whether the rate is still the same. Not critical."""
+"""Steps before a long one that show whether the rate is still the same."""
 
 SAME_RATE = 0.2
-"""Share by which their median may differ from the interval. Not critical."""
+"""Share by which their median may differ from the interval."""
 
 
 class LateStamps:

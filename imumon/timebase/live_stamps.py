@@ -23,42 +23,41 @@ from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, rate_obstacle, stamp_interval
 
 FIRST_ROWS = 128
-"""Rows whose stamps are assessed first; the number doubles while they are uneven. Not critical."""
+"""Rows whose stamps are assessed first; the number doubles while they are uneven."""
 
 FEW_ROWS = 8
-"""Fewest rows that are assessed, of a slow stream. Not critical."""
+"""Fewest rows that are assessed, of a slow stream."""
 
 DECIDE_S = 10.0
-"""s of rows after which a decision is due. Not critical."""
+"""s of rows after which a decision is due."""
 
 DECIDE_ROWS = 256
-"""Rows that stamps of a host need for it: enough for their rate. Not critical."""
+"""Rows that stamps of a host need for it: enough for their rate."""
 
 LATEST_S = 60.0
-"""s after which it is made with however many rows. Not critical."""
+"""s after which it is made with however many rows."""
 
 CHECK_ROWS = 2048
-"""Rows after which the decision is checked: 10 s at 200 Hz. Not critical."""
+"""Rows after which the decision is checked: 10 s at 200 Hz."""
 
 RATE_SHARE = 0.02
-"""Share by which the rate of host stamps must differ in two checks to be another one. Not critical."""
+"""Share by which the rate of host stamps must differ in two checks to be another one."""
 
 FOLLOW = 0.01
-"""Intervals per sample by which the grid may follow the stamps, so that no step gets ambiguous. Not critical."""
+"""Intervals per sample by which the grid may follow the stamps, so that no step gets ambiguous."""
 
 LEAP_S = 1.0
-"""s by which the grid may be off its stamps before it leaps to them. Not critical."""
+"""s by which the grid may be off its stamps before it leaps to them."""
 
 JUMP_NS = 10e9
 """ns by which a stamp may differ from the time of arrival, compared with the stamp before: beyond it, the stamp is
-wrong, or the clock was set. Not critical."""
+wrong, or the clock was set."""
 
 SHORTEST_NS, LONGEST_NS = 1e4, 1e13
-"""ns; no inertial sensor has an interval outside these limits, and a window of a second must not fill the memory.
-Not critical."""
+"""ns; no inertial sensor has an interval outside these limits, and a window of a second must not fill the memory."""
 
 WRONG_STAMPS = 8
-"""Such stamps in a row after which the clock was set. Not critical."""
+"""Such stamps in a row after which the clock was set."""
 
 UNEVEN = "its time stamps are late or in batches, as those of a host: only their mean rate is used"
 ROUGH_LOSSES = ", and single missing samples cannot be detected"

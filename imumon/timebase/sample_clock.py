@@ -41,48 +41,45 @@ from imumon.timebase.interval import (
 )
 
 LEARN_STEPS = 32
-"""Steps from which an interval is learned at first; without a tick the number doubles until it is precise.
-Not critical."""
+"""Steps from which an interval is learned at first; without a tick the number doubles until it is precise."""
 
 LEARN_STEPS_MAX = 1024
-"""Steps after which a learned interval is used however imprecise: 10 s at 100 Hz. Not critical."""
+"""Steps after which a learned interval is used however imprecise: 10 s at 100 Hz."""
 
 NOMINAL_STEPS = 3
-"""Steps after which a nominal interval is used, if all of them agree with it. Not critical."""
+"""Steps after which a nominal interval is used, if all of them agree with it."""
 
 FAR_S = 60.0
 """s. A jump forward beyond this must be confirmed by the next sample: one damaged time stamp that passed its
-checksum must not put a year of missing samples into the record. Not critical."""
+checksum must not put a year of missing samples into the record."""
 
 LONGEST_GAP_S = 31 * 86400.0
-"""s. A gap longer than this, with no host clock to confirm it, is of unknown length. Not critical."""
+"""s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
 
 RATE_CHANGE_STEPS = 64
-"""Equal steps in a row that are not one interval, after which the rate of the device has changed. Not
-critical."""
+"""Equal steps in a row that are not one interval, after which the rate of the device has changed."""
 
 OTHER_STEP = 0.02
-"""Intervals by which a step must differ from one interval to count for a change of rate. Not critical."""
+"""Intervals by which a step must differ from one interval to count for a change of rate."""
 
 EQUAL_STEPS = 0.1
 """Intervals by which two equal steps may differ: 64 in a row that are all longer, or all shorter, are no
-jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25). Not critical."""
+jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25)."""
 
 BURST_STEP = 0.025
-"""Intervals; shorter steps are a burst and no change of rate. Not critical."""
+"""Intervals; shorter steps are a burst and no change of rate."""
 
 SPARSE_STEP = 100.0
-"""Intervals; longer steps are gaps and no change of rate. Not critical."""
+"""Intervals; longer steps are gaps and no change of rate."""
 
 GAP_SLACK_S = 10.0
-"""s by which the host clock may differ from the sample clock over a gap. Not critical."""
+"""s by which the host clock may differ from the sample clock over a gap."""
 
 GAP_SLACK_SHARE = 0.02
-"""Share of a gap by which the two clocks may differ in addition. Not critical."""
+"""Share of a gap by which the two clocks may differ in addition."""
 
 BREAK = -1
-"""Step of a sample behind a gap of unknown length. Sensitivity: halved or doubled, it changes which values
-appear (events restart of the record "clean")."""
+"""Step of a sample behind a gap of unknown length."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,62 +22,57 @@ RateObstacle: TypeAlias = Literal["single_row", "time_descending", "time_constan
 """Why time stamps show no rate."""
 
 STEADY = 0.1
-"""Intervals by which a step of a sample clock may differ from a whole number of them. Not critical."""
+"""Intervals by which a step of a sample clock may differ from a whole number of them."""
 
 STEADY_SHARE = 0.95
-"""Share of steps that must be whole intervals for the stamps to be those of a sample clock. Not critical."""
+"""Share of steps that must be whole intervals for the stamps to be those of a sample clock."""
 
 SINGLE_STEP = 1.5
-"""Shortest steps by which a step may differ from the shortest ones and still be of one interval. Not
-critical."""
+"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
 
 SHORT_WINDOW = 16
 """Rows of one of the two first estimates of the rate: more than a batch, fewer than from one lost sample to
-the next. The estimate that fits better is used. Not critical."""
+the next. The estimate that fits better is used."""
 
 LONG_WINDOW = 256
-"""Rows of the other first estimate, for long delays. Not critical."""
+"""Rows of the other first estimate, for long delays."""
 
 EDGE = 256
-"""Rows among which the estimate searches the smallest delay: more than arrive at once. Not critical."""
+"""Rows among which the estimate searches the smallest delay: more than arrive at once."""
 
 BURST_RATIO = 30.0
 """Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are
-those of their arrival; a sensor that loses four of five samples has less. Not critical."""
+those of their arrival; a sensor that loses four of five samples has less."""
 
 BURST_GAPS = 3
-"""Longest gaps that do not count for this ratio. Not critical."""
+"""Longest gaps that do not count for this ratio."""
 
 CRYSTAL = 1e-4
-"""Relative distance from whole Hz below which a rate is whole Hz: no two clocks agree better. Not
-critical."""
+"""Relative distance from whole Hz below which a rate is whole Hz: no two clocks agree better."""
 
 LOSS_DOUBTED = 0.01
-"""Share of lost samples above which an estimate without losses is tried as well. Not critical."""
+"""Share of lost samples above which an estimate without losses is tried as well."""
 
 AHEAD_S = 1.0
-"""s. A stall that is made up for within this time is a delay; a longer one counts as lost samples. Not
-critical."""
+"""s. A stall that is made up for within this time is a delay; a longer one counts as lost samples."""
 
 AHEAD_ROWS = 32
-"""Rows that are looked ahead at least. Not critical."""
+"""Rows that are looked ahead at least."""
 
 FEW_STEPS = 10
-"""Steps of batched stamps that are too few to show a rate: the batches at both ends are incomplete. Not
-critical."""
+"""Steps of batched stamps that are too few to show a rate: the batches at both ends are incomplete."""
 
 ROUGH = 0.1
-"""Intervals by which the smallest delay may vary so that a single lost sample still shows. Not critical."""
+"""Intervals by which the smallest delay may vary so that a single lost sample still shows."""
 
 LOSS = 0.5
-"""Intervals by which the smallest delay must rise to be lost samples. Sensitivity: halved 0 %, doubled
-changes which values appear (accel y readings B of the record "table")."""
+"""Intervals by which the smallest delay must rise to be lost samples."""
 
 ROUGH_LOSS = 5.0
-"""The same where single losses do not show. Not critical."""
+"""The same where single losses do not show."""
 
 ROUGH_LOSS_S = 0.1
-"""s, at least, of a loss where single losses do not show. Not critical."""
+"""s, at least, of a loss where single losses do not show."""
 
 
 def typical_step(times: Floats) -> float:

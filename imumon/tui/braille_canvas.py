@@ -22,7 +22,7 @@ Floats = npt.NDArray[np.float64]
 
 _DOT = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
 RESOLUTION = 1e-12
-"""Length of an axis relative to its values, below which floating-point numbers do not resolve it. Not critical."""
+"""Length of an axis relative to its values, below which floating-point numbers do not resolve it."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 

@@ -26,6 +26,9 @@ FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""
 
+VISIBLE = 0.1
+"""Share by which the model differs from the noise where both are drawn: a tenth of a line in half a decade."""
+
 LOW = 14
 """Lines of a chart below which the screen has no room for the selected channel in full."""
 
@@ -199,7 +202,7 @@ def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
 
 
 def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, factor: float) -> None:
-    """Draw points with their band, the model, and the measured ones of N, B and K."""
+    """Draw points with their band, the model, its noise where it differs, and the measured ones of N, B and K."""
     allan = channel.allan or Allan()
     tau, sigma = numbers(allan.tau_s), numbers(allan.sigma, factor)
     frame.band(tau, numbers(allan.low, factor), numbers(allan.high, factor), "band")
@@ -212,7 +215,10 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
     for name, part, slope, _, _ in lines:
         if part is not None and part.value is not None:
             frame.curve(ends, slope * part.value * factor, name, (3, 3))
-    frame.curve(tau, numbers(allan.model, factor), "model")
+    model, noise = numbers(allan.model, factor), numbers(allan.noise, factor)
+    if (np.abs(model / noise - 1.0) > VISIBLE).any():
+        frame.curve(tau, noise, "model", (1, 2))
+    frame.curve(tau, model, "model")
     used = np.array(allan.used, dtype=np.bool_) if allan.used else np.ones(len(tau), dtype=np.bool_)
     letter = "o" if notation.ascii else None
     frame.points(tau[used], sigma[used], "point", letter)
@@ -231,8 +237,8 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
 
 
 def _lowest(allan: Allan) -> float:
-    """Return the time at which the model is lowest, s: where B is read."""
-    known = [(m, t) for m, t in zip(allan.model, allan.tau_s, strict=False) if m is not None]
+    """Return the time at which the noise is lowest, s: where B is read."""
+    known = [(m, t) for m, t in zip(allan.noise, allan.tau_s, strict=False) if m is not None]
     return min(known)[1] if known else 1.0
 
 

@@ -87,17 +87,17 @@ def table_rows(state: ViewState) -> Iterable[Iterable[object]]:
 
 def _curves(state: ViewState) -> list[Iterable[object]]:
     """Return coefficients and Allan deviations of every channel."""
-    head = ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "used")
+    head = ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "noise", "used")
     out: list[Iterable[object]] = [head]
     channels = state.report.channels.items() if state.report is not None else ()
     for name, channel in channels:
         a = channel.allan
         if a is not None:
-            columns = zip(a.tau_s, a.sigma, a.low, a.high, a.edf, a.model, a.used, strict=True)
+            columns = zip(a.tau_s, a.sigma, a.low, a.high, a.edf, a.model, a.noise, a.used, strict=True)
             out += [(name, channel.unit, *column) for column in columns]
     out += [(), ("channel", "coefficient", "unit", "value", "low", "high", "status")]
     for name, channel in channels:
-        for part in ("N", "B", "K"):
+        for part in ("N", "B", "K", "Q", "R"):
             c = getattr(channel, part)
             if c is not None:
                 out.append((name, part, c.unit, c.value, c.low, c.high, c.status))

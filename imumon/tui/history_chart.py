@@ -23,10 +23,10 @@ from imumon.units import READABLE, number
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""
 MOST_ROWS = 5000
-"""Rows that are drawn; a year of days has 366, two months of hours 1488. Not critical."""
+"""Rows that are drawn; a year of days has 366, two months of hours 1488."""
 QUANTITIES = ("N", "B", "mean", "temperature")
 MAX_NUMBER = 1e150
-"""Largest number that is drawn, as in a report. Not critical."""
+"""Largest number that is drawn, as in a report."""
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
 _ROLES = {"N": "N", "B": "B", "mean": "signal", "temperature": "point"}

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 from imumon.errors import ImumonError
 
 MOST_BROWSERS = 8
-"""Browsers at once; each is a process of about 60 MB. Not critical."""
+"""Browsers at once; each is a process of about 60 MB."""
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-inline'; "
     "connect-src 'self' ws: wss:; img-src 'self' data:; frame-ancestors 'none'"

@@ -24,27 +24,26 @@ from imumon.timebase.live_stamps import LiveStamps
 GAUSS = 1e4
 """Gauss in a tesla, the unit of a MagneticField."""
 USED_SHARE = 0.9
-"""Share of the first rows that must have a quantity for it to be used. Not critical."""
+"""Share of the first rows that must have a quantity for it to be used."""
 SAME_RATE = 0.1
-"""Share by which the rates of two topics may differ to be paired: the first rows show them roughly. Not critical."""
+"""Share by which the rates of two topics may differ to be paired: the first rows show them roughly."""
 PARTNER_S = 1.0
-"""s that a row waits for its partner in another topic. Not critical."""
+"""s that a row waits for its partner in another topic."""
 FIRST_S = 12.0
-"""s that the first rows wait for a further topic, whose messages may be rare. Not critical."""
+"""s that the first rows wait for a further topic, whose messages may be rare."""
 PARTNER_ROWS = 1 << 14
-"""Samples of another topic that are kept. Not critical."""
+"""Samples of another topic that are kept."""
 SILENT_S = 0.5
-"""s without a message of the publisher that is followed after which another one may take its place: it was restarted.
-Not critical."""
+"""s without a message of the publisher that is followed, after which another one may take its place."""
 SILENT_MESSAGES = 3.0
-"""Intervals of its messages that are needed as well, for slow topics. Not critical."""
+"""Intervals of its messages that are needed as well, for slow topics."""
 MOST_LOST = 1_000_000
-"""Messages; a larger step of the sequence number is a new count. Not critical."""
+"""Messages; a larger step of the sequence number is a new count."""
 NOTICE_S = 10.0
-"""s between two notices of lost messages. Not critical."""
+"""s between two notices of lost messages."""
 
 FARTHEST_NS = 1 << 61
-"""ns since the Unix epoch, 73 years: the difference of two of them fits 64 bits. Not critical."""
+"""ns since the Unix epoch, 73 years: the difference of two of them fits 64 bits."""
 
 NONE = (math.nan,) * 3
 MAG_DOUBLES, TEMPERATURE_DOUBLES = 12, 2

@@ -26,11 +26,11 @@ from imumon.samples import DeviceCounters, DeviceInfo, Item
 FIND_S = 5.0
 """s to wait for a topic that is absent, before the topics that exist are listed."""
 POLL_S = 0.05
-"""s between two looks for it. Not critical."""
+"""s between two looks for it."""
 GONE_S = 1.0
-"""s without a publisher and without a message after which the topic is gone. Not critical."""
+"""s without a publisher and without a message after which the topic is gone."""
 BATCH_S = 0.2
-"""s for which messages are collected: each batch has a fixed cost. Not critical."""
+"""s for which messages are collected: each batch has a fixed cost."""
 
 
 class Ros2Device(Device):

@@ -49,7 +49,7 @@ class SensorError:
 
 
 MAX_SENTENCE_BYTES = 256
-"""Bytes; longer candidates are not sentences. A VN-100 sends at most 155 in a measurement. Not critical."""
+"""Bytes; longer candidates are not sentences. A VN-100 sends at most 155 in a measurement."""
 
 NUMBER_FORMATS = {
     "ypr": "%+08.3f", "quat": "%+09.6f", "mag": "%+08.4f", "accel": "%+07.3f", "linaccel": "%+07.3f",
@@ -93,7 +93,7 @@ _TO_PATTERN = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
 _APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")
 _MAX_DIGITS = 15  # digits; 10^15 < 2^53, so the integer is exact. Required, not tuned
-_MIN_ARRAY = 8  # sentences; fewer are checked one by one. Sets the speed only. Not critical
+_MIN_ARRAY = 8  # sentences; fewer are checked one by one. Sets the speed only
 _HEX = np.array([list(b"%02X" % value) for value in range(256)], np.uint8)
 
 

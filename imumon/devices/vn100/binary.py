@@ -25,8 +25,7 @@ from imumon.devices.vn100.measurements import SampleConverter, sample_converter
 
 SYNC = 0xFA
 _MIN_ARRAY = 128
-"""Packets; the first ones are checked one by one, the following ones as arrays. Sets the speed only. Not
-critical."""
+"""Packets; the first ones are checked one by one, the following ones as arrays. Sets the speed only."""
 
 COMMON, TIME, IMU, ATTITUDE = 1, 2, 3, 5
 

@@ -18,11 +18,11 @@ from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """Baud rates in the order in which they are tried: the factory value, then the fast ones."""
 LISTEN_S = 0.1
-"""s to listen before the first request: a stream of 20 Hz or more needs none. Not critical."""
+"""s to listen before the first request: a stream of 20 Hz or more needs none."""
 LISTEN_ONLY_S = 1.2
 """s to listen at one baud rate where nothing may be sent: a stream of 1 Hz has to show."""
 REPLY_S = 0.3
-"""s to wait for a reply. The sensor replies within 20 ms; a USB adapter adds 16 ms. Not critical."""
+"""s to wait for a reply. The sensor replies within 20 ms; a USB adapter adds 16 ms."""
 TRIES = 5
 """Most requests for one reply: a line that damages one byte in a hundred damages every fourth reply."""
 

@@ -39,7 +39,7 @@ from imumon.devices.vn100.stream_settings import (
 from imumon.samples import Kind, SampleBlock, Stream
 
 FIRST_PACKET_S = 0.5
-"""s, and two output intervals, to wait for the first packet of a new stream. Not critical."""
+"""s, and two output intervals, to wait for the first packet of a new stream."""
 
 _CHANGED = (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE)
 """Registers that may be changed, in the order in which they are restored; the baud rate comes last."""

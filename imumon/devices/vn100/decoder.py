@@ -33,7 +33,7 @@ from imumon.samples import Ints, SampleBlock, concatenated
 _START = re.compile(rb"[$\xfa]")
 _TEXT = bytes(range(0x20, 0x7F)) + b"\r\n\t"
 _MAX_RUN = 8192
-"""Messages; most that are decoded as one array, about as many as one read delivers. Not critical."""
+"""Messages; most that are decoded as one array, about as many as one read delivers."""
 
 
 DecodedItem: TypeAlias = SampleBlock | Response | SensorError

@@ -14,7 +14,7 @@ DATA_REGISTERS = (23, 25, 26, 35, 43, 44, 82, 84, 85)
 """Registers that change what the samples mean: with another value they begin another record. The outputs are
 not among them: they make another stream, which the pipeline sees itself."""
 ALIASED = 1.001
-"""Alias factor above which N is called aliased: more than rounding. Not critical."""
+"""Alias factor above which N is called aliased: more than rounding."""
 
 
 def device_info(

@@ -11,9 +11,9 @@ from imumon.devices.vn100.stream_settings import divisors
 from imumon.samples import DeviceInfo
 
 SLOW_HZ = 40.0
-"""Hz, rate of the deltas below which a higher baud is recommended: the factory rate. Not critical."""
+"""Hz, rate of the deltas below which a higher baud is recommended: the factory rate."""
 HIGH_LOAD = 0.8
-"""Share of the baud from which a warning is due: replies and a second stream need the rest. Not critical."""
+"""Share of the baud from which a warning is due: replies and a second stream need the rest."""
 
 MAX_LOAD = 0.955
 """Share of the baud that a VN-100 was seen to transmit without loss."""
@@ -22,7 +22,7 @@ IMPOSSIBLE_LOAD = 1.05
 """Share of the baud rate that no serial line can transmit: the port is a pseudo-terminal, or ignores it."""
 
 ALIASED = 1.001
-"""Alias factor above which N counts as inflated: rounding errors lie below. Not critical."""
+"""Alias factor above which N counts as inflated: rounding errors lie below."""
 
 
 def checks(observation: Observation, settings: Any) -> Iterator[Check]:

@@ -19,7 +19,7 @@ from imumon.devices.base import (
 
 STREAMS = ("deltas", "uncompensated", "compensated")
 SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
-"""Hz, lowest and highest sample rate that `--rate` accepts. Not critical."""
+"""Hz, lowest and highest sample rate that `--rate` accepts."""
 
 
 class Vn100Driver(DeviceDriver):

@@ -45,11 +45,11 @@ TICK_S = 1.0 / 800.0
 """s, period of the inner loop of a VN-100: its output intervals are multiples of it."""
 
 _MAX_INTERVAL_S = 1e6
-"""s; longer intervals are invalid. Not critical."""
+"""s; longer intervals are invalid."""
 
 _MAX_VALUE = 1e9
 """Channel unit; larger values are invalid, no sensor measures them. A damaged float that passes its check can
-be 1e38, whose fourth power overflows: one such sample would invalidate all moments. Not critical."""
+be 1e38, whose fourth power overflows: one such sample would invalidate all moments."""
 
 _VPE_SATURATED = 0x0204
 """Bits of VpeStatus: gyroscope saturated (2), accelerometer saturated (9)."""

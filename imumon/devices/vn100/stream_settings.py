@@ -27,7 +27,7 @@ Texts: TypeAlias = Mapping[int, str]
 """Register values by register number, fields joined by commas."""
 
 LOAD = 0.6
-"""Share of the baud rate for the requested stream: replies and a second stream need the rest. Not critical."""
+"""Share of the baud rate for the requested stream: replies and a second stream need the rest."""
 FACTORY_WINDOW = 4
 """Samples that the filter of register 85 averages with factory settings."""
 OFF = "0,0,00"

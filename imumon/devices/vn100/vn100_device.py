@@ -32,11 +32,11 @@ from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawByt
 FIRST_BAUD = 115200
 """bit/s, the factory value."""
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
-"""Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway. Not critical."""
+"""Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""
 SETTINGS_BYTES = 1 << 16
-"""Bytes of the largest file of original settings. Not critical."""
+"""Bytes of the largest file of original settings."""
 SLICE_S = 0.1
-"""s after which a wait looks whether it was interrupted. Not critical."""
+"""s after which a wait looks whether it was interrupted."""
 BATCH_S = 0.25
 """s for which bytes are collected: each batch has a fixed cost. A report is at most this much behind."""
 INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")

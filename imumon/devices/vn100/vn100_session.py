@@ -27,28 +27,28 @@ from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
 __all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
 
 QUIET_S = 1.0
-"""s without data after which the sensor is resumed; or four samples, if they take longer. Not critical."""
+"""s without data after which the sensor is resumed; or four samples, if they take longer."""
 QUIET_UNKNOWN_S = 3.0
-"""The same in s for a stream of unknown rate. Not critical."""
+"""The same in s for a stream of unknown rate."""
 RETRY_S = 5.0
-"""s between two scans for a sensor that does not reply. A scan takes up to ten seconds. Not critical."""
+"""s between two scans for a sensor that does not reply. A scan takes up to ten seconds."""
 RESTART_NS = 1_000_000_000
 """ns by which the sample clock goes backwards if the sensor was restarted; less is a wrong order."""
 GARBAGE_BYTES = 64
-"""Bytes without a valid message that count as garbage; fewer may be the rest of a message. Not critical."""
+"""Bytes without a valid message that count as garbage; fewer may be the rest of a message."""
 ERROR_NOTICE_S = 60.0
 """s between two notices of one error of the sensor, which may repeat a hundred times a second."""
 
 RATE_TOLERANCE = 0.02
 """Relative error of a configured rate from which the user is warned."""
 RATE_SHORTEST_S = 5.0
-"""s of samples before the rate is judged. Not critical."""
+"""s of samples before the rate is judged."""
 RATE_LONGEST_S = 120.0
-"""s after which the comparison starts again, so that a change of the rate shows. Not critical."""
+"""s after which the comparison starts again, so that a change of the rate shows."""
 RATE_PAUSE_S = 3.0
-"""s without samples, or four samples, after which the comparison starts again. Not critical."""
+"""s without samples, or four samples, after which the comparison starts again."""
 RATE_SLACK_S, RATE_SLACK_SAMPLES = 0.2, 1.5
-"""s and samples of error of a correct rate, because bytes wait in queues. Not critical."""
+"""s and samples of error of a correct rate, because bytes wait in queues."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 

@@ -33,8 +33,16 @@ import numpy.typing as npt
 from imumon.noise.allan.curve import AllanCurve, WindowSums
 from imumon.noise.allan.octave import BLOCK, RATIO, VALID_SHARE
 from imumon.noise.allan.stages import BATCH, OctaveStages
+from imumon.noise.blocks import BlockAccumulator, BlockMeans
+from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.spectrum import SpectrumAccumulator
+from imumon.noise.spectrum.spectrum import SpectrumMark
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats
+
+SAVED_SHARE = 1.0 / 6.0
+"""Shortest hop of the spectrum whose samples are saved, as a share of the record. Shorter ones count as missing after a
+restart, which costs two segments of six or more and saves a quarter of the size."""
 
 
 class OctaveCascade:
@@ -70,6 +78,10 @@ class OctaveCascade:
         self.tau0 = float(tau0)
         self.record: Hashable = object()
         self._stages = OctaveStages(self._groups)
+        own = self._groups.of.tolist()
+        self.spectrum = SpectrumAccumulator(own, 1.0 / self.tau0)
+        self.blocks = BlockAccumulator(own, self.tau0)
+        self.parts: list[BlockAccumulator] = []  # blocks of parts of the record that are in progress
         self._valid = np.zeros(len(self._groups), dtype=np.int64)
         self.segment_start = 0  # samples of the grid in finished segments
         self.ended_segments = 0
@@ -93,7 +105,7 @@ class OctaveCascade:
     def nbytes(self) -> int:
         """Bytes of state: sums, histories and one block."""
         own = sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
-        return own + self._stages.nbytes
+        return own + self._stages.nbytes + self.spectrum.nbytes + self.blocks.nbytes
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
         """Add consecutive samples.
@@ -133,6 +145,9 @@ class OctaveCascade:
             n -= head
         if n >= BLOCK:
             self._stages.update(n - n % BLOCK, 0, None)
+            self.spectrum.skip(n - n % BLOCK)
+            for blocks in (self.blocks, *self.parts):
+                blocks.skip(n - n % BLOCK)
         self._buffer_missing(n % BLOCK)
 
     def break_(self) -> None:
@@ -142,6 +157,9 @@ class OctaveCascade:
         self.segment_start += self._stages.position
         self._has_offset[:] = False
         self._stages.start_segment()
+        self.spectrum.break_()
+        for blocks in (self.blocks, *self.parts):
+            blocks.break_()
 
     def merge(self, other: OctaveCascade) -> None:
         """Append the record of another cascade after a gap of unknown length; `other` is not changed.
@@ -155,7 +173,9 @@ class OctaveCascade:
         self.break_()
         other = other.copy()
         other._stages.add_sums(self._stages)
-        self._stages = other._stages
+        other.spectrum.add_sums(self.spectrum)
+        self.blocks.append(other.blocks)
+        self._stages, self.spectrum = other._stages, other.spectrum
         self._valid += other._valid
         self.segment_start += other.segment_start
         self.ended_segments += other.ended_segments
@@ -163,16 +183,57 @@ class OctaveCascade:
         self._pending, self._pending_valid, self._fill = other._pending, other._pending_valid, other._fill
 
     def result(self) -> AllanCurve:
-        """Return the curve so far; the cascade does not change."""
-        return self.sums().curve(self.tau0)
+        """Return the curve so far, with the sums of its noise; the cascade does not change."""
+        whole = self if not self._fill else self._flushed()
+        return replace(whole.block_sums(), record=self.record).curve(self.tau0, whole.noise_sums())
 
     def sums(self) -> WindowSums:
         """Return the sums so far; the cascade does not change."""
         if not self._fill:
             return self.block_sums()
+        return replace(self._flushed().block_sums(), record=self.record)
+
+    def noise_sums(self) -> NoiseSums:
+        """Return what the likelihood of the noise is made of, of the blocks processed so far."""
+        levels, blocks = tuple(self.spectrum.sums()), self.blocks.result()
+        return NoiseSums(self.tau0, levels, False, blocks, self._groups.of, self.spectrum.result())
+
+    def add_part(self, blocks: int) -> tuple[SpectrumMark, BlockAccumulator]:
+        """Begin a part of the record with blocks of its own, at most this many."""
+        own = BlockAccumulator(self._groups.of.tolist(), self.tau0, blocks)
+        self.parts.append(own)
+        return self.add_mark(), own
+
+    def add_mark(self) -> SpectrumMark:
+        """Return a mark at the present place of the spectrum, with that of the blocks."""
+        return self.spectrum.add_mark(self.blocks.position)
+
+    def drop_part(self, mark: SpectrumMark, blocks: BlockAccumulator) -> None:
+        """Forget a part that is no longer needed."""
+        self.spectrum.drop_mark(mark)
+        self.parts = [own for own in self.parts if own is not blocks]
+
+    def part_sums(
+        self, begin: SpectrumMark, end: SpectrumMark | None = None, blocks: BlockMeans | None = None
+    ) -> NoiseSums:
+        """Return the sums of the noise between two marks.
+
+        Parameters
+        ----------
+        end : None: up to now.
+        blocks : means of the same samples; None: those of the record.
+        """
+        levels = tuple(self.spectrum.sums_between(begin, end))
+        if blocks is None:
+            last = self.blocks.position if end is None else end.place
+            blocks = self.blocks.result().part(begin.place, last)
+        return NoiseSums(self.tau0, levels, True, blocks, self._groups.of, self.spectrum.result())
+
+    def _flushed(self) -> OctaveCascade:
+        """Return a copy that has processed the buffered samples."""
         whole = self.copy()
         whole._flush()
-        return replace(whole.block_sums(), record=self.record)
+        return whole
 
     def block_sums(self) -> WindowSums:
         """Return the sums of the blocks processed so far, without the buffered samples."""
@@ -184,6 +245,7 @@ class OctaveCascade:
         other = copy.copy(self)
         other.record = object()
         other._stages = self._stages.copy()
+        other.spectrum, other.blocks, other.parts = self.spectrum.copy(), self.blocks.copy(), []
         for name in ("_valid", "_offset", "_has_offset", "_pending", "_pending_valid"):
             setattr(other, name, getattr(self, name).copy())
         return other
@@ -191,12 +253,15 @@ class OctaveCascade:
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """Return the state as small arrays."""
         numbers = (self.segment_start, self.ended_segments, self._stages.position)
+        least_s = SAVED_SHARE * self.span * self.tau0
         return {
             "setting": np.array([self.tau0, RATIO, VALID_SHARE]),
             "group": self._groups.of.astype(np.int64),
             "numbers": np.array(numbers, dtype=np.int64),
             "valid": self._valid.copy(),
             **self._stages.save(),
+            **{f"spectrum.{k}": v for k, v in self.spectrum.save(least_s=least_s).items()},
+            **{f"blocks.{k}": v for k, v in self.blocks.save().items()},
             "offset": self._offset.copy(),
             "settled": self._has_offset.copy(),
             "pending": self._pending[:, : self._fill].copy(),
@@ -205,12 +270,14 @@ class OctaveCascade:
 
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> OctaveCascade:
-        """Return a cascade in a saved state; it continues identically."""
+        """Return a cascade in a saved state; it continues identically, except for the hops below `SAVED_SHARE`."""
         groups = [int(g) for g in state["group"]]
         self = cls(len(groups), float(state["setting"][0]), groups=groups)
         self.segment_start, self.ended_segments, position = (int(x) for x in state["numbers"])
         self._valid[:] = state["valid"]
         self._stages.load(state, position)
+        self.spectrum = SpectrumAccumulator.restore(_named(state, "spectrum."))
+        self.blocks = BlockAccumulator.restore(_named(state, "blocks."))
         self._offset[:] = state["offset"]
         self._has_offset[:] = state["settled"]
         self._fill = state["pending"].shape[1]
@@ -260,11 +327,15 @@ class OctaveCascade:
         np.subtract(values, self._offset[:, None], out=samples[:, fill:])
         if known is None:
             self._valid += n
-            self._stages.update(n, n, None)
+            weights = None
         else:
             self._valid += known.sum(axis=1)
             np.copyto(samples, 0.0, where=~known[self._groups.of])
-            self._stages.update(n, n, known.astype(np.float64))
+            weights = known.astype(np.float64)
+        self.spectrum.update(samples, weights)
+        for blocks in (self.blocks, *self.parts):
+            blocks.update(samples, weights, self._offset)
+        self._stages.update(n, n, weights)
 
     def _choose_offset(self, values: Floats, present: Bools | None) -> None:
         """Set the offset of groups that have their first valid samples in this block.
@@ -277,3 +348,8 @@ class OctaveCascade:
             if first.shape[1]:
                 self._offset[mine] = np.median(first, axis=1)
                 self._has_offset[group] = True
+
+
+def _named(state: Mapping[str, npt.NDArray[Any]], prefix: str) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays whose name begins with a prefix, without it."""
+    return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from imumon.noise.allan.octave import RATIO, variances
+from imumon.noise.noise_sums import NoiseSums
 from imumon.samples import Floats, Ints
 
 
@@ -27,6 +28,7 @@ class AllanCurve:
     record : identity of the growing record; two curves with equal identities belong to the same record at two
         moments. None: unknown. It is not an argument, so that a curve made by `dataclasses.replace` or by
         `select` has none: its values are no longer those of the record.
+    sums : what the likelihood of the noise is made of, of the same samples; None: unknown, and nothing can be fitted.
     """
 
     tau0: float
@@ -36,13 +38,24 @@ class AllanCurve:
     span: int
     valid: Ints
     segments: int
+    sums: NoiseSums | None = None
     record: Hashable = field(default=None, init=False)
 
     def select(self, channels: Sequence[int]) -> AllanCurve:
         """Return the curve of some of the channels, which has no `record`."""
         columns = list(channels)
         avar, terms, valid = self.avar[:, columns], self.terms[:, columns], self.valid[columns]
-        return replace(self, avar=avar, terms=terms, valid=valid)
+        sums = None if self.sums is None else self.sums.select(columns)
+        return replace(self, avar=avar, terms=terms, valid=valid, sums=sums)
+
+    def with_temperature(self) -> AllanCurve:
+        """Return the curve of all channels but the last one, which is the temperature, of the same record."""
+        channels = range(self.valid.size - 1)
+        curve = replace(
+            self.select(channels), sums=None if self.sums is None else self.sums.with_temperature()
+        )
+        object.__setattr__(curve, "record", self.record)
+        return curve
 
     @property
     def tau(self) -> Floats:
@@ -110,12 +123,18 @@ class WindowSums:
         span, segments = (int(value) for value in saved["numbers"])
         return cls(saved["squares"], counts[:k], counts[k : 2 * k], counts[-1], span, segments)
 
-    def curve(self, tau0: float) -> AllanCurve:
-        """Return the Allan curve of these sums, up to the last octave with a difference."""
+    def curve(self, tau0: float, sums: NoiseSums | None = None) -> AllanCurve:
+        """Return the Allan curve of these sums, up to the last octave with a difference.
+
+        Parameters
+        ----------
+        tau0 : s
+        sums : of the noise of the same samples; None: unknown.
+        """
         k = int(np.flatnonzero((self.terms > 0).any(axis=1)).max(initial=-1)) + 1
         m = np.left_shift(1, np.arange(k, dtype=np.int64))
         avar = variances(self.squares[:k], self.terms[:k], self.white_excess[:k], m)
-        curve = AllanCurve(tau0, m, avar, self.terms[:k], self.span, self.valid, self.segments)
+        curve = AllanCurve(tau0, m, avar, self.terms[:k], self.span, self.valid, self.segments, sums)
         object.__setattr__(curve, "record", self.record)
         return curve
 

@@ -37,28 +37,24 @@ from imumon.samples import Floats, Ints
 
 RATIO = 8
 """Sub-clusters per cluster, R. Keeps 98 % of the degrees of freedom of full overlap on white noise; the
-covariances of the fit are those of this value. Sensitivity: halved or doubled, it changes which values appear
-(gyro y readings K of the record "disturbed")."""
+degrees of freedom of the limits are those of this value."""
 
 VALID_SHARE = 0.45
 """1, share of a cluster that must be valid for it to count. Below one half, so that a link that loses half of
-its packets keeps all averaging times. Sensitivity: halved or doubled, it changes which values appear (accel z
-readings B of the record "disturbed")."""
+its packets keeps all averaging times."""
 
 BLOCK = 256
-"""Samples. Squares are added in groups that lie on this grid, so that any chunking gives the same bits.
-Sensitivity: halved 5.2 %, doubled 18 % (gyro x time_to B of the record "warm-up")."""
+"""Samples. Squares are added in groups that lie on this grid, so that any chunking gives the same bits."""
 
 FULL_BELOW = 16
-"""Samples. Shorter clusters must be complete: they are many, and losing a few costs nothing. Sensitivity:
-halved 32 %, doubled 35 % (accel x drift per_hour of the record "table")."""
+"""Samples. Shorter clusters must be complete: they are many, and losing a few costs nothing."""
 
 EXCESS_SCALE = float(1 << 20)
 """1. The relative excess of white noise is summed as integers in units of 1/`EXCESS_SCALE`, so that the sum
 does not depend on the order."""
 
 BEFORE_SEGMENT = -math.inf
-"""Count of a cluster that begins before the segment: always too few. Not critical."""
+"""Count of a cluster that begins before the segment: always too few."""
 
 
 class Octave:

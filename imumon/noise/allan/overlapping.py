@@ -1,6 +1,6 @@
 """Fully overlapping Allan deviation of stored samples: exact at every averaging time, memory grows with the record.
 
-The cascade of this package overlaps by a quarter of tau and needs kilobytes. This module is what textbooks
+The differences of the cascade are an eighth of tau apart, and it needs kilobytes. This module is what textbooks
 and other tools compute, for comparison and for figures with more points: with the sums P of the samples,
 
     sigma^2(m) = sum over i of (P[i + 2m] - 2 P[i + m] + P[i])^2 / (2 m^2 terms)
@@ -20,9 +20,9 @@ from scipy.special import chdtri
 from imumon.samples import Bools, Floats, Ints
 
 POINTS_PER_DECADE = 10
-"""Averaging times per decade of the finer grid. Not critical."""
+"""Averaging times per decade of the finer grid."""
 TAIL = 0.025
-"""Probability beyond each 95 % limit. Not critical: it is exact."""
+"""Probability beyond each 95 % limit."""
 
 
 class SampleStore:

@@ -20,7 +20,7 @@ from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
 BATCH = 32
-"""Blocks processed at once at most. Not critical."""
+"""Blocks processed at once at most."""
 
 
 class OctaveStages:

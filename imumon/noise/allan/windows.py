@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan.cascade import OctaveCascade
-from imumon.noise.allan.curve import WindowSums, padded
+from imumon.noise.allan.curve import AllanCurve, WindowSums, padded
 from imumon.noise.allan.octave import BLOCK
+from imumon.noise.spectrum.spectrum import SpectrumMark
 from imumon.samples import Bools, Floats, Ints
 
 __all__ = ["Window", "WindowSums", "WindowedCascade"]
 
 MAX_OCTAVES = 48
-"""Octaves that a window has space for: 2^47 samples are 5,000 years at 800 Hz. Not critical."""
+"""Octaves that a window has space for: 2^47 samples are 5,000 years at 800 Hz."""
 
 
 @dataclass(slots=True, eq=False)
@@ -41,6 +42,7 @@ class Window:
     squares, terms, white_excess : (`MAX_OCTAVES`, c) snapshot of the sums of each octave, taken when no later
         difference reaches back over the start.
     octaves : number of octaves whose snapshot has been taken.
+    mark : the same place in the spectrum.
     """
 
     start: int
@@ -50,6 +52,7 @@ class Window:
     terms: Ints
     white_excess: Ints
     octaves: int = 0
+    mark: SpectrumMark | None = None
 
 
 class WindowedCascade:
@@ -102,6 +105,7 @@ class WindowedCascade:
         now = self.cascade.block_sums()
         rows = padded(now.squares[:0], MAX_OCTAVES), padded(now.terms[:0], MAX_OCTAVES)
         window = Window(now.span, now.valid, self.cascade.ended_segments, *rows, rows[1].copy())
+        window.mark = self.cascade.add_mark()
         self._windows.append(window)
         if window.start == self.cascade.segment_start:
             self._take_snapshot(window, MAX_OCTAVES)  # nothing lies before it in this segment
@@ -110,14 +114,17 @@ class WindowedCascade:
     def close_window(self, window: Window) -> None:
         """Drop a window that is no longer needed."""
         self._windows = [w for w in self._windows if w is not window]
+        if window.mark is not None:
+            self.cascade.spectrum.drop_mark(window.mark)
 
     def sums_since(self, window: Window) -> WindowSums:
         """Return the sums since the start of a window."""
         return _difference(window, self.cascade.sums())
 
-    def block_sums_since(self, window: Window) -> WindowSums:
-        """Return the sums from the start of a window to the last end of a block."""
-        return _difference(window, self.cascade.block_sums())
+    def curve_since(self, window: Window) -> AllanCurve:
+        """Return the curve since the start of a window, with the sums of its noise up to the last end of a block."""
+        assert window.mark is not None
+        return self.sums_since(window).curve(self.cascade.tau0, self.cascade.part_sums(window.mark))
 
     def _until_snapshot(self) -> int:
         """Return the samples until the next snapshot, at least one."""
@@ -150,10 +157,13 @@ class WindowedCascade:
         out = {f"cascade.{name}": array for name, array in self.cascade.save().items()}
         numbers = (self.cascade.segment_start, self.position, len(self._windows))
         out["numbers"] = np.array(numbers, dtype=np.int64)
-        k = len(self.cascade.block_sums().squares)
+        k, marks = len(self.cascade.block_sums().squares), list(self.cascade.spectrum.marks)
         for number, window in enumerate(self._windows):
             part = f"mark{number}."  # these names are part of the saved format
-            out[f"{part}numbers"] = np.array((window.start, window.segments, window.octaves), dtype=np.int64)
+            place = -1 if window.mark is None else marks.index(window.mark)
+            out[f"{part}numbers"] = np.array(
+                (window.start, window.segments, window.octaves, place), dtype=np.int64
+            )
             out[f"{part}valid"] = window.valid
             out[f"{part}squares"] = window.squares[:k].copy()
             out[f"{part}terms"] = window.terms[:k].copy()
@@ -167,12 +177,13 @@ class WindowedCascade:
         self = cls(OctaveCascade.restore(own))
         for number in range(int(saved["numbers"][2])):
             part = f"mark{number}."
-            start, segments, octaves = (int(v) for v in saved[f"{part}numbers"])
+            start, segments, octaves, place = (int(v) for v in saved[f"{part}numbers"])
+            mark = self.cascade.spectrum.marks[place]
             squares, terms, excess = (
                 padded(saved[part + name], MAX_OCTAVES) for name in ("squares", "terms", "lacks")
             )
             valid = saved[f"{part}valid"]
-            self._windows.append(Window(start, valid, segments, squares, terms, excess, octaves))
+            self._windows.append(Window(start, valid, segments, squares, terms, excess, octaves, mark))
         return self
 
 

@@ -1,4 +1,4 @@
-"""Fit of N, B and K to an Allan curve."""
+"""Fit of N, B and K to the sums of a record."""
 
 from imumon.noise.fit.estimator import Estimator, fit_curve
 from imumon.noise.fit.results import ChannelFit, FittedCoefficient, read_slopes

@@ -1,80 +1,58 @@
-"""Fit of N, B and K to an Allan curve: values, limits, status and time to precision.
+"""Fit of N, B and K to the sums of a record: one likelihood, and everything that follows from it.
 
-    sigma^2(tau) = N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3  [+ 3 Q^2/tau^2 quantisation + R^2 tau^2/2 ramp]
-
-by generalised least squares with the exact covariance (`covariance`, `leastsquares`), over the octaves and
-terms that describe the channel (`model_selection`), with limits from score tests (`intervals`).
-
-Every call computes point estimates, which are cheap (`results`). It computes limits, selection and times
-(`time_to_precision`) again when the record has grown by 2 %; in between, limits move with their value. What
-is measured and what only bounded follows the rules in `confidence`. A channel with too little data is
-``pending`` with a reason.
+`description` finds the terms, `likelihood` gives the numbers, `channel_results` states them in SI with the Allan curve
+that they imply. A fit is computed again when the record has grown by 2 %; in between the last one holds, with the curve
+of today.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.confidence import OCTAVES_FOR_N, ChannelConfidence, confidences
-from imumon.noise.fit.covariance import TERMS, tables
-from imumon.noise.fit.leastsquares import FitProblems
-from imumon.noise.fit.model_selection import select_models
-from imumon.noise.fit.narrow_band_offset import (
-    QUIET_AVERAGES,
-    band_offset,
-    kurtosis_covariance,
-    with_quiet_octaves,
-)
-from imumon.noise.fit.restricted_likelihood import BlockMeans
-from imumon.noise.fit.results import ChannelFit, channel_fits, pending_fit
-from imumon.noise.fit.slow_regressors import without_slow_regressors
-from imumon.noise.statistics.narrow_bands import NarrowBand, QuietDensity
+from imumon.noise.fit.channel_results import TOO_SHORT, channel_fit
+from imumon.noise.fit.description import Choice, Describer, Description
+from imumon.noise.fit.observations import block_series
+from imumon.noise.fit.results import ChannelFit, pending_fit
+from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.spectrum.spectrum import SUB_BAND
 from imumon.samples import Floats
 
-PRECISION_N = 0.01
-"""1, requested 95 % half-width of N relative to its value, as in datasheets. Changes `time_to` only. Not
-critical."""
-
-PRECISION_B = 0.20
-"""1, requested 95 % half-width of B relative to its value. Changes `time_to` only. Not critical."""
-PRECISION_K = 0.50
-"""1, requested 95 % half-width of K relative to its value. Changes `time_to` only. Not critical."""
-
+PRECISION = {"N": 0.01, "B": 0.2, "K": 0.5}
+"""1, requested 95 % half-widths relative to the value, as in datasheets."""
 RENEWAL_GROWTH = 1.02
-"""1, growth of the record after which limits are computed again: they shrink by 1 % meanwhile. Not
-critical."""
-
+"""1, growth of the record after which a fit is computed again: limits shrink by 1 % meanwhile."""
 LEAST_VARIANCE = 1e-100
-"""(channel unit)^2; below, squares of variances underflow and the channel is constant. Not critical."""
-
-MAX_VARIANCE = 1e100
-"""(channel unit)^2; above, squares of variances overflow and the octave is not used. Not critical."""
-
-MAX_STEPS = 2.0
-"""1, multiple of the resolution over sqrt(12), the error of one rounding, up to which the curve may show
-quantisation: the sensor may round twice. Not critical."""
-
+"""(channel unit)^2; below, squares of variances underflow and the channel is constant."""
+ROUNDING = 1e-12
+"""1, size of second differences over that of the means that rounding alone makes."""
 HIDDEN_SHARE = 0.5
-"""1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise. Rounding of
-larger noise adds a variance of 1/12 of its square. Not critical."""
+"""1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """Fit of a channel at one length of its record."""
+
+    span: int
+    found: Description | str
 
 
 class Estimator:
-    """Fits of a growing curve; limits are kept until the record has grown enough to change them.
+    """Fits of a growing record; each is kept until the record has grown enough to change it.
 
-    The limits belong to one record (`AllanCurve.record`). A curve of another record, or of an unknown one, is
-    fitted from scratch, so that no limit of one record is returned for another.
+    A fit belongs to one record (`AllanCurve.record`). A curve of another record, or of an unknown one, is fitted from
+    scratch, so that no limit of one record is returned for another.
 
     Parameters
     ----------
     averaged : the samples are true averages over their interval (delta angles), else point samples; one value
         for all channels, or (c,) one for each. A curve may consist of the first few of them.
-    precision : requested 95 % half-widths by coefficient, for `time_to`; default `PRECISION_N` and so on.
-    time_to : compute `time_to`, which doubles the time of a renewal.
+    precision : requested 95 % half-widths by coefficient, for `time_to`; default `PRECISION`.
+    time_to : compute `time_to`.
     """
 
     def __init__(
@@ -85,10 +63,10 @@ class Estimator:
         time_to: bool = True,
     ) -> None:
         self.averaged, self._time_to = averaged, time_to
-        self.precision = {"N": PRECISION_N, "B": PRECISION_B, "K": PRECISION_K} | (precision or {})
+        self.precision = PRECISION | (precision or {})
         self._record: Hashable = None
-        self._confidences: dict[int, ChannelConfidence] = {}
-        self._sampled: set[int] = set()  # channels whose octaves all come from the samples
+        self._known: dict[int, _Known] = {}
+        self._parts: dict[int, _Known] = {}  # of the part in progress
 
     def fit(
         self,
@@ -96,81 +74,129 @@ class Estimator:
         *,
         renew: bool | None = None,
         resolution: Sequence[float] | None = None,
-        bands: Sequence[Sequence[NarrowBand]] | None = None,
-        quiet: Sequence[QuietDensity | None] | None = None,
         kurtosis: Sequence[float] | None = None,
-        blocks: BlockMeans | None = None,
+        degrees: Floats | None = None,
     ) -> tuple[ChannelFit, ...]:
         """Fit every channel of a curve.
 
         Parameters
         ----------
-        renew : compute limits, selection and times again; default: where the record has grown by 2 %.
+        curve : of an `OctaveCascade`, with the sums of its noise.
+        renew : compute everything again, whatever was found before; default: where the record has grown by 2 %.
         resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
             than half of it shows in the rounding only, and no coefficient is given.
-        bands : narrow bands of the spectrum of each channel, which are subtracted from its curve.
-        quiet : density of each channel without them, of the same samples; None: where it has none. The shortest
-            octaves come from it beside a strong band.
-        kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits.
-        blocks : means over stretches of the same record, which separate K from a drift; None: K comes from
-            the curve alone.
+        kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits of N.
+        degrees : (blocks,) degC, temperature over the blocks of the sums; None: that of the sums.
         """
+        if degrees is None and curve.sums is not None:
+            degrees = curve.sums.degrees
         if curve.record is None or curve.record != self._record:
-            self._confidences.clear()
-            self._sampled.clear()
+            self._known.clear()
         self._record = curve.record
-        octaves, count = len(curve.m), curve.valid.size
-        if octaves == 0:
-            return (pending_fit(0, "no difference yet"),) * count
-        flags = [self.averaged] * count if isinstance(self.averaged, bool) else self.averaged[:count]
-        problems, reasons = _problems(curve, flags, resolution, bands, kurtosis, blocks)
-        spectral = None if bands is None or quiet is None else _with_spectrum(problems, curve, bands, quiet)
-        due = []
-        for channel, reason in enumerate(reasons):
-            known = self._confidences.get(channel)
-            current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
+        out = []
+        for channel in range(curve.valid.size):
+            step = 0.0 if resolution is None else float(resolution[channel])
+            reason = _why_pending(curve, channel, step)
             if reason is not None:
-                self._confidences.pop(channel, None)
-            elif known is None or renew or (renew is None and not current):
-                due.append(channel)
-        if spectral is not None:
-            self._choose_octaves(problems, spectral, due)
-            own = [c for c in range(count) if c not in self._sampled]
-            problems = problems.with_rows_of(spectral, own)
-        if due:
-            self._renew(problems.take(due), due, curve, blocks, spectrum=bands is not None)
-        fits = {row: pending_fit(octaves, *reason) for row, reason in enumerate(reasons) if reason}
-        if rows := [row for row, reason in enumerate(reasons) if reason is None]:
-            known_rows = [self._confidences[row] for row in rows]
-            fits |= zip(rows, channel_fits(curve, rows, problems.take(rows), known_rows), strict=True)
-        return tuple(fits[row] for row in range(count))
+                self._known.pop(channel, None)
+                out.append(pending_fit(len(curve.m), *reason))
+                continue
+            known = self._known.get(channel)
+            current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
+            if known is None or renew or (renew is None and not current):
+                earlier = None if renew else known
+                known = _Known(curve.span, self._describe(curve.sums, channel, earlier, degrees))
+                self._known[channel] = known
+            if isinstance(known.found, str):
+                out.append(pending_fit(len(curve.m), known.found))
+            else:
+                excess = 0.0 if kurtosis is None else float(kurtosis[channel])
+                out.append(self._stated(curve, channel, known.found, excess))
+        return tuple(out)
 
-    def _choose_octaves(self, problems: FitProblems, spectral: FitProblems, due: list[int]) -> None:
-        """Note the channels where octaves from the spectrum misfit, or exclude more: a resonance has tails."""
-        rows = [c for c in due if (problems.variance[c] != spectral.variance[c]).any()]
-        if not rows:
-            return
-        previous = [self._confidences[c].model if c in self._confidences else None for c in rows]
-        both = [select_models(each.take(rows), previous) for each in (problems, spectral)]
-        for c, sampled, own in zip(rows, *both, strict=True):
-            worse = own.used.sum() < sampled.used.sum() or own.changing or not own.passes
-            (self._sampled.add if worse else self._sampled.discard)(c)
-
-    def _renew(
+    def fit_sums(
         self,
-        problems: FitProblems,
-        due: list[int],
-        curve: AllanCurve,
-        blocks: BlockMeans | None,
+        sums: NoiseSums,
+        span: int,
+        resolution: Sequence[float] | None = None,
+        like: Estimator | None = None,
+    ) -> tuple[ChannelFit, ...]:
+        """Fit every channel of the sums of a part of a record, without a curve.
+
+        Parameters
+        ----------
+        span : samples of the part.
+        resolution : see `fit`.
+        like : estimator of the whole record, whose descriptions the parts share; None: each part has its own, which
+            is kept while the part grows.
+        """
+        none, no_octaves = np.zeros((0, len(sums.group))), np.zeros(0, dtype=np.int64)
+        valid = np.zeros(len(sums.group), dtype=np.int64)
+        curve = AllanCurve(sums.tau0, no_octaves, none, none.astype(np.int64), span, valid, 1)
+        out = []
+        for channel in range(len(sums.group)):
+            step = 0.0 if resolution is None else float(resolution[channel])
+            if (reason := _hidden(sums, channel, step)) is not None:
+                out.append(pending_fit(0, *reason))
+                continue
+            known = self._parts.get(channel) if like is None else like._known.get(channel)
+            if like is None and known is not None and known.span > span:
+                known = None  # another part
+            found = self._describe(sums, channel, known, sums.degrees, whole=like is None)
+            if like is None:
+                self._parts[channel] = _Known(span, found)
+            out.append(
+                pending_fit(0, found) if isinstance(found, str) else self._stated(curve, channel, found, 0.0)
+            )
+        return tuple(out)
+
+    def _stated(self, curve: AllanCurve, channel: int, found: Description, kurtosis: float) -> ChannelFit:
+        precision = np.array([self.precision[name] for name in "NBK"]) if self._time_to else None
+        return channel_fit(curve, channel, found, self._flag(channel), kurtosis, precision)
+
+    def _flag(self, channel: int) -> bool:
+        return self.averaged if isinstance(self.averaged, bool) else bool(self.averaged[channel])
+
+    def _describe(
+        self,
+        sums: NoiseSums | None,
+        channel: int,
+        known: _Known | None,
+        degrees: Floats | None,
         *,
-        spectrum: bool,
-    ) -> None:
-        """Compute selection, limits and times of some channels, one problem each."""
-        previous = [self._confidences[c].model if c in self._confidences else None for c in due]
-        precision = np.array([self.precision[name] for name in TERMS[:3]]) if self._time_to else None
-        own = None if blocks is None else blocks.select(due)
-        renewed = confidences(problems, previous, curve.span, curve.tau0, precision, own, spectrum=spectrum)
-        self._confidences.update(zip(due, renewed, strict=True))
+        whole: bool = True,
+    ) -> Description | str:
+        """Return the description of a channel, or why there is none.
+
+        Parameters
+        ----------
+        whole : the sums are those of which `known` is an earlier state, else a part of them.
+        """
+        if sums is None:
+            return "the curve has no sums of its noise"
+        blocks = sums.blocks
+        own = blocks.means[:, channel], blocks.share[:, channel], blocks.segment, blocks.length
+        series = block_series(*own)
+        if series is None:
+            return TOO_SHORT
+        if not np.var(series.series) > LEAST_VARIANCE:
+            return "the channel is constant"
+        steps = np.diff(series.series, 2)
+        if not steps.size or float(steps @ steps) <= ROUNDING**2 * float(series.series @ series.series):
+            return "a straight line without noise"
+        previous: Choice | None = None
+        if known is not None and not isinstance(known.found, str):
+            previous = known.found.choice if whole else replace(known.found.choice, grids=None)
+        describer = Describer(
+            sums,
+            channel,
+            series,
+            averaged=self._flag(channel),
+            degrees=degrees,
+            previous=previous,
+            slow_terms=whole,
+        )
+        return describer.describe()
 
 
 def fit_curve(
@@ -178,100 +204,32 @@ def fit_curve(
     *,
     averaged: bool | Sequence[bool],
     time_to: bool = True,
-    bands: Sequence[Sequence[NarrowBand]] | None = None,
-    blocks: BlockMeans | None = None,
 ) -> tuple[ChannelFit, ...]:
     """Fit N, B and K to every channel of a curve, once; see `Estimator`."""
-    return Estimator(averaged=averaged, time_to=time_to).fit(curve, bands=bands, blocks=blocks)
+    return Estimator(averaged=averaged, time_to=time_to).fit(curve)
 
 
-def point_estimates(
-    curve: AllanCurve,
-    *,
-    averaged: Sequence[bool],
-    resolution: Sequence[float] | None = None,
-    bands: Sequence[Sequence[NarrowBand]] | None = None,
-) -> Floats:
-    """Return N, B and K of every channel without limits, also where they are not significant.
-
-    Returns
-    -------
-    (c, 3) SI; NaN for a channel with too little data.
-    """
-    values = np.full((curve.valid.size, 3), np.nan)
-    if not len(curve.m):
-        return values
-    problems, reasons = _problems(curve, averaged[: curve.valid.size], resolution, bands)
-    if rows := [row for row, reason in enumerate(reasons) if reason is None]:
-        models = select_models(problems.take(rows), [None] * len(rows), spectrum=bands is not None)
-        unit = np.sqrt([curve.tau0, 1.0, 1.0 / curve.tau0])
-        values[rows] = [np.sqrt(np.maximum(model.p[:3], 0.0)) * unit for model in models]
-    return values
+def _why_pending(curve: AllanCurve, channel: int, step: float) -> tuple[str, str | None] | None:
+    """Return why a channel cannot be fitted, text and code; None if it can."""
+    present = curve.terms[:, channel] > 0 if len(curve.m) else np.zeros(0, dtype=bool)
+    if not present.any():
+        return "no difference yet", None
+    variance = curve.avar[present, channel]
+    if not (variance > LEAST_VARIANCE).any():
+        return "the channel is constant", "constant"
+    if variance[0] < (HIDDEN_SHARE * step) ** 2:
+        return _resolution_reason(step)
+    return None
 
 
-def _problems(
-    curve: AllanCurve,
-    averaged: Sequence[bool],
-    resolution: Sequence[float] | None,
-    bands: Sequence[Sequence[NarrowBand]] | None = None,
-    kurtosis: Sequence[float] | None = None,
-    blocks: BlockMeans | None = None,
-) -> tuple[FitProblems, list[tuple[str, str | None] | None]]:
-    """Return one problem per channel, and why a channel cannot be fitted (text and code)."""
-    kinds = sorted(set(averaged))
-    table = tuple(tables(curve.span, len(curve.m), averaged=kind) for kind in kinds)
-    terms, variance = curve.terms.T, curve.avar.T
-    used = (terms > 0) & (variance > LEAST_VARIANCE) & (variance < MAX_VARIANCE)
-    thinning = np.sqrt(table[0].full / np.maximum(terms, 1))
-    reasons: list[tuple[str, str | None] | None] = []
-    for row, octaves in enumerate(used.sum(axis=1).tolist()):
-        if not (terms[row] > 0).any():
-            reasons.append(("no difference yet", None))
-        elif not octaves:
-            reasons.append(("the channel is constant", "constant"))
-        elif resolution is not None and variance[row, 0] < (HIDDEN_SHARE * resolution[row]) ** 2:
-            reasons.append((f"its resolution of {resolution[row]:.3g} hides the noise", "resolution"))
-        elif octaves < OCTAVES_FOR_N:
-            reasons.append((f"{octaves} octaves, {OCTAVES_FOR_N} are needed", None))
-        else:
-            reasons.append(None)
-    kind = np.array([kinds.index(kind) for kind in averaged])
-    free = np.repeat((np.arange(len(TERMS)) < 3)[None], len(used), axis=0)
-    variance, excess = np.where(used, variance, 1.0), np.zeros(len(used))
-    (offset, lines), (extra, changing) = np.zeros((2, *used.shape)), np.zeros((2, *used.shape, used.shape[1]))
-    if blocks is not None:
-        slow, added = without_slow_regressors(curve, blocks)
-        variance = np.where(used, slow, 1.0)
-        extra += added[:, :, None] * np.eye(used.shape[1])
-    for row in range(len(used)):
-        if bands is not None and len(bands[row]):
-            offset[row], more, changing[row] = band_offset(bands[row], curve.m, curve.tau0)
-            lines[row] = offset[row]
-            extra[row] += more
-        if kurtosis is not None and kurtosis[row] > 0.0:
-            white = float(variance[row, 0])
-            extra[row] += kurtosis_covariance(white, kurtosis[row], int(curve.valid[row]), curve.m)
-    quantisation = np.full(len(used), np.inf)
-    if resolution is not None:
-        quantisation = (MAX_STEPS * np.array(resolution[: len(used)], dtype=np.float64)) ** 2 / 12.0
-    parts = (variance, thinning, used, free, excess, offset, extra, changing, lines, quantisation)
-    return FitProblems(table, kind, *parts), reasons
+def _hidden(sums: NoiseSums, channel: int, step: float) -> tuple[str, str] | None:
+    """Return why the resolution hides the noise of a part of a record, text and code; None if it does not."""
+    if not step or not sums.levels or not sums.levels[0].averages[sums.group[channel]]:
+        return None
+    white = float(sums.levels[0].power[channel].mean()) / float(sums.levels[0].averages[sums.group[channel]])
+    bins = SUB_BAND if sums.pooled else 1
+    return _resolution_reason(step) if white / bins < (HIDDEN_SHARE * step) ** 2 else None
 
 
-def _with_spectrum(
-    problems: FitProblems,
-    curve: AllanCurve,
-    bands: Sequence[Sequence[NarrowBand]],
-    quiet: Sequence[QuietDensity | None],
-) -> FitProblems:
-    """Return the problems with octaves from the spectrum where these have the smaller errors."""
-    variance, offset, extra = problems.variance.copy(), problems.offset.copy(), problems.extra.copy()
-    for row, density in enumerate(quiet[: len(variance)]):
-        if density is not None and density.averages >= QUIET_AVERAGES:
-            _, steady, _ = band_offset(bands[row], curve.m, curve.tau0)
-            counts = int(curve.valid[row]), curve.span
-            variance[row], offset[row], own = with_quiet_octaves(
-                bands[row], density, curve.m, variance[row], steady, *counts
-            )
-            extra[row] += own - steady
-    return replace(problems, variance=variance, offset=offset, extra=extra)
+def _resolution_reason(step: float) -> tuple[str, str]:
+    return f"its resolution of {step:.3g} hides the noise", "resolution"

@@ -26,32 +26,32 @@ from imumon.samples import Bools, Floats
 
 SUBOCTAVES = 4
 """Bits of the mantissa that choose a bin: 16 bins in an octave, within which the density is taken as even: an
-error of 0.1 % of the median. Not critical."""
+error of 0.1 % of the median."""
 OCTAVES = 64
-"""Octaves that are counted, from 2^-48; values below share the first bin. Not critical."""
+"""Octaves that are counted, from 2^-48; values below share the first bin."""
 LOWEST = 127 - 48
-"""Exponent of the lowest octave, as single precision stores it. Not critical."""
+"""Exponent of the lowest octave, as single precision stores it."""
 BINS = OCTAVES << SUBOCTAVES
 SHIFT = 23 - SUBOCTAVES
 
 DENSE = 8192
-"""Samples from the beginning of which every difference counts. Not critical."""
+"""Samples from the beginning of which every difference counts."""
 PERIOD, WINDOW = 1024, 64
-"""Samples from one window to the next, and of one, in which differences count afterwards. Not critical."""
+"""Samples from one window to the next, and of one, in which differences count afterwards."""
 
 LEAST_STEPS = 3.0
-"""Quantisation steps that sigma(tau0) has at least: the median of fewer levels says little. Not critical."""
+"""Quantisation steps that sigma(tau0) has at least: the median of fewer levels says little."""
 LEVEL_STEPS = 8
-"""Steps below which the median is sought between levels, because bins are finer than them. Not critical."""
+"""Steps below which the median is sought between levels, because bins are finer than them."""
 LEAST_DIFFERENCES = 200
-"""Differences from which there is a result: the median is then right to 10 %. Not critical."""
+"""Differences from which there is a result: the median is then right to 10 %."""
 LEAST_EXCESS = 0.05
-"""Share by which the deviation exceeds the robust one at least, where both disagree. Not critical."""
+"""Share by which the deviation exceeds the robust one at least, where both disagree."""
 EXCESS_ERRORS = 4.0
-"""Standard errors by which they disagree. Not critical."""
+"""Standard errors by which they disagree."""
 RATIO_VARIANCE = 2.8
 """Variance of the ratio times the number of differences, for white Gaussian noise: 1.36 of the median and 0.5
-of the mean square, 1.5 for the correlation of neighbouring differences. Not critical."""
+of the mean square, 1.5 for the correlation of neighbouring differences."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,15 +17,13 @@ import numpy as np
 from imumon.samples import Bools, Floats, Ints
 
 COLUMN_S = 0.5
-"""s, length of a column of the last minute. Sensitivity: halved 1.5e+02 %, doubled 1.9e+02 % (gyro y
-distribution recent_mean of the record "warm-up")."""
+"""s, length of a column of the last minute."""
 RECENT_COLUMNS = 120
-"""Columns of the last minute and of the last hour: more than a terminal is wide. Sensitivity: halved 1.6e+02
-%, doubled 1.9e+02 % (gyro y distribution recent_mean of the record "warm-up")."""
+"""Columns of the last minute and of the last hour: more than a terminal is wide."""
 HOUR_COLUMN = 60
-"""Columns of the minute in one of the hour. Not critical."""
+"""Columns of the minute in one of the hour."""
 ALL_COLUMNS = 240
-"""Most columns of everything; at least half of them are in use. Not critical."""
+"""Most columns of everything; at least half of them are in use."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,49 +27,44 @@ from scipy.special import ndtr
 from imumon.samples import Bools, Floats, Ints
 
 HISTOGRAM_BINS = 256
-"""Bins of a channel: at least half of them are in use. Not critical."""
+"""Bins of a channel: at least half of them are in use."""
 LEARN_SAMPLES = 256
-"""Samples from which the step of a quantised channel is read, and below which there is no verdict. Not
-critical."""
+"""Samples from which the step of a quantised channel is read, and below which there is no verdict."""
 
 GAUSSIAN_DISTANCE = 0.025
-"""Kolmogorov distance up to which a distribution counts as Gaussian: probabilities are right to 2.5 %. Not
-critical."""
+"""Kolmogorov distance up to which a distribution counts as Gaussian: probabilities are right to 2.5 %."""
 GAUSSIAN_SKEWNESS = 0.25
-"""Absolute skewness up to which a distribution counts as Gaussian. Not critical."""
+"""Absolute skewness up to which a distribution counts as Gaussian."""
 GAUSSIAN_KURTOSIS = 0.5
-"""Absolute excess kurtosis up to which a distribution counts as Gaussian. Not critical."""
+"""Absolute excess kurtosis up to which a distribution counts as Gaussian."""
 DISTANCE_ERROR = 1.5
-"""Sampling error of the distance that is allowed, times sqrt(n). Not critical."""
+"""Sampling error of the distance that is allowed, times sqrt(n)."""
 MOMENT_ERRORS = 4.0
-"""Standard errors of skewness and kurtosis that are allowed, and by which a mode must rise. Not critical."""
+"""Standard errors of skewness and kurtosis that are allowed, and by which a mode must rise."""
 COARSE_STEPS = 1.5
-"""Standard deviation, in quantisation steps, below which a channel is called quantised. Sensitivity: halved
-1e+02 %, doubled 0 % (gyro z distribution gaussian of the record "mixed")."""
+"""Standard deviation, in quantisation steps, below which a channel is called quantised."""
 FEW_LEVELS = 8
 """Levels up to which a channel whose step could not be learned counts as quantised, and above which the least
-difference may be several steps. Not critical."""
+difference may be several steps."""
 MODE_HEIGHT = 0.1
-"""Share of the highest count by which a mode rises above the valleys beside it. Not critical."""
+"""Share of the highest count by which a mode rises above the valleys beside it."""
 MODE_WIDTH = 0.25
-"""Width of the smoothing kernel for modes, as a share of the standard deviation. Not critical."""
+"""Width of the smoothing kernel for modes, as a share of the standard deviation."""
 LEAST_MODE_WIDTH = 0.5
-"""Bins, least width of that kernel. Not critical."""
+"""Bins, least width of that kernel."""
 
 LEAST_STEP = 1e-150
-"""Channel unit, least quantisation step: its reciprocal and its square are finite. Not critical."""
+"""Channel unit, least quantisation step: its reciprocal and its square are finite."""
 ROUNDED_GAP = 1e-9
-"""Share of the largest value below which a difference of two values is rounding. Not critical."""
+"""Share of the largest value below which a difference of two values is rounding."""
 LATTICE_ERROR = 0.02
-"""Steps by which a difference may miss a multiple of the quantisation step. Not critical."""
+"""Steps by which a difference may miss a multiple of the quantisation step."""
 LATTICE_ROUNDING = 1e-7
-"""The same, in addition, as a share of the multiple. Not critical."""
+"""The same, in addition, as a share of the multiple."""
 MOST_MULTIPLE = 1e6
-"""Steps, largest difference with which a step is recognised: beyond, any number is a multiple. Not
-critical."""
+"""Steps, largest difference with which a step is recognised: beyond, any number is a multiple."""
 PRECISE_BITS = 44
-"""Bits of a place on the lattice that are exact: a float has 53, and sums of places need some. Sensitivity:
-halved 0 %, doubled changes which values appear (Python of the record "OverflowError")."""
+"""Bits of a place on the lattice that are exact: a float has 53, and sums of places need some."""
 
 _ARRAYS = ("step", "unit", "exponent", "low", "counts", "started")
 

@@ -21,7 +21,7 @@ from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
 BATCH = 16384
-"""Samples that are reduced together: their work arrays fit into the cache of the processor. Not critical."""
+"""Samples that are reduced together: their work arrays fit into the cache of the processor."""
 
 _ARRAYS = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
 

@@ -14,16 +14,16 @@ import numpy as np
 from imumon.recordings.log_process.base import Log
 
 BASE_BYTES = 1 << 30
-"""Memory of the process beside a multiple of the size of the log. Not critical."""
+"""Memory of the process beside a multiple of the size of the log."""
 
 SIZE_FACTOR = 4
-"""Bytes of memory per byte of the log. Not critical."""
+"""Bytes of memory per byte of the log."""
 
 BASE_S = 20.0
-"""s of processor time beside a share of the size of the log. Not critical."""
+"""s of processor time beside a share of the size of the log."""
 
 BYTES_PER_S = 100e3
-"""Bytes of the log for which there is a second of processor time: an IMU has 10 MB/s. Not critical."""
+"""Bytes of the log for which there is a second of processor time: an IMU has 10 MB/s."""
 
 
 def limit(path: Path) -> None:

@@ -25,7 +25,7 @@ LOG_TIME = "log_time"
 """Column of the time at which the recorder got a message."""
 
 BLOCK_BYTES = 1 << 25
-"""Bytes of messages in a block. Not critical."""
+"""Bytes of messages in a block."""
 
 
 class BagLog(Log):

@@ -12,10 +12,10 @@ import numpy.typing as npt
 from imumon.samples import Floats
 
 ROWS = 1 << 15
-"""Rows in a block. Not critical."""
+"""Rows in a block."""
 
 MATCHED = 0.99
-"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time. Not critical."""
+"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,10 +34,10 @@ SCALES = {"c": 1e-2, "C": 1e-2, "e": 1e-2, "E": 1e-2, "L": 1e-7}
 """Factor of formats that count parts of a unit."""
 
 BATCH_ROWS = 32
-"""Samples in an `ISBD` message, by its format. Not critical."""
+"""Samples in an `ISBD` message, by its format."""
 
 HEADER_BYTES = 3
-"""Bytes of a message before its fields, by the format. Not critical."""
+"""Bytes of a message before its fields, by the format."""
 
 GYRO, ACCEL = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
 BATCHES = {0: ("accel", "m/s2"), 1: ("gyro", "rad/s")}

@@ -34,10 +34,10 @@ TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 """Types of seconds and nanoseconds, which are one column."""
 
 MOST_ELEMENTS = 64
-"""Elements of an array that are columns. Not critical."""
+"""Elements of an array that are columns."""
 
 MOST_NAMES = 5000
-"""Columns of a type; the rest is not listed. Not critical."""
+"""Columns of a type; the rest is not listed."""
 
 
 class UnsupportedType(Exception):

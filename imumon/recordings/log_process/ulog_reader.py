@@ -21,10 +21,10 @@ from imumon.samples import AXES, Floats
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
 COVERED = 0.9
-"""Share of the time that integrals must cover to be averages over the sampling interval. Not critical."""
+"""Share of the time that integrals must cover to be averages over the sampling interval."""
 
 ONE_STEP = 1.5
-"""Median steps up to which a step is that of two consecutive messages. Not critical."""
+"""Median steps up to which a step is that of two consecutive messages."""
 
 FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m/s2")}
 """Topics with all samples of a chip: sensor and unit."""

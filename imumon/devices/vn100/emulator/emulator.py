@@ -23,13 +23,13 @@ TIME_AND_DELTAS = ("06", "0001", "00C0")
 """Groups and field words of TimeStartup, DeltaTheta and DeltaVel: 44 bytes."""
 
 IDLE_S = 0.05
-"""s, longest time between two steps. Not critical."""
+"""s, longest time between two steps."""
 
 _STEP_S, _STEP_TIME_LAPSE_S = 0.004, 0.016
-"""s, shortest time between two steps, in real time and in time-lapse. Not critical."""
+"""s, shortest time between two steps, in real time and in time-lapse."""
 
 _TIME_LAPSE_TICKS = 1 << 14
-"""Ticks that one step computes at most in time-lapse. Not critical."""
+"""Ticks that one step computes at most in time-lapse."""
 
 
 def make_device(settings: EmulatorSettings) -> CommandHandler:

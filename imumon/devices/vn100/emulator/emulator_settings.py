@@ -41,7 +41,7 @@ class Noise:
 
 
 FASTEST = 1e4
-"""Largest time-lapse factor. Not critical."""
+"""Largest time-lapse factor."""
 
 GYRO = Noise.equal(6.1e-5, 2.4e-5, 1e-6)
 ACCEL = Noise.equal(1.37e-3, 2e-4, 1e-5)

@@ -48,7 +48,7 @@ STARTUP_TICKS = 440
 """Age of the sensor clock at its first message: 0.55 s."""
 
 _EXTEND_TICKS = 1 << 14
-"""Most ticks that the sensor model computes at once. Not critical."""
+"""Most ticks that the sensor model computes at once."""
 
 _LINEAR = {"VNYBA": "linAccelBody", "VNYIA": "linAccelNed"}
 _INCREMENTS = ("deltas", "deltaTheta", "deltaVel")

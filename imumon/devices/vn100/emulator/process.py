@@ -17,7 +17,7 @@ from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 
 _STOP_S = 2.0
-"""s that the emulator may take to exit before it is killed. Not critical."""
+"""s that the emulator may take to exit before it is killed."""
 
 
 class EmulatorProcess:

@@ -19,24 +19,22 @@ from scipy.special import stdtr
 from imumon.samples import Floats
 
 DAYS_BEFORE = 7
-"""Days before a step, at least: the scatter must be known. Not critical."""
+"""Days before a step, at least: the scatter must be known."""
 DAYS_KEPT = 90
-"""Days that are looked back. Not critical."""
+"""Days that are looked back."""
 ALARM = 1e-5
 """Probability of a change by chance, over all days of a series, below which it is reported. Days that resemble each
 other more than the correlation of neighbours shows make chance steps likelier: of 30 days of a random walk, 2.6 % give
-one. A sensor with nine channels has 18 series; benchmarks/history_study.py measures its false alarms. Sensitivity: 1e-4
-finds a step of 12 % at a scatter of 1 % a day earlier and doubles the false alarms of a random walk."""
+one. A sensor with nine channels has 18 series; benchmarks/history_study.py measures its false alarms."""
 LEAST_SPAN_DEGC = 1.0
-"""degC, standard deviation of the daily temperatures above which they are a regressor. Not critical."""
+"""degC, standard deviation of the daily temperatures above which they are a regressor."""
 STRONGEST = 0.9
-"""1, largest correlation of neighbouring days that is used: with a larger one, no step can be seen. Not critical."""
+"""1, largest correlation of neighbouring days that is used: with a larger one, no step can be seen."""
 LEAST_SCATTER = 2e-3
 """1, scatter of the logarithms that is assumed at least: a shorter record than the sensor's own variations would
-show less. Sensitivity: with 0.5 %, steps of N below 4 % take days longer."""
+show less."""
 LEAST_DOF = 8.0
-"""1, degrees of freedom that remain at least, for strongly correlated days. Sensitivity: with 4, steps of 30 % in days
-of correlation 0.8 are found half as often, with as many false alarms."""
+"""1, degrees of freedom that remain at least, for strongly correlated days."""
 
 
 @dataclass(frozen=True, slots=True)

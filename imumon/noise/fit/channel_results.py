@@ -1,0 +1,403 @@
+"""What a description states about a channel, in SI: coefficients, regressors, and the Allan curve with its limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from imumon.noise.allan import AllanCurve
+from imumon.noise.fit.description import N_ERRORS, Description
+from imumon.noise.fit.expected_curve import (
+    degrees_of_freedom,
+    density_variances,
+    limit_factors,
+    line_variances,
+    moved_variances,
+    noise_variances,
+)
+from imumon.noise.fit.likelihood import averaged as average_over
+from imumon.noise.fit.likelihood import evidence, quantiles
+from imumon.noise.fit.observations import meeting_frequency, observed_density
+from imumon.noise.fit.regressors import COLLINEAR, OSCILLATION
+from imumon.noise.fit.results import ChannelFit, FittedCoefficient, FittedColumn, read_slopes
+from imumon.noise.fit.time_to_precision import seconds_to
+from imumon.noise.spectrum.expectation import sampled_density, window_power
+from imumon.report import Change, TimeTo
+from imumon.samples import Floats, Ints
+
+LEAST_B_K_S = 10.0
+"""s, shortest record for B and K: before, a filter, a vibration, and the start look like them."""
+EVIDENCE = 4.8
+"""Twice the log likelihood ratio against zero from which B or K is measured: 1.4 % false detections (half of the
+records have the best value at zero)."""
+LIMIT_95, BOUND_95 = 1.96, 1.645
+MISFIT_P = 0.01
+"""Probability of the misfit below which the caveat ``misfit`` is given."""
+OSCILLATES = 30.0
+"""Power of an oscillation over the noise of a coefficient from which it is reported: 10^-5 by chance in a record."""
+SAME_PERIOD = 0.2
+"""Relative difference up to which two periods are those of one oscillation."""
+BENDS = 0.1
+"""Share of the Allan variance at some tau from which lines or a drift bend the curve visibly."""
+
+SMOOTH_OCTAVES_END = 64
+"""Samples, longest cluster for which the contribution of a line hardly changes within a bin of the spectrum."""
+
+ALIAS_WIDTHS, ALIAS_SHARE = 3.0, 0.1
+"""Widths of a line within which its alias lies, and the least share of an oscillation that remains of the line."""
+
+LINE_DEGREES = 4.0 * math.sqrt(math.pi)
+"""Degrees of freedom of noise in a band with a Gaussian shape, over width and time."""
+
+NOT_SHOWN = "the record does not show it"
+TOO_SHORT = "the record is too short"
+
+
+def channel_fit(
+    curve: AllanCurve,
+    channel: int,
+    found: Description,
+    averaged: bool,
+    kurtosis: float,
+    precision: Floats | None,
+) -> ChannelFit:
+    """Return the fit of one channel.
+
+    Parameters
+    ----------
+    curve : of the record; without octaves: there is none.
+    averaged : the samples are true averages over their interval, else point samples.
+    kurtosis : 1, excess kurtosis of the samples.
+    precision : (3,) 1, requested relative half-widths of N, B and K; None: no times are wanted.
+    """
+    tau0, series = curve.tau0, found.series
+    samples = float(series.count.sum() * series.length)
+    unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0]))
+    coefficients = _coefficients(found, kurtosis / samples, samples * tau0)
+    N, B, K = (_scaled(each, size) for each, size in zip(coefficients, unit.tolist(), strict=True))
+    columns, collinear = _columns(found, tau0)
+    drift = next((each for each in reversed(columns) if each.name == "drift"), None)
+    highest = float(found.likelihood.powers.top.max())
+    none, lines = np.zeros(0), _lines(curve, channel)
+    fit = ChannelFit(
+        N=N,
+        B=B,
+        K=K,
+        Q=_quantised(found, tau0) if found.likelihood.shape == "quantised" else None,
+        R=_ramp(drift) if drift is not None and drift.significant and not collinear else None,
+        chi2=found.misfit,
+        dof=round(found.dof),
+        p_value=found.p_value,
+        model=none,
+        noise=none,
+        used=none > 0.0,
+        low=none,
+        high=none,
+        edf=none,
+        columns=columns,
+        no_slope="collinear" if collinear else found.reason,
+        explained=_explained(found),
+        step=_step(found, columns),
+        lines_hz=tuple((lines[:, 0] / tau0).tolist()),
+        oscillations_s=_periods(found, lines, tau0),
+        highest_hz=highest / tau0,
+    )
+    if precision is not None:
+        widths = np.array([_relative_width(each) for each in (N, B, K)])
+        seconds = seconds_to(found.surface.powers, widths, samples, tau0, highest, precision)
+        fit = replace(fit, time_to=TimeTo(N=seconds[0], B=seconds[1], K=seconds[2]))
+    if len(curve.m):
+        fit = _with_curve(fit, curve, channel, found, averaged)
+    return _with_caveats(fit, found, curve, channel)
+
+
+def _coefficients(found: Description, kurtosis: float, length_s: float) -> list[FittedCoefficient]:
+    """Return N, B and K in units of tau0.
+
+    Noise of independent samples with excess kurtosis g has powers whose relative covariances all gain g over the
+    number of samples (the fourth cumulant of a sum of squares), as if N^2 itself varied.
+    """
+    surface = found.surface
+    mean, error = (float(v) for v in average_over(surface, surface.a, surface.a_variance))
+    error = math.hypot(error, mean * math.sqrt(max(kurtosis, 0.0)))
+
+    def root(errors: float) -> float:
+        return math.sqrt(max(mean + errors * error, 0.0))
+
+    if mean > N_ERRORS * error:
+        half = math.exp(0.5 * LIMIT_95 * error / mean)  # a variance is nearly log-normal
+        value = root(0.0)
+        white = FittedCoefficient(value=value, low=value / half, high=value * half, status="measured")
+    else:
+        white = _bound(root(BOUND_95))
+    out = [white]
+    for axis in (0, 1):
+        value, low, high, bound = quantiles(surface, axis, np.array([0.5, 0.025, 0.975, 0.95])).tolist()
+        if length_s < LEAST_B_K_S:
+            out.append(FittedCoefficient(reason=TOO_SHORT))
+        elif evidence(surface, axis) > EVIDENCE and low < value < high:
+            out.append(FittedCoefficient(value=value, low=low, high=high, status="measured"))
+        else:
+            out.append(_bound(bound))
+    return out
+
+
+def _with_curve(
+    fit: ChannelFit, curve: AllanCurve, channel: int, found: Description, averaged: bool
+) -> ChannelFit:
+    """Return the fit with the Allan deviations that it states, and the limits of the measured ones."""
+    powers, m = found.surface.powers, curve.m
+    noise = powers @ noise_variances(m, averaged=averaged)
+    random = np.maximum(noise + _departure(curve, channel, found, averaged), 1e-3 * noise)
+    present = curve.terms[:, channel] > 0
+    fixed = _moved(found, m, _lines(curve, channel))
+    edf = degrees_of_freedom(m, curve.terms[:, channel], curve.span, powers)
+    # a product of noise and what is not random adds twice its share; a line is noise of its own width
+    share = np.where(edf > 0.0, (random**2 + 2.0 * random * fixed) / np.maximum(edf, 1e-9), 1.0)
+    for f, width, power in _lines(curve, channel).tolist():
+        share = share + line_variances(m, f, width, power) ** 2 / (LINE_DEGREES * width * curve.span + 1.0)
+    edf = np.where(present, (random + fixed) ** 2 / share, 0.0)
+    low, high = limit_factors(np.maximum(edf, 1.0))
+    sigma = curve.sigma[:, channel]
+    positive = present & (sigma > 0.0)
+    return replace(
+        fit,
+        model=np.sqrt(random + fixed),
+        noise=np.sqrt(noise),
+        used=present & (m >= 1 << found.first),
+        low=np.where(present, sigma * low, 0.0),
+        high=np.where(present, sigma * high, 0.0),
+        edf=edf,
+        readings=read_slopes(curve.tau[positive], sigma[positive]),
+    )
+
+
+def _relative_width(each: FittedCoefficient) -> float:
+    """Return the half-width of the limits over the value; inf where nothing is measured."""
+    if each.value is None or each.low is None or each.high is None:
+        return math.inf
+    return 0.5 * (each.high - each.low) / each.value
+
+
+def _bound(high: float) -> FittedCoefficient:
+    return FittedCoefficient(low=0.0, high=high, status="upper_bound", reason=NOT_SHOWN)
+
+
+def _scaled(each: FittedCoefficient, unit: float) -> FittedCoefficient:
+    """Return a coefficient in SI."""
+    value, low, high = (None if v is None else v * unit for v in (each.value, each.low, each.high))
+    return FittedCoefficient(
+        value=value, low=low, high=high, status=each.status, reason=each.reason, reason_code=each.reason_code
+    )
+
+
+def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...], bool]:
+    """Return the regressors with their coefficients, and whether time and temperature are not separable."""
+    mean, error = average_over(found.surface, found.surface.beta, found.surface.beta_variance)
+    length_s = found.series.length * tau0
+    out = []
+    for each, value, deviation in zip(found.regressors, mean.tolist(), error.tolist(), strict=True):
+        if each.name == "settling_time" or each.name in OSCILLATION:
+            continue
+        scale = each.scale / length_s if each.name == "drift" else each.scale
+        out.append(FittedColumn(each.name, value * scale, deviation * scale, each.at * length_s))
+    collinear = False
+    names = [each.name for each in found.regressors]
+    if "temperature" in names:
+        X = found.likelihood.coefficients.X
+        v = found.surface.powers @ found.likelihood.coefficients.variance
+        inverse = np.linalg.inv((X / v[:, None]).T @ X)
+        one, two = names.index("drift"), names.index("temperature")
+        collinear = abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two])
+    if collinear:
+        out = [each for each in out if each.name != "temperature"]
+    return tuple(out), bool(collinear)
+
+
+def _step(found: Description, columns: tuple[FittedColumn, ...]) -> Change | None:
+    """Return the step of a description as a change of the bias, with the means before and after it."""
+    column = next((each for each in columns if each.name == "step"), None)
+    if column is None:
+        return None
+    series = found.series
+    regressor = next(each for each in found.regressors if each.name == "step")
+    segment = int(np.searchsorted(series.begin, regressor.at, side="right")) - 1
+    begin, at = int(series.begin[segment]), int(regressor.at)
+    before = found.offset + float(series.series[begin:at].mean())
+    return Change(
+        against="time before",
+        quantity="bias",
+        before=before,
+        now=before + column.value,
+        ratio=None,
+        sigma=column.sigma,
+    )
+
+
+def _line_shares(curve: AllanCurve, channel: int) -> Floats:
+    """Return (k,) the Allan variance of the lines of the spectrum."""
+    out = np.zeros(len(curve.m))
+    for f, width, power in _lines(curve, channel).tolist():
+        out = out + line_variances(curve.m, f, width, power)
+    return out
+
+
+def _lines(curve: AllanCurve, channel: int) -> Floats:
+    """Return (l, 3) frequency and width, cycles per sample, and power of the lines of a channel, strongest first."""
+    spectrum = None if curve.sums is None else curve.sums.spectrum
+    bands = () if spectrum is None else spectrum.bands[channel]
+    scaled = [(band.frequency_hz * curve.tau0, band.width_hz * curve.tau0, band.power) for band in bands]
+    return np.array(scaled).reshape(-1, 3)
+
+
+def _ramp(drift: FittedColumn) -> FittedCoefficient:
+    """Return R, the size of the drift."""
+    value, half = abs(drift.value), LIMIT_95 * drift.error
+    return FittedCoefficient(value=value, low=max(value - half, 0.0), high=value + half, status="measured")
+
+
+def _quantised(found: Description, tau0: float) -> FittedCoefficient | None:
+    """Return Q of the term c 4 sin^2(pi f) = Q^2 (2 pi f)^2 in units of tau0, with the error of c."""
+    likelihood, surface = found.likelihood, found.surface
+    c = float(surface.c[surface.best])
+    own = likelihood.powers.expected[:, [0, 3]] / likelihood.model(surface)[:, None]
+    error = math.sqrt(np.linalg.pinv((0.5 * likelihood.dof[:, None] * own).T @ own)[1, 1])
+    if c < N_ERRORS * error:
+        return None
+    low, high = (math.sqrt(max(c + sign * LIMIT_95 * error, 0.0)) * tau0 for sign in (-1, 1))
+    return FittedCoefficient(value=math.sqrt(c) * tau0, low=low, high=high, status="measured")
+
+
+def _oscillations(found: Description, lines: Floats) -> list[Ints]:
+    """Return the coefficients of each oscillation that is beyond chance and no alias of a line.
+
+    A block averages over most of a line, and what remains of a strong one shows at the wrong frequency.
+
+    Parameters
+    ----------
+    lines : (l, 3) frequency and width, cycles per sample, and power of each line of the spectrum.
+    """
+    series, out = found.series, []
+    f, width, power = lines.T
+    noise = found.surface.powers @ series.variance
+    aliases = np.abs(f - np.round(f * series.length) / series.length)
+    remains = power / (np.pi * f * series.length) ** 2
+    for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
+        own = np.flatnonzero(found.oscillations[begin : begin + count])
+        step = 0.5 / ((count + 1) * series.length)
+        for group in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
+            at = begin + group
+            if float((found.excess[at] / noise[at]).sum()) > OSCILLATES:
+                low, high = series.f[at[[0, -1]]] + np.array([-step, step])
+                near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
+                own_power = float(found.excess[at].sum()) / (count + 1)
+                if not (near & (remains > ALIAS_SHARE * own_power)).any():
+                    out.append(at)
+    return out
+
+
+def _periods(found: Description, lines: Floats, tau0: float) -> tuple[float, ...]:
+    """Return the periods, s, of the oscillations that are left out: the middle of each."""
+    out = []
+    for group in _oscillations(found, lines):
+        weight = found.excess[group]
+        out.append(float(tau0 * weight.sum() / (weight @ found.series.f[group])))
+    described = [
+        each.at * found.series.length * tau0 for each in found.regressors if each.name == OSCILLATION[0]
+    ]
+    for period in described:  # what is left of one beside its regressors is no other one
+        out = [other for other in out if abs(other / period - 1.0) > SAME_PERIOD]
+    out += described
+    return tuple(sorted(out))
+
+
+def _departure(curve: AllanCurve, channel: int, found: Description, averaged: bool) -> Floats:
+    """Return (k,) what the spectrum has beyond N, B and K.
+
+    Its shape where the fit uses it, what was observed above the highest frequency in use, and everywhere where the fit
+    counts an error of the model. The lines are as observed at the shortest octaves. At longer ones the bins are too
+    wide for the oscillation of their contribution with tau, and each line has its frequency and width.
+    """
+    if curve.sums is None:
+        return np.zeros(len(curve.m))
+    likelihood, surface, m = found.likelihood, found.surface, curve.m
+    whole = likelihood.powers.top.max() > 0.499 and not likelihood.shape and found.window == 1
+    if whole and not found.error and not _lines(curve, channel).size:
+        return np.zeros(len(m))
+    f, width, density, lines = observed_density(curve.sums, channel)
+    above = f > meeting_frequency(found.series)
+    f, width, density, lines = f[above], width[above], density[above], lines[above]
+    noise = surface.powers @ sampled_density(f, averaged=averaged)
+    c = float(surface.c[surface.best]) * 4.0 * np.sin(np.pi * f) ** 2
+    stated = noise * window_power(f, found.window)
+    stated = stated / (1.0 + c) if likelihood.shape == "filtered" else stated
+    stated = stated + c if likelihood.shape == "quantised" else stated
+    if found.error or not lines.all():
+        quiet = (
+            np.interp(f, *np.stack((f, density))[:, ~lines][:, np.argsort(f[~lines])])
+            if lines.any()
+            else density
+        )
+        stated = np.where((f > float(likelihood.powers.top.max())) | bool(found.error), quiet, stated)
+    long = density_variances(m, f, width, stated - noise)
+    if not lines.any():
+        return long
+    long = long + _line_shares(curve, channel)
+    short = density_variances(m, f, width, np.where(lines, density, stated) - noise)
+    return np.where(m <= SMOOTH_OCTAVES_END, short, long)
+
+
+def _moved(found: Description, m: Ints, lines: Floats) -> Floats:
+    """Return (k,) the Allan variance of what the regressors move, and of the oscillations as they are."""
+    import scipy.fft
+
+    series, beta = found.series, found.surface.beta[found.surface.best]
+    moved = np.zeros(series.series.size)
+    for each, value in zip(found.regressors, beta.tolist(), strict=True):
+        moved = moved + value * each.scale * each.series
+    left_out = np.zeros(series.y.size)
+    for group in _oscillations(found, lines):
+        left_out[group] = np.sqrt(found.excess[group])
+    if left_out.any():
+        left_out = np.copysign(left_out, series.y - series.transform(moved))
+        for number, (begin, count) in enumerate(zip(series.begin, series.count, strict=True)):
+            own = np.concatenate(([0.0], left_out[begin - number : begin - number + count - 1]))
+            moved[begin : begin + count] += scipy.fft.idct(own, norm="ortho")
+    return moved_variances(m, series, moved)
+
+
+def _explained(found: Description) -> float | None:
+    """Return the share of the variance of the means beyond white noise that follows the temperature."""
+    names = [each.name for each in found.regressors]
+    if "temperature" not in names:
+        return None
+    at = names.index("temperature")
+    each, value = found.regressors[at], float(found.surface.beta[found.surface.best, at])
+    total = float(np.var(found.series.series))
+    rest = float(np.var(found.series.series - value * each.scale * each.series))
+    white = float(found.surface.powers[0] * found.series.variance[0].mean())
+    if total - white <= BENDS * total:
+        return None
+    return min(1.0, max(0.0, (total - rest) / (total - white)))
+
+
+def _with_caveats(fit: ChannelFit, found: Description, curve: AllanCurve, channel: int) -> ChannelFit:
+    """Return the fit with its caveats; see `ChannelFit`."""
+    bends = ramps = False
+    if len(curve.m):
+        model = fit.model**2
+        bends = bool((_line_shares(curve, channel) > BENDS * model).any())
+        drift = fit.column("drift")
+        if fit.R is not None and drift is not None:
+            ramps = bool((0.5 * (drift.value * curve.tau) ** 2 > BENDS * model).any())
+    holds = {
+        "misfit": found.p_value < MISFIT_P,
+        "vibration": bends,
+        "correlated": found.window > 1 or found.likelihood.shape == "filtered",
+        "quantised": fit.Q is not None,
+        "ramp": ramps,
+        "oscillation": bool(fit.oscillations_s),
+    }
+    return replace(fit, caveats=tuple(caveat for caveat, true in holds.items() if true))

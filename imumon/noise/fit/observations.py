@@ -1,0 +1,308 @@
+"""Observations of one channel: what the likelihood compares with a model.
+
+Powers (`Powers`) are means of squares with a gamma distribution: bands of about half an octave of the Welch sums, and
+of the higher cosine coefficients of the block means. The lower cosine coefficients stay single (`Coefficients`),
+because what is not noise (constant, drift, temperature, settling, a step) is a regressor there. Both parts meet at one
+frequency: the spectrum above it, the blocks below.
+
+Units: tau0 = 1, so a = N^2/tau0, b = B^2, k = K^2 tau0, all (channel unit)^2, and f in cycles per sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from imumon.noise.blocks.cosine import coefficient_variances
+from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.spectrum.expectation import (
+    bin_expectation,
+    degrees_of_freedom,
+    filter_power,
+    segment_variances,
+    short_term_density,
+)
+from imumon.noise.spectrum.spectral_lines import SEGMENT
+from imumon.noise.spectrum.spectrum import FIRST_BIN, SUB_BAND, last_bin
+from imumon.samples import Bools, Floats, Ints
+
+BAND_EDGES = (46, 70, 94, 128)
+"""Bins between which the power of a level is one observation: within it no noise changes by more than 2.3 times."""
+LEAST_SEGMENTS = 4
+"""Segments from which a level counts."""
+SINGLE = 48
+"""Cosine coefficients that stay single: the spectrum of a smooth regressor falls with the square of their number."""
+LEAST_BLOCKS = 12
+"""Blocks with a mean, without which nothing is said of B and K."""
+LONGEST_HOLE = 0.04
+"""Share of the blocks up to which a hole is filled by interpolation; a longer one separates two segments, as does a gap
+of unknown length."""
+LEAST_SEGMENT = 8
+"""Blocks from which a segment counts."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Powers:
+    """Gamma-distributed mean squares.
+
+    Attributes
+    ----------
+    power : (r,) (channel unit)^2, density per cycle per sample.
+    dof : (r,) 1, degrees of freedom.
+    expected : (r, 5) expectation for a = b = k = 1, and the mean and the harmonic mean of x = 4 sin^2(pi f).
+    top : (r,) cycles per sample, upper end of the band.
+    """
+
+    power: Floats
+    dof: Floats
+    expected: Floats
+    top: Floats
+
+    def take(self, rows: Bools) -> Powers:
+        """Return some of the powers."""
+        return Powers(self.power[rows], self.dof[rows], self.expected[rows], self.top[rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coefficients:
+    """Single cosine coefficients with their regressors.
+
+    Attributes
+    ----------
+    y : (n,) channel unit.
+    X : (n, q) regressors; the constant is removed already.
+    variance : (3, n) for a = b = k = 1.
+    """
+
+    y: Floats
+    X: Floats
+    variance: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockSeries:
+    """Cosine coefficients of all segments of the block means.
+
+    Attributes
+    ----------
+    length : samples of a block.
+    rows : (n,) number of the block of each value of the series, without holes.
+    begin, count : (s,) first value and number of values of each segment.
+    series : (n,) channel unit, means, about an offset, holes filled.
+    y : (m,) channel unit, coefficients of all segments, without that of the constant.
+    variance : (3, m) for a = b = k = 1.
+    f : (m,) cycles per sample.
+    """
+
+    length: int
+    rows: Ints
+    begin: Ints
+    count: Ints
+    series: Floats
+    y: Floats
+    variance: Floats
+    f: Floats
+
+    def transform(self, values: Floats) -> Floats:
+        """Return (m, ...) the coefficients of values (n, ...) at the same blocks."""
+        import scipy.fft
+
+        parts = [
+            scipy.fft.dct(values[begin : begin + count], axis=0, norm="ortho")[1:]
+            for begin, count in zip(self.begin, self.count, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def without(self, coefficients: Floats) -> Floats:
+        """Return (n,) the series about its means without what has these coefficients (m,)."""
+        import scipy.fft
+
+        out = []
+        for number, (begin, count) in enumerate(zip(self.begin, self.count, strict=True)):
+            rest = (self.y - coefficients)[begin - number : begin - number + count - 1]
+            out.append(scipy.fft.idct(np.concatenate(([0.0], rest)), norm="ortho"))
+        return np.concatenate(out)
+
+
+def block_series(means: Floats, share: Floats, segment: Ints, length: int) -> BlockSeries | None:
+    """Return the coefficients of the means of a channel; None with too few of them.
+
+    Parameters
+    ----------
+    means, share, segment : (n,) see `BlockMeans`.
+    length : samples of a block.
+    """
+    known = np.isfinite(means)
+    if known.sum() < LEAST_BLOCKS:
+        return None
+    at = np.flatnonzero(known)
+    hole = max(2.0, LONGEST_HOLE * known.sum())
+    borders = np.flatnonzero((np.diff(at) > hole) | (np.diff(segment[at]) != 0)) + 1
+    rows, begin, count, series, variance, f = [], [], [], [], [], []
+    total = 0
+    for part in np.split(at, borders):
+        n = int(part[-1] - part[0]) + 1
+        if n < LEAST_SEGMENT:
+            continue
+        every = np.arange(part[0], part[-1] + 1)
+        values = np.interp(every, part, means[part])
+        white = float(np.mean(1.0 / share[part])) * len(part) / n  # filled blocks have no white noise
+        unit = np.array([white / length, 1.0, float(length)])
+        begin.append(total)
+        count.append(n)
+        rows.append(every)
+        series.append(values)
+        variance.append(coefficient_variances(n) * unit[:, None])
+        f.append(np.arange(1, n) / (2.0 * n * length))
+        total += n
+    if not rows:
+        return None
+    made = BlockSeries(
+        length,
+        np.concatenate(rows),
+        np.array(begin),
+        np.array(count),
+        np.concatenate(series),
+        np.zeros(0),
+        np.concatenate(variance, axis=1),
+        np.concatenate(f),
+    )
+    return replace(made, y=made.transform(made.series))
+
+
+@lru_cache(maxsize=512)
+def _band_dof(bins: bytes, segments: float) -> float:
+    return degrees_of_freedom(np.frombuffer(bins, dtype=np.int64), segments)
+
+
+def spectral_powers(sums: NoiseSums, column: int, *, averaged: bool, window: int = 1) -> Powers:
+    """Return the bands of the spectrum of a channel without the bins of its lines.
+
+    Parameters
+    ----------
+    averaged : the samples are true averages over their interval, else point samples.
+    window : samples of a moving average in the sensor; 1: none.
+    """
+    masks = () if sums.spectrum is None else sums.spectrum.masks
+    rows: list[tuple[float, float, Floats, float]] = []
+    group = int(sums.group[column])
+    for s, level in enumerate(sums.levels):
+        count = float(level.averages[group])
+        if count < LEAST_SEGMENTS:
+            continue
+        power, white, holes = (
+            level.power[column] / count,
+            level.white[group] / count,
+            level.holes[group] / count,
+        )
+        bins = np.arange(FIRST_BIN, last_bin(s))
+        mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
+        expected = bin_expectation(s, averaged=averaged, window=window)
+        expected = np.concatenate((expected, short_term_density(s)[None]))
+        expected = expected * np.array([white, 1.0, 1.0, 1.0])[:, None]
+        if holes:
+            leak = holes * segment_variances(s) * np.array([1.0, 1.0, 2.0**s]) * 2.0**s
+            expected[:3] += leak[:, None]
+        if sums.pooled:
+            edges = np.arange(0, bins.size, SUB_BAND)
+            mask = np.logical_or.reduceat(mask, edges)[np.arange(bins.size) // SUB_BAND]
+        for low, high in pairwise(BAND_EDGES):
+            if low >= bins[-1]:
+                break
+            own = (bins >= low) & (bins < high) & ~mask
+            if sums.pooled:
+                pools = np.unique((bins[own] - FIRST_BIN) // SUB_BAND)
+                total = float(power[pools].sum())
+            else:
+                total = float(power[own].sum())
+            if own.sum() >= 2:
+                dof = _band_dof(bins[own].tobytes(), count)
+                mean = np.append(expected[:, own].mean(axis=1), 1.0 / np.mean(1.0 / expected[3, own]))
+                rows.append((total / own.sum() * 2.0**s, dof, mean, high / SEGMENT / 2.0**s))
+    if not rows:
+        return Powers(np.zeros(0), np.zeros(0), np.zeros((0, 5)), np.zeros(0))
+    power_, dof_, expected_, top = zip(*rows, strict=True)
+    return Powers(np.array(power_), np.array(dof_), np.stack(expected_), np.array(top))
+
+
+@lru_cache(maxsize=64)
+def _response(level: int, pooled: bool) -> Floats:
+    """Return the power response of the filters above a level at its bins, or at the middle of its sub-bands."""
+    bins = np.arange(FIRST_BIN, last_bin(level), SUB_BAND if pooled else 1)
+    middle = bins + 0.5 * (np.diff(bins, append=last_bin(level)) - 1.0)
+    return filter_power(middle / SEGMENT / 2.0**level, level)
+
+
+def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floats, Bools]:
+    """Return the density of all bins of the spectrum of a channel.
+
+    Returns
+    -------
+    f, width : (n,) cycles per sample.
+    density : (n,) (channel unit)^2 per cycle per sample, of noise without missing samples.
+    lines : (n,) bins of lines.
+    """
+    masks = () if sums.spectrum is None else sums.spectrum.masks
+    group, found = int(sums.group[column]), []
+    for s, level in enumerate(sums.levels):
+        count = float(level.averages[group])
+        if count < LEAST_SEGMENTS:
+            continue
+        bins = np.arange(FIRST_BIN, last_bin(s))
+        first = bins[::SUB_BAND] if sums.pooled else bins
+        # the levels meet without a gap, and the highest bin reaches to half the sampling rate
+        size = np.diff(first - 0.5, append=last_bin(s) - (0.5 if s else 0.0) - 0.5 * (s > 0)).astype(
+            np.float64
+        )
+        middle = first - 0.5 + 0.5 * size
+        mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
+        mask = np.logical_or.reduceat(mask, first - FIRST_BIN)
+        number = np.diff(first, append=last_bin(s))
+        density = level.power[column] / number / float(level.white[group]) * 2.0**s
+        density = density / _response(s, sums.pooled)
+        found.append(np.stack((middle / SEGMENT / 2.0**s, size / SEGMENT / 2.0**s, density, mask)))
+    f, width, density, lines = np.concatenate(found, axis=1) if found else np.zeros((4, 0))
+    return f, width, density, lines > 0.0
+
+
+def meeting_frequency(series: BlockSeries | None) -> float:
+    """Return the frequency, cycles per sample, below which the blocks count and above which the spectrum does.
+
+    Blocks of 2^j samples serve up to the lowest band of level j - 1, at 0.72 of their highest frequency. Blocks of one
+    sample serve alone.
+    """
+    if series is None:
+        return 0.0
+    length = series.length
+    return 0.5 if length == 1 else BAND_EDGES[0] / SEGMENT * 2.0 / length
+
+
+def pooled_coefficients(
+    series: BlockSeries, residual: Floats, masked: Bools, single: int, top: float
+) -> Powers:
+    """Return bands of about half an octave of the coefficients from number `single` on, up to the frequency `top`.
+
+    Parameters
+    ----------
+    residual : (m,) channel unit, coefficients without the regressors.
+    masked : (m,) coefficients that do not count.
+    """
+    order = np.argsort(series.f, kind="stable")
+    order = order[single:]
+    order = order[series.f[order] <= top]
+    order = order[~masked[order]]
+    if not order.size:
+        return Powers(np.zeros(0), np.zeros(0), np.zeros((0, 5)), np.zeros(0))
+    octave = np.floor(2.0 * np.log2(series.f[order] / series.f[order[0]])).astype(np.int64)
+    starts = np.flatnonzero(np.diff(octave, prepend=-1))
+    sizes = np.diff(starts, append=order.size).astype(np.float64)
+    power = np.add.reduceat(residual[order] ** 2, starts) / sizes
+    expected = (np.add.reduceat(series.variance[:, order], starts, axis=1) / sizes).T
+    # a density, as the spectrum has: coefficients of n means over m samples are 1/m of it
+    expected = np.concatenate((expected, np.zeros((len(starts), 2))), axis=1)
+    last = np.append(starts[1:], order.size) - 1
+    scale = float(series.length)
+    return Powers(power * scale, sizes, expected * scale, series.f[order[last]])

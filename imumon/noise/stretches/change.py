@@ -1,0 +1,70 @@
+"""Changes of N and B against the hours before or a saved baseline.
+
+N and B are compared by the logarithm of their ratio against their limits. The comparison with a saved report shows
+whether a sensor has changed in the field. A change is reported if it is beyond chance and large enough to matter. A
+sudden change of the bias is a step of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+
+from imumon.noise.fit import ChannelFit, FittedCoefficient
+from imumon.report import Change, Channel, Coefficient, Report
+
+CHANGE_SIGMA = 5.0
+"""Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
+LEAST_CHANGE_N = 0.05
+"""Relative change of N below which it does not matter to a user."""
+LEAST_CHANGE_B = 0.5
+"""Relative change of B below which it does not matter: B of the same sensor varies by as much."""
+LIMIT_95 = 1.96
+"""Standard errors, half-width of a 95 % interval."""
+
+_LEAST_ERROR = 1e-12
+"""Relative, least divisor."""
+
+
+def detect_changes(before: ChannelFit | Channel, now: ChannelFit | Channel, against: str) -> list[Change]:
+    """Return the significant changes of N and B between two parts of a record, or two records.
+
+    Parameters
+    ----------
+    against : what `before` is, for the report.
+    """
+    compared = [
+        _compare(against, name, one, two, least)
+        for name, least in (("N", LEAST_CHANGE_N), ("B", LEAST_CHANGE_B))
+        if (one := getattr(before, name)) is not None and (two := getattr(now, name)) is not None
+    ]
+    return [change for change in compared if change is not None]
+
+
+def compare_with_report(baseline: Report, name: str, now: ChannelFit | Channel) -> list[Change]:
+    """Return what differs between a channel of a saved report and the present noise of the same channel."""
+    channel = baseline.channels.get(name)
+    return [] if channel is None else detect_changes(channel, now, "baseline")
+
+
+def _compare(
+    against: str,
+    quantity: str,
+    before: FittedCoefficient | Coefficient,
+    now: FittedCoefficient | Coefficient,
+    least: float,
+) -> Change | None:
+    """Return the change of a coefficient, compared on a logarithmic scale; None if there is none."""
+    errors = []
+    for each in (before, now):
+        if not each.value or not each.low or not each.high or each.low <= 0.0:
+            return None
+        errors.append(math.log(each.high / each.low) / (2.0 * LIMIT_95))
+    assert before.value is not None
+    assert now.value is not None
+    ratio = now.value / before.value
+    sigma = abs(math.log(ratio)) / max(math.hypot(*errors), _LEAST_ERROR)
+    if sigma < CHANGE_SIGMA or abs(math.log(ratio)) < math.log1p(least):
+        return None
+    return Change(
+        against=against, quantity=quantity, before=before.value, now=now.value, ratio=ratio, sigma=sigma
+    )

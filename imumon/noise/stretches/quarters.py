@@ -1,0 +1,99 @@
+"""Quarters of a record: how much N, B and K move from one quarter to the next.
+
+The limits of a fit say how far chance may have moved a coefficient in this record, if the sensor is constant.
+Real sensors are not: N moves by 0.5 to 1 % within an hour, a multiple of its limits. The standard deviation
+between the quarters shows that. The record has 4 to 7 marks at equal distances; when there are 8, every second one
+is dropped. A quarter is one or two of the parts between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from imumon.noise.allan.windows import WindowedCascade
+from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.spectrum.spectrum import SpectrumMark
+
+MOST_PARTS = 8
+"""Parts that are joined in pairs."""
+QUARTERS = 4
+PART_S = 8.0
+"""s, shortest part: a quarter must be long enough for N."""
+GRID = 256
+"""Samples; parts end where the cascade has processed all samples."""
+
+
+class Quarters:
+    """Marks at equal distances in a record.
+
+    Parameters
+    ----------
+    cascade : of the record.
+    rate_hz : Hz, sampling rate.
+    """
+
+    def __init__(self, cascade: WindowedCascade, rate_hz: float) -> None:
+        self._cascade = cascade
+        self._length = GRID * max(1, round(PART_S * rate_hz / GRID))
+        self._marks: list[tuple[int, SpectrumMark]] = []
+        self._begin()
+
+    @property
+    def next_end(self) -> int:
+        """Samples of the grid at which the part in progress ends."""
+        return self._marks[-1][0] + self._length
+
+    def close_part(self) -> None:
+        """End the part in progress if the record has reached its end."""
+        if self._cascade.position < self.next_end:
+            return
+        if self._cascade.position > self.next_end:  # a gap of hours: the parts are not neighbours any more
+            self._drop(len(self._marks))
+        self._begin()
+        if len(self._marks) > MOST_PARTS:
+            for number in range(MOST_PARTS - 1, 0, -2):
+                self._cascade.cascade.spectrum.drop_mark(self._marks.pop(number)[1])
+            self._length *= 2
+
+    def discard_before(self, position: int) -> None:
+        """Forget the parts that begin before a position, samples of the grid."""
+        self._drop(sum(start < position for start, _ in self._marks))
+        if not self._marks:
+            self._begin()
+
+    def result(self) -> list[tuple[NoiseSums, int]] | None:
+        """Return the sums of the four quarters and their lengths, samples; None while the record is too short."""
+        parts = len(self._marks) - 1
+        if parts < QUARTERS:
+            return None
+        cascade, quarters = self._cascade.cascade, []
+        for first, last in pairwise(np.linspace(0, parts, QUARTERS + 1).round().astype(int).tolist()):
+            (begin, one), (end, two) = self._marks[first], self._marks[last]
+            quarters.append((cascade.part_sums(one, two), end - begin))
+        return quarters
+
+    def _begin(self) -> None:
+        self._marks.append((self._cascade.position, self._cascade.cascade.add_mark()))
+
+    def _drop(self, count: int) -> None:
+        for _, mark in self._marks[:count]:
+            self._cascade.cascade.spectrum.drop_mark(mark)
+        self._marks = self._marks[count:]
+
+    def save(self) -> dict[str, np.ndarray]:
+        """Return the state as arrays."""
+        order = list(self._cascade.cascade.spectrum.marks)
+        marks = [[start, order.index(mark)] for start, mark in self._marks]
+        return {"length": np.array(self._length), "marks": np.array(marks, dtype=np.int64)}
+
+    @classmethod
+    def restore(cls, cascade: WindowedCascade, saved: Mapping[str, np.ndarray]) -> Quarters:
+        """Return the quarters in a saved state; the cascade is restored already."""
+        self = cls.__new__(cls)
+        self._cascade, self._length = cascade, int(saved["length"])
+        order = cascade.cascade.spectrum.marks
+        self._marks = [(int(start), order[int(number)]) for start, number in saved["marks"]]
+        return self

@@ -1,0 +1,71 @@
+"""Warm-up: whether a sensor has settled after it was switched on.
+
+Statistics begin with the first sample; nothing waits. A warm-up is recognised afterwards: once the record is
+two and a half times as long as a candidate time, the fit of the record shows whether the means settle along an
+exponential that is over by then. What does not show is no warm-up that matters, and the exponential is part of the fit
+in any case. A warm-up that is not over is reported as long as it is clear: by a temperature that has not come to rest,
+or by means that settle. The temperature alone excludes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from imumon.noise.fit import ChannelFit
+from imumon.samples import Floats
+
+CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
+"""s, possible ends of a warm-up: a finer grid would exclude little less."""
+DECISION_LENGTH = 2.5
+"""Length of the record, as a multiple of a candidate, at which the candidate is decided."""
+OVER = 0.5
+"""Time constant of an exponential that is over at a candidate, as a share of its time: at most a seventh remains."""
+STILL = 0.25
+"""Time constant of an exponential that still settles at the end of a record, as a share of its length: of a shorter one
+at most 2 % remain."""
+LEAST_WARMUP_S = 60.0
+"""s, shortest record in which a warm-up is sought."""
+LONGEST_WARMUP_S = 7200.0
+"""s, longest time after which a sensor may still warm up."""
+WARMING_DEGC = 1.0
+"""degC, least rise of the temperature during a warm-up."""
+SETTLED_SHARE = 0.15
+"""Share of the record within which the temperature makes most of its rise if the warm-up is over."""
+HIGHEST_SHARE = 0.1
+"""Share of the range of the temperature by which the last mean may be below the highest: a cycle of the ambient
+temperature is no warm-up."""
+
+
+def is_over(fits: Iterable[ChannelFit], candidate_s: float) -> bool:
+    """Return whether some channel settles along an exponential that is over at a candidate, s."""
+    settling = (fit.column("settling") for fit in fits)
+    return any(each is not None and each.at_s <= OVER * candidate_s for each in settling)
+
+
+def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
+    """Return whether some channel settles along an exponential that is not over after a record of this length, s."""
+    settling = (fit.column("settling") for fit in fits)
+    return any(each is not None and each.at_s > STILL * length_s for each in settling)
+
+
+def is_warming_up(degrees: Floats, block_s: float) -> bool:
+    """Return whether the temperature of the sensor has not come to rest.
+
+    Parameters
+    ----------
+    degrees : (n,) degC, means over blocks from the beginning of the record on; NaN: missing.
+    block_s : s, of a block.
+    """
+    length = degrees.size * block_s
+    known = degrees[np.isfinite(degrees)]
+    if known.size < 4 or not LEAST_WARMUP_S <= length <= LONGEST_WARMUP_S / SETTLED_SHARE:
+        return False
+    low, high = float(known[: max(1, known.size // 50)].mean()), float(known.max())
+    rise = high - low
+    if rise < WARMING_DEGC or known[-1] < high - HIGHEST_SHARE * rise:
+        return False
+    # 1 - 1/e of the rise, one time constant of an exponential
+    reached = float(np.argmax(known > low + 0.632 * rise)) / known.size
+    return reached > SETTLED_SHARE and reached * length < LONGEST_WARMUP_S

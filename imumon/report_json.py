@@ -1,0 +1,160 @@
+"""JSON of the published messages: dataclasses to text, and text of any origin to dataclasses.
+
+Standard library only. A message may come from any program, so numbers and lengths are bounded, words are those of
+their `Literal`, and text is made `plain`. Unknown fields are ignored. `imumon.report` names the further rules.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import typing
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, Literal
+
+MAX_NUMBER = 1e150  # numbers from outside are smaller: squares and other units are finite
+MAX_BYTES = 4_000_000  # bytes of JSON that is read; 64 channels with line breaks have 0.7 MB
+MAX_POINTS = 4096  # numbers in an array; the longest has 225
+MAX_ITEMS = 256  # entries of a mapping, and lines or parts in a list
+MAX_TEXT = 4096  # characters of a text: the longest path of Linux
+
+T = typing.TypeVar("T")
+_CONTROL = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff\U000e0000-\U000e007f]"
+)
+_NUMBERS = {float, int, bool, float | None}
+
+
+def plain(text: str) -> str:
+    """Return text without control characters, invisible ones and changes of the writing direction.
+
+    Every text from outside passes through here before it is printed: from keys, reports, files and errors.
+    >>> plain("VN-100\\x1b[2J T\\u202e")
+    'VN-100[2J T'
+    """
+    return text if text.isascii() and text.isprintable() else _CONTROL.sub("", text)
+
+
+def to_json(part: Any, *, indent: int | None = None) -> str:
+    """Return a report or a part of one as JSON text; raise ValueError if a number is not finite."""
+    form: Any = {"indent": indent, "separators": (",", ":") if indent is None else None}
+    return json.dumps(part, default=_members, allow_nan=False, ensure_ascii=False, **form)
+
+
+def _members(part: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass, or the items of a mapping."""
+    return {f.name: getattr(part, f.name) for f in fields(part)} if is_dataclass(part) else dict(part)
+
+
+class JsonReader:
+    """Reader of dataclasses.
+
+    Parameters
+    ----------
+    checks : by class, raises TypeError if an object is not plausible.
+    lists : classes whose arrays are independent lists. In others all arrays of numbers have equal lengths.
+    """
+
+    def __init__(self, checks: Mapping[Any, Callable[[Any], None]], lists: Collection[Any] = ()) -> None:
+        self._checks, self._lists = checks, lists
+        self._made: dict[Any, Callable[[Any], Any]] = {}
+
+    def read(self, cls: type[T], text: str | bytes) -> T:
+        """Read JSON as `cls`.
+
+        Raises
+        ------
+        TypeError, AttributeError, KeyError, ValueError, RecursionError : it is something else.
+        """
+        if len(text) > MAX_BYTES:
+            raise TypeError(f"more than {MAX_BYTES} bytes")
+        return typing.cast(T, self._reader(cls)(json.loads(text, parse_constant=_reject_constant)))
+
+    def _reader(self, hint: Any) -> Callable[[Any], Any]:
+        """Return the function that makes a value of type `hint` from JSON data."""
+        if hint not in self._made:
+            self._made[hint] = self._make(hint)
+        return self._made[hint]
+
+    def _make(self, hint: Any) -> Callable[[Any], Any]:
+        if is_dataclass(hint):
+            return self._dataclass_reader(hint)
+        origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+        if origin is Mapping:
+            inner, word = self._reader(arguments[1]), self._reader(str)
+            return lambda data: {
+                word(k): inner(v) for k, v in bounded(_checked(data, dict), MAX_ITEMS).items()
+            }
+        if hint is str:
+            return lambda data: plain(bounded(_checked(data, str), MAX_TEXT))
+        if origin is Literal:
+            return lambda data: _listed(data, arguments)
+        if origin is None:
+            return lambda data: _checked(data, hint)
+        inner = self._reader(arguments[0])
+        if origin is tuple:
+            most = MAX_POINTS if arguments[0] in _NUMBERS else MAX_ITEMS
+            return lambda data: tuple(map(inner, bounded(_checked(data, list), most)))
+        return lambda data: None if data is None else inner(data)
+
+    def _dataclass_reader(self, cls: Any) -> Callable[[Any], Any]:
+        """Return the function that makes a `cls`.
+
+        Arrays that a report of an earlier version does not have are unknown in every entry.
+        """
+        hints = typing.get_type_hints(cls)
+        readers = {name: self._reader(hint) for name, hint in hints.items()}
+        kinds = {
+            name: typing.get_args(hint)[0] for name, hint in hints.items() if typing.get_origin(hint) is tuple
+        }
+        arrays = {name: kind for name, kind in kinds.items() if kind in _NUMBERS and cls not in self._lists}
+        own_check = self._checks.get(cls, lambda part: None)
+
+        def read(data: Any) -> Any:
+            part = cls(**{name: readers[name](value) for name, value in data.items() if name in readers})
+            count = max((len(getattr(part, name)) for name in arrays), default=0)
+            absent = [name for name, kind in arrays.items() if name not in data and kind == float | None]
+            if absent and count:
+                part = replace(part, **dict.fromkeys(absent, (None,) * count))
+            if any(len(getattr(part, name)) != count for name in arrays):
+                raise TypeError(f"arrays of different lengths in {cls.__name__}")
+            own_check(part)
+            return part
+
+        return read
+
+
+def _reject_constant(name: str) -> None:
+    raise TypeError(f"{name} is not a number of JSON")
+
+
+def _checked(data: Any, kind: Any) -> Any:
+    """Return data of type `kind`: an integer is a valid float, an integral float a valid integer."""
+    number = type(data) in (int, float)
+    if number and not abs(data) < MAX_NUMBER:  # NaN too
+        raise TypeError(f"a number that is not below {MAX_NUMBER:g}")
+    if kind is int and type(data) is float and data.is_integer():
+        return int(data)
+    if type(data) is kind or (kind is float and number):
+        return data
+    found = data[:40] if isinstance(data, str) else type(data).__name__
+    raise TypeError(f"{found!r} instead of {kind.__name__}")
+
+
+def bounded(data: Any, most: int) -> Any:
+    """Return a text, list or mapping that is not too long."""
+    check(len(data) <= most, f"{len(data)} entries or characters, more than {most}")
+    return data
+
+
+def _listed(data: Any, words: tuple[str, ...]) -> Any:
+    """Return a word that is one of `words`."""
+    check(data in words, f"{_checked(data, str)[:40]!r} is not one of {', '.join(words)}")
+    return data
+
+
+def check(holds: bool, fault: str) -> None:
+    """Raise TypeError with the fault unless the rule holds."""
+    if not holds:
+        raise TypeError(fault)
