@@ -51,6 +51,7 @@ def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial"
         high=(None,) * octaves,
         edf=(3.5,) * octaves,
         model=(1e-3,) * octaves,
+        noise=(1e-3,) * octaves,
         used=(True,) * octaves,
     )
     channels = {

@@ -1,7 +1,7 @@
 """Reports of real runs of the pipeline on synthesised noise, for tests that need a report.
 
 A run feeds a `Monitor` with a sensor of known N, B and K that has gaps, a knock, a vibration and a slowly
-rising temperature. The seed is fixed, so the numbers are the same on every machine. Each run happens once per
+cycling temperature. The seed is fixed, so the numbers are the same on every machine. Each run happens once per
 process.
 """
 
@@ -64,6 +64,8 @@ DEVICE = DeviceDescription(
     setting_texts=registry.setting_texts(registry.driver("vn100"), SETTINGS),
 )
 STREAM = Stream("uncompensated", (*NOISE, "temperature", "pressure"), "binary 01:0739", "startup")
+AMBIENT_S = 7200.0
+"""s, period of the ambient temperature."""
 VIBRATION_HZ = 4.37
 """Hz, vibration along accel/y."""
 CHUNK = 2000
@@ -134,7 +136,8 @@ def _samples(
     noise = synthesise(count, rate_hz, N=n, B=b, K=k, seed=seed, averaged=False)
     time = np.arange(count) / rate_hz
     rng = np.random.default_rng([seed, 1])  # not the numbers of the noise: they would follow the temperature
-    heat = 1.0 - np.exp(-time / (400.0 if warm_up else 3600.0))
+    ambient = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / AMBIENT_S)
+    heat = 1.0 - np.exp(-time / 400.0) if warm_up else ambient
     values = noise + [TRUTH[name][3] for name in NOISE]
     if 0.5 * rate_hz > VIBRATION_HZ:
         values[:, 4] += 0.6 * values[:, 4].std() * np.sin(2.0 * np.pi * VIBRATION_HZ * time)

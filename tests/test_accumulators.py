@@ -17,7 +17,7 @@ SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
 @pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     """The first assessment of the guard delays nothing and removes nothing that a report has shown."""
-    record = Accumulators(GYRO + ACCEL, 1.0 / rate, averaged=True, guarded=True)
+    record = Accumulators(GYRO + ACCEL, 1.0 / rate, averaged=[True] * 6, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(4000, 6))
     counts = []
     for row in range(4000):
@@ -37,7 +37,7 @@ def test_statistics_begin_with_the_first_samples(rate: float) -> None:
 
 
 def test_missing_share_is_that_of_the_grid() -> None:
-    record = Accumulators(GYRO + ACCEL, 0.01, averaged=True, guarded=True)
+    record = Accumulators(GYRO + ACCEL, 0.01, averaged=[True] * 6, guarded=True)
     values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(1000, 6))
     record.feed(PlacedSamples(values, np.array([1, 2] * 500), None))
     assert record.missing_share == pytest.approx(1 / 3, abs=1e-3)

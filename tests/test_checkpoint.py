@@ -54,14 +54,14 @@ def test_a_damaged_file_is_set_aside_and_the_previous_generation_is_loaded(
 
 
 def test_a_newer_format_has_its_own_error() -> None:
-    data = encode(STATE).replace(b"imumon-state 2", b"imumon-state 9", 1)
+    data = encode(STATE).replace(b"imumon-state 3", b"imumon-state 9", 1)
     with pytest.raises(StateVersionError, match="format 9") as caught:
         decode(data)
     assert caught.value.code == "state_version"
 
 
 def test_a_state_of_another_version_is_not_damaged(tmp_path: Path) -> None:
-    old = encode(STATE).replace(b"imumon-state 2", b"imumon-state 1", 1)
+    old = encode(STATE).replace(b"imumon-state 3", b"imumon-state 2", 1)
     (tmp_path / "d.state").write_bytes(old)
     state, messages = Checkpoint(tmp_path, "d").load()
     assert state is None
@@ -84,7 +84,7 @@ def test_a_wrong_byte_anywhere_is_detected() -> None:
 @pytest.mark.parametrize("inside", [b"", b"[]\n", b'{"meta":{},"arrays":[["x","zz",[1]]]}\n12345678'])
 def test_valid_compression_of_invalid_content_is_refused(inside: bytes) -> None:
     packed = zlib.compress(inside)
-    data = b"imumon-state 2 %08x %d\n" % (zlib.crc32(packed), len(packed)) + packed
+    data = b"imumon-state 3 %08x %d\n" % (zlib.crc32(packed), len(packed)) + packed
     with pytest.raises(StateError) as caught:
         decode(data)
     assert caught.value.code == "state_damaged"

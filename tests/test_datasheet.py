@@ -620,13 +620,16 @@ def test_csv_is_one_tidy_table(age: str) -> None:
     points = [row for row in table if row["kind"] == "allan"]
     assert len(points) == sum(len(c.allan.tau_s) for c in report.channels.values() if c.allan)
     parts = [row for row in table if row["kind"] == "coefficient"]
-    assert len(parts) == 3 * sum(1 for c in report.channels.values() if c.N)
+    shown_parts = [(row["channel"], row["name"]) for row in parts]
+    assert shown_parts == [(n, k) for n, c in report.channels.items() for k in "NBKQR" if getattr(c, k)]
     assert not [row for row in table if row["value"] and not row["unit"]]
     counters = {row["name"]: row["unit"] for row in table if row["kind"] == "record"}
     assert [counters[name] for name in ("elapsed_s", "discarded_bytes", "samples")] == ["s", "byte", "1"]
     for row in points[:3]:
         at = [f"{tau}" for tau in report.channels["gyro/x"].allan.tau_s].index(row["tau_s"])  # type: ignore[union-attr]
         assert float(row["value"]) == report.channels["gyro/x"].allan.sigma[at]  # type: ignore[union-attr]
+        noise = report.channels["gyro/x"].allan.noise[at]  # type: ignore[union-attr]
+        assert row["noise"] == ("" if noise is None else str(noise))
     for row in parts:
         part = getattr(report.channels[row["channel"]], row["name"])
         assert (row["value"] or None) == (None if part.value is None else str(part.value))
@@ -739,7 +742,8 @@ def test_a_slope_over_temperature_is_shown_only_beyond_noise() -> None:
     assert not any("per degree" in line for line in signal_lines(report))
     for form in ("md", "html"):
         assert f"{channel.drift.per_degC:.2e}" not in text(report, form)
-    beyond = replace(channel, drift=replace(channel.drift, steady_N=channel.N))
+    clear = replace(channel.drift, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
+    beyond = replace(channel, drift=clear)
     shown = signal_lines(replace(report, channels={"gyro/x": beyond}))
     assert any("gyro/x: follows the temperature by" in line for line in shown)
 

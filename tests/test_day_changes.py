@@ -15,8 +15,8 @@ from imumon.history.day_changes import DayChanges, change_text
 from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
 from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
-from imumon.noise.nonstationarity.day_change import find_day_change
 from imumon.noise.statistics.moments import deviation_limits
+from imumon.noise.stretches.day_change import find_day_change
 from imumon.report import Distribution, Event
 
 DAY = 86400.0

@@ -26,7 +26,7 @@ from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import candidate_ports
-from imumon.doctor.observations import PortObservation, ServiceObservation, StateObservation, ZenohObservation
+from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_device
 from imumon.doctor.probe_host import observe_port, observe_state, with_latency
 from imumon.errors import ImumonError

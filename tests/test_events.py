@@ -75,7 +75,7 @@ def test_changes_between_hours_are_reported_once_over_a_restart_of_the_daemon() 
 
 def test_each_end_of_a_warm_up_is_an_event_for_any_splitting_of_the_samples() -> None:
     values = 0.1 * noise(2000.0, 10.0)
-    values[:, 1] += 5e-3 * np.exp(-np.arange(len(values)) / 4000.0)
+    values[:, 1] += 5e-3 * np.exp(-np.arange(len(values)) / 1000.0)
     found = []
     for block in (100, len(values)):
         monitor = Monitor()
@@ -126,9 +126,9 @@ def test_a_new_record_does_not_end_the_warm_up_of_the_one_before() -> None:
         warmup_s = 0.0
 
     log, record = EventLog(), cast(Accumulators, Record())
-    log.update_warmup(record, True)
+    log.update_warmup(record, True, heats_up=True)
     log.record_began()
-    log.update_warmup(record, False)
+    log.update_warmup(record, False, heats_up=False)
     assert log.drain() == []
 
 

@@ -84,7 +84,7 @@ def test_commands_print_no_escape_sequences_and_no_traceback(router: str, words:
         "x": good,  # the id of another device
         "y": good.replace('"mean":0.5', f'"mean":1{"0" * 400}'),
         "z": good.replace('"mean":0.5', '"mean":1e308'),
-        "b": good.replace('"model":null', f'"model":{json.dumps(ESCAPE)}'),
+        "b": good.replace('"model":null', f'"model":{json.dumps(ESCAPE)}', 1),  # that of the device
     }
     tokens, publishers = [], []
     with foreign(router) as attacker:

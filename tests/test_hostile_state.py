@@ -40,7 +40,7 @@ STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x
 def forged(content: bytes) -> bytes:
     """Return the content of a state file with the right checksum."""
     data = zlib.compress(content, 1)
-    return f"imumon-state 2 {zlib.crc32(data):08x} {len(data)}\n".encode() + data
+    return f"imumon-state 3 {zlib.crc32(data):08x} {len(data)}\n".encode() + data
 
 
 def link(path: Path) -> None:

@@ -11,6 +11,7 @@ from imumon import messages
 from imumon.messages import CAVEATS
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.analysis import Analysis
 
 
 def test_a_caveat_has_a_line_and_advice() -> None:
@@ -34,10 +35,12 @@ def test_every_caveat_has_a_text() -> None:
         excluded_share=1.0,
         excluded_by={"clipped": 1.0},
         missing_share=1.0,
-        is_warming_up=lambda: True,
         stuck=True,
     )
-    of_the_record = assessment.record_caveats(cast(Accumulators, everything), guarded=True)
+    warm = SimpleNamespace(warming_up=True)
+    of_the_record = assessment.record_caveats(
+        cast(Accumulators, everything), cast(Analysis, warm), guarded=True
+    )
     assert len(of_the_record) == 6
     assert set(of_the_record) <= set(CAVEATS)
     of_a_fit = {
@@ -46,6 +49,7 @@ def test_every_caveat_has_a_text() -> None:
         "correlated",
         "vibration",
         "ramp",
+        "oscillation",
         "constant",
         "changed",
         "temperature",

@@ -51,12 +51,20 @@ def test_loss_does_not_bend_the_curve(kind: str, loss: float, run: int) -> None:
     assert np.abs(ratio[4:9] - 1.0).max() < 0.08
 
 
-def test_n_and_b_are_measured_with_half_of_the_samples() -> None:
-    values = synthesise(LENGTH * 2, 40.0, N=[6.1e-5] * 6, B=2.4e-5, K=0.0, seed=8)
-    ok = np.random.default_rng(2).random((len(values), 1)) > 0.5
-    cascade = OctaveCascade(6, 1 / 40)
-    cascade.update(values, ok)
-    for fit in fit_curve(cascade.result(), averaged=False):
-        assert fit.N.value == pytest.approx(6.1e-5, rel=0.03)
-        assert fit.B.status == "measured"
-        assert fit.B.value == pytest.approx(2.4e-5, rel=0.35)
+@pytest.mark.parametrize(("loss", "run"), [(0.01, 1), (0.1, 1), (0.3, 1), (0.5, 1), (0.1, 100)])
+def test_limits_hold_the_truth_with_missing_samples(loss: float, run: int) -> None:
+    """95 % of 12; fewer than 9 once in 500 runs. Loss costs precision, at the upper end of the spectrum first."""
+    values = synthesise(LENGTH, 40.0, N=[6.1e-5] * CHANNELS, B=2.4e-5, seed=8)
+    whole, part = OctaveCascade(CHANNELS, 1 / 40), OctaveCascade(CHANNELS, 1 / 40)
+    whole.update(values)
+    part.update(values, received(loss, run))
+    complete, fits = (fit_curve(each.result(), averaged=True, time_to=False) for each in (whole, part))
+    for name, truth in (("N", 6.1e-5), ("B", 2.4e-5)):
+        limits = [(getattr(fit, name).low, getattr(fit, name).high) for fit in fits]
+        assert sum(low <= truth <= high for low, high in limits) >= 9, name
+        size, one = (
+            np.median([getattr(fit, name).high - getattr(fit, name).low for fit in each])
+            for each in (fits, complete)
+        )
+        assert size < (2.0 if loss <= 0.1 else 6.0) * one, name
+    assert sum(fit.K.status == "measured" for fit in fits) <= 2

@@ -57,7 +57,7 @@ def test_an_early_ramp_has_no_effect_on_a_later_window() -> None:
 @given(st.lists(st.integers(1, 9_000), max_size=5), st.integers(0, 12_000))
 def test_any_chunking_gives_the_same_sums(cuts: list[int], at: int) -> None:
     x = np.random.default_rng(5).normal(size=(14_000, 2))
-    sums = []
+    sums, curves = [], []
     for pieces in ([], cuts):
         one = windowed()
         done, window = 0, None
@@ -69,8 +69,16 @@ def test_any_chunking_gives_the_same_sums(cuts: list[int], at: int) -> None:
         if window is None:
             window = one.open_window()
         sums.append(one.sums_since(window))
+        curves.append(one.curve_since(window))
     np.testing.assert_array_equal(sums[0].terms, sums[1].terms)
     np.testing.assert_array_equal(sums[0].squares, sums[1].squares)
+    one_sums, other_sums = (curve.sums for curve in curves)
+    assert one_sums is not None
+    assert other_sums is not None
+    np.testing.assert_array_equal(one_sums.blocks.means, other_sums.blocks.means)
+    for own, other in zip(one_sums.levels, other_sums.levels, strict=True):
+        np.testing.assert_array_equal(own.power, other.power)
+        np.testing.assert_array_equal(own.averages, other.averages)
 
 
 def test_window_sums_add_up_to_merged_cascades() -> None:
@@ -80,7 +88,7 @@ def test_window_sums_add_up_to_merged_cascades() -> None:
     for start in range(0, len(x), 10 * BLOCK):
         window = one.open_window()
         one.update(x[start : start + 10 * BLOCK])
-        parts.append(one.block_sums_since(window))
+        parts.append(one.sums_since(window))
         one.close_window(window)
     total = (parts[0] + parts[1] + parts[2]).curve(0.01)
     merged = OctaveCascade(2, 0.01)
@@ -134,3 +142,31 @@ def test_a_window_at_the_start_is_the_whole_record() -> None:
     curve = one.sums_since(window).curve(0.01)
     np.testing.assert_array_equal(curve.terms, expected.terms)
     assert curve.avar == pytest.approx(expected.avar)
+
+
+def test_the_sums_of_the_noise_of_a_window_are_those_of_a_cascade_that_begins_there() -> None:
+    """Segments may begin up to a hop later, and the filters have a history; blocks lie on the grid of the record."""
+    x, at = np.random.default_rng(7).normal(size=(60_000, 2)), 64 * BLOCK
+    one, alone = windowed(), OctaveCascade(2, 0.01)
+    one.update(x[:at])
+    window = one.open_window()
+    one.update(x[at:])
+    alone.update(x[at:])
+    own, other = one.curve_since(window).sums, alone.result().sums
+    assert own is not None
+    assert other is not None
+    assert own.pooled
+    assert not other.pooled
+    for level, (a, b) in enumerate(zip(own.levels, other.levels, strict=False)):
+        assert abs(int(a.averages[0]) - int(b.averages[0])) <= 2
+        if level < 3:
+            np.testing.assert_allclose(a.power.sum(axis=1), b.power.sum(axis=1), rtol=0.05)
+    whole = one.cascade.blocks.result()
+    first = -(-at // whole.length)
+    np.testing.assert_array_equal(own.blocks.means, whole.means[first : first + len(own.blocks.means)])
+    again = WindowedCascade.restore(one.save())
+    restored = again.curve_since(again.windows[0]).sums
+    assert restored is not None
+    np.testing.assert_array_equal(restored.blocks.means, own.blocks.means)
+    for a, b in zip(restored.levels, own.levels, strict=True):
+        np.testing.assert_array_equal(a.power, b.power)

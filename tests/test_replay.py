@@ -96,7 +96,7 @@ def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) ->
     assert channel["N"]["readable"]["unit"] == "deg/sqrt(h)"
     assert "compensated" in channel["caveats"]
     lengths = {name: len(channel["allan"][name]) for name in channel["allan"]}
-    assert set(lengths) == {"tau_s", "sigma", "low", "high", "edf", "model", "used"}
+    assert set(lengths) == {"tau_s", "sigma", "low", "high", "edf", "model", "noise", "used"}
     assert len(set(lengths.values())) == 1
     assert report["channels"]["mag/x"]["grade"] is None
 
@@ -184,7 +184,9 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
     drift = channels["gyro/y"]["drift"]
     assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
     assert drift["explained"] > 0.9
-    assert drift["steady_N"]["status"] == "measured"
+    (column,) = [each for each in channels["gyro/y"]["model"]["columns"] if each["name"] == "temperature"]
+    assert (column["value"], column["unit"]) == (drift["per_degC"], "rad/s/degC")
+    assert channels["gyro/y"]["K"]["status"] != "measured"  # it is without the effect
     assert "temperature" in channels["gyro/y"]["caveats"]
     assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
     for text in (

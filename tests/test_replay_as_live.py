@@ -23,7 +23,7 @@ from imumon.samples import SampleBlock
 
 RATE = 10.0
 SAMPLES = 100_000
-LAYOUT = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x0006})
+LAYOUT = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x000C})
 FOUND_BY_REPORTS = ("grade", "constant", "against the time before", "differ from the time before")
 """Kinds of events, or part of their texts, that reports note: in a replay, that is the last one."""
 
@@ -33,14 +33,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A record of almost three hours in which everything happens."""
     n = np.array([6.1e-5] * 3 + [1.4e-3] * 3)
     values = NoiseStream(RATE, n, n / 10.0, 0.0, seed=4).generate(SAMPLES)
+    values[36_000:, 5] *= 1.5  # a change between hours
     values[:, 5] -= 9.8
     rng, at = np.random.default_rng(5), np.arange(SAMPLES)
     values[:, 1] += 2e-3 * np.exp(-at / RATE / 100.0)  # a warm-up
     values[20_000:20_020, 3:] += rng.normal(0.0, 2.0, (20, 3))  # a knock
     values[30_000:30_600] += np.cumsum(rng.normal(0.0, 0.05, (600, 6)), axis=0)  # motion, and another place
-    values[30_600:] += values[30_599] - values[30_600]
+    values[30_600:, 3:] += values[30_599, 3:] - values[30_600, 3:]
     values[40_000:40_400] = values[40_000]  # stuck
-    values[75_000:, 2] *= 1.5  # a change between hours
     clock = at * round(1e9 / RATE) + 10**9
     clock[90_000:] -= clock[90_000] - 10**8  # the clock is reset
     kept = np.ones(SAMPLES, dtype=bool)

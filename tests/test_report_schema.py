@@ -240,6 +240,21 @@ def test_parallel_arrays_of_different_lengths_are_refused(part: str, name: str) 
         from_json(cls, json.dumps(data | {name: data[name][:1]}))
 
 
+def test_a_report_without_a_newer_array_is_read() -> None:
+    data = json.loads(to_json(filled(report.Allan, empty=False)))
+    del data["noise"]
+    made = from_json(report.Allan, json.dumps(data))
+    assert made.noise == (None,) * len(made.tau_s)
+    del data["sigma"]
+    with pytest.raises(ValueError, match="different lengths"):
+        from_json(report.Allan, json.dumps(data))
+
+
+def test_lines_and_oscillations_are_independent_lists() -> None:
+    model = report.NoiseModel(lines_hz=(33.3, 7.0), oscillations_s=(600.0,))
+    assert from_json(report.NoiseModel, to_json(model)) == model
+
+
 def test_text_that_is_read_has_no_control_characters() -> None:
     data = json.loads(to_json(filled(Report, empty=False)))
     data["device"]["model"] = "VN\x1b[2J-100\u202e °\ud800"

@@ -294,7 +294,7 @@ def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     report = reports.report()
     channel = report.channels["gyro/x"]
     assert channel.drift is not None
-    beyond = replace(channel.drift, steady_N=channel.N, steady_B=channel.B, steady_K=channel.K)
+    beyond = replace(channel.drift, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
 
     def drift_text(of: Drift) -> str:
         channels = {**report.channels, "gyro/x": replace(channel, drift=of)}
@@ -636,7 +636,7 @@ def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
         await pilot.pause()
         shown = visible_text(app)
         assert "N of y, 1.12e-04 rad/s/√Hz, industrial limit 5.82e-05" in shown
-        assert "N 8.84e-05 rad/s/√Hz" in shown
+        assert "N 8.83e-05 rad/s/√Hz" in shown
 
     drive(reports.FakeSource(reports.report()), script, (150, 40))
 

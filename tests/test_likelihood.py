@@ -1,0 +1,352 @@
+"""Laws of the likelihood of N, B and K: limits hold the truth, precision is that of the data, numbers are valid."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
+from imumon.noise.allan import AllanCurve
+from imumon.noise.allan.windows import Window, WindowedCascade
+from imumon.noise.fit.time_to_precision import relative_errors
+from imumon.samples import Floats
+
+N, B, K, RATE = 6.1e-5, 2.4e-5, 3e-6, 40.0
+LENGTH, CHANNELS = 72_000, 48
+
+
+def cascade_of(values: Floats, rate_hz: float = RATE) -> OctaveCascade:
+    cascade = OctaveCascade(values.shape[1], tau0=1.0 / rate_hz)
+    cascade.update(values)
+    return cascade
+
+
+def curve_of(values: Floats, rate_hz: float = RATE) -> AllanCurve:
+    return cascade_of(values, rate_hz).result()
+
+
+def noise(n: int, channels: int, seed: int, k: float = 0.0, *, averaged: bool = False) -> Floats:
+    return synthesise(n, RATE, N=[N] * channels, B=B, K=k, seed=seed, averaged=averaged)
+
+
+def column(fits: Sequence[ChannelFit], name: str, limit: str) -> Floats:
+    """Return a value or a limit of a coefficient of all channels; NaN where there is none."""
+    return np.array([getattr(getattr(fit, name), limit) for fit in fits], dtype=np.float64)
+
+
+def held(fits: Sequence[ChannelFit], name: str, truth: float) -> int:
+    """Return the number of channels whose limits hold the truth."""
+    return int(((column(fits, name, "low") <= truth) & (truth <= column(fits, name, "high"))).sum())
+
+
+@pytest.fixture(scope="module")
+def records() -> Floats:
+    """Return half an hour of 48 channels with a random walk."""
+    return noise(LENGTH, CHANNELS, seed=11, k=K)
+
+
+@pytest.fixture(scope="module")
+def fits(records: Floats) -> tuple[ChannelFit, ...]:
+    return fit_curve(curve_of(records), averaged=False)
+
+
+@pytest.fixture(scope="module")
+def quiet_fits() -> tuple[ChannelFit, ...]:
+    """Return the fits of 48 channels of averages without a random walk."""
+    return fit_curve(curve_of(noise(LENGTH, CHANNELS, seed=5, averaged=True)), averaged=True)
+
+
+# --- limits and precision ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "truth"), [("N", N), ("B", B), ("K", K)])
+def test_limits_hold_the_truth(fits: tuple[ChannelFit, ...], name: str, truth: float) -> None:
+    """95 % of 48 are expected; fewer than 40 occur once in 2,000 runs."""
+    assert held(fits, name, truth) >= 40
+    for fit in fits:
+        check_sound(fit)
+
+
+@pytest.mark.parametrize(("name", "truth"), [("N", N), ("B", B)])
+def test_limits_without_a_random_walk_hold_the_truth(
+    quiet_fits: tuple[ChannelFit, ...], name: str, truth: float
+) -> None:
+    assert held(quiet_fits, name, truth) >= 40
+    assert {fit.B.status for fit in quiet_fits} == {"measured"}
+
+
+def test_k_is_rarely_measured_without_a_random_walk(quiet_fits: tuple[ChannelFit, ...]) -> None:
+    """1.4 % of 48 are expected; more than 4 occur once in 1,000 runs."""
+    assert sum(fit.K.status == "measured" for fit in quiet_fits) <= 4
+    assert all(fit.K.high is not None and fit.K.high > 0.0 for fit in quiet_fits)
+
+
+def test_n_and_b_are_as_precise_as_the_data_allow(fits: tuple[ChannelFit, ...]) -> None:
+    """The Cramér-Rao bound of the spectrum; the standard error of a standard deviation of 48 values is 10 %."""
+    powers = np.array([N**2 * RATE, B**2, K**2 / RATE])
+    bounds = relative_errors(powers, LENGTH, 0.5)
+    for name, truth, bound, most in (("N", N, bounds[0], 1.3), ("B", B, bounds[1], 1.5)):
+        ratio = column(fits, name, "value") / truth
+        assert abs(np.nanmean(ratio) - 1.0) < 4.0 * bound / math.sqrt(CHANNELS), name
+        assert np.nanstd(ratio) < most * bound, name
+        widths = (column(fits, name, "high") - column(fits, name, "low")) / truth / 3.92
+        assert np.nanmedian(widths) == pytest.approx(bound, rel=0.25), name
+
+
+def test_averages_and_point_samples_have_different_expectations() -> None:
+    """Flicker alone: the first octave of point samples is 1.44 times that of averages, and that is no white noise."""
+    for averaged in (True, False):
+        flicker = synthesise(1 << 15, RATE, N=[0.0] * 6, B=B, seed=2, averaged=averaged)
+        found = fit_curve(curve_of(flicker), averaged=averaged)
+        assert sum(fit.N.status == "measured" for fit in found) <= 1
+        assert held(found, "B", B) >= 5
+        assert max(fit.highest_hz or 0.0 for fit in found) == RATE / 2.0
+    mixed = np.column_stack([noise(20_000, 1, seed=50 + c, k=K, averaged=c != 1) for c in range(3)])
+    together = Estimator(averaged=[True, False, True]).fit(curve_of(mixed))
+    for c in range(3):
+        alone = fit_curve(curve_of(mixed[:, [c]]), averaged=c != 1)[0]
+        assert together[c].B.high == pytest.approx(alone.B.high, rel=1e-6)
+        assert together[c].model == pytest.approx(alone.model, rel=1e-6)
+
+
+def test_kurtosis_widens_n() -> None:
+    """The relative variance of the power of n independent samples is (2 + kurtosis) / n."""
+    curve = curve_of(noise(20_000, 1, seed=3))
+    estimator = Estimator(averaged=False)
+    plain, heavy = (estimator.fit(curve, kurtosis=[g])[0].N for g in (0.0, 30.0))
+    assert plain.low is not None
+    assert plain.high is not None
+    assert heavy.low is not None
+    assert heavy.high is not None
+    assert heavy.value == plain.value
+    assert plain.value is not None
+    own, wide = ((each.high - each.low) / 3.92 / plain.value for each in (plain, heavy))  # type: ignore[operator]
+    assert wide**2 - own**2 == pytest.approx(0.25 * 30.0 / 20_000, rel=0.05)
+
+
+def test_limits_of_heavy_tails_hold_the_truth() -> None:
+    """Student's t of six degrees of freedom has a kurtosis of 3."""
+    samples = np.random.default_rng(3).standard_t(6.0, (20_000, CHANNELS)) * math.sqrt(4.0 / 6.0)
+    found = Estimator(averaged=True, time_to=False).fit(curve_of(samples), kurtosis=[3.0] * CHANNELS)
+    assert held(found, "N", 1.0 / math.sqrt(RATE)) >= 40
+
+
+# --- symmetries --------------------------------------------------------------------------------------------
+
+
+def test_results_scale_with_the_unit_and_with_the_interval(records: Floats) -> None:
+    values = records[:20_000, :2]
+    small, large = (fit_curve(curve_of(scale * values), averaged=False) for scale in (1.0, 1e6))
+    slow = fit_curve(curve_of(values, rate_hz=RATE / 16.0), averaged=False)
+    for a, b, c in zip(small, large, slow, strict=True):
+        for name, factor in (("N", 4.0), ("B", 1.0), ("K", 0.25)):
+            own, unit, interval = (getattr(fit, name) for fit in (a, b, c))
+            assert own.status == unit.status == interval.status
+            assert unit.high == pytest.approx(1e6 * own.high, rel=1e-6)
+            assert interval.high == pytest.approx(factor * own.high, rel=1e-6)
+        assert b.model == pytest.approx(1e6 * a.model, rel=1e-6)
+        assert c.model == pytest.approx(a.model, rel=1e-6)
+
+
+def test_a_constant_does_not_matter(records: Floats) -> None:
+    values = records[:20_000, :2]
+    for a, b in zip(*(fit_curve(curve_of(values + c), averaged=False) for c in (0.0, 9.8)), strict=True):
+        assert b.N.value == pytest.approx(a.N.value, rel=1e-6)
+        assert b.B.high == pytest.approx(a.B.high, rel=1e-6)
+
+
+def test_channels_are_fitted_independently(records: Floats) -> None:
+    values = records[:20_000, :3]
+    together = fit_curve(curve_of(values), averaged=False)
+    for c in (0, 2):
+        for alone in (
+            fit_curve(curve_of(values[:, [c]]), averaged=False)[0],
+            fit_curve(curve_of(values).select([c]), averaged=False)[0],
+        ):
+            assert (alone.N, alone.B, alone.K) == (together[c].N, together[c].B, together[c].K)
+
+
+def test_lost_samples_widen_limits_and_keep_values(records: Floats) -> None:
+    values = records[:40_000, :8]
+    valid = np.random.default_rng(3).random((len(values), 1)) > 0.3
+    whole, part = OctaveCascade(8, 1.0 / RATE), OctaveCascade(8, 1.0 / RATE)
+    whole.update(values)
+    part.update(values[:20_000], valid[:20_000])
+    part.skip(4_000)
+    part.update(values[24_000:], valid[24_000:])
+    one, two = (fit_curve(each.result(), averaged=False) for each in (whole, part))
+    assert held(two, "N", N) >= 6
+    assert held(two, "B", B) >= 6
+    widths = [np.median(column(each, "N", "high") - column(each, "N", "low")) for each in (one, two)]
+    assert 1.1 < widths[1] / widths[0] < 4.0
+
+
+# --- records of an estimator -------------------------------------------------------------------------------
+
+
+def results(found: Sequence[ChannelFit]) -> list[Any]:
+    """Return the published values of fits, for exact comparison."""
+    arrays = ("model", "low", "high")
+    return [
+        (f.N, f.B, f.K, f.time_to, f.caveats, *(getattr(f, name).tolist() for name in arrays)) for f in found
+    ]
+
+
+def windowed(values: Floats) -> tuple[WindowedCascade, Window]:
+    """Return a cascade of `values`, and a window of it that begins at sample 512."""
+    whole = WindowedCascade(OctaveCascade(values.shape[1], tau0=1.0 / RATE))
+    whole.update(values[:512])
+    window = whole.open_window()
+    whole.update(values[512:])
+    return whole, window
+
+
+def other_records(whole: WindowedCascade, window: Window, values: Floats) -> Iterator[tuple[str, AllanCurve]]:
+    """Yield curves of records other than that of the cascade of `values`, (n, 2), with the difference."""
+    n, first = len(values), whole.cascade
+    white = 5e-4 * np.random.default_rng(9).standard_normal((2 * n, 2))
+    yield "slightly longer", curve_of(white[: n + 100])
+    yield "same length", curve_of(white[:n])
+    yield "same beginning", curve_of(np.concatenate([values[: n - 50], white[:60]]))
+    yield "scaled", curve_of(3.0 * values)
+    yield "shorter", curve_of(white[: n // 2])
+    other = first.copy()
+    other.update(white[: n // 100])
+    yield "copy that continued differently", other.result()
+    restored = OctaveCascade.restore(first.save())
+    restored.update(10.0 * white[: n // 100])
+    yield "restored state that continued differently", restored.result()
+    yield "other channels", first.result().select([1, 0])
+    yield "part of the record", whole.curve_since(window)
+
+
+def test_an_estimator_returns_no_limits_of_another_record(records: Floats) -> None:
+    values = records[:8_000, :2]
+    whole, window = windowed(values)
+    first = whole.cascade
+    expected_first = results(fit_curve(first.result(), averaged=False))
+    for name, other in other_records(whole, window, values):
+        estimator = Estimator(averaged=False)
+        assert results(estimator.fit(first.result())) == expected_first, name
+        expected = results(fit_curve(other, averaged=False))
+        assert results(estimator.fit(other)) == expected, name
+        assert results(estimator.fit(other, renew=False)) == expected, name
+        assert results(estimator.fit(first.result())) == expected_first, name
+    changed = replace(first.result(), avar=4.0 * first.result().avar)
+    assert changed.record is None
+
+
+def test_parts_and_their_record_do_not_share_limits(records: Floats) -> None:
+    values = records[:8_000, :2]
+    whole, window = windowed(values)
+    record, part = whole.cascade.result(), whole.curve_since(window).sums
+    other = curve_of(3.0 * values[:7_900]).sums
+    assert part is not None
+    assert other is not None
+    estimator = Estimator(averaged=False)
+    expected = results(estimator.fit(record))
+    alone = results(Estimator(averaged=False).fit_sums(part, 7_488))
+    estimator.fit_sums(other, 7_900)
+    assert results(estimator.fit_sums(part, 7_488)) == alone
+    assert results(estimator.fit(record, renew=False)) == expected
+
+
+def test_a_growing_record_keeps_its_fit_until_it_has_grown_by_two_per_cent(records: Floats) -> None:
+    whole, _ = windowed(records[:8_000, :1])
+    estimator, seen = Estimator(averaged=False), []
+    for block in np.array_split(records[8_000:8_400, :1], 50):
+        whole.update(block)
+        seen.append(estimator.fit(whole.cascade.result())[0].B)
+    assert 3 <= len({each.high for each in seen}) <= 4
+    again = estimator.fit(whole.cascade.result(), renew=True)[0]
+    assert again.B.high != seen[-1].high
+
+
+# --- valid numbers -----------------------------------------------------------------------------------------
+
+
+def check_sound(fit: ChannelFit) -> None:
+    for c in (fit.N, fit.B, fit.K):
+        for number in (c.value, c.low, c.high):
+            assert number is None or math.isfinite(number)
+        assert (c.status == "measured") == (c.value is not None)
+        if c.status == "pending":
+            assert c.reason
+            assert c.low is c.high is None
+        else:
+            assert c.low is not None
+            assert c.high is not None
+            assert 0.0 <= c.low <= (c.value or 0.5 * (c.low + c.high)) <= c.high
+            assert c.value is None or c.low < c.value < c.high
+    for array in (fit.model, fit.noise, fit.low, fit.high, fit.edf):
+        assert np.isfinite(array).all()
+    numbers = [value for item in (fit.time_to, fit.readings) for value in (item.N, item.B, item.K)]
+    for number in (*numbers, fit.chi2, fit.p_value, fit.explained, fit.highest_hz):
+        assert number is None or math.isfinite(number)
+
+
+def odd_channels(n: int) -> dict[str, Floats]:
+    white, at = np.random.default_rng(1).standard_normal(n), np.arange(n)
+    return {
+        "zero": np.zeros(n),
+        "constant": np.full(n, 9.8),
+        "white": white,
+        "walk": np.cumsum(white),
+        "ramp": 1e-3 * at,
+        "alternating": np.where(at % 2, 1.0, -1.0),
+        "sine": np.sin(at / 30),
+        "steps": np.round(white / 9) * 9,
+        "one step": np.where(at > n // 2, 1.0, 0.0),
+        "spike": np.where(at == 77, 1e6, 0.0) + white,
+        "tiny": 1e-150 * white,
+        "huge": 1e12 * white,
+        "blue": np.diff(white, prepend=0.0),
+        "violet": np.diff(white, n=2, prepend=[0.0, 0.0]),
+    }
+
+
+@pytest.mark.parametrize("averaged", [True, False])
+def test_no_input_raises_or_gives_nan(averaged: bool) -> None:
+    n = 3000
+    columns = odd_channels(n)
+    values = np.column_stack(list(columns.values()))
+    cascade, estimator = OctaveCascade(values.shape[1], tau0=0.01), Estimator(averaged=averaged)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        done = 0
+        for length in (0, 1, 2, 8, 17, 65, 200, 800, n):
+            cascade.update(values[done:length])
+            done = length
+            for name, fit in zip(columns, estimator.fit(cascade.result()), strict=True):
+                try:
+                    check_sound(fit)
+                except AssertionError as error:
+                    raise AssertionError(f"{name} at {length}: {fit}") from error
+    found = dict(zip(columns, estimator.fit(cascade.result()), strict=True))
+    assert found["zero"].N.status == found["constant"].K.status == "pending"
+    assert found["constant"].N.reason_code == found["zero"].N.reason_code == "constant"
+    assert found["white"].N.status == "measured"
+
+
+def test_a_channel_without_valid_samples_is_pending() -> None:
+    values = np.random.default_rng(4).standard_normal((2000, 2))
+    cascade = OctaveCascade(2, tau0=0.01, groups=[0, 1])
+    cascade.update(values, np.column_stack([np.ones(2000, dtype=bool), np.zeros(2000, dtype=bool)]))
+    first, second = fit_curve(cascade.result(), averaged=False)
+    assert first.N.status == "measured"
+    assert second.N.status == "pending"
+    check_sound(second)
+
+
+def test_a_resolution_that_hides_the_noise_is_reported() -> None:
+    values = np.round(np.random.default_rng(6).standard_normal((20_000, 2)) * [0.2, 3.0])
+    first, second = Estimator(averaged=False).fit(curve_of(values), resolution=[1.0, 1.0])
+    assert first.N.status == "pending"
+    assert first.N.reason_code == first.B.reason_code == first.K.reason_code == "resolution"
+    assert second.N.value == pytest.approx(3.0 / math.sqrt(RATE), rel=0.03)

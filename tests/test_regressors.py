@@ -1,0 +1,248 @@
+"""Regressors: a drift, a temperature, a warm-up, a step and a new bias after a gap are no random walk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.noise.allan import AllanCurve
+from imumon.noise.blocks import BlockAccumulator
+from imumon.samples import Floats
+
+N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 5e-6, 10.0, 72_000, 8
+"""Two hours of a good gyroscope, rad/s."""
+AT_S = np.arange(LENGTH)[:, None] / RATE
+DEGREES = 25.0 + 3.0 * np.sin(2.0 * np.pi * AT_S / 5000.0)
+MOST_MISSED = 2
+"""Channels of eight whose limits may miss the truth: more do once in 170 times."""
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Floats:
+    return synthesise(LENGTH, RATE, N=[N] * CHANNELS, B=B, seed=6)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Floats:
+    return synthesise(LENGTH, RATE, K=[2e-6] * CHANNELS, seed=7)
+
+
+def curve_of(values: Floats) -> AllanCurve:
+    cascade = OctaveCascade(values.shape[1], tau0=1.0 / RATE)
+    cascade.update(values)
+    return cascade.result()
+
+
+def fitted(values: Floats, degrees: Floats | None = None) -> tuple[ChannelFit, ...]:
+    """Return the fits of a record with a temperature (n, 1)."""
+    means = None
+    if degrees is not None:
+        blocks = BlockAccumulator([0], 1.0 / RATE)
+        blocks.update(np.ascontiguousarray(degrees.T), None, np.zeros(1))
+        means = blocks.result().means[:, 0]
+    return Estimator(averaged=True, time_to=False).fit(curve_of(values), degrees=means)
+
+
+def missed(fits: Sequence[ChannelFit], name: str, truth: float) -> int:
+    """Return the number of channels whose limits miss the truth."""
+    limits = np.array([(getattr(fit, name).low, getattr(fit, name).high) for fit in fits], dtype=np.float64)
+    return int((~((limits[:, 0] <= truth) & (truth <= limits[:, 1]))).sum())
+
+
+def walks(fits: Sequence[ChannelFit]) -> int:
+    return sum(fit.K.status == "measured" for fit in fits)
+
+
+def check_noise(fits: Sequence[ChannelFit]) -> None:
+    assert missed(fits, "N", N) <= MOST_MISSED
+    assert missed(fits, "B", B) <= MOST_MISSED
+    assert walks(fits) <= 1
+
+
+# --- drift -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slope", [1e-8, 1e-6, -1e-5])
+def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float) -> None:
+    """Its regressor is exact in the blocks, and segments of the spectrum are short beside it."""
+    values = quiet[:, :4]
+    for plain, drifting in zip(fitted(values), fitted(values + slope * AT_S), strict=True):
+        for name in ("N", "B", "K"):
+            one, other = getattr(plain, name), getattr(drifting, name)
+            assert other.status == one.status
+            for limit in ("value", "low", "high"):
+                a, b = getattr(one, limit), getattr(other, limit)
+                size = 0.05 * (one.high - one.low)  # the grid of the likelihood
+                assert b == a or b == pytest.approx(a, abs=size), (name, limit)
+        own, before = drifting.column("drift"), plain.column("drift")
+        assert own is not None
+        assert before is not None
+        assert own.value - before.value == pytest.approx(slope, rel=1e-3)
+        assert own.error == pytest.approx(before.error, rel=0.05)
+
+
+@pytest.mark.parametrize("slope", [2e-7, -2e-7])
+@pytest.mark.parametrize("k", [0.0, 1.0])
+def test_a_drift_is_stated_with_its_limits(quiet: Floats, walk: Floats, slope: float, k: float) -> None:
+    fits = fitted(quiet + k * walk + slope * AT_S)
+    columns = [fit.column("drift") for fit in fits]
+    assert sum(c is not None and abs(c.value - slope) <= 1.96 * c.error for c in columns) >= 6
+    for fit in fits:
+        if k:
+            continue
+        assert "ramp" in fit.caveats
+        assert fit.R is not None
+        assert fit.R.value == pytest.approx(abs(slope), rel=0.1)
+        assert fit.R.low < abs(slope) * 1.1  # type: ignore[operator]
+    assert missed(fits, "N", N) <= MOST_MISSED
+
+
+def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
+    """The error of a drift allows for flicker and random walk: its ratio to the error scatters by one."""
+    ratios = []
+    for values in (quiet, quiet + walk, quiet + 10.0 * walk):
+        fits = fitted(values)
+        assert all(fit.R is None for fit in fits)
+        for fit in fits:
+            column = fit.column("drift")
+            assert column is not None
+            ratios.append(column.value / column.error)
+    assert 0.5 < float(np.std(ratios)) < 1.45  # of 24, three standard errors
+
+
+def test_a_random_walk_beside_a_drift_is_measured(quiet: Floats, walk: Floats) -> None:
+    fits = fitted(quiet + walk + 1e-6 * AT_S)
+    assert walks(fits) == CHANNELS
+    assert missed(fits, "K", 2e-6) <= MOST_MISSED
+
+
+# --- temperature -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("per_degc", [0.0, 1e-4])
+def test_a_temperature_slope_is_recovered_and_leaves_the_noise(quiet: Floats, per_degc: float) -> None:
+    fits = fitted(quiet + per_degc * DEGREES + 1e-8 * AT_S, DEGREES)
+    check_noise(fits)
+    held = 0
+    for fit in fits:
+        slope, drift = fit.column("temperature"), fit.column("drift")
+        assert slope is not None
+        assert drift is not None
+        assert fit.no_slope == ""
+        held += abs(slope.value - per_degc) <= 1.96 * slope.error
+        assert fit.follows_temperature == bool(per_degc)
+        assert drift.value == pytest.approx(1e-8, abs=4.0 * drift.error)
+        if per_degc:
+            assert fit.explained == pytest.approx(1.0, abs=0.05)
+    assert held >= 6
+
+
+def test_noise_beside_a_temperature_is_that_without_one(quiet: Floats) -> None:
+    values = quiet[:, :4]
+    for plain, warm in zip(fitted(values, DEGREES), fitted(values + 1e-3 * DEGREES, DEGREES), strict=True):
+        assert warm.N.value == pytest.approx(plain.N.value, rel=1e-3)
+        assert warm.B.high == pytest.approx(plain.B.high, rel=0.02)
+        assert warm.K.high == pytest.approx(plain.K.high, rel=0.02)
+
+
+def test_temperatures_that_say_nothing_have_a_reason(quiet: Floats) -> None:
+    values = quiet[:, :1]
+    rng = np.random.default_rng(1)
+    straight = 25.0 + 4.0 * AT_S / AT_S[-1] + 0.02 * rng.standard_normal(AT_S.shape)
+    for degrees, reason in (
+        (None, "no_temperature"),
+        (25.0 + 0.01 * rng.standard_normal(AT_S.shape), "small_range"),
+        (straight, "collinear"),
+    ):
+        (fit,) = fitted(values, degrees)
+        assert fit.no_slope == reason
+        assert fit.column("temperature") is None
+        assert fit.explained is None
+    parabola = 25.0 + AT_S / AT_S[-1] + 2.0 * (AT_S / AT_S[-1]) ** 2
+    (bent,) = fitted(values + 1e-4 * parabola, parabola)
+    assert bent.no_slope in ("", "collinear")
+    slope = bent.column("temperature")
+    assert slope is None or slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
+
+
+# --- warm-up and steps -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("size", "time_s"),
+    [(3e-4, 300.0), (3e-4, 900.0), (-3e-3, 300.0), (-3e-3, 900.0)],
+)
+def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: float) -> None:
+    fits = fitted(quiet + size * np.exp(-AT_S / time_s))
+    check_noise(fits)
+    for fit in fits:
+        settling = fit.column("settling")
+        assert settling is not None
+        assert settling.at_s == pytest.approx(time_s, rel=0.5)
+        assert fit.step is None
+
+
+def test_noise_does_not_settle(quiet: Floats, walk: Floats) -> None:
+    """One record in a hundred of noise alone has an exponential that is likelier than none."""
+    for values in (quiet, quiet + walk, quiet + 1e-6 * AT_S):
+        assert sum(fit.column("settling") is not None for fit in fitted(values)) <= 1
+
+
+@pytest.mark.parametrize("at", [0.3, 0.62])
+def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Floats, at: float) -> None:
+    values = quiet.copy()
+    values[round(at * LENGTH) :, ::2] += 1e-4
+    fits = fitted(values + 9.8)
+    check_noise(fits)
+    for c, fit in enumerate(fits):
+        column = fit.column("step")
+        assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
+        if column is not None and fit.step is not None:
+            assert column.at_s == pytest.approx(at * LENGTH / RATE, abs=60.0)
+            assert column.value == pytest.approx(1e-4, abs=4.0 * column.error)
+            assert column.error < 1e-5
+            assert fit.step.now - fit.step.before == pytest.approx(column.value)
+            assert fit.step.before == pytest.approx(9.8, abs=1e-4)
+
+
+def test_slow_changes_are_no_step(quiet: Floats, walk: Floats) -> None:
+    slow = (quiet, quiet + 5.0 * walk, quiet + 1e-6 * AT_S, quiet + 1e-3 * np.exp(-AT_S / 600.0))
+    assert sum(fit.step is not None for values in slow for fit in fitted(values)) == 0
+
+
+# --- gaps of unknown length --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("at", [0.25, 0.5])
+def test_another_bias_after_a_gap_of_unknown_length_changes_nothing(quiet: Floats, at: float) -> None:
+    found = []
+    for bias in (0.0, 1e-3, 1.0):
+        cascade = OctaveCascade(CHANNELS, tau0=1.0 / RATE)
+        cascade.update(quiet[: round(at * LENGTH)])
+        cascade.break_()
+        cascade.update(quiet[round(at * LENGTH) :] + bias)
+        found.append(Estimator(averaged=True, time_to=False).fit(cascade.result()))
+    for fits in found:
+        check_noise(fits)
+        for fit, same in zip(fits, found[0], strict=True):
+            assert fit.step is None
+            assert fit.N.value == pytest.approx(same.N.value, rel=1e-6)
+            assert fit.K.high == pytest.approx(same.K.high, rel=1e-3)
+
+
+def test_a_missing_hour_counts_as_time(quiet: Floats) -> None:
+    """A drift goes on during a gap of known length, also where it separates two segments."""
+    slope = 1e-6
+    cascade = OctaveCascade(CHANNELS, tau0=1.0 / RATE)
+    cascade.update((quiet + slope * AT_S)[:20_000])
+    cascade.skip(36_000)
+    cascade.update((quiet + slope * AT_S)[56_000:])
+    for fit in Estimator(averaged=True, time_to=False).fit(cascade.result()):
+        drift = fit.column("drift")
+        assert drift is not None
+        assert drift.value == pytest.approx(slope, abs=4.0 * drift.error)
+        assert fit.K.status == "upper_bound" or math.isclose(fit.K.low or 0.0, 0.0, abs_tol=1e-6)

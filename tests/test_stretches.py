@@ -1,0 +1,354 @@
+"""Parts of a record: quarters, stretches, changes and the end of a warm-up, each by the fit of its own samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.noise.allan.windows import WindowedCascade
+from imumon.noise.fit.results import FittedCoefficient, pending_fit
+from imumon.noise.stretches import RecordStatistics
+from imumon.noise.stretches.change import detect_changes
+from imumon.noise.stretches.quarters import Quarters
+from imumon.noise.stretches.stretches import STEPS_S, Stretch
+from imumon.noise.stretches.warmup import is_warming_up
+from imumon.samples import Floats
+
+RATE, N, B = 10.0, 1e-4, 1e-5
+HOUR = round(3600 * RATE)
+
+
+def fitted(values: Floats) -> tuple[ChannelFit, ...]:
+    cascade = OctaveCascade(values.shape[1], 1.0 / RATE)
+    cascade.update(values)
+    return Estimator(averaged=True, time_to=False).fit(cascade.result())
+
+
+# --- quarters ----------------------------------------------------------------------------------------------
+
+
+def fed(values: Floats, chunk: int) -> tuple[WindowedCascade, Quarters]:
+    """Return a cascade and its quarters after some samples."""
+    cascade = WindowedCascade(OctaveCascade(values.shape[1], 1.0 / RATE))
+    quarters = Quarters(cascade, RATE)
+    at = 0
+    while at < len(values):
+        stop = min(len(values), at + chunk, quarters.next_end)
+        cascade.update(values[at:stop])
+        quarters.close_part()
+        at = stop
+    return cascade, quarters
+
+
+def noise(n: int, channels: int = 2, seed: int = 1) -> Floats:
+    return synthesise(n, RATE, N=[N] * channels, B=B, seed=seed)
+
+
+def test_the_quarters_follow_a_change_of_n() -> None:
+    n = 64 * 1024
+    scale = np.repeat([1.0, 1.1, 1.2, 1.3], n // 4)[:, None]
+    quarters = fed(noise(n) * scale, 999)[1].result()
+    assert quarters is not None
+    estimator = Estimator(averaged=True, time_to=False)
+    for factor, (sums, samples) in zip((1.0, 1.1, 1.2, 1.3), quarters, strict=True):
+        assert samples == pytest.approx(n / 4, rel=0.2)
+        for fit in estimator.fit_sums(sums, samples):
+            assert fit.N.value == pytest.approx(factor * N, rel=0.04)
+
+
+def test_the_quarters_of_a_steady_record_scatter_as_their_limits_say() -> None:
+    quarters = fed(noise(64 * 1024, channels=8), 5000)[1].result()
+    assert quarters is not None
+    fits = [Estimator(averaged=True, time_to=False).fit_sums(*each) for each in quarters]
+    held = [fit.N.low <= N <= fit.N.high for each in fits for fit in each]  # type: ignore[operator]
+    assert sum(held) >= 26  # of 32, at 95 %
+    held = [fit.B.low <= B <= fit.B.high for each in fits for fit in each]  # type: ignore[operator]
+    assert sum(held) >= 26
+
+
+def test_the_quarters_do_not_depend_on_chunks_and_continue_from_a_saved_state() -> None:
+    values = noise(30_000)
+    (cascade, whole), (_, parts) = (fed(values, chunk) for chunk in (30_000, 777))
+    again = WindowedCascade.restore(cascade.save())
+    restored = Quarters.restore(again, whole.save())
+    assert restored.next_end == whole.next_end
+    results = [each.result() for each in (whole, parts, restored)]
+    for other in results[1:]:
+        assert results[0] is not None
+        assert other is not None
+        for (one, samples), (two, count) in zip(results[0], other, strict=True):
+            assert samples == count
+            np.testing.assert_array_equal(one.blocks.means, two.blocks.means)
+            for a, b in zip(one.levels, two.levels, strict=True):
+                np.testing.assert_array_equal(a.power, b.power)
+
+
+def test_parts_before_the_end_of_a_warm_up_are_forgotten() -> None:
+    _, quarters = fed(noise(14 * 1024), 1024)
+    assert quarters.result() is not None
+    quarters.discard_before(6 * 1024)
+    after = quarters.result()
+    assert after is not None
+    assert sum(samples for _, samples in after) <= 8 * 1024
+    quarters.discard_before(13 * 1024)
+    assert quarters.result() is None
+
+
+# --- stretches ---------------------------------------------------------------------------------------------
+
+
+def statistics(channels: int, warmup: tuple[int, ...] = ()) -> RecordStatistics:
+    return RecordStatistics(
+        [0] * channels, channels, 1.0 / RATE, averaged=[True] * channels, warmup_channels=warmup
+    )
+
+
+def finished(values: Floats, chunk: int) -> list[Stretch]:
+    record, out = statistics(values.shape[1]), []
+    for at in range(0, len(values), chunk):
+        record.update(values[at : at + chunk])
+        out += record.finished_stretches()
+    return out
+
+
+def test_a_finished_stretch_is_fitted_as_its_samples_alone() -> None:
+    """N agrees within a fifth of its limits; B within half, because a stretch has fewer blocks."""
+    values = noise(2 * HOUR + 1000, channels=4)
+    found = finished(values, 7000)
+    assert [each.step_s for each in found].count(600) == 12
+    assert [each.step_s for each in found].count(3600) == 2
+    estimator = Estimator(averaged=True, time_to=False)
+    for each in (*found[:2], *(s for s in found if s.step_s == 3600)):
+        assert each.end - each.start == each.step_s * RATE
+        assert each.moments.result().channels[0].count == each.end - each.start
+        own, alone = (
+            estimator.fit_sums(each.sums, each.end - each.start),
+            fitted(values[each.start : each.end]),
+        )
+        for a, b in zip(own, alone, strict=True):
+            assert a.N.value == pytest.approx(b.N.value, abs=0.3 * (b.N.high - b.N.low))  # type: ignore[operator]
+            assert a.B.high == pytest.approx(b.B.high, rel=0.5)
+            assert a.N.high - a.N.low == pytest.approx(b.N.high - b.N.low, rel=0.3)  # type: ignore[operator]
+
+
+def test_stretches_do_not_depend_on_chunks() -> None:
+    values = noise(HOUR + 1000)
+    one, other = (finished(values, chunk) for chunk in (50_000, 333))
+    assert len(one) == len(other) == 7
+    for a, b in zip(one, other, strict=True):
+        assert (a.step_s, a.start, a.end) == (b.step_s, b.start, b.end)
+        np.testing.assert_array_equal(a.sums.blocks.means, b.sums.blocks.means)
+        for own, level in zip(a.sums.levels, b.sums.levels, strict=True):
+            np.testing.assert_array_equal(own.power, level.power)
+            np.testing.assert_array_equal(own.averages, level.averages)
+
+
+def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
+    record = statistics(2)
+    assert record.stretch_in_progress(600) is None
+    record.update(noise(9000))
+    counts = [record.stretch_in_progress(step) for step in STEPS_S]
+    assert [each and each.end - each.start for each in counts] == [3000, 9000, 9000]
+    record.skip(10 * HOUR)
+    assert record.stretch_in_progress(600) is None
+    assert [each.step_s for each in record.finished_stretches()].count(600) == 2
+
+
+def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
+    values = noise(2 * HOUR)
+    records = [statistics(2, (0, 1)) for _ in range(2)]
+    records[0].update(values)
+    for at in range(0, len(values), 4321):
+        records[1].update(values[at : at + 4321])
+        if at == 4321 * 8:
+            restored = statistics(2, (0, 1))
+            restored.restore(records[1].save())
+        elif at > 4321 * 8:
+            restored.update(values[at : at + 4321])
+    one, other, third = (record.curve() for record in (*records, restored))
+    assert one.sums is not None
+    for curve in (other, third):
+        assert curve.sums is not None
+        np.testing.assert_array_equal(one.avar, curve.avar)
+        np.testing.assert_array_equal(one.sums.blocks.means, curve.sums.blocks.means)
+    for a, b, c in zip(one.sums.levels, other.sums.levels, third.sums.levels, strict=True):  # type: ignore[union-attr]
+        np.testing.assert_array_equal(a.power, b.power)
+        assert 0 <= a.averages[0] - c.averages[0] <= 3
+    assert restored.position == len(values)
+
+
+# --- changes -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_ordinary_hours_are_no_change(seed: int) -> None:
+    values = synthesise(4 * HOUR, RATE, N=[N] * 4, B=[B, 5e-6, 2e-5, 0.0], K=[1e-7, 1e-6, 0, 0], seed=seed)
+    record = statistics(4)
+    record.update(values)
+    assert [changes for _, changes in record.comparisons] == [{}, {}, {}]
+
+
+def test_an_hour_with_another_n_is_a_change() -> None:
+    values = noise(3 * HOUR + 100, channels=3, seed=9)
+    values[2 * HOUR :, 1] *= 1.4
+    values[2 * HOUR :, 2] += 3e-4  # another bias is no change of the noise
+    record = statistics(3)
+    record.update(values)
+    assert list(record.changes()) == [1]
+    (change,) = [each for each in record.changes()[1] if each.quantity == "N"]
+    assert change.ratio == pytest.approx(1.4, rel=0.03)
+    assert change.against == "hours before"
+    restored = statistics(3)
+    restored.restore(record.save())
+    assert restored.changes() == record.changes()
+
+
+def limited(n: float) -> ChannelFit:
+    fit = pending_fit(0, "too short")
+    N = FittedCoefficient(value=n, low=0.99 * n, high=1.01 * n, status="measured")
+    return ChannelFit(
+        **{name: getattr(fit, name) for name in ("B", "K", "model", "noise", "used", "low", "high", "edf")},
+        N=N,
+    )
+
+
+def test_a_change_is_beyond_chance_and_large() -> None:
+    assert detect_changes(limited(1e-4), limited(1.01e-4), "baseline") == []
+    assert detect_changes(limited(1e-4), limited(1.03e-4), "baseline") == []
+    (change,) = detect_changes(limited(1e-4), limited(1.4e-4), "baseline")
+    assert (change.quantity, change.ratio) == ("N", pytest.approx(1.4))
+    assert detect_changes(pending_fit(0, "too short"), limited(1e-4), "baseline") == []
+
+
+# --- warm-up -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("time_s", "least", "most"), [(150.0, 300.0, 1200.0), (500.0, 600.0, 2400.0)])
+def test_an_exponential_is_excluded_when_it_is_over(time_s: float, least: float, most: float) -> None:
+    values = noise(round(2.2 * HOUR), channels=3, seed=3)
+    at = np.arange(len(values)) / RATE
+    record = statistics(3, (0, 1, 2))
+    record.update(values + 5e-4 * np.exp(-at / time_s)[:, None])
+    assert least <= record.warmup_s == record.begin_s <= most
+    begin = round(record.warmup_s * RATE)
+    after = record.moments().channels[0]
+    assert after.count == len(values) - begin
+    for fit in Estimator(averaged=True, time_to=False).fit(record.curve()):
+        assert fit.K.status == "upper_bound"
+        assert fit.N.value == pytest.approx(N, rel=0.03)
+    assert [warmup for _, warmup in record.decisions][-1] == record.warmup_s
+
+
+def test_a_warm_up_counts_its_valid_samples_only() -> None:
+    values = noise(2 * HOUR, channels=2, seed=3)
+    values += 5e-4 * np.exp(-np.arange(len(values)) / RATE / 150.0)[:, None]
+    ok = np.ones((len(values), 1), dtype=bool)
+    ok[100:300] = False
+    record = statistics(2, (0, 1))
+    record.update(values[:1000], ok[:1000])
+    record.skip(200)
+    record.update(values[1200:], ok[1200:])
+    assert record.warmup_s > 0.0
+    total = record.moments().channels[0].count + round(record.warmup_s * RATE)
+    assert total == len(values) - 400
+    again = statistics(2, (0, 1))
+    again.restore(record.save())
+    assert again.warmup_s == record.warmup_s
+
+
+@pytest.mark.parametrize("kind", ["noise", "walk", "drift", "step"])
+def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
+    values = noise(2 * HOUR, channels=4, seed=5)
+    at = np.arange(len(values))[:, None] / RATE
+    if kind == "walk":
+        values += synthesise(len(values), RATE, K=[1e-6] * 4, seed=6)
+    elif kind == "drift":
+        values += 1e-6 * at
+    elif kind == "step":
+        values += 3e-4 * (at > 2000.0)
+    record = statistics(4, (0, 1, 2, 3))
+    record.update(values)
+    assert record.warmup_s == 0.0
+
+
+def test_a_gap_of_a_month_costs_little() -> None:
+    record = statistics(2, (0, 1))
+    record.update(noise(HOUR))
+    record.skip(30 * 24 * HOUR)
+    record.update(noise(HOUR, seed=7))
+    assert record.position == (30 * 24 + 2) * HOUR
+    assert record.moments().channels[0].count == 2 * HOUR
+
+
+@pytest.mark.parametrize(
+    ("minutes", "time_s", "warming"),
+    [(2.5, 300.0, True), (20.0, 300.0, True), (90.0, 300.0, False), (0.5, 300.0, False), (60.0, 1e9, False)],
+)
+def test_a_temperature_that_rises_is_a_warm_up_until_it_rests(
+    minutes: float, time_s: float, warming: bool
+) -> None:
+    block_s = 0.4
+    at = np.arange(0.0, 60.0 * minutes, block_s)
+    degrees = 20.0 + 8.0 * (1.0 - np.exp(-at / time_s)) + np.random.default_rng(1).normal(0.0, 0.03, at.size)
+    degrees[at.size // 3 : at.size // 3 + 3] = np.nan
+    assert is_warming_up(degrees, block_s) == warming
+
+
+def test_a_cycle_of_the_temperature_is_no_warm_up() -> None:
+    at = np.arange(0.0, 7200.0, 7.2)
+    assert not is_warming_up(25.0 + 3.0 * np.sin(2.0 * np.pi * at / 2400.0), 7.2)
+    assert not is_warming_up(np.full(1000, np.nan), 7.2)
+
+
+# --- temperature -------------------------------------------------------------------------------------------
+
+
+def heated(hours: float, chunk: int) -> tuple[RecordStatistics, list[Stretch]]:
+    """Return the statistics of a record whose second channel follows the temperature, its third column."""
+    values = noise(round(hours * HOUR), channels=2, seed=8)
+    at = np.arange(len(values)) / RATE
+    degrees = 30.0 - 8.0 * np.exp(-at / 600.0) + 0.5 * np.sin(at / 300.0)
+    values[:, 1] += 1e-4 * degrees
+    degrees[1000:1500] = np.nan
+    record = RecordStatistics([0, 0, 1], 2, 1.0 / RATE, averaged=[True] * 2, temperature=2)
+    columns, found = np.column_stack((values, degrees)), []
+    for start in range(0, len(columns), chunk):
+        record.update(columns[start : start + chunk])
+        found += record.finished_stretches()
+    return record, found
+
+
+def test_the_temperature_of_a_record_and_of_its_stretches_explains_the_bias() -> None:
+    record, found = heated(2.1, 10_000)
+    estimator = Estimator(averaged=True, time_to=False)
+    parts = [estimator.fit(record.curve())]
+    parts += [estimator.fit_sums(each.sums, each.end - each.start) for each in found if each.step_s == 3600]
+    assert len(parts) == 3
+    for steady, following in parts:
+        assert not steady.follows_temperature
+        slope = following.column("temperature")
+        assert slope is not None
+        assert following.follows_temperature
+        assert slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
+        assert following.K.status == "upper_bound"
+
+
+def test_the_temperature_does_not_depend_on_chunks() -> None:
+    one, other = (heated(0.3, chunk)[0].curve().sums for chunk in (20_000, 77))
+    assert one is not None
+    assert other is not None
+    assert one.degrees is not None
+    assert other.degrees is not None
+    assert len(one.degrees) == len(one.blocks.means)
+    assert np.isnan(one.degrees).any()
+    np.testing.assert_array_equal(one.degrees, other.degrees)
+
+
+def test_a_record_warms_up_as_long_as_its_temperature_rises() -> None:
+    for hours, warming in ((0.2, True), (2.5, False)):
+        record, _ = heated(hours, 10_000)
+        assert record.is_warming_up(record.curve()) == warming
+    record = statistics(2)
+    record.update(noise(9000))
+    assert not record.is_warming_up(record.curve())
