@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import accuracy
 import cascade
 import codec
+import daemon_cost
 import memory
 import replay
 import scaling
@@ -40,6 +41,7 @@ def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
     return {
         "Accuracy": accuracy.measure(40 if quick else 100, 10 if quick else 20),
         "A sample": cascade.measure(),
+        "The pipeline": daemon_cost.measure(),
         "A day of samples": memory.measure(6.0 if quick else 24.0),
         "The length of the record": scaling.measure(8, plot),
         "Bytes": codec.measure(),

@@ -38,7 +38,9 @@ def costs() -> Iterator[Figure]:
     cascade, moments = OctaveCascade(9, 1 / 200, groups=GROUPS), Moments(9, GROUPS)
     cascade.skip(10**8)  # as deep as in a run of days
     ns, ratio = cost(seconds(lambda: cascade.update(values), 60))
-    yield at_most("a channel-sample, octaves, blocks of 8,000 × 9", ns, 12.0, "ns", ratio)
+    yield at_most(
+        "a channel-sample, octaves, spectrum and block means, blocks of 8,000 × 9", ns, 60.0, "ns", ratio
+    )
     ns, ratio = cost(seconds(lambda: cascade.update(values, valid), 40))
     yield Figure("the same, 0.5 % of the samples missing", f"{ns:.3g} ns", ratio)
     ns, ratio = cost(seconds(lambda: moments.update(values), 60))
@@ -72,7 +74,9 @@ def live(cascade: OctaveCascade, moments: Moments, values: np.ndarray) -> Iterat
         """us a block."""
         return seconds(lambda: [update(block) for block in blocks], 10) / len(blocks) * 1e6
 
-    yield at_most("a live block of 40 × 9, octaves", all_of(cascade.update), 100.0, "µs")
+    yield at_most(
+        "a live block of 40 × 9, octaves, spectrum and block means", all_of(cascade.update), 100.0, "µs"
+    )
     yield Figure("a live block of 40 × 9, moments", f"{all_of(moments.update):.3g} µs")
     state = cascade.save()
     for what, work in (
@@ -99,7 +103,7 @@ def state_sizes() -> Iterator[Figure]:
     for exponent in (10, 12):
         cascade = OctaveCascade(9, 1 / 800, groups=GROUPS)
         cascade.skip(10**exponent)
-        yield at_most(f"state of 9 channels at n = 10^{exponent}", cascade.nbytes / 1000, 64.0, "kB")
+        yield at_most(f"state of 9 channels at n = 10^{exponent}", cascade.nbytes / 1000, 200.0, "kB")
 
 
 class ExactCascade:

@@ -20,7 +20,7 @@ import numpy as np
 from imumon.history.day_changes import DayChanges
 from imumon.history.store import TimedPeriod
 from imumon.history_report import PeriodChannel, PeriodCoefficient
-from imumon.noise.nonstationarity import HourlyStatistics
+from imumon.noise.stretches import RecordStatistics
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor, MonitorOptions
 from imumon.pipeline import monitor as monitor_module
@@ -72,7 +72,7 @@ class _Days(Periods):
 def days_of(seed: int) -> list[TimedPeriod]:
     """The daily periods of one month."""
     monitor_module.Periods = _Days  # type: ignore[misc]
-    HourlyStatistics._compare = lambda self, last: {}  # type: ignore[method-assign]
+    RecordStatistics._compare = lambda self, hour, hour_begin: {}  # type: ignore[method-assign]
     monitor, values, days = Monitor(MonitorOptions(periods=True)), samples(seed), []
     for at in range(0, len(values), 20_000):
         part = values[at : at + 20_000]
@@ -138,8 +138,10 @@ def main() -> None:
         )
     print(f"{words.months} sensor-months: {false} false alarms, {false / words.months:.2f} per sensor-month")
     for step in STEPS:
-        shown = f", days until then: median {np.median(delays[step]):g}, longest {max(delays[step])}"
-        print(f"N times {step}: found in {found[step]} of {words.months}{shown if delays[step] else ''}")
+        shown = ""
+        if delays[step]:
+            shown = f", days until then: median {np.median(delays[step]):g}, longest {max(delays[step])}"
+        print(f"N times {step}: found in {found[step]} of {words.months}{shown}")
 
 
 if __name__ == "__main__":

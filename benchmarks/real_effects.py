@@ -7,14 +7,11 @@
 Truth: N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, records of 2.5 h at 20 Hz, point samples. K is 0, twice
 the smallest that generalised least squares beside the same nuisance terms separates from zero, or larger. An
 effect is added to the samples; the truth of N includes what it turns into white noise (rounding, outliers above
-1 % of them).
+1 % of them, a variance that changes).
 
-Two ways lead to the limits. "estimator": octaves, spectrum and block means of the record, then the fit.
-"pipeline": the whole `Monitor`, with its guards, six channels at a time. Widths are relative to the fit with the
-known description. Behind a filter this is the fit of the same record that leaves out the octaves which the
-filter bends, and has the 1/tau^2 term. Where the effect is white noise (rounding, many outliers), it is the fit
-of a record with as much Gaussian noise instead, which is given the excess kurtosis. Else it is the fit of the
-same record without the effect, which is given the same nuisance terms (drift, temperature).
+Two ways lead to the limits. "estimator": the curve of the record with the sums of its noise, then the fit.
+"pipeline": the whole `Monitor`, with its guards, six channels at a time. Widths are relative to those of the same
+noise without the effect: the clean records of the same seeds, by the same way. That of N is relative to the truth.
 """
 
 from __future__ import annotations
@@ -25,7 +22,6 @@ import multiprocessing
 import multiprocessing.pool
 import os
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -33,27 +29,24 @@ from functools import lru_cache
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from sensor_effects import DEGREES, EFFECTS, LENGTH, RATE, SIGMA, TOTAL_S, B, Effect, N
+from bounds import walk_bound
+from sensor_effects import DEGREES, EFFECTS, RATE, SIGMA, Effect
+from simulated import BATCH, points
 
-from imumon.noise import Estimator, OctaveCascade, synthesise
-from imumon.noise.fit import confidence, model_selection
-from imumon.noise.fit.leastsquares import FitProblems
-from imumon.noise.fit.model_selection import SelectedModel
-from imumon.noise.fit.restricted_likelihood import unit_covariances
-from imumon.noise.nonstationarity.drift import DriftAccumulator
-from imumon.noise.statistics.psd import SpectrumAccumulator
+from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.noise.statistics.differences import DifferenceAccumulator
 from imumon.pipeline import Monitor
 from imumon.report import DeviceDescription, SessionCounters
 from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 
 LARGER_WALKS = (4.5e-6, 1e-5)
-CHUNK, BATCH = 9_000, 12
+CHUNK = 9_000
 STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
 WARM_STREAM = Stream("uncompensated", (*GYRO, *ACCEL, "temperature"), "simulated", "startup")
 LEGEND = (
     "Output of `python benchmarks/real_effects.py`. Records of 2.5 h at 20 Hz. Goals: held 93 % or more (91 % by"
-    " the pipeline) of the limits that are given; no value in 10 % or less; width at most 1.5 times that of the"
-    " fit with the known description where more than 97 % hold; K = 0 measured in 5 % or less, and every other"
+    " the pipeline) of the limits that are given; no value in 10 % or less; width at most 1.5 times that of"
+    " the same noise without the effect where more than 97 % hold; K = 0 measured in 5 % or less, and every other"
     " K in 80 % or more; rmse of K² at most 1.15 of generalised least squares, where K² exceeds four of its"
     " standard deviations. **!** marks what misses its goal by more than two standard errors."
 )
@@ -64,33 +57,56 @@ NOW = datetime(2026, 1, 1, tzinfo=UTC)
 
 
 @lru_cache(3 * BATCH)
-def part(seed: int, at: int) -> np.ndarray:
+def part(seed: int, at: int, effect: Effect) -> np.ndarray:
     """(n,) white noise, flicker or random walk of a record."""
-    row = ((N, 0.0, 0.0), (0.0, B, 0.0), (0.0, 0.0, 1.0))[at]
-    return synthesise(LENGTH, RATE, *row, seed=np.random.default_rng([77, seed, at]), averaged=False).ravel()
+    row = ((effect.N, 0.0, 0.0), (0.0, effect.B, 0.0), (0.0, 0.0, 1.0))[at]
+    generator = np.random.default_rng([77, seed, at])
+    return synthesise(effect.length, effect.rate, *row, seed=generator, averaged=False).ravel()
 
 
-def record(seed: int, K: float) -> tuple[np.ndarray, np.ndarray]:
+def record(seed: int, K: float, effect: Effect) -> tuple[np.ndarray, np.ndarray]:
     """(n,) samples of known N, B and K, and their slow part; the noise of a seed does not depend on K."""
-    slow = part(seed, 1) + (K * part(seed, 2) if K else 0.0)
-    return part(seed, 0) + slow, slow
+    sensor = Effect(
+        N=effect.N, B=effect.B, rate=effect.rate, length=effect.length
+    )  # the same for most effects
+    slow = part(seed, 1, sensor) + (K * part(seed, 2, sensor) if K else 0.0)
+    return part(seed, 0, sensor) + slow, slow
+
+
+@dataclass
+class Records:
+    """Records of some seeds.
+
+    Attributes
+    ----------
+    values : (n, r) SI.
+    valid : (n, r) bool; None: all.
+    truth : (r,) of N.
+    """
+
+    values: np.ndarray
+    valid: np.ndarray | None
+    truth: list[float]
+
+
+def records_of(name: str, K: float, seeds: list[int]) -> Records:
+    effect, key = EFFECTS[name], list(EFFECTS).index(name)
+    made, valid, truth = [], [], []
+    for seed in seeds:
+        samples, slow = record(seed, K, effect)
+        white = effect.white
+        if effect.own_white is not None:
+            white = effect.own_white(slow, np.random.default_rng([key, seed]))
+        made.append(effect.change(samples, np.random.default_rng([key, seed])))
+        if effect.valid is not None:
+            valid.append(effect.valid(np.random.default_rng([key, seed])))
+            made[-1] = np.where(valid[-1], made[-1], 0.0)
+        truth.append(effect.N * math.sqrt(1.0 + white))
+    return Records(np.stack(made, axis=1), np.stack(valid, axis=1) if valid else None, truth)
 
 
 Row = tuple[list[float], list[float], list[float], list[int]]
 """Point estimate, low, high and status (0 pending, 1 bound, 2 measured) of N, B and K."""
-
-
-def known_models(short: int) -> Callable[..., list[SelectedModel]]:
-    """`select_models` that leaves out the shortest octaves, and searches for nothing."""
-
-    def select(problems: FitProblems, *_: object, **__: object) -> list[SelectedModel]:
-        used = problems.used.copy()
-        used[:, :short] = False
-        free = np.arange(5) < 4  # N, B, K and the term in 1/tau^2
-        models = model_selection._fitted(problems, [(row, free) for row in used])
-        return model_selection._with_error(problems, models)
-
-    return select
 
 
 def row_of(found: list[object], point: list[float]) -> Row:
@@ -101,44 +117,50 @@ def row_of(found: list[object], point: list[float]) -> Row:
     return [p if v is None else v for v, p in zip(values, point, strict=True)], low, high, status
 
 
-def by_estimator(values: np.ndarray, effect: Effect, excess_kurtosis: float = 0.0) -> list[Row]:
-    """Fit the columns of values, (n, c), from their octaves, spectrum and block means."""
+def fitted(records: Records, effect: Effect) -> tuple[Estimator, AllanCurve, tuple[ChannelFit, ...]]:
+    """Fit the records from their sums, as the pipeline does without its guards."""
+    values, valid = records.values, records.valid
     count = values.shape[1]
-    rng = np.random.default_rng(5)
-    cascade = OctaveCascade(count, tau0=1.0 / RATE)
-    spectrum = SpectrumAccumulator([0] * count, RATE)
-    drift = DriftAccumulator([0] * (count + 1), RATE, count if effect.heated else None)
-    degrees = (DEGREES + 0.02 * rng.standard_normal(LENGTH))[:, None]
-    for begin in range(0, LENGTH, CHUNK):
-        part = values[begin : begin + CHUNK]
-        cascade.update(part)
-        spectrum.update(part)
-        drift.update(np.concatenate((part, degrees[begin : begin + CHUNK]), axis=1))
-    estimator, density = Estimator(averaged=False, time_to=False), spectrum.result()
-    fits = estimator.fit(
-        cascade.result(),
-        resolution=[effect.step * SIGMA] * count,
-        bands=density.bands,
-        quiet=density.quiet,
-        kurtosis=[excess_kurtosis] * count,
-        blocks=drift.blocks(count),
-    )
-    rows = []
-    unit = np.sqrt([1.0 / RATE, 1.0, RATE])
-    for column, fit in enumerate(fits):
-        known = estimator._confidences.get(column)
-        point = np.full(3, math.nan)
-        if known is not None:
-            point = known.model.p[:3].copy()
-            point[2] = known.walk if known.walk is not None else point[2]
-            point = np.sqrt(np.maximum(point, 0.0)) * unit
-        rows.append(row_of([fit.N, fit.B, fit.K], point.tolist()))
-    return rows
+    groups = [0] * count if valid is None else list(range(count))
+    if effect.heated:
+        values = np.column_stack(
+            (values, DEGREES + 0.02 * np.random.default_rng(5).standard_normal(len(DEGREES)))
+        )
+        groups = [*groups, groups[-1] + 1]
+        valid = np.ones((len(values), groups[-1] + 1), dtype=bool) if valid is None else valid
+    cascade = OctaveCascade(len(groups), tau0=1.0 / effect.rate, groups=groups)
+    differences = DifferenceAccumulator(groups)
+    missing = effect.part or (len(values), len(values))
+    for begin, end in ((0, missing[0]), (missing[1], len(values))):
+        if begin and begin < end:
+            cascade.break_()
+            differences.break_()
+        for at in range(begin, end, CHUNK):
+            rows = slice(at, min(at + CHUNK, end))
+            cascade.update(values[rows], None if valid is None else valid[rows])
+            differences.update(values[rows], None if valid is None else valid[rows])
+    curve = cascade.result()
+    if effect.heated:
+        assert curve.sums is not None
+        curve = replace(curve.select(range(count)), sums=curve.sums.with_temperature())
+    estimator = Estimator(averaged=False, time_to=False)
+    kurtosis = differences.excess_kurtosis()[:count].tolist()
+    fits = estimator.fit(curve, resolution=[effect.step * SIGMA] * count, kurtosis=kurtosis)
+    return estimator, curve, fits
 
 
-def by_pipeline(values: np.ndarray, effect: Effect) -> list[Row]:
+def by_estimator(records: Records, effect: Effect) -> list[Row]:
+    estimator, _, fits = fitted(records, effect)
+    return [
+        row_of([fit.N, fit.B, fit.K], points(estimator, column, effect.rate).tolist())
+        for column, fit in enumerate(fits)
+    ]
+
+
+def by_pipeline(records: Records, effect: Effect) -> list[Row]:
     """Run the monitor on six columns at a time."""
     rows: list[Row] = []
+    values = records.values
     for first in range(0, values.shape[1], 6):
         part = values[:, first : first + 6]
         columns = part.shape[1]
@@ -147,7 +169,7 @@ def by_pipeline(values: np.ndarray, effect: Effect) -> list[Row]:
         stream = WARM_STREAM if effect.heated else STREAM
         if effect.heated:
             part = np.column_stack((part, DEGREES))
-        for begin in range(0, LENGTH, CHUNK):
+        for begin in range(0, len(part), CHUNK):
             block = part[begin : begin + CHUNK]
             tick = (np.arange(begin, begin + len(block)) * round(1e9 / RATE)).astype(np.int64)
             monitor.feed(SampleBlock(stream, block, tick, np.zeros(len(block), dtype=np.int64)))
@@ -161,8 +183,8 @@ def by_pipeline(values: np.ndarray, effect: Effect) -> list[Row]:
 
 Cell = tuple[str, float]
 """Name of an effect, and K."""
-Fits = tuple[list[Row], list[float], list[Row]]
-"""Fits of some records, their truth of N, and their fits with the known description."""
+Fits = tuple[list[Row], list[float]]
+"""Fits of some records, and their truth of N."""
 
 
 def run(job: tuple[list[Cell], list[int]]) -> dict[Cell, Fits]:
@@ -172,63 +194,29 @@ def run(job: tuple[list[Cell], list[int]]) -> dict[Cell, Fits]:
 
 
 def fits_of(name: str, K: float, seeds: list[int]) -> Fits:
-    effect = EFFECTS[name]
-    key = list(EFFECTS).index(name)
-    made, truth, known = [], [], []
-    for seed in seeds:
-        samples, slow = record(seed, K)
-        made.append(effect.change(samples, np.random.default_rng([key, seed])))
-        white = (
-            effect.own_white(slow, np.random.default_rng([key, seed])) if effect.own_white else effect.white
-        )
-        truth.append(N * math.sqrt(1.0 + white))
-    values = np.stack(made, axis=1)
-    rows = (by_pipeline if effect.pipeline else by_estimator)(values, effect)
-    if effect.white and not effect.hidden:
-        gaussian = [math.sqrt(1.0 + effect.white) * part(seed, 0) + record(seed, K)[1] for seed in seeds]
-        known = by_estimator(np.stack(gaussian, axis=1), effect, effect.excess_kurtosis)
-    if effect.short:
-        confidence.select_models, search = known_models(effect.short), confidence.select_models
-        known = by_estimator(values, effect)
-        confidence.select_models = search
-    return rows, truth, known
+    effect, records = EFFECTS[name], records_of(name, K, seeds)
+    return (by_pipeline if effect.pipeline else by_estimator)(records, effect), records.truth
 
 
 # Bounds --------------------------------------------------------------------------
 
 
-@lru_cache
-def bound(K: float, heated: bool, settles_s: float, white: float, blocks: int = 600) -> float:
-    """Standard deviation of K^2 by generalised least squares on block means.
-
-    Beside N with the additional white noise, B, drift, temperature, and an exponential of unknown size and
-    time constant.
-    """
-    length = TOTAL_S / blocks
-    at = (np.arange(blocks) + 0.5) * length
-    regressors = [np.ones(blocks), at]
-    if heated:
-        regressors.append(DEGREES.reshape(blocks, -1).mean(axis=1))
-    if settles_s:
-        regressors += [np.exp(-at / settles_s), at * np.exp(-at / settles_s)]
-    free = np.linalg.qr(np.stack(regressors, axis=1), mode="complete")[0][:, len(regressors) :]
-    flicker, walk = unit_covariances(blocks)
-    parts = [N**2 * (1.0 + white) / length * np.eye(blocks), B**2 * flicker, length * walk]
-    parts = [free.T @ part @ free for part in parts]
-    inverse = np.linalg.inv(parts[0] + parts[1] + K**2 * parts[2])
-    slopes = [inverse @ parts[1], inverse @ parts[2]]
-    information = np.array([[0.5 * np.sum(a * b.T) for b in slopes] for a in slopes])
-    return float(math.sqrt(np.linalg.inv(information)[1, 1]))
-
-
-def nuisances(effect: Effect) -> tuple[bool, float, float]:
-    """Return what `bound` takes of an effect."""
-    return effect.heated, effect.settles_s, effect.white
+def bound(K: float, effect: Effect) -> float:
+    """Standard deviation of K^2 by generalised least squares beside the nuisance terms of an effect."""
+    degrees = tuple(DEGREES.reshape(600, -1).mean(axis=1).tolist()) if effect.heated else ()
+    white = effect.N * math.sqrt(1.0 + effect.white)
+    return walk_bound(white, effect.B, K, effect.length / effect.rate, degrees, effect.settles_s)
 
 
 def detection(effect: Effect) -> float:
     """Twice the smallest K that differs from zero by 1.96 standard deviations of `bound`."""
-    return 2.0 * math.sqrt(1.96 * bound(0.0, *nuisances(effect)))
+    return 2.0 * math.sqrt(1.96 * bound(0.0, effect))
+
+
+def walks_of(effect: Effect) -> tuple[float, ...]:
+    """Values of K of the cells of an effect."""
+    least = detection(effect)
+    return (0.0, least, *(K for K in LARGER_WALKS if least < K))
 
 
 # Table ---------------------------------------------------------------------------
@@ -245,12 +233,11 @@ class Result:
     low: np.ndarray
     high: np.ndarray
     status: np.ndarray
-    known: Result | None = None
 
     @property
     def truth(self) -> np.ndarray:
         """(r, 3)"""
-        return np.column_stack((self.own_n, np.full((len(self.own_n), 2), (B, self.K))))
+        return np.column_stack((self.own_n, np.full((len(self.own_n), 2), (self.effect.B, self.K))))
 
     @property
     def held(self) -> np.ndarray:
@@ -261,16 +248,19 @@ class Result:
 
     @property
     def width(self) -> np.ndarray:
+        """(3,) median width of the limits, that of N relative to its truth."""
         width = np.where(self.status > 0, self.high - self.low, np.nan)
+        width[:, 0] /= self.own_n
         return np.array([np.nanmedian(w) if np.isfinite(w).any() else np.nan for w in width.T])
 
 
 def results(pool: multiprocessing.pool.Pool, cells: list[Cell], count: int, piped: int) -> dict[Cell, Result]:
     """Fit the records of all cells; each record is synthesised once for all of them."""
     counts = {each: piped if EFFECTS[each[0]].pipeline else count for each in cells}
+    most = max(counts.values())
     jobs = [
-        ([each for each in cells if counts[each] > first], list(range(first, first + BATCH)))
-        for first in range(0, max(counts.values()), BATCH)
+        ([each for each in cells if counts[each] > first], list(range(first, min(first + BATCH, most))))
+        for first in range(0, most, BATCH)
     ]
     parts: dict[Cell, list[Fits]] = {each: [] for each in cells}
     try:
@@ -288,22 +278,16 @@ def results(pool: multiprocessing.pool.Pool, cells: list[Cell], count: int, pipe
 def joined(name: str, K: float, parts: list[Fits], count: int) -> Result:
     """Return the first `count` records of the batches of a cell."""
     truth = np.concatenate([part[1] for part in parts])[:count]
-    found = []
-    for at in (0, 2):
-        rows = [row for part in parts for row in part[at]][:count]
-        columns = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
-        found.append(Result(EFFECTS[name], K, truth, *columns) if rows else None)
-    assert found[0] is not None
-    return replace(found[0], known=found[1])
+    rows = [row for part in parts for row in part[0]][:count]
+    return Result(EFFECTS[name], K, truth, *(np.array(each, dtype=float) for each in zip(*rows, strict=True)))
 
 
-def judged(result: Result, known: Result | None) -> list[str]:
+def judged(result: Result, clean: Result | None) -> list[str]:
     """Columns of a cell; ! marks what misses its goal by more than two standard errors."""
     least = 0.91 if result.effect.pipeline else 0.93
     count = len(result.value)
     held, none = result.held, (result.status == 0).mean(axis=0)
-    known = result.known or known
-    ratio = result.width / known.width if known else np.ones(3)
+    ratio = result.width / clean.width if clean else np.ones(3)
 
     def error(share: float) -> float:
         return 2.0 * math.sqrt(max(share * (1.0 - share), 1.0 / count) / count)
@@ -325,7 +309,7 @@ def judged(result: Result, known: Result | None) -> list[str]:
     goal = walks <= 0.05 + error(0.05) if not result.K else walks >= 0.8 - error(0.8)
     columns = [" / ".join(part) for part in (coverage, missing, widths, bias)]
     columns.append(f"{100 * walks:.0f}{'' if goal else ' **!**'}")
-    spread = bound(result.K, *nuisances(result.effect))
+    spread = bound(result.K, result.effect)
     squares = result.value[:, 2] ** 2
     squares = squares[np.isfinite(squares)]
     if 4.0 * spread < result.K**2 and squares.size:
@@ -355,13 +339,12 @@ def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[st
         if (piped if effect.pipeline else count)
         and (not only or name.startswith("clean") or any(part in name for part in only))
     ]
-    walks = {name: (0.0, detection(EFFECTS[name]), *LARGER_WALKS) for name in names}
+    walks = {name: walks_of(EFFECTS[name]) for name in names}
     found = results(pool, [(name, K) for name in names for K in walks[name]], count, piped)
     for name in names:
         effect = EFFECTS[name]
-        reference = (
-            "clean, pipeline" if effect.pipeline else "clean, temperature known" if effect.heated else "clean"
-        )
+        same = effect.rate == RATE
+        reference = "clean, pipeline" if effect.pipeline else "clean" if same else name
         for at, K in enumerate(walks[name]):
             row = judged(found[name, K], found.get((reference, walks[reference][at])))
             print(f"| {name} | {K:.2g} | " + " | ".join(row) + " |", flush=True)
@@ -371,9 +354,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--records", type=int, default=60, help="records a cell")
     parser.add_argument("--piped", type=int, help="records a cell of the whole pipeline; 0: none")
+    parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", help="parts of the names of effects, with commas")
     options = parser.parse_args()
-    with multiprocessing.Pool(2) as pool:
+    with multiprocessing.Pool(options.processes) as pool:
         only = options.only.split(",") if options.only else None
         table(
             pool, options.records, min(options.records, 400) if options.piped is None else options.piped, only

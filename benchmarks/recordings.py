@@ -3,8 +3,8 @@
     python benchmarks/recordings.py [--recordings DIR] [--figures DIR]
 
 The recordings are not part of the project; without the folder there is nothing to do. Their `$VNYMR` is
-read here without the decoder and without guards: every sample counts. Octaves, spectrum and block means lead to
-the fit, as in the daemon.
+read here without the decoder and without guards: every sample counts. "Octaves outside" is the share of octaves with
+the model outside the 95 % limits of the curve.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, FittedCoefficient, OctaveCascade
-from imumon.noise.nonstationarity.drift import DriftAccumulator
-from imumon.noise.statistics.psd import SpectrumAccumulator
 from imumon.units import READABLE, figures, pretty
 
 RATE = 40.0
@@ -53,15 +51,25 @@ def formatted(axis: str, name: str, coefficient: FittedCoefficient) -> str:
     return f"{value} [{low}, {high}] {pretty(shown.unit)}"
 
 
+def outside_limits(fit: ChannelFit) -> tuple[int, int]:
+    """Return the number of octaves whose limits do not hold the model, and of all with limits."""
+    given = (fit.edf > 0.0) & (fit.model > 0.0)
+    return int((given & ((fit.model < fit.low) | (fit.model > fit.high))).sum()), int(given.sum())
+
+
 def table(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...]) -> None:
     print(f"\n### {NAMES[name]}: {curve.span} samples, {curve.span / RATE:.0f} s\n")
-    print("| axis | N | B | K | left out, τ in s | χ²/dof | caveats |\n|---|---|---|---|---|---|---|")
+    print(
+        "| axis | N | B | K | up to, Hz | χ²/dof | octaves outside | caveats |\n"
+        "|---|---|---|---|---|---|---|---|"
+    )
     for axis, fit in zip(AXES, fits, strict=True):
-        out = ", ".join(f"{tau:g}" for tau in curve.tau[~fit.used]) or "–"
+        outside, octaves = outside_limits(fit)
         print(
             f"| {axis} | "
             + " | ".join(formatted(axis, c, getattr(fit, c)) for c in "NBK")
-            + f" | {out} | {fit.chi2:.1f}/{fit.dof} | {', '.join(fit.caveats) or '–'} |"
+            + (f" | {fit.highest_hz:.3g} | {fit.chi2:.1f}/{fit.dof}" if fit.dof else " | – | –")
+            + f" | {outside} of {octaves} | {', '.join(fit.caveats) or '–'} |"
         )
 
 
@@ -143,15 +151,10 @@ def main() -> None:
         if not path.exists():
             print(f"{path} is not there: nothing to fit")
             continue
-        values, groups = read(path), [0] * len(AXES)
         cascade = OctaveCascade(len(AXES), tau0=1 / RATE)
-        spectrum, drift = SpectrumAccumulator(groups, RATE), DriftAccumulator(groups, RATE)
-        for accumulator in (cascade, spectrum, drift):
-            accumulator.update(values)
-        curve, density = cascade.result(), spectrum.result()
-        fits = Estimator(averaged=False).fit(
-            curve, bands=density.bands, quiet=density.quiet, blocks=drift.blocks(len(AXES))
-        )
+        cascade.update(read(path))
+        curve = cascade.result()
+        fits = Estimator(averaged=False).fit(curve)
         table(name, curve, fits)
         if options.figures:
             draw(name, curve, fits, options.figures)

@@ -1,14 +1,15 @@
 """Sensitivity of the published numbers to every tuning constant, as Markdown.
 
-    python benchmarks/sensitivity.py                 all constants: about a quarter of an hour on two cores
-    python benchmarks/sensitivity.py noise.fit       those of one package
-    python benchmarks/sensitivity.py --list          what the constants say of themselves, without measuring
+    python benchmarks/sensitivity.py                             all constants: about a quarter of an hour on two cores
+    python benchmarks/sensitivity.py noise.fit                   those of one package
+    python benchmarks/sensitivity.py --into docs/ACCURACY.md     put the table into a document, too
 
 Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own,
 before the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short
-records that make every part of the pipeline work. A constant is critical if a published number moves by more than
-1 % of itself, or appears or vanishes. Limits and values of N, B and K, means, deviations, counters, events and
-grades count; what only draws (histogram, spectrum, envelope) does not.
+records that make every part of the pipeline work. The table has the constants that move a published number by more than
+1 % of itself, or let it appear or vanish. Limits and values of N, B and K, means, deviations, counters, events and
+grades count; what only draws (histogram, spectrum, envelope) does not. Exit code 1 where a run fails: a factor of two
+must never raise.
 
 A constant whose name says what it is in nature or in a protocol (units, register numbers, formats) is no tuning
 constant: `NOT_TUNING` lists the modules that hold only such ones.
@@ -36,25 +37,17 @@ PACKAGES = ("noise", "pipeline", "timebase", "recordings")
 """Packages whose constants can move a published number. Elsewhere constants are timeouts and sizes of queues."""
 NOT_TUNING = {"column_names.py", "raw_capture.py", "recording_header.py"}
 MOVED = 0.01
-"""Relative change of a published number that makes a constant critical."""
+"""Relative change of a published number from which a constant is in the table."""
+BEGIN, END = "<!-- table: python benchmarks/sensitivity.py --into -->", "<!-- end of the table -->"
 
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A number at the top level of a module; `note` is its docstring or comment."""
+    """A number at the top level of a module."""
 
     module: str
     name: str
     value: float
-    note: str
-
-    @property
-    def says_not_critical(self) -> bool:
-        return "not critical" in " ".join(self.note.lower().split())
-
-    @property
-    def says_sensitivity(self) -> bool:
-        return "sensitivity:" in self.note.lower()
 
 
 def _number(node: ast.expr | None) -> float | None:
@@ -75,20 +68,14 @@ def constants(prefix: str = "") -> Iterator[Constant]:
             module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
             if not module.removeprefix("imumon.").startswith(prefix.removeprefix("imumon.")):
                 continue
-            text = path.read_text("utf-8")
-            lines, body = text.splitlines(), ast.parse(text).body
-            for at, node in enumerate(body):
+            for node in ast.parse(path.read_text("utf-8")).body:
                 target = _target(node)
                 if target is None or not target.lstrip("_").isupper():
                     continue
                 value = _number(node.value)  # type: ignore[union-attr,attr-defined]
                 if value is None:
                     continue
-                note = lines[node.lineno - 1].partition("#")[2].strip()
-                after = body[at + 1] if at + 1 < len(body) else None
-                if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-                    note = f"{note} {after.value.value}".strip()
-                yield Constant(module, target, value, note)
+                yield Constant(module, target, value)
 
 
 def _target(node: ast.stmt) -> str | None:
@@ -299,41 +286,48 @@ def _job(job: tuple[Constant, float]) -> dict[str, Any] | str:
     return measure(*job)
 
 
-def main() -> None:
+def main() -> int:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("prefix", nargs="?", default="", help="package or module, such as noise.fit")
-    parser.add_argument("--list", action="store_true", help="what the constants say of themselves")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--into", type=Path, metavar="FILE", help="put the table into a document, too")
     words = parser.parse_args()
     found = list(constants(words.prefix))
-    if words.list:
-        for each in found:
-            says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
-            print(f"{each.module}.{each.name} = {each.value:g}: {says}")
-        return
     import numpy  # noqa: F401
     import scipy.special  # noqa: F401  the processes inherit what takes long to import, but no module of imumon
 
     assert "imumon" not in sys.modules
     jobs = [
-        (Constant("", "", 1.0, ""), 1.0),
+        (Constant("", "", 1.0), 1.0),
         *((constant, factor) for constant in found for factor in (0.5, 2.0)),
     ]
-    print("| constant | value | says | halved | doubled | largest change |\n|---|---:|---|---:|---:|---|")
-    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=1) as pool:
+    shown = ["| constant | value | halved | doubled | largest change |", "|---|---:|---:|---:|---|"]
+    print("\n".join(shown), flush=True)
+    failed = 0
+    with multiprocessing.get_context("fork").Pool(words.processes, maxtasksperchild=1) as pool:
         made = pool.imap(_job, jobs)
         base = next(made)
         assert not isinstance(base, str), base
         for each in found:
-            half, double = (difference(base, next(made)) for _ in range(2))
-            says = "not critical" if each.says_not_critical else "sensitive" if each.says_sensitivity else "-"
-            which = max(half, double)[1] if max(half[0], double[0]) > MOVED else ""
-            name = f"{each.module.removeprefix('imumon.')}.{each.name}"
-            print(
-                f"| {name} | {each.value:g} | {says} | {half[0]:.1%} | {double[0]:.1%} | {which} |",
-                flush=True,
-            )
+            runs = [next(made) for _ in range(2)]
+            failed += sum(isinstance(run, str) for run in runs)
+            half, double = (difference(base, run) for run in runs)
+            if max(half[0], double[0]) > MOVED:
+                name = f"{each.module.removeprefix('imumon.')}.{each.name}"
+                which = max(half, double)[1]
+                shown.append(f"| {name} | {each.value:g} | {half[0]:.1%} | {double[0]:.1%} | {which} |")
+                print(shown[-1], flush=True)
+    print(f"\n{len(shown) - 2} of {len(found)} constants move a number, {failed} runs fail", file=sys.stderr)
+    if words.into:
+        document = words.into.read_text("utf-8")
+        before, begin, rest = document.partition(BEGIN)
+        _, end, after = rest.partition(END)
+        if not begin or not end:
+            raise SystemExit(f"the document has no {BEGIN!r} and {END!r}")
+        words.into.write_text(f"{before}{BEGIN}\n\n" + "\n".join(shown) + f"\n\n{END}{after}", "utf-8")
+    return int(failed > 0)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

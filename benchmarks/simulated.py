@@ -1,54 +1,31 @@
-"""Simulated records of known truth, as the sums of their octaves, so that one serves for every K and length.
+"""Simulated records of known truth, and their fits: a cell is one length, rate and K.
 
-The Allan variances of a sum of white noise, flicker and random walk are a quadratic form: of every record the
-six octave sums (three noises, three mixed) are kept, and every K, and every length that is a beginning of the
-record, comes from them. Seeds are 0, 1, 2 ... and were never looked at for choosing anything.
+Every record passes `OctaveCascade` as a column, a dozen at a time. Seeds are 0, 1, 2 ... and were never looked at for
+choosing anything; the noise of a seed does not depend on K.
 """
 
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
-import sys
+import multiprocessing.pool
+from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise import AllanCurve, OctaveCascade, synthesise
-from imumon.noise.fit.covariance import octaves_in
+from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.noise.fit.expected_curve import noise_variances
+from imumon.noise.fit.likelihood import Surface, averaged, quantiles
 
 N, B = 6.1e-5, 2.4e-5
 LONGEST = 720_000
-LENGTHS = (36_000, 144_000, LONGEST)
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+BATCH = 12
 
 
-def components(seed: int) -> np.ndarray:
+def components(seed: int, n: int = LONGEST) -> np.ndarray:
     """(3, n) white noise, flicker and walk of unit strength at unit rate."""
     generator = np.random.default_rng([20_260, seed])
     unit = np.eye(3)
-    return np.array([synthesise(LONGEST, 1.0, *row, seed=generator, averaged=False).ravel() for row in unit])
-
-
-def octave_sums(parts: np.ndarray) -> list[np.ndarray]:
-    """For each length (k, 6): half the mean products of the second differences of `PAIRS`."""
-    phase = np.concatenate([np.zeros((3, 1)), np.cumsum(parts, axis=1)], axis=1)
-    found = []
-    for n in LENGTHS:
-        rows = []
-        for j in range(octaves_in(n)):
-            m = 1 << j
-            s = max(1, m // 8)
-            d = (
-                phase[:, 2 * m : n + 1 : s] - 2 * phase[:, m : n + 1 - m : s] + phase[:, : n + 1 - 2 * m : s]
-            ) / m
-            rows.append([0.5 * np.dot(d[a], d[b]) / d.shape[1] for a, b in PAIRS])
-        found.append(np.array(rows))
-    return found
-
-
-def sums_of(seed: int) -> list[np.ndarray]:
-    return octave_sums(components(seed))
+    return np.array([synthesise(n, 1.0, *row, seed=generator, averaged=False).ravel() for row in unit])
 
 
 def strengths(K: float, rate: float) -> np.ndarray:
@@ -56,37 +33,73 @@ def strengths(K: float, rate: float) -> np.ndarray:
     return np.array([N * math.sqrt(rate), B, K / math.sqrt(rate)])
 
 
-def curves(sums: np.ndarray, n: int, rate: float, K: float) -> AllanCurve:
-    """Records as channels of one curve; sums : (r, k, 6)."""
-    a = strengths(K, rate)
-    factors = np.array([a[i] * a[j] * (1.0 if i == j else 2.0) for i, j in PAIRS])
-    avar = (sums @ factors).T
-    m = 1 << np.arange(len(avar), dtype=np.int64)
-    stride = np.maximum(1, m // 8)
-    terms = np.repeat(((n - 2 * m) // stride + 1)[:, None], avar.shape[1], axis=1)
-    return AllanCurve(1 / rate, m, avar, terms, n, np.full(avar.shape[1], n), 1)
+def curve_of(values: np.ndarray, rate: float) -> AllanCurve:
+    """Curve of columns (n, c), with the sums of their noise."""
+    cascade = OctaveCascade(values.shape[1], tau0=1.0 / rate)
+    cascade.update(values)
+    return cascade.result()
 
 
-def check_against_cascade() -> float:
-    """Largest relative difference between the sums' Allan variances and the cascade's."""
-    parts = components(0)
-    values = strengths(1e-6, 40.0) @ parts
-    cascade = OctaveCascade(1, tau0=1 / 40.0)
-    cascade.update(values[:, None])
-    ours = curves(np.array(octave_sums(parts)[2])[None], LONGEST, 40.0, 1e-6)
-    return float(np.max(np.abs(ours.avar / cascade.result().avar - 1.0)))
+def points(estimator: Estimator, channel: int, rate: float) -> np.ndarray:
+    """(3,) point estimates in SI, also of what is only bounded; NaN without a fit."""
+    known = estimator._known.get(channel)
+    if known is None or isinstance(known.found, str):
+        return np.full(3, math.nan)
+    surface: Surface = known.found.surface
+    white = max(float(averaged(surface, surface.a, surface.a_variance)[0]), 0.0)
+    both = [float(quantiles(surface, axis, np.array([0.5]))[0]) for axis in (0, 1)]
+    return np.array([math.sqrt(white / rate), both[0], both[1] * math.sqrt(rate)])
 
 
-def records(pool: multiprocessing.pool.Pool, count: int, keep: str | None) -> list[np.ndarray]:
-    """For each length (count, k, 6) octave sums; `keep` is a file that they are taken from and added to."""
-    rows: list[list[np.ndarray]] = []
-    if keep and os.path.exists(keep):
-        kept = np.load(keep)
-        rows = [list(row) for row in zip(*(kept[str(n)] for n in LENGTHS), strict=True)]
-    for row in pool.imap(sums_of, range(len(rows), count), chunksize=10):
-        rows.append(row)
-        if len(rows) % 100 == 0 or len(rows) == count:
-            print(f"{len(rows)} of {count} records", file=sys.stderr, flush=True)
-            if keep:
-                np.savez(keep, **{str(n): np.array([r[at] for r in rows]) for at, n in enumerate(LENGTHS)})
-    return [np.array([row[at] for row in rows[:count]]) for at in range(len(LENGTHS))]
+@dataclass
+class Cell:
+    """Fits of one length, rate and K over all records."""
+
+    duration: str
+    n: int
+    rate: float
+    K: float
+    values: np.ndarray  # (r, 3) point estimates in SI
+    low: np.ndarray
+    high: np.ndarray
+    measured: np.ndarray  # (r, 3) bool
+    inside: np.ndarray  # (r, k) bool, truth within the limits of sigma
+    whole: np.ndarray  # (r,) bool, no octave left out, no caveat
+
+
+def row_of(fit: ChannelFit, point: np.ndarray, truth: np.ndarray) -> tuple[object, ...]:
+    found = (fit.N, fit.B, fit.K)
+    return (
+        point,
+        [c.low if c.low is not None else 0.0 for c in found],
+        [c.high if c.high is not None else math.inf for c in found],
+        [c.status == "measured" for c in found],
+        (fit.low**2 <= truth) & (truth <= fit.high**2),
+        bool(fit.used.all()) and not fit.caveats,
+    )
+
+
+def fit_part(job: tuple[list[int], int, float, tuple[float, ...]]) -> dict[float, list[tuple[object, ...]]]:
+    """Rows of the records of some seeds, by K."""
+    seeds, n, rate, walks = job
+    parts, out = [components(seed, n) for seed in seeds], {}
+    for K in walks:
+        curve = curve_of(np.stack([strengths(K, rate) @ part for part in parts], axis=1), rate)
+        estimator = Estimator(averaged=False, time_to=False)
+        fits = estimator.fit(curve)
+        truth = strengths(K, rate) ** 2 @ noise_variances(curve.m, averaged=False)
+        out[K] = [row_of(fit, points(estimator, c, rate), truth) for c, fit in enumerate(fits)]
+    return out
+
+
+def cells(
+    pool: multiprocessing.pool.Pool, count: int, duration: str, n: int, rate: float, walks: tuple[float, ...]
+) -> list[Cell]:
+    """The cells of one length and rate."""
+    seeds = [list(range(first, min(first + BATCH, count))) for first in range(0, count, BATCH)]
+    found = list(pool.imap(fit_part, [(each, n, rate, walks) for each in seeds]))
+    rows = {K: [row for part in found for row in part[K]] for K in walks}
+    return [
+        Cell(duration, n, rate, K, *(np.array(column) for column in zip(*rows[K], strict=True)))
+        for K in walks
+    ]
