@@ -7,8 +7,9 @@ import pytest
 
 from imumon.noise.spectrum import PowerSpectrum, SpectrumAccumulator
 from imumon.noise.spectrum.expectation import bin_expectation, degrees_of_freedom, segment_variances
+from imumon.noise.spectrum.level_sums import FIRST_BIN, LevelSums, last_bin, sub_bands
 from imumon.noise.spectrum.spectral_lines import HOP, mains
-from imumon.noise.spectrum.spectrum import FIRST_BIN, LONG_GAP, LevelSums, last_bin, sub_bands
+from imumon.noise.spectrum.spectrum_accumulator import LONG_GAP
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.spectrum import PowerSpectrum
-from imumon.noise.spectrum.spectrum import LevelSums
+from imumon.noise.spectrum.level_sums import LevelSums
 from imumon.samples import Floats, Ints
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from imumon import report
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
-from imumon.noise.fit.results import FittedCoefficient
+from imumon.noise.fit.results import LIMIT_95, FittedCoefficient
 from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
@@ -38,9 +38,6 @@ GRAVITY_SPREAD = 0.027
 
 HORIZONTAL_BIAS = 0.05
 """M/s^2, assumed limit of the bias of the axes beside the vertical one: 5 mg, that of a consumer sensor."""
-
-LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval."""
 
 REPORTED_BINS = 64
 """Most bins in a report, for the size of the message."""

@@ -36,7 +36,7 @@ from imumon.noise.allan.stages import BATCH, OctaveStages
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import SpectrumAccumulator
-from imumon.noise.spectrum.spectrum import SpectrumMark
+from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats
 

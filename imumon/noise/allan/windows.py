@@ -21,7 +21,7 @@ import numpy as np
 from imumon.noise.allan.cascade import OctaveCascade
 from imumon.noise.allan.curve import AllanCurve, WindowSums, padded
 from imumon.noise.allan.octave import BLOCK
-from imumon.noise.spectrum.spectrum import SpectrumMark
+from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.samples import Bools, Floats, Ints
 
 __all__ = ["Window", "WindowSums", "WindowedCascade"]

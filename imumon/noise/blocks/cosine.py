@@ -15,18 +15,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from imumon.noise.power_law import average_covariance, sampled_density
 from imumon.samples import Floats
 
 EXACT = 256
 """Blocks for which the variances of flicker are computed from the covariance; their edge factor serves all others."""
-ALIASES = 20
-"""Aliases on each side that are added."""
-
-
-def _flicker_density(f: Floats) -> Floats:
-    """Return (k,) the density of averages over a block for B = 1, at frequencies in cycles per block."""
-    at = np.abs(f[:, None] + np.arange(-ALIASES, ALIASES + 1))
-    return np.asarray((np.sinc(at) ** 2 / (2.0 * np.pi * at)).sum(axis=1))
 
 
 @lru_cache(maxsize=1)
@@ -34,13 +27,10 @@ def _edge_factors() -> Floats:
     """Return (EXACT - 1,) the variances of flicker over its density."""
     import scipy.fft
 
-    lag = np.arange(EXACT + 1.0)
-    phase = lag**2 * np.log(np.maximum(lag, 1.0)) / (2.0 * np.pi)
-    by_lag = 2.0 * phase[:-1] - phase[np.abs(np.arange(EXACT) - 1)] - phase[1:]
-    matrix = by_lag[np.abs(np.arange(EXACT)[:, None] - np.arange(EXACT))]
+    matrix = average_covariance(EXACT)[1]
     matrix = scipy.fft.dct(scipy.fft.dct(matrix, axis=0, norm="ortho"), axis=1, norm="ortho")
     k = np.arange(1, EXACT)
-    return np.asarray(np.diag(matrix)[1:] / _flicker_density(k / (2.0 * EXACT)))
+    return np.asarray(np.diag(matrix)[1:] / sampled_density(k / (2.0 * EXACT), averaged=True)[1])
 
 
 @lru_cache(maxsize=32)
@@ -61,4 +51,6 @@ def coefficient_variances(n: int) -> Floats:
     edge[: factors.size] = factors[: n - 1]
     sine = np.sin(np.pi * k / (2.0 * n))
     # differences of averages of a walk have the variance 2/3 and the covariance 1/6 with the next one
-    return np.stack((np.ones(n - 1), _flicker_density(k / (2.0 * n)) * edge, 0.25 / sine**2 - 1.0 / 6.0))
+    return np.stack(
+        (np.ones(n - 1), sampled_density(k / (2.0 * n), averaged=True)[1] * edge, 0.25 / sine**2 - 1.0 / 6.0)
+    )

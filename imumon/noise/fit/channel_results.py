@@ -18,12 +18,13 @@ from imumon.noise.fit.expected_curve import (
     noise_variances,
 )
 from imumon.noise.fit.likelihood import averaged as average_over
-from imumon.noise.fit.likelihood import evidence, quantiles
+from imumon.noise.fit.likelihood import evidence, inverted, quantiles
 from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.regressors import COLLINEAR, OSCILLATION
-from imumon.noise.fit.results import ChannelFit, FittedCoefficient, FittedColumn, read_slopes
+from imumon.noise.fit.results import LIMIT_95, ChannelFit, FittedCoefficient, FittedColumn, read_slopes
 from imumon.noise.fit.time_to_precision import seconds_to
-from imumon.noise.spectrum.expectation import sampled_density, window_power
+from imumon.noise.power_law import sampled_density
+from imumon.noise.spectrum.expectation import window_power
 from imumon.report import Change, TimeTo
 from imumon.samples import Floats, Ints
 
@@ -32,7 +33,8 @@ LEAST_B_K_S = 10.0
 EVIDENCE = 4.8
 """Twice the log likelihood ratio against zero from which B or K is measured: 1.4 % false detections (half of the
 records have the best value at zero)."""
-LIMIT_95, BOUND_95 = 1.96, 1.645
+BOUND_95 = 1.645
+"""Standard errors of a 95 % upper bound."""
 MISFIT_P = 0.01
 """Probability of the misfit below which the caveat ``misfit`` is given."""
 OSCILLATES = 30.0
@@ -208,7 +210,7 @@ def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...],
     if "temperature" in names:
         X = found.likelihood.coefficients.X
         v = found.surface.powers @ found.likelihood.coefficients.variance
-        inverse = np.linalg.inv((X / v[:, None]).T @ X)
+        inverse = inverted(((X / v[:, None]).T @ X)[None])[0]
         one, two = names.index("drift"), names.index("temperature")
         collinear = abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two])
     if collinear:

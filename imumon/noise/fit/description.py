@@ -275,7 +275,7 @@ class Describer:
         return Likelihood(powers.take(rows_up_to(powers, highest)), coefficients, shape)
 
     def _search(self, first: int, window: int, shape: str, error: float = 0.0) -> tuple[Likelihood, Surface]:
-        key = first, window, shape, error, len(self._regressors), int(self._masked.sum())
+        key = first, window, shape, error, self._single, len(self._regressors), self._masked.tobytes()
         if key not in self._found:
             likelihood = replace(self._likelihood(first, window, shape, self._regressors), error=error)
             surface = likelihood.search(self._samples, self._grids)

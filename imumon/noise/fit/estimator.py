@@ -18,7 +18,7 @@ from imumon.noise.fit.description import Choice, Describer, Description
 from imumon.noise.fit.observations import block_series
 from imumon.noise.fit.results import ChannelFit, pending_fit
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.spectrum.spectrum import SUB_BAND
+from imumon.noise.spectrum.level_sums import SUB_BAND
 from imumon.samples import Floats
 
 PRECISION = {"N": 0.01, "B": 0.2, "K": 0.5}

@@ -19,6 +19,7 @@ from scipy.special import gammaincinv
 
 from imumon.noise.allan.octave import RATIO
 from imumon.noise.fit.observations import BlockSeries
+from imumon.noise.power_law import phase_autocovariance
 from imumon.samples import Floats, Ints
 
 FLICKER_FLOOR = 2.0 * np.log(2.0) / np.pi
@@ -71,13 +72,8 @@ def _difference_covariances() -> Floats:
     """Return (3, l) r of N = B = K = 1 by lag in strides of m/R, in units of the cluster."""
     lag = np.arange(LAGS * RATIO + 1) / RATIO
 
-    def phase(t: Floats) -> Floats:
-        size = np.abs(t)
-        log = np.log(np.where(size > 0.0, size, 1.0))
-        return np.stack((-0.5 * size, size**2 * log / (2.0 * np.pi), size**3 / 12.0))
-
     weights = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}
-    return np.asarray(sum(weight * phase(lag + shift) for shift, weight in weights.items()))
+    return np.asarray(sum(weight * phase_autocovariance(lag + shift) for shift, weight in weights.items()))
 
 
 def degrees_of_freedom(m: Ints, terms: Ints, span: int, powers: Floats) -> Floats:

@@ -134,12 +134,8 @@ class Likelihood:
                 break
             rest = weight * (P - model)
             if self.shape:
-                aa, ac, cc = (
-                    (weight * slopes[i] * slopes[j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1))
-                )
+                aa, ac, cc, determinant = _information(weight, slopes)
                 one, two = ((rest * slope).sum(axis=1) for slope in slopes)
-                cc = np.maximum(cc, LEAST_INFORMATION)
-                determinant = np.maximum(aa * cc - ac * ac, 1e-12 * aa * cc)
                 a = a + (cc * one - ac * two) / determinant
                 c = np.maximum(c + (aa * two - ac * one) / determinant, 0.0)
             else:
@@ -148,9 +144,8 @@ class Likelihood:
         log = -((P / model + np.log(model)) @ half)
         if not self.shape:
             return a, c, log, 1.0 / (weight @ white**2)
-        aa, ac, cc = ((weight * slopes[i] * slopes[j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
-        cc = np.maximum(cc, LEAST_INFORMATION)
-        return a, c, log, cc / np.maximum(aa * cc - ac * ac, 1e-12 * aa * cc)
+        _, _, cc, determinant = _information(weight, slopes)
+        return a, c, log, cc / determinant
 
     @property
     def _x(self) -> Floats:
@@ -303,6 +298,13 @@ def inverted(matrices: Floats) -> Floats:
         return np.asarray(np.linalg.inv(matrices))
     except np.linalg.LinAlgError:
         return np.asarray(np.linalg.pinv(matrices), dtype=np.float64)
+
+
+def _information(weight: Floats, slopes: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return (m,) the information about N^2, about both, about the shape, and its determinant."""
+    aa, ac, cc = ((weight * slopes[i] * slopes[j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
+    cc = np.maximum(cc, LEAST_INFORMATION)
+    return aa, ac, cc, np.maximum(aa * cc - ac * ac, 1e-12 * aa * cc)
 
 
 def _near(surface: Surface, axis: int) -> Floats:

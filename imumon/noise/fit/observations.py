@@ -25,8 +25,8 @@ from imumon.noise.spectrum.expectation import (
     segment_variances,
     short_term_density,
 )
+from imumon.noise.spectrum.level_sums import FIRST_BIN, SUB_BAND, last_bin
 from imumon.noise.spectrum.spectral_lines import SEGMENT
-from imumon.noise.spectrum.spectrum import FIRST_BIN, SUB_BAND, last_bin
 from imumon.samples import Bools, Floats, Ints
 
 BAND_EDGES = (46, 70, 94, 128)
@@ -254,9 +254,7 @@ def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floa
         bins = np.arange(FIRST_BIN, last_bin(s))
         first = bins[::SUB_BAND] if sums.pooled else bins
         # the levels meet without a gap, and the highest bin reaches to half the sampling rate
-        size = np.diff(first - 0.5, append=last_bin(s) - (0.5 if s else 0.0) - 0.5 * (s > 0)).astype(
-            np.float64
-        )
+        size = np.diff(first - 0.5, append=last_bin(s) - 1.0 if s else float(last_bin(s)))
         middle = first - 0.5 + 0.5 * size
         mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
         mask = np.logical_or.reduceat(mask, first - FIRST_BIN)

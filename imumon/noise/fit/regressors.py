@@ -1,8 +1,8 @@
 """Regressors of the block means: what moves the mean of a channel and is not noise.
 
 Each segment has a straight drift of its own, and its constant is removed by the cosine transform. A temperature, an
-exponential with its derivative by the time constant (so that to first order the time constant is free), and a step are
-further columns.
+exponential with its derivative by the time constant (so that to first order the time constant is free), a step, and an
+oscillation of few cycles are further columns.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from imumon.noise.fit.observations import SINGLE, BlockSeries, Coefficients
 from imumon.samples import Floats, Ints
 
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
+"""Columns of an oscillation: two phases, and the same growing in time."""
 OSCILLATION_PLACES = 41
 """Frequencies at which an oscillation is sought about a coefficient."""
 LEAST_SPAN_DEGC = 0.3
@@ -42,9 +43,9 @@ class Regressor:
 
     Attributes
     ----------
-    name : ``drift``, ``temperature``, ``settling``, ``settling_time`` or ``step``.
+    name : ``drift``, ``temperature``, ``settling``, ``settling_time``, ``step`` or one of `OSCILLATION`.
     series : (n,) value at each block; the column is its transform.
-    at : where it begins or its time constant, blocks; 0.0 where it has none.
+    at : blocks, its place, time constant or period; 0.0 where it has none.
     scale : of the column, so that its norm is one.
     """
 

@@ -16,6 +16,9 @@ SLOPE_TOLERANCE = 0.2
 SIGNIFICANT = 3.9
 """Standard errors from which a drift or a temperature slope is significant: 10^-4, because many channels are tested."""
 
+LIMIT_95 = 1.96
+"""Standard errors, half-width of a 95 % interval."""
+
 _FLICKER_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
 
 

@@ -1,8 +1,6 @@
 """Expectation and degrees of freedom of Welch sums for white noise, flicker and random walk.
 
-The density of noise of N = B = K = 1 is 1, 1/(2 pi f) and 1/(2 pi f)^2, two-sided, f in cycles per sample. A sample
-that is an average over its interval adds the factor sinc^2 and the aliases, a point sample is that of the discrete
-processes of Kasdin and Walter (1992). Behind the half-band filters of a level each density has the filters' power
+The density of the samples is that of `power_law`. Behind the half-band filters of a level it has the filters' power
 response, and a bin sees it through the power of the Hann window. Images of the decimation are 59 dB down and count as
 nothing.
 
@@ -17,9 +15,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from imumon.noise.power_law import average_covariance, sampled_density
 from imumon.noise.spectrum.half_band import TAPS
+from imumon.noise.spectrum.level_sums import FIRST_BIN, WINDOW, WINDOW_POWER, last_bin
 from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
-from imumon.noise.spectrum.spectrum import FIRST_BIN, WINDOW, WINDOW_POWER, last_bin
 from imumon.samples import Floats, Ints
 
 FINE = 8
@@ -28,24 +27,6 @@ LOBE = 3
 """Bins to each side of a bin over which the power of the Hann window is averaged; beyond are 10^-5 of it."""
 SAME_FROM = 6
 """Level from which on the levels differ by their scale only: sampling no longer shows."""
-ALIASES = 20
-"""Aliases on each side that are added for averages."""
-
-
-def sampled_density(f: Floats, *, averaged: bool) -> Floats:
-    """Return (3, k) two-sided density of the samples for N = B = K = 1 in units of the interval.
-
-    Parameters
-    ----------
-    f : (k,) cycles per sample, above 0 and at most 1/2.
-    """
-    if not averaged:
-        slope = 2.0 * np.sin(np.pi * f)
-        return np.stack((np.ones_like(f), 1.0 / slope, 1.0 / slope**2))
-    at = np.abs(f[:, None] + np.arange(-ALIASES, ALIASES + 1))
-    rate = 2.0 * np.pi * at
-    average = np.sinc(at) ** 2
-    return np.stack((np.ones_like(f), (average / rate).sum(axis=1), (average / rate**2).sum(axis=1)))
 
 
 def filter_power(f: Floats, level: int) -> Floats:
@@ -105,16 +86,14 @@ def segment_variances(level: int = 0) -> Floats:
     missing samples leave it white. The samples that are missing are those of level 0, which vary more than their
     averages; and behind a half-band filter the shares vary less than their density at low frequencies says.
     """
-    lag = np.arange(SEGMENT + 1.0)
-    out = [0.0]
-    for phase in (lag**2 * np.log(np.maximum(lag, 1.0)) / (2.0 * np.pi), lag**3 / 12.0):
-        by_lag = 2.0 * phase[:-1] - phase[np.abs(np.arange(SEGMENT) - 1)] - phase[1:]
-        covariance = by_lag[np.abs(np.arange(SEGMENT)[:, None] - np.arange(SEGMENT))]
-        weight = WINDOW**2 / WINDOW_POWER
-        out.append(float(weight @ (np.diag(covariance) - 2.0 * covariance.mean(axis=1)) + covariance.mean()))
+    weight, of_white = WINDOW**2 / WINDOW_POWER, 0.0
+    slow = [
+        float(weight @ (np.diag(covariance) - 2.0 * covariance.mean(axis=1)) + covariance.mean())
+        for covariance in average_covariance(SEGMENT)[1:]
+    ]
     within = np.array([0.0, level * np.log(2.0) / np.pi, (1.0 - 0.5**level) / 6.0])
     width = 2.0 * (0.25 + 2.0 * float(TAPS @ TAPS)) if level else 1.0
-    return np.asarray((np.array(out) + within) / width)
+    return np.asarray((np.array([of_white, *slow]) + within) / width)
 
 
 @lru_cache(maxsize=1)

@@ -20,7 +20,6 @@ from imumon.noise.spectrum.spectral_lines import (
     LOWEST_BIN,
     MEDIAN_ERROR,
     OVERLAP_DOF,
-    SAME_LINE,
     SEGMENT,
     SIDE,
     median_to_mean,
@@ -110,12 +109,3 @@ def _widened(high: Bools) -> Bools:
         wide[step:] |= high[:-step]
         wide[:-step] |= high[step:]
     return wide
-
-
-def distinct_bands(bands: list[NarrowBand]) -> tuple[NarrowBand, ...]:
-    """Return the bands, strongest first, without duplicates from the border of two stages."""
-    out: list[NarrowBand] = []
-    for band in sorted(bands, key=lambda band: -band.power):
-        if all(abs(band.frequency_hz - other.frequency_hz) > SAME_LINE * band.frequency_hz for other in out):
-            out.append(band)
-    return tuple(out)

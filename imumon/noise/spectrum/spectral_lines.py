@@ -8,6 +8,8 @@ candidates. This module does not depend on how a density is measured.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
@@ -55,6 +57,17 @@ def median_to_mean(averages: int) -> float:
     """Return the mean of a bin over its median: chi-square with `OVERLAP_DOF` times `averages` degrees."""
     shape = 0.5 * OVERLAP_DOF * averages
     return shape / float(gammaincinv(shape, 0.5))
+
+
+class HasFrequency(Protocol):
+    """A line or a narrow band."""
+
+    @property
+    def frequency_hz(self) -> float:
+        """Hz."""
+
+
+T = TypeVar("T", bound=HasFrequency)
 
 
 def side_levels(power: Floats) -> Floats:
@@ -113,12 +126,12 @@ def find_lines(
     return out
 
 
-def distinct(lines: list[Line]) -> tuple[Line, ...]:
-    """Return the lines, strongest first, without duplicates from the border of two stages."""
-    out: list[Line] = []
-    for line in sorted(lines, key=lambda line: -line.amplitude):
-        if all(abs(line.frequency_hz - other.frequency_hz) > SAME_LINE * line.frequency_hz for other in out):
-            out.append(line)
+def distinct(found: list[T], strength: Callable[[T], float]) -> tuple[T, ...]:
+    """Return what was found at different frequencies, strongest first: once, not once from each of two levels."""
+    out: list[T] = []
+    for each in sorted(found, key=strength, reverse=True):
+        if all(abs(each.frequency_hz - other.frequency_hz) > SAME_LINE * each.frequency_hz for other in out):
+            out.append(each)
     return tuple(out)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from imumon.noise.fit import ChannelFit, FittedCoefficient
+from imumon.noise.fit.results import LIMIT_95
 from imumon.report import Change, Channel, Coefficient, Report
 
 CHANGE_SIGMA = 5.0
@@ -18,8 +19,6 @@ LEAST_CHANGE_N = 0.05
 """Relative change of N below which it does not matter to a user."""
 LEAST_CHANGE_B = 0.5
 """Relative change of B below which it does not matter: B of the same sensor varies by as much."""
-LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval."""
 
 _LEAST_ERROR = 1e-12
 """Relative, least divisor."""

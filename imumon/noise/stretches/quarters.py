@@ -15,7 +15,7 @@ import numpy as np
 
 from imumon.noise.allan.windows import WindowedCascade
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.spectrum.spectrum import SpectrumMark
+from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 
 MOST_PARTS = 8
 """Parts that are joined in pairs."""

@@ -21,7 +21,7 @@ from imumon.noise.allan.windows import Window, WindowedCascade
 from imumon.noise.detection.disturbance import subset
 from imumon.noise.fit import Estimator
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.spectrum.spectrum import SpectrumMark
+from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.noise.statistics.moments import Moments, MomentsResult
 from imumon.noise.stretches.change import detect_changes
 from imumon.noise.stretches.quarters import Quarters

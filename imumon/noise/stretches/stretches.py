@@ -20,7 +20,7 @@ from imumon.noise.allan.windows import WindowedCascade
 from imumon.noise.blocks import BlockAccumulator
 from imumon.noise.detection.disturbance import subset
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.spectrum.spectrum import SpectrumMark
+from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.noise.statistics.moments import Moments
 
 STEPS_S = (600, 3600, 86400)

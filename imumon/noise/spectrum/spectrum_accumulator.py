@@ -18,25 +18,22 @@ Density is one-sided for people (`PowerSpectrum`), two-sided in the fit.
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from imumon.noise.spectrum.half_band import HISTORY, decimated_with_shares
-from imumon.noise.spectrum.narrow_bands import NarrowBand, distinct_bands, find_narrow_bands
-from imumon.noise.spectrum.spectral_lines import (
-    BINS,
-    HOP,
-    SEGMENT,
-    distinct,
-    find_lines,
-    median_to_mean,
-    side_levels,
+from imumon.noise.spectrum.level_sums import (
+    FIRST_BIN,
+    WINDOW,
+    WINDOW_POWER,
+    LevelSums,
+    last_bin,
+    sub_bands,
 )
-from imumon.report import Line
-from imumon.samples import Bools, Floats, Ints
+from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES, PowerSpectrum, displayed
+from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
+from imumon.samples import Floats
 
 LEVELS = 30
 """Most levels: 2^37 samples are five years at 800 Hz."""
@@ -49,75 +46,8 @@ LEAST_SHARE = 0.2
 LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments."""
 
-FIRST_BIN, LAST_BIN = 46, 92
-"""Bins of a level that are used, from the first one to before the last: an octave in which the filter is flat. The
-level above begins at twice the frequency. Level 0 is used up to half the sampling rate."""
-SUB_BAND = 8
-"""Bins that are added up in the sums of a part of a record: a sixth of the octave."""
-LEAST_AVERAGES = 4
-"""Averages from which a level replaces the one above in what is displayed."""
 BATCH_HOPS = 8
 """Hops that are processed together, because each array operation has a fixed cost."""
-
-WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
-WINDOW_POWER = float(WINDOW @ WINDOW)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PowerSpectrum:
-    """Power spectral densities of some channels.
-
-    Attributes
-    ----------
-    frequency_hz : (k,) Hz, rising.
-    density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
-    averages : (k, c) segments averaged in each value.
-    lines : lines of each channel, strongest first.
-    bands : narrow bands of each channel, also of weak and broad lines, strongest first.
-    masks : for each level (c, BINS), the bins of narrow bands.
-    white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
-    """
-
-    frequency_hz: Floats
-    density: Floats
-    averages: Ints
-    lines: tuple[tuple[Line, ...], ...]
-    bands: tuple[tuple[NarrowBand, ...], ...]
-    masks: tuple[Bools, ...]
-    white: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LevelSums:
-    """Sums of one level over the segments of a record, or of a part of it.
-
-    Attributes
-    ----------
-    power : (c, n) (channel unit)^2, sums of the squared transforms over `WINDOW_POWER`, by bin from `FIRST_BIN` on or
-        by sub-band.
-    white : (g,) sums of the relative density of white noise, 1 for a segment without missing samples.
-    holes : (g,) sums of the relative variance of the share of valid samples within each segment.
-    averages : (g,) segments.
-    """
-
-    power: Floats
-    white: Floats
-    holes: Floats
-    averages: Ints
-
-    def __sub__(self, other: LevelSums) -> LevelSums:
-        """Return the sums since the others were taken."""
-        return LevelSums(*(getattr(self, name) - getattr(other, name) for name in LevelSums.__slots__))
-
-
-def last_bin(level: int) -> int:
-    """Return the end of the bins that are used of a level."""
-    return LAST_BIN if level else BINS - 1
-
-
-def sub_bands(level: int) -> Ints:
-    """Return the first bins of the sub-bands of a level."""
-    return np.arange(FIRST_BIN, last_bin(level), SUB_BAND)
 
 
 class _Level:
@@ -384,56 +314,8 @@ class SpectrumAccumulator:
     def result(self) -> PowerSpectrum:
         """Return density, lines and white level."""
         self._process_waiting()
-        levels = self._densities()
-        c = len(self._groups)
-        if not levels:
-            empty = np.zeros((0, c))
-            none = ((),) * c
-            return PowerSpectrum(
-                np.zeros(0), empty, empty.astype(np.int64), none, none, (), np.full(c, np.nan)
-            )
-        frequency, density, averages = [], [], []
-        lines: list[list[Line]] = [[] for _ in self._groups]
-        bands: list[list[NarrowBand]] = [[] for _ in self._groups]
-        masks: list[Bools] = []
-        size = np.sqrt(np.nansum(levels[0][1], axis=1) * self._rate / SEGMENT)
-        for s, (rate, power, count) in reversed(list(enumerate(levels))):
-            low, high = _displayed(s, len(levels))
-            frequency.append(np.arange(low, high) * rate / SEGMENT)
-            density.append(power[:, low:high].T)
-            averages.append(np.broadcast_to(count, (high - low, len(count))))
-            sides, inside = side_levels(power), np.zeros(power.shape, dtype=bool)
-            for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
-                own, k, band = sides[:, i], int(count[i]), range(low, high)
-                lines[i] += find_lines(power[i], own, k, rate, band, self._rate, float(size[i]))
-                found, inside[i] = find_narrow_bands(power[i], k, rate, band)
-                bands[i] += found
-            masks.insert(0, inside)
-        white = np.array([_white(p, int(k)) for p, k in zip(*levels[0][1:], strict=True)])
-        distinct_lines = tuple(distinct(each) for each in lines)
-        f, power, count = np.concatenate(frequency), np.concatenate(density), np.concatenate(averages)
-        distinct_power = tuple(distinct_bands(each) for each in bands)
-        return PowerSpectrum(f, power, count, distinct_lines, distinct_power, tuple(masks), white)
-
-    def _densities(self) -> list[tuple[float, Floats, Ints]]:
-        """Return rate, Hz, (c, BINS) density and (c,) averages of the levels with enough averages."""
-        out = []
-        for s, level in enumerate(self._levels):
-            if s and level.averages.max() < LEAST_AVERAGES and not self._averages_below(s):
-                break
-            rate = self._rate / 2.0**s
-            count = level.averages[self._groups]
-            with np.errstate(invalid="ignore", divide="ignore"):
-                power = level.power * (2.0 / (rate * WINDOW_POWER)) / count[:, None]
-            power[:, 0] *= 0.5
-            power[:, -1] *= 0.5
-            power[count == 0] = np.nan
-            out.append((rate, power, count))
-        return out
-
-    def _averages_below(self, s: int) -> bool:
-        """Return whether some level below has enough averages, as behind many losses."""
-        return any(level.averages.max() >= LEAST_AVERAGES for level in self._levels[s:])
+        sums = [(level.power, level.averages[self._groups]) for level in self._levels]
+        return displayed(sums, self._rate, len(self._groups))
 
     def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
         """Return the state as arrays, with the marks in the order in which they were added.
@@ -535,16 +417,3 @@ def _joined(parts: Sequence[tuple[Floats, Floats | None]], groups: int) -> tuple
         return x, None
     ones = [np.ones((groups, own.shape[1])) if share is None else share for own, share in parts]
     return x, np.concatenate(ones, axis=1)
-
-
-def _displayed(s: int, levels: int) -> tuple[int, int]:
-    """Return the range of bins of level s that are displayed and searched for lines."""
-    return 2 if s + 1 == levels else FIRST_BIN, LAST_BIN if s else BINS
-
-
-def _white(power: Floats, averages: int) -> float:
-    """Return N from the median density in the upper half of the band, unit/sqrt(Hz)."""
-    if averages < LEAST_AVERAGES:
-        return math.nan
-    median = float(np.median(power[BINS // 2 : BINS - 3]))
-    return math.sqrt(0.5 * median * median_to_mean(averages))

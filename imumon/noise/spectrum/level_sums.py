@@ -1,0 +1,52 @@
+"""Sums of one level of the cascade of spectra, its bins in use and its window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.noise.spectrum.spectral_lines import BINS, SEGMENT
+from imumon.samples import Floats, Ints
+
+FIRST_BIN, LAST_BIN = 46, 92
+"""Bins of a level that are used, from the first one to before the last: an octave in which the filter is flat. The
+level above begins at twice the frequency. Level 0 is used up to half the sampling rate."""
+SUB_BAND = 8
+"""Bins that are added up in the sums of a part of a record: a sixth of the octave."""
+
+WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
+WINDOW_POWER = float(WINDOW @ WINDOW)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelSums:
+    """Sums of one level over the segments of a record, or of a part of it.
+
+    Attributes
+    ----------
+    power : (c, n) (channel unit)^2, sums of the squared transforms over `WINDOW_POWER`, by bin from `FIRST_BIN` on or
+        by sub-band.
+    white : (g,) sums of the relative density of white noise, 1 for a segment without missing samples.
+    holes : (g,) sums of the relative variance of the share of valid samples within each segment.
+    averages : (g,) segments.
+    """
+
+    power: Floats
+    white: Floats
+    holes: Floats
+    averages: Ints
+
+    def __sub__(self, other: LevelSums) -> LevelSums:
+        """Return the sums since the others were taken."""
+        return LevelSums(*(getattr(self, name) - getattr(other, name) for name in LevelSums.__slots__))
+
+
+def last_bin(level: int) -> int:
+    """Return the end of the bins that are used of a level."""
+    return LAST_BIN if level else BINS - 1
+
+
+def sub_bands(level: int) -> Ints:
+    """Return the first bins of the sub-bands of a level."""
+    return np.arange(FIRST_BIN, last_bin(level), SUB_BAND)

@@ -1,0 +1,120 @@
+"""Spectrum as people see it: density at all frequencies, its lines, and its white level.
+
+One-sided. The levels follow each other without a gap, each where it resolves best.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.noise.spectrum.level_sums import FIRST_BIN, LAST_BIN, WINDOW_POWER
+from imumon.noise.spectrum.narrow_bands import NarrowBand, find_narrow_bands
+from imumon.noise.spectrum.spectral_lines import (
+    BINS,
+    SEGMENT,
+    distinct,
+    find_lines,
+    median_to_mean,
+    side_levels,
+)
+from imumon.report import Line
+from imumon.samples import Bools, Floats, Ints
+
+LEAST_AVERAGES = 4
+"""Averages from which a level replaces the one above in what is displayed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PowerSpectrum:
+    """Power spectral densities of some channels.
+
+    Attributes
+    ----------
+    frequency_hz : (k,) Hz, rising.
+    density : (k, c) (channel unit)^2/Hz, one-sided; NaN where `averages` is 0.
+    averages : (k, c) segments averaged in each value.
+    lines : lines of each channel, strongest first.
+    bands : narrow bands of each channel, also of weak and broad lines, strongest first.
+    masks : for each level (c, BINS), the bins of narrow bands.
+    white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
+    """
+
+    frequency_hz: Floats
+    density: Floats
+    averages: Ints
+    lines: tuple[tuple[Line, ...], ...]
+    bands: tuple[tuple[NarrowBand, ...], ...]
+    masks: tuple[Bools, ...]
+    white: Floats
+
+
+def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) -> PowerSpectrum:
+    """Return density, lines and white level.
+
+    Parameters
+    ----------
+    sums : of each level (c, BINS) squared transforms, and (c,) the segments in them.
+    rate_hz : Hz, of the first level.
+    channels : number of them.
+    """
+    levels = _densities(sums, rate_hz)
+    if not levels:
+        empty, none, white = np.zeros((0, channels)), ((),) * channels, np.full(channels, np.nan)
+        return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), none, none, (), white)
+    frequency, density, averages = [], [], []
+    lines: list[list[Line]] = [[] for _ in range(channels)]
+    bands: list[list[NarrowBand]] = [[] for _ in range(channels)]
+    masks: list[Bools] = []
+    size = np.sqrt(np.nansum(levels[0][1], axis=1) * rate_hz / SEGMENT)
+    for s, (rate, power, count) in reversed(list(enumerate(levels))):
+        low, high = _shown(s, len(levels))
+        frequency.append(np.arange(low, high) * rate / SEGMENT)
+        density.append(power[:, low:high].T)
+        averages.append(np.broadcast_to(count, (high - low, len(count))))
+        sides, inside = side_levels(power), np.zeros(power.shape, dtype=bool)
+        for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
+            own, k, band = sides[:, i], int(count[i]), range(low, high)
+            lines[i] += find_lines(power[i], own, k, rate, band, rate_hz, float(size[i]))
+            found, inside[i] = find_narrow_bands(power[i], k, rate, band)
+            bands[i] += found
+        masks.insert(0, inside)
+    return PowerSpectrum(
+        frequency_hz=np.concatenate(frequency),
+        density=np.concatenate(density),
+        averages=np.concatenate(averages),
+        lines=tuple(distinct(each, lambda line: line.amplitude) for each in lines),
+        bands=tuple(distinct(each, lambda band: band.power) for each in bands),
+        masks=tuple(masks),
+        white=np.array([_white(p, int(k)) for p, k in zip(*levels[0][1:], strict=True)]),
+    )
+
+
+def _densities(sums: list[tuple[Floats, Ints]], rate_hz: float) -> list[tuple[float, Floats, Ints]]:
+    """Return rate, Hz, (c, BINS) density and (c,) segments of the levels down to the last with enough segments."""
+    enough = [s for s, (_, count) in enumerate(sums) if (count >= LEAST_AVERAGES).any()]
+    out = []
+    for s, (total, count) in enumerate(sums[: max(enough, default=0) + 1]):
+        rate = rate_hz / 2.0**s
+        with np.errstate(invalid="ignore", divide="ignore"):
+            power = total * (2.0 / (rate * WINDOW_POWER)) / count[:, None]
+        power[:, 0] *= 0.5
+        power[:, -1] *= 0.5
+        power[count == 0] = np.nan
+        out.append((rate, power, count))
+    return out
+
+
+def _shown(s: int, levels: int) -> tuple[int, int]:
+    """Return the range of bins of level s that are displayed and searched for lines."""
+    return 2 if s + 1 == levels else FIRST_BIN, LAST_BIN if s else BINS
+
+
+def _white(power: Floats, averages: int) -> float:
+    """Return N from the median density in the upper half of the band, unit/sqrt(Hz)."""
+    if averages < LEAST_AVERAGES:
+        return math.nan
+    median = float(np.median(power[BINS // 2 : BINS - 3]))
+    return math.sqrt(0.5 * median * median_to_mean(averages))
