@@ -7,8 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from imumon.noise.blocks.cosine import coefficient_variances
-from imumon.noise.power_law import sampled_density
+from imumon.noise.power_law import coefficient_variances, sampled_density
 
 BLOCKS, LOWEST, POINTS = 4096, 1024, 2000
 """Block means whose lowest coefficients count one by one, number of these, and points of the sum over the others."""

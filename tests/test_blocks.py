@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
-from imumon.noise.blocks.cosine import coefficient_variances
+from imumon.noise.power_law import coefficient_variances
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats
 

@@ -37,7 +37,8 @@ restarts the estimator: it never returns limits of one record for another.
 | `allan/` | octave cascade: Allan variance of an endless stream, also since several starts |
 | `noise_sums` | what the fit sees of a record, or of a part of it |
 | `spectrum/` | Welch sums of the levels, bins that are lines, their expectation |
-| `blocks/` | means over blocks that merge in pairs, and their cosine transform |
+| `blocks/` | means over blocks that merge in pairs |
+| `power_law` | density, autocovariance and cosine coefficients of N = B = K = 1 |
 | `fit/` | `Estimator`: the likelihood of N, B and K, with limits, and the time to a precision |
 | `grading` | navigation, tactical, industrial or consumer grade |
 | `statistics/` | moments, histogram, envelope |

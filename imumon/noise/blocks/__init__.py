@@ -1,4 +1,4 @@
-"""Means over blocks of a stream, and their cosine transform."""
+"""Means over blocks of a stream."""
 
 from imumon.noise.blocks.block_means import BlockAccumulator, BlockMeans
 

@@ -18,7 +18,7 @@ from imumon.noise.fit.expected_curve import (
     noise_variances,
 )
 from imumon.noise.fit.likelihood import averaged as average_over
-from imumon.noise.fit.likelihood import evidence, inverted, quantiles
+from imumon.noise.fit.likelihood import evidence, normal_matrix, quantiles
 from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.regressors import COLLINEAR, OSCILLATION
 from imumon.noise.fit.results import LIMIT_95, ChannelFit, FittedCoefficient, FittedColumn, read_slopes
@@ -210,7 +210,7 @@ def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...],
     if "temperature" in names:
         X = found.likelihood.coefficients.X
         v = found.surface.powers @ found.likelihood.coefficients.variance
-        inverse = inverted(((X / v[:, None]).T @ X)[None])[0]
+        inverse = np.linalg.inv(normal_matrix(1.0 / v[None], X)[0])
         one, two = names.index("drift"), names.index("temperature")
         collinear = abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two])
     if collinear:

@@ -33,7 +33,9 @@ LEAST_POWER, LEAST_SHARE = 1e-3, 1e-30
 HUGE = 1e300
 """Logarithm of a likelihood that is zero."""
 LEAST_INFORMATION = 1e-100
-"""Information about a shape that no band shows."""
+"""Information about a shape that no band shows, and about a column that no coefficient shows."""
+SAME_COLUMNS = 1e-12
+"""Share of the information below which columns of few coefficients are alike."""
 
 B_DECADES = np.concatenate(([0.0], np.geomspace(1e-5, 1e7, WIDE - 1)))
 K_DECADES = np.concatenate(([0.0], np.geomspace(1e-7, 1e9, WIDE - 1)))
@@ -193,10 +195,8 @@ class Likelihood:
         log = -0.5 * (w @ y**2 + np.log(v).sum(axis=1))
         if not q:
             return log, np.zeros((a.size, 0)), np.zeros((a.size, 0))
-        products = (X[:, :, None] * X[:, None, :]).reshape(y.size, -1)
-        XX = (w @ products).reshape(-1, q, q)
-        Xy = w @ (X * y[:, None])
-        inverse = inverted(XX)
+        XX, Xy = normal_matrix(w, X), w @ (X * y[:, None])
+        inverse = np.linalg.inv(XX)
         beta = np.einsum("mij,mj->mi", inverse, Xy)
         log += 0.5 * ((beta * Xy).sum(axis=1) - np.linalg.slogdet(XX)[1])
         return log, beta, np.diagonal(inverse, axis1=1, axis2=2)
@@ -292,12 +292,12 @@ def averaged(surface: Surface, value: Floats, variance: Floats) -> tuple[Floats,
     return mean, np.sqrt(p @ (variance + (value - mean) ** 2))
 
 
-def inverted(matrices: Floats) -> Floats:
-    """Return the inverses of (m, q, q) matrices, or the pseudo-inverses where columns of few coefficients are alike."""
-    try:
-        return np.asarray(np.linalg.inv(matrices))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(matrices), dtype=np.float64)
+def normal_matrix(w: Floats, X: Floats) -> Floats:
+    """Return (m, q, q) X^T W X for weights (m, n), invertible also where columns are alike."""
+    n, q = X.shape
+    XX = (w @ (X[:, :, None] * X[:, None, :]).reshape(n, -1)).reshape(-1, q, q)
+    ridge = SAME_COLUMNS * np.einsum("mii->m", XX) + LEAST_INFORMATION
+    return np.asarray(XX + ridge[:, None, None] * np.eye(q))
 
 
 def _information(weight: Floats, slopes: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats, Floats]:

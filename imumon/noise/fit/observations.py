@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from imumon.noise.blocks.cosine import coefficient_variances
 from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.power_law import coefficient_variances
 from imumon.noise.spectrum.expectation import (
     bin_expectation,
     degrees_of_freedom,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from imumon.noise.fit.likelihood import Surface, inverted
+from imumon.noise.fit.likelihood import Surface, normal_matrix
 from imumon.noise.fit.observations import SINGLE, BlockSeries, Coefficients
 from imumon.samples import Floats, Ints
 
@@ -210,9 +210,8 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, group: int
     with_y, with_self = w @ (more * y[:, None]), w @ more**2
     if q:
         cross = (w @ (X[:, :, None] * more[:, None, :]).reshape(y.size, -1)).reshape(-1, q, t)
-        XX = (w @ (X[:, :, None] * X[:, None, :]).reshape(y.size, -1)).reshape(-1, q, q)
-        Xy = w @ (X * y[:, None])
-        solved = inverted(XX) @ np.concatenate((cross, Xy[:, :, None]), axis=2)
+        XX, Xy = normal_matrix(w, X), w @ (X * y[:, None])
+        solved = np.linalg.solve(XX, np.concatenate((cross, Xy[:, :, None]), axis=2))
         with_y = with_y - np.einsum("mqt,mq->mt", cross, solved[:, :, -1])
         with_self = with_self - np.einsum("mqt,mqt->mt", cross, solved[:, :, :-1])
     log = -0.5 * (w @ y**2 - np.log(w).sum(axis=1))

@@ -50,3 +50,29 @@ def last_bin(level: int) -> int:
 def sub_bands(level: int) -> Ints:
     """Return the first bins of the sub-bands of a level."""
     return np.arange(FIRST_BIN, last_bin(level), SUB_BAND)
+
+
+class Level:
+    """State of one level: its sums, and the samples that wait for the next segment."""
+
+    def __init__(self, channels: int, groups: int) -> None:
+        self.power = np.zeros((channels, BINS))
+        self.white, self.holes = np.zeros(groups), np.zeros(groups)
+        self.averages = np.zeros(groups, dtype=np.int64)
+        self.clear()
+
+    def clear(self) -> None:
+        """Discard the samples that wait for a segment."""
+        self.hops = 0  # since the last break
+        self.last: Floats | None = None  # (c, HOP) the hop before
+        self.last_share: Floats | None = None  # (g, HOP) its shares of valid samples; None: all
+        self.history: Floats | None = None  # (c, HISTORY) inputs before the next hop
+        self.history_share: Floats | None = None
+        self.half: Floats | None = None  # (c, HOP/2) first half of a hop
+        self.half_share: Floats | None = None
+        self.waiting: list[tuple[Floats, Floats | None]] = []  # hops (c, n HOP) and their shares (g, n HOP)
+
+    def sub_sums(self, level: int) -> LevelSums:
+        """Return the present sums by sub-band."""
+        power = np.add.reduceat(self.power[:, : last_bin(level)], sub_bands(level), axis=1)
+        return LevelSums(power / WINDOW_POWER, self.white.copy(), self.holes.copy(), self.averages.copy())

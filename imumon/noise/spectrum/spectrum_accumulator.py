@@ -27,6 +27,7 @@ from imumon.noise.spectrum.level_sums import (
     FIRST_BIN,
     WINDOW,
     WINDOW_POWER,
+    Level,
     LevelSums,
     last_bin,
     sub_bands,
@@ -48,32 +49,6 @@ LONG_GAP = 1 << 16
 
 BATCH_HOPS = 8
 """Hops that are processed together, because each array operation has a fixed cost."""
-
-
-class _Level:
-    """One rate of the cascade."""
-
-    def __init__(self, channels: int, groups: int) -> None:
-        self.power = np.zeros((channels, BINS))
-        self.white, self.holes = np.zeros(groups), np.zeros(groups)
-        self.averages = np.zeros(groups, dtype=np.int64)
-        self.clear()
-
-    def clear(self) -> None:
-        """Discard the samples that wait for a segment."""
-        self.hops = 0  # since the last break
-        self.last: Floats | None = None  # (c, HOP) the hop before
-        self.last_share: Floats | None = None  # (g, HOP) its shares of valid samples; None: all
-        self.history: Floats | None = None  # (c, HISTORY) inputs before the next hop
-        self.history_share: Floats | None = None
-        self.half: Floats | None = None  # (c, HOP/2) first half of a hop
-        self.half_share: Floats | None = None
-        self.waiting: list[tuple[Floats, Floats | None]] = []  # hops (c, n HOP) and their shares (g, n HOP)
-
-    def sub_sums(self, level: int) -> LevelSums:
-        """Return the present sums by sub-band."""
-        power = np.add.reduceat(self.power[:, : last_bin(level)], sub_bands(level), axis=1)
-        return LevelSums(power / WINDOW_POWER, self.white.copy(), self.holes.copy(), self.averages.copy())
 
 
 class SpectrumMark:
@@ -98,7 +73,7 @@ class SpectrumAccumulator:
         self._groups = np.array(groups, dtype=np.int64)
         self._g = int(self._groups.max()) + 1 if len(groups) else 0
         self._rate = rate_hz
-        self._levels: list[_Level] = []
+        self._levels: list[Level] = []
         self._marks: list[SpectrumMark] = []
 
     @property
@@ -188,7 +163,7 @@ class SpectrumAccumulator:
         other._process_waiting()
         self._process_waiting()
         while len(self._levels) < len(other._levels):
-            self._levels.append(_Level(len(self._groups), self._g))
+            self._levels.append(Level(len(self._groups), self._g))
         for own, level in zip(self._levels, other._levels, strict=False):
             for name in LevelSums.__slots__:
                 setattr(own, name, getattr(own, name) + getattr(level, name))
@@ -216,7 +191,7 @@ class SpectrumAccumulator:
     def _feed(self, s: int, x: Floats, share: Floats | None) -> None:
         """Add whole hops (c, n), channel unit, with the shares of valid samples (g, n) to level s."""
         if s == len(self._levels):
-            self._levels.append(_Level(len(x), self._g))
+            self._levels.append(Level(len(x), self._g))
         waiting = self._levels[s].waiting
         waiting.append((x, share))
         if sum(w.shape[1] for w, _ in waiting) >= BATCH_HOPS * HOP:
@@ -354,7 +329,7 @@ class SpectrumAccumulator:
     def restore(cls, saved: Mapping[str, np.ndarray]) -> SpectrumAccumulator:
         """Return an accumulator that continues from a saved state."""
         self = cls(saved["groups"].tolist(), float(saved["rate"]))
-        self._levels = [_Level(len(self._groups), self._g) for _ in range(int(saved["levels"]))]
+        self._levels = [Level(len(self._groups), self._g) for _ in range(int(saved["levels"]))]
         for s, level in enumerate(self._levels):
             power = saved[f"{s}.power"]
             end = last_bin(s) + 1 if s else BINS
@@ -387,7 +362,7 @@ class SpectrumAccumulator:
         """Marks in the order in which they were added."""
         return tuple(self._marks)
 
-    def _missing_before(self, level: _Level) -> None:
+    def _missing_before(self, level: Level) -> None:
         """Count what was not saved as missing."""
         if not level.hops:
             return
