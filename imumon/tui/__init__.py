@@ -1,9 +1,9 @@
 """Terminal UI: draws reports, computes nothing.
 
-tui            entry: `run` on a terminal, and the source of its reports
-app            the application: polls the source, owns the state, handles keys
+tui            entry: `run` on a terminal
+app            the application: polls the source of reports, owns the state, handles keys
 view_state     everything that the screen shows at one moment
-views          the five views and the dialog windows
+views          the six views and the dialog windows
 widgets        widgets that draw lines in the colours of the theme
 panels         status line, headline grades, selected channel, welcome
 text_panels    device, events, sensors, drift
@@ -17,6 +17,6 @@ svg_export     a screenshot that looks the same everywhere
 terminal       what the screen needs of the terminal
 """
 
-from imumon.tui.tui import ReportSource, run, themes
+from imumon.tui.tui import run, themes
 
-__all__ = ["ReportSource", "run", "themes"]
+__all__ = ["run", "themes"]

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
@@ -21,15 +21,14 @@ from textual.screen import Screen
 from textual.theme import Theme
 
 from imumon.messages import matching
-from imumon.report import Report
+from imumon.report import Event, Report, Signal
 from imumon.samples import sensor_of
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, length, padded, with_background
-from imumon.tui.history_chart import HistorySeries, parse
+from imumon.tui.history_chart import parse
 from imumon.tui.panels import status, welcome
 from imumon.tui.svg_export import portable_svg
-from imumon.tui.tui import HistoryAnswer, ReportSource
-from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, ViewState
+from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
     DeviceView,
     DialogWindow,
@@ -89,6 +88,53 @@ THEMES = (
         "#1f5fbf #7448b5 #0f6e9c #14795a #9a5b00 #b3261e",
     ),
 )
+
+
+HistoryQuestion: TypeAlias = tuple[str, str, float, str]
+"""Device, channel, span in s before now, and step of the rows."""
+HistoryAnswer: TypeAlias = tuple[HistoryQuestion, bytes, bytes]
+"""The question, and the rows and events of the reply as JSON."""
+
+
+class ReportSource(Protocol):
+    """Where the screen gets its reports from: a slot for the latest value.
+
+    The receiver writes into it from its own threads, and the screen reads it when it is about to draw. Nothing
+    is queued, so a slow terminal delays no thread and a fast sensor does not flood the screen.
+
+    Attributes
+    ----------
+    version : grows with every change, so that the screen draws only when something is new.
+    """
+
+    version: int
+
+    def reports(self) -> dict[str, tuple[Report, float]]:
+        """Return the newest report of each device by id, with its arrival in s of the monotonic clock."""
+
+    def alive(self) -> set[str]:
+        """Return the ids of the devices with a running daemon."""
+
+    def events(self, id: str) -> list[Event]:
+        """Return the events of a device, newest last, at most 100."""
+
+    def rivals(self) -> dict[str, tuple[str, ...]]:
+        """Return the devices that several programs publish, with the sessions of these."""
+
+    def watch(self, id: str, channel: str | None) -> None:
+        """Choose the channel whose signal is requested from now on; None: none."""
+
+    def signal(self) -> tuple[Signal, float] | None:
+        """Return the newest signal of the watched channel, with its arrival in s of the monotonic clock."""
+
+    def watch_history(self, asked: HistoryQuestion | None) -> None:
+        """Choose the history that is requested every now and then from now on; None: none."""
+
+    def history_answer(self) -> HistoryAnswer | None:
+        """Return the newest replies, with the question."""
+
+    def connected(self) -> bool:
+        """Return whether any daemon or router can be reached."""
 
 
 def save_directory() -> Path:
@@ -284,6 +330,10 @@ class ImumonApp(App[int]):
     def change(self, **changes: object) -> None:
         """Change the state and draw it."""
         self._show(self.view_state.updated(**changes))
+
+    def on_view_changed(self, event: View.Changed) -> None:
+        """Change the state as the visible view asks for it."""
+        self.change(**event.changes)
 
     def select(self, *, id: str | None = None, channel: str | None = None) -> None:
         """Select another device or channel."""

@@ -6,7 +6,6 @@ The rows come from the daemon as JSON (docs/HISTORY.md). Any program may answer,
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -14,10 +13,10 @@ import numpy as np
 
 from imumon.report import plain
 from imumon.samples import sensor_of
-from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear
+from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
 from imumon.tui.charts import EXTREME_VALUES, centred_text
 from imumon.tui.formatting import Line, padded
-from imumon.tui.view_state import SPANS, ViewState
+from imumon.tui.view_state import SPANS, HistorySeries, ViewState
 from imumon.units import READABLE, number
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
@@ -30,24 +29,6 @@ MAX_NUMBER = 1e150
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
 _ROLES = {"N": "N", "B": "B", "mean": "signal", "temperature": "point"}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HistorySeries:
-    """The history of one channel.
-
-    Attributes
-    ----------
-    channel : its name.
-    time : (n,) s since 1970, middle of each row, rising.
-    values : (n,) SI by quantity, NaN where unknown or only bounded.
-    events : time, s since 1970, and kind of the events.
-    """
-
-    channel: str
-    time: Floats
-    values: dict[str, Floats]
-    events: tuple[tuple[float, str], ...]
 
 
 def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:

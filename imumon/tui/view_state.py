@@ -9,14 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from imumon.report import Channel, Event, Report, Signal
-from imumon.samples import sensor_of
+from imumon.samples import Floats, sensor_of
 from imumon.tui.formatting import Notation, approximate_duration
-
-if TYPE_CHECKING:
-    from imumon.tui.history_chart import HistorySeries
 
 READABLE = Notation()
 VIEWS = ("overview", "signal", "device", "events", "sensors", "history")
@@ -48,6 +44,24 @@ class ConnectionStatus:
     text: str
     role: str
     live: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HistorySeries:
+    """The history of one channel.
+
+    Attributes
+    ----------
+    channel : its name.
+    time : (n,) s since 1970, middle of each row, rising.
+    values : (n,) SI by quantity, NaN where unknown or only bounded.
+    events : time, s since 1970, and kind of the events.
+    """
+
+    channel: str
+    time: Floats
+    values: dict[str, Floats]
+    events: tuple[tuple[float, str], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

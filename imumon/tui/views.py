@@ -6,12 +6,13 @@ own bindings, so it cannot be out of date.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal, Vertical
 from textual.events import Click
+from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
@@ -21,22 +22,26 @@ from imumon.tui.formatting import Line, Notation, padded, wrap
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel
 
-if TYPE_CHECKING:
-    from imumon.tui.app import ImumonApp
-
 
 class View(Container, can_focus=True):
     """One view: passes the state to its panels."""
 
     title = ""
 
-    @property
-    def imumon(self) -> ImumonApp:
-        """The application."""
-        return cast("ImumonApp", self.app)
+    class Changed(Message):
+        """The user changed fields of the state in a view."""
+
+        def __init__(self, **changes: object) -> None:
+            super().__init__()
+            self.changes = changes
+
+    def __init__(self, id: str) -> None:
+        super().__init__(id=id)
+        self.shown = ViewState()
 
     def show(self, state: ViewState) -> None:
         """Draw a state."""
+        self.shown = state
         for panel in self.query(DrawnPanel):
             panel.show(state)
         for scrolled in self.query(ScrolledPanel):
@@ -89,9 +94,9 @@ class Overview(ChannelView):
         table = self.query_one("#table", DrawnPanel)
         if event.widget is table:
             at = event.get_content_offset(table)
-            rows = channel_table.table_rows(self.imumon.view_state, *table.size)
+            rows = channel_table.table_rows(self.shown, *table.size)
             if at is not None and at.y < len(rows) and rows[at.y][1] is not None:
-                self.imumon.select(channel=rows[at.y][1])
+                self.post_message(self.Changed(channel=rows[at.y][1]))
 
 
 class SignalView(ChannelView):
@@ -178,11 +183,11 @@ class EventsView(ScrolledView):
         box = self.query_one("#filter", Input)
         box.value = ""
         box.remove_class("open")
-        self.imumon.change(filter_text="")
+        self.post_message(self.Changed(filter_text=""))
         self.focus()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        self.imumon.change(filter_text=event.value)
+        self.post_message(self.Changed(filter_text=event.value))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.query_one("#filter", Input).remove_class("open")
