@@ -9,10 +9,9 @@ import tomllib
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+from paths import ROOT
+
 from imumon.cli.main import main
-
-ROOT = Path(__file__).parents[1]
-
 
 OF_FILES = ("replay", "report", "config", "history")
 """Commands that only read and write files: they run inside the test, because starting Python takes longer."""

@@ -11,10 +11,10 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import reports
+from paths import ROOT
 
 from imumon.cli.wait_condition import WaitCondition
 from imumon.datasheet import FORMS, NoCurve, document
@@ -27,7 +27,7 @@ from imumon.tui import channel_table, charts, export, panels, text_panels
 from imumon.tui.formatting import Notation
 from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = ROOT / "docs"
 SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
 DRAWN_FORMS = ("html", "png", "svg", "pdf")

@@ -17,8 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from commands import manual_page
+from paths import ROOT
 
-ROOT = Path(__file__).parents[1]
 BOOT_S = 60.0
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 SENSOR = """[Unit]

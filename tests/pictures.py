@@ -13,11 +13,11 @@ import asyncio
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import reports
+from paths import TESTS
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -27,7 +27,7 @@ from imumon.tui.formatting import Notation
 from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import StyledWidget
 
-FOLDER = Path(__file__).parent / "data" / "screen"
+FOLDER = TESTS / "data" / "screen"
 SMALL, LARGE, HUGE = (80, 24), (150, 40), (220, 60)
 OTHER = "vn100-0100056799"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from imumon.devices.vn100 import ascii
 from imumon.replay import ReplayOptions, replay
 from imumon.report import Report
 from imumon.samples import SampleBlock
@@ -50,3 +51,11 @@ def replayed(path: Path, **more: object) -> tuple[Report, str]:
     report = replay(ReplayOptions(path=str(path), guarded=False, **more), remark=remarks.append)  # type: ignore[arg-type]
     assert [text.removeprefix(f"{path}: ") for text in remarks] == list(report.device.remarks)
     return report, "\n".join(remarks)
+
+
+def sentences(n: int, seed: int = 2) -> tuple[np.ndarray, list[str]]:
+    """Return (n, 9) values of mag, accel and gyro in the order of `$VNYMR`, and the sentences."""
+    rng = np.random.default_rng(seed)
+    rows = np.hstack([np.zeros((n, 3)), rng.normal(0.0, 2e-2, (n, 9))])
+    rows[:, 8] -= 9.79
+    return rows[:, 3:], [ascii.encode(ascii.sentence("VNYMR", row)).decode().strip() for row in rows]

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 import imumon
 
-ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "imumon"
 TREES = {path.relative_to(PACKAGE): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
 REPEATABLE = {"__init__.py", "__main__.py", "base.py"}

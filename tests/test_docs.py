@@ -2,7 +2,7 @@
 
 A block ```` ```sh ```` or ```` ```python ```` runs unchanged, next to a daemon on an emulated sensor, a recording
 and its report. A second word says why a block does not run: ``sensor`` (it needs a real one), ``service`` (a service
-manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/test_devices.py runs it), ``hook``
+manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/devices/test_devices.py runs it), ``hook``
 (git runs it). A ``slow`` block runs with the slow tests. The options of all blocks are checked against the command
 line.
 """
@@ -20,17 +20,17 @@ from typing import Any, NamedTuple
 
 import pytest
 from daemons import Daemon, free_endpoint
+from paths import ROOT
 
 from imumon.cli import parsers
 
-ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
     ROOT / "SECURITY.md",
     *sorted((ROOT / "docs").glob("*.md")),
 ]
-OWN_TESTS = {"ZENOH.md"}  # tests/test_bus_docs.py
+OWN_TESTS = {"ZENOH.md"}  # tests/bus/test_bus_docs.py
 REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "hook"}
 
 
@@ -186,7 +186,8 @@ def test_every_attack_in_security_names_a_test_that_exists() -> None:
     for row in rows:
         named = re.search(r"`(test_\w+\.py)::(test_\w+)` \|$", row)
         assert named is not None, row
-        assert f"def {named[2]}(" in (ROOT / "tests" / named[1]).read_text("utf-8"), row
+        (file,) = (ROOT / "tests").rglob(named[1])
+        assert f"def {named[2]}(" in file.read_text("utf-8"), row
 
 
 def test_the_walk_of_a_sample_names_files_that_exist() -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 from imumon.errors import ImumonError
 
-ROOT = Path(__file__).parents[1]
 TREES = [ast.parse(path.read_text("utf-8")) for path in (ROOT / "imumon").rglob("*.py")]
 DOCUMENT = (ROOT / "docs" / "ERRORS.md").read_text("utf-8")
 LISTED = [

@@ -15,6 +15,7 @@ from typing import Any
 import allantools
 import numpy as np
 import pytest
+from paths import RECORDINGS, needs_recordings
 from reports import RATE
 from reports import report as report_at
 
@@ -30,7 +31,6 @@ from imumon.references import SheetError, conformity, published, read_sheet, she
 from imumon.report import Coefficient, Report, from_json, to_json
 from imumon.units import READABLE
 
-SHARED = Path(__file__).parents[2] / "shared" / "recordings"
 HZ = 40.0
 
 SHEET = """
@@ -172,10 +172,10 @@ def test_taus_need_exact_and_exact_needs_samples(recording: Path, tmp_path: Path
         assert "needs a recording" in imumon("report", tmp_path / "x.json", *words, code=2)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="../shared is absent")
+@needs_recordings
 def test_a_real_recording_agrees_with_another_tool() -> None:
     """The figures of kiran_stat5min, computed by allantools from the sentences."""
-    report = replayed(SHARED / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--exact", "--no-guards")
+    report = replayed(RECORDINGS / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--exact", "--no-guards")
     assert report.evaluation is not None
     sigma = report.evaluation.exact["gyro/x"].sigma
     for octave, expected in ((1, 0.0004636), (4, 0.0001679), (6, 8.573e-05)):
@@ -215,9 +215,9 @@ def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(recording: 
     assert "is assumed to be" not in imumon("report", recording, "--filter", "8@1000")
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="../shared is absent")
+@needs_recordings
 def test_the_format_of_a_recording_names_the_device_for_the_filter() -> None:
-    report = replayed(SHARED / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--filter", "factory")
+    report = replayed(RECORDINGS / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--filter", "factory")
     assert report.device.alias_factor == pytest.approx(np.sqrt(5.0))
     assert report.device.settings["filter"] == "factory, as given with --filter"
     assert not any("--filter" in remark for remark in report.device.remarks)
@@ -557,7 +557,7 @@ def _events() -> tuple[Any, ...]:
 # ---------------------------------------------------------------- what a customer reads
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="../shared is absent")
+@needs_recordings
 @pytest.mark.slow
 def test_nothing_refers_to_a_device_that_was_not_measured(tmp_path: Path) -> None:
     for name, words, wrong in (
@@ -565,7 +565,7 @@ def test_nothing_refers_to_a_device_that_was_not_measured(tmp_path: Path) -> Non
         ("kiran_stat5min.vnymr.txt.gz", ("--rate", "40"), ("ADIS", "laboratory")),
     ):
         saved = tmp_path / "saved.json"
-        imumon("report", SHARED / name, *words, "-o", saved)
+        imumon("report", RECORDINGS / name, *words, "-o", saved)
         for form in ("md", "html", "csv", "svg"):
             text = imumon("report", saved, "--format", form)
             assert not [word for word in wrong if word in text], (name, form)

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 from imumon.cli import parsers
 
-ROOT = Path(__file__).parents[1]
 MODULES = sorted((ROOT / "imumon").rglob("*.py"))
 DOCUMENTS = [
     ROOT / "README.md",

@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from paths import ROOT
 
 from imumon import report
 from imumon.filter_report import FILTER_SCHEMA, FilterReport
 from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_json
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = ROOT / "docs"
 FILE = DOCS / "report.schema.json"
 FILTER_FILE = DOCS / "filter.schema.json"
 OMITTED = ("allan", "histogram", "spectrum")  # of a channel on its own key

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from paths import ROOT
 
 import imumon
 from imumon.cli import parsers
 from imumon.ros2.node import parse_url
 
-PACKAGE = Path(__file__).parents[1] / "ros" / "imumon_ros"
+PACKAGE = ROOT / "ros" / "imumon_ros"
 
 
 class Recorded:

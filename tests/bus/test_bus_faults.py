@@ -1,0 +1,255 @@
+"""Faults of the bus with sessions in other processes: congested, killed, frozen, restarted, forged data."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from bus_actors import Actor, event, free_endpoint, free_port, report, stage, until
+from paths import TESTS
+from test_bus import plain_session
+
+from imumon.bus import Publisher, Subscriber
+from imumon.report import Report, from_json, to_json
+
+LISTENING = "0A"
+
+
+def sockets(pid: int) -> tuple[set[str], int]:
+    """Return the TCP addresses on which a process listens, and its number of UDP sockets."""
+    inodes = set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            target = os.readlink(entry)
+        except FileNotFoundError:
+            continue
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    listening, datagram = set(), 0
+    for name in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/{pid}/net/{name}").read_text().splitlines()[1:]:
+            columns = line.split()
+            if columns[9] not in inodes:
+                continue
+            if name.startswith("udp"):
+                datagram += 1
+            elif columns[3] == LISTENING:
+                address, port = columns[1].split(":")
+                listening.add(f"{address}:{int(port, 16)}")
+    return listening, datagram
+
+
+def last_number(subscriber: Actor) -> int:
+    """Return the number of the last report of device a in a subscriber process; 0: none yet."""
+    return int(subscriber.messages[-1].get("numbers", {}).get("a", 0)) if subscriber.messages else 0
+
+
+@pytest.mark.skipif(
+    not Path("/proc/net/tcp").exists(), reason="the sockets of a process are read from Linux's /proc"
+)
+def test_a_daemon_listens_on_its_endpoint_only_and_a_subscriber_on_none() -> None:
+    with stage() as start:
+        port = free_port()
+        address = f"tcp/127.0.0.1:{port}"
+        daemon, subscriber = start("daemon", listen=[address]), start("subscriber", connect=[address])
+        daemon.ready()
+        until(lambda: last_number(subscriber))
+        assert sockets(daemon.messages[0]["pid"]) == ({f"0100007F:{port}"}, 0)
+        assert sockets(subscriber.messages[0]["pid"]) == (set(), 0)
+
+
+def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() -> None:
+    with stage() as start:
+        address = free_endpoint()
+        # 60 kB at 100 Hz: more than all buffers hold until the lease of the stopped subscriber ends
+        daemon = start("daemon", listen=[address], period=0.01, octaves=60)
+        subscribers = [start("subscriber", connect=[address]) for _ in range(3)]
+        daemon.ready()
+        for subscriber in subscribers:
+            until(lambda subscriber=subscriber: last_number(subscriber))
+        frozen, resumed, healthy = subscribers
+        for subscriber in (frozen, resumed):
+            subscriber.kill(signal.SIGSTOP)
+        start_s, first = time.monotonic(), len(healthy.messages)
+        until(lambda: time.monotonic() - start_s > 3.0)
+        arrivals = [message["at"] for message in healthy.messages[first:]]
+        gaps = [b - a for a, b in itertools.pairwise(arrivals)]
+        counts = daemon.request("counts")
+        assert len(arrivals) > 50
+        assert max(gaps) < 0.5
+        assert counts["longest"] < 0.25  # longest call of `publish`, with a margin for a busy machine
+        assert counts["error"] is None
+        resumed.kill(signal.SIGCONT)
+        until(lambda: last_number(resumed) > counts["reports"], 30.0)
+        daemon.send("stop")
+        assert until(lambda: daemon.messages[-1].get("closed_s")) < 1.6
+        healthy.send("stop")
+        assert daemon.process.wait(5) == healthy.process.wait(5) == 0
+
+
+def test_a_subscriber_that_starts_first_connects_to_the_daemon_and_its_successors() -> None:
+    with stage() as start:
+        address = free_endpoint()
+        with Subscriber([address]) as subscriber:
+            assert not subscriber.connected()
+            assert subscriber.wait_report(timeout=0.1) is None
+            daemon = start("daemon", listen=[address]).ready()
+            assert subscriber.wait_report("a", timeout=5.0)
+            until(lambda: subscriber.alive() == {"a"})
+            for number in range(2):
+                daemon.kill()
+                until(
+                    lambda: not subscriber.alive(), 1.0
+                )  # the kernel closes the link, so there is no wait for the lease
+                assert not subscriber.connected()
+                daemon = start("daemon", listen=[address], period=0).ready()  # a single report
+                until(lambda: subscriber.alive() == {"a"})
+                until(lambda: subscriber.reports()["a"][0].session.samples == 1)
+                daemon.send(f"events {number + 1}")
+            until(lambda: subscriber.events("a") == [event("a", 0), event("a", 1)])
+
+
+def test_a_frozen_daemon_is_not_alive_after_the_lease_and_alive_when_it_continues() -> None:
+    with stage() as start:
+        address = free_endpoint()
+        daemon = start("daemon", listen=[address]).ready()
+        with Subscriber([address]) as subscriber:
+            until(lambda: subscriber.alive() == {"a"})
+            daemon.kill(signal.SIGSTOP)
+            until(lambda: not subscriber.alive(), 4.0)
+            daemon.kill(signal.SIGCONT)
+            until(lambda: subscriber.alive() == {"a"})
+            version = subscriber.version
+            until(lambda: subscriber.version > version + 3)
+
+
+def test_closed_publishers_do_not_leak_memory() -> None:
+    code = f"""
+import os
+from imumon.bus import Publisher
+from usage import resident_kb
+def grown(times):
+    for _ in range(times):
+        Publisher("a", listen=["{free_endpoint()}"]).close()
+    return resident_kb(os.getpid())
+print(-grown(30) + grown(100))
+"""
+    path = os.pathsep.join([str(TESTS), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert int(done.stdout) < 1000, done.stderr  # kB; the leak was 29 kB per publisher
+
+
+def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None:
+    port, messages = free_port(), list[str]()
+
+    def reported(text: str) -> bool:
+        messages.extend(text for text, _ in publisher.status_changes())
+        return any(text in line for line in messages)
+
+    with (
+        stage() as start,
+        Publisher("a", listen=[free_endpoint()], connect=[f"tcp/127.0.0.1:{port}"]) as publisher,
+    ):
+        until(lambda: reported("no answer"))
+        router = start("router", port=port).ready()
+        until(lambda: reported("connected"))
+        router.kill()
+        until(lambda: reported("lost"))
+        broken = replace(report("a", 1), period_s=math.nan)
+        for _ in range(3):
+            publisher.publish(broken)
+            until(lambda: reported("could not be published"))
+    assert len(messages) == len(set(messages)) == 4
+
+
+def test_a_router_may_start_late_and_restart() -> None:
+    with stage() as start:
+        port = free_port()
+        address, local = f"tcp/127.0.0.1:{port}", free_endpoint()
+        daemon = start("daemon", listen=[local], connect=[address], period=0).ready()  # a single report
+        daemon.send("events 3")
+        with Subscriber([address]) as subscriber, Subscriber([local]) as neighbour:
+            assert neighbour.wait_report("a", timeout=5.0)
+            assert "no answer" in daemon.request("counts")["uplinks"][address]
+            router = start("router", port=port).ready()
+            until(lambda: subscriber.alive() == {"a"})
+            assert subscriber.wait_report("a", timeout=5.0) == report("a", 1)
+            until(lambda: subscriber.events("a") == [event("a", n) for n in range(3)])
+            assert daemon.request("counts")["uplinks"] == {address: None}
+            router.kill()
+            until(lambda: not subscriber.alive())
+            until(lambda: "lost" in (daemon.request("counts")["uplinks"][address] or ""))
+            assert neighbour.alive() == {"a"}
+            start("router", port=port).ready()
+            until(lambda: subscriber.alive() == {"a"})
+            duplicate = start("daemon", listen=[free_endpoint()], connect=[address])
+            assert duplicate.ready().messages[0]["error"] == "name_in_use"
+            with plain_session(address, "peer") as other_tool:  # any other tool
+                until(lambda: [r for r in other_tool.get("imumon/*/gyro/x") if r.ok])
+
+
+def test_a_daemon_does_not_pass_on_forged_data() -> None:
+    forged = to_json(report("a", -1))
+    with stage() as start:
+        address = free_endpoint()
+        start("daemon", listen=[address]).ready()
+        with (
+            Subscriber([address]) as subscriber,
+            plain_session(address, "peer") as peer,
+            plain_session(address, "client") as client,
+        ):
+            subscriber.wait_report("a", timeout=5.0)
+            until(lambda: peer.info.transports() and client.info.transports())
+            tokens = [s.liveliness().declare_token("imumon/ghost/alive") for s in (peer, client)]
+            queryables = [
+                s.declare_queryable("imumon/**", lambda q: q.reply("imumon/a/report", forged))
+                for s in (peer, client)
+            ]
+            received: list[int] = []
+            for number in range(20):
+                for session in (peer, client):
+                    session.put("imumon/a/report", forged)
+                    session.put("imumon/ghost/report", forged)
+                    session.put("imumon/a/event", to_json(event("a", number)))
+                version = subscriber.version
+                until(lambda version=version: subscriber.version > version)
+                received.append(subscriber.reports()["a"][0].session.samples)
+            assert min(received) > 0
+            assert set(subscriber.reports()) == subscriber.alive() == {"a"}
+            assert subscriber.events("a") == []
+            with plain_session(address) as client_session:
+                replies = [r.ok.payload.to_bytes() for r in client_session.get("imumon/a/report") if r.ok]
+                assert [from_json(Report, data).session.samples > 0 for data in replies] == [True]
+            del tokens, queryables
+
+
+def test_a_subscriber_ignores_invalid_messages_on_an_open_bus() -> None:
+    garbage: list[str | bytes] = ["", "null", "[" * 100_000, "{}", b"\xff\xfe", "1e999", b"\0" * 100_000]
+    good = to_json(report("b", 5))
+    garbage += [good.replace("0.5", word) for word in ("NaN", "1e999", '"x"', "[]", "{}", "true")]
+    garbage += [good[: len(good) // 2], good.replace('"channels":{', '"channels":[')]
+    with stage() as start:
+        port = free_port()
+        address = f"tcp/127.0.0.1:{port}"
+        start("router", port=port).ready()
+        with Subscriber([address]) as subscriber, plain_session(address) as foreign:
+            until(subscriber.connected)
+            until(lambda: foreign.put("imumon/b/report", good) or subscriber.reports())
+            for text in garbage:
+                before = subscriber.malformed
+                foreign.put("imumon/b/report", text)
+                until(lambda before=before: subscriber.reports() and subscriber.malformed > before)
+                foreign.put("imumon/b/event", text)
+                until(lambda before=before: subscriber.malformed > before + 1)
+            assert subscriber.reports()["b"][0] == report("b", 5)
+            assert subscriber.events("b") == []

@@ -1,0 +1,317 @@
+"""The daemon as a user runs it: real emulator, real port, real bus."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from daemons import Daemon, free_endpoint
+from paths import ROOT
+
+from imumon.config import load
+from imumon.daemon import Daemon as Reader
+from imumon.daemon import RunOptions
+from imumon.devices.base import Interrupted
+from imumon.devices.serial_port import SerialPort
+from imumon.devices.vn100.ascii import encode
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.vn100_session import Vn100Session
+from imumon.report import Report
+from imumon.samples import DeviceInfo
+
+
+def adds_up(report: Report) -> None:
+    """The laws of the counters."""
+    session = report.session
+    rate = report.device.sample_rate_hz
+    assert rate is not None
+    assert round(session.elapsed_s * rate) == session.samples + session.missing
+
+
+def measured(report: Report, channel: str) -> bool:
+    n = report.channels[channel].N
+    return n is not None and n.status == "measured"
+
+
+def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        report = daemon.wait(
+            lambda r: "gyro" in r.grade and r.grade["gyro"].nearest is not None and measured(r, "gyro/x")
+        )
+        assert report.state == "running"
+        assert report.device.stream == "deltas"
+        assert report.device.alias_factor == 1.0
+        assert report.device.serial == "0100056785"
+        assert report.session.missing == 0
+        adds_up(report)
+        n = report.channels["gyro/x"].N
+        assert n is not None
+        assert n.status == "measured"
+        assert n.low is not None
+        assert n.high is not None
+        assert 0.9 * n.low < 6.1e-5 < 1.1 * n.high
+        code, _, _ = daemon.stop()
+        assert code == 0
+        assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
+
+
+def test_what_is_found_out_later_is_told_and_stands_in_the_report(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        with Daemon(sensor.path, tmp_path, "--listen-only", "--rate", "80") as daemon:
+            report = daemon.wait(lambda r: any("samples arrive at" in text for text in r.device.remarks))
+            assert any("listen-only" in text for text in report.device.remarks)
+            assert any("aliasing" in text for text in report.device.remarks)
+            _, _, said = daemon.stop()
+        for remark in report.device.remarks:
+            assert said.count(remark) == 1
+
+
+def test_bytes_without_samples_of_the_stream_are_no_running_sensor(tmp_path: Path) -> None:
+    with (
+        spawn(EmulatorSettings(seed=4, rate=80)) as sensor,
+        Daemon(sensor.path, tmp_path, "--listen-only") as daemon,
+    ):
+        daemon.samples(100)
+        with open(sensor.path, "wb", buffering=0) as owner:  # switches the sensor to its sentences
+            owner.write(encode("VNWRG,75,0,20,06,0001,00C0"))
+            sensor.ask("counters")
+            owner.write(encode("VNWRG,06,14"))
+        told = daemon.wait(lambda r: r.state == "waiting")
+        assert sensor.ask("counters")["bytes"] > 0
+        later = daemon.wait(lambda r: r.time > told.time)
+        assert (later.state, later.session.samples) == ("waiting", told.session.samples)
+        assert "data arrive, but no samples of the stream" in daemon.stop()[2]
+
+
+@pytest.mark.parametrize("away_s", [1.0, pytest.param(75.0, marks=pytest.mark.slow)])
+def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        with Daemon(sensor.path, tmp_path) as first:
+            before = first.samples(200)
+            asked = time.monotonic()
+            code, _, _ = first.stop()
+            assert code == 0
+        time.sleep(away_s)
+        with Daemon(sensor.path, tmp_path) as second:
+            # the first reports may have no samples yet, or those of the kept record
+            resumed = second.wait(lambda r: r.session.restarts == 1 and r.session.gaps > 0)
+            passed = time.monotonic() - asked
+            after = second.samples(resumed.session.samples + 200)
+            assert after.session.gaps == 1
+            assert 100 * away_s < after.session.missing < 100 * (passed + 2.0)  # at 100 Hz
+            assert after.session.started == before.session.started
+            adds_up(after)
+            second.stop()
+
+
+def here(port: str, state: Path, **options: Any) -> Reader:
+    """A daemon in this process."""
+    settings = load(None, {"zenoh.listen": [free_endpoint()], "log.level": "error"})
+    return Reader(settings, RunOptions(url=port, state_directory=state, **options))
+
+
+def test_a_stop_while_it_is_being_set_up_leaves_the_kept_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configure = Vn100Session.configure
+
+    def stopped(session: Vn100Session) -> DeviceInfo:
+        configure(session)
+        time.sleep(0.3)  # samples have arrived by now
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.3)
+        raise Interrupted
+
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        with Daemon(sensor.path, tmp_path) as first:
+            first.samples(200)
+            first.stop()
+        kept = {path.name: path.read_bytes() for path in tmp_path.glob("*.state*")}
+        assert kept
+        monkeypatch.setattr(Vn100Session, "configure", stopped)
+        here(sensor.path, tmp_path).run()
+        assert {path.name: path.read_bytes() for path in tmp_path.glob("*.state*")} == kept
+
+
+def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        reader = here(sensor.path, tmp_path, duration_s=4.0)
+        read = SerialPort.read
+
+        def flood(port: SerialPort, timeout: float) -> bytes:
+            return read(port, timeout) or (bytes(1000) if reader._state == "running" else b"")
+
+        monkeypatch.setattr(SerialPort, "read", flood)
+        monkeypatch.setattr(SerialPort, "waits", True)
+        begun = time.monotonic()
+        outcome = reader.run()
+        assert time.monotonic() - begun < 12.0
+        assert outcome.report is not None
+        assert outcome.report.session.samples > 50
+
+
+def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(100)
+        before = sensor.ask("stall 600")
+        first = daemon.wait(lambda r: r.session.samples >= 100)
+        while (
+            later := daemon.wait(lambda r, t=first.time: r.time > t)
+        ).session.samples > first.session.samples:
+            first = later  # a report has all samples when the next one has no more
+        sensor.ask("stall 0")
+        daemon.samples(first.session.samples + 150)
+        time.sleep(0.3)  # more gathers, and is in no report yet
+        after = sensor.ask("stall 600")
+        time.sleep(0.1)  # the thread that reads has it
+        daemon.process.send_signal(signal.SIGTERM)
+        last = daemon.wait(lambda r: r.state == "stopped")
+        sent = (after["sent"] - after["replies"]) - (before["sent"] - before["replies"])
+        assert last.session.samples - first.session.samples == sent
+        adds_up(last)
+
+
+@pytest.mark.slow
+def test_hole_is_counted_from_the_last_sample(tmp_path: Path) -> None:
+    """Not from when the link was lost, nor from when the state was saved."""
+    with spawn(EmulatorSettings(seed=2, link=str(tmp_path / "sensor"))) as sensor:
+        with Daemon(str(tmp_path / "sensor"), tmp_path / "state") as first:
+            first.samples(200)
+            sensor.ask("unplug")
+            first.wait(lambda r: r.state == "waiting")
+            time.sleep(14.0)
+            first.stop()
+        sensor.ask("replug")
+        with Daemon(str(tmp_path / "sensor"), tmp_path / "state") as second:
+            after = second.samples(400)
+            assert after.session.restarts == 1
+            assert after.session.missing > 1400
+            adds_up(after)
+
+
+def test_other_sensors_state_is_set_aside(tmp_path: Path) -> None:
+    words = ("--id", "lab")
+    with spawn(EmulatorSettings(seed=5)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
+        daemon.samples(150)
+        daemon.stop()
+    other = EmulatorSettings(seed=6, serial="0100099999")
+    with spawn(other) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
+        report = daemon.samples(150)
+        assert report.session.restarts == 0
+        _, _, err = daemon.stop()
+    assert "of another sensor" in err
+    assert len(list(tmp_path.glob("lab.other-sensor-*.state"))) == 1
+
+
+def test_duration_ends_with_a_report(tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=7)) as sensor:
+        daemon = Daemon(sensor.path, tmp_path, "--duration", "3", "--json")
+        out, err = daemon.ended(30)
+        daemon.viewer.close()
+        assert daemon.process.returncode == 0, err
+        made = json.loads(out)
+        assert made["state"] == "stopped"
+        assert made["session"]["samples"] > 100
+
+
+def run(*words: str, code: int) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", "run", *words],
+        capture_output=True,
+        text=True,
+        timeout=40,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr.strip().splitlines()[-1]
+
+
+def test_no_such_port(tmp_path: Path) -> None:
+    said = run("--port", "/dev/ttyNOWHERE", "--state", str(tmp_path), code=3)
+    assert "/dev/ttyNOWHERE" in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "word"), [("silent", "silent|nothing|no byte"), ("nmea", "NMEA|GPGGA"), ("garbage", "")]
+)
+def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
+    with spawn(EmulatorSettings(impostor=kind)) as device:
+        said = run("--port", device.path, "--state", str(tmp_path), code=3)
+        assert device.path in said
+        assert re.search(word, said)
+
+
+def test_readmes_subscriber_reads_what_the_daemon_says(tmp_path: Path) -> None:
+    program = re.search(
+        r"```python\n(import json\nimport zenoh.*?)```", (ROOT / "README.md").read_text(), re.S
+    )
+    assert program is not None
+    assert len(program[1].strip().splitlines()) <= 16
+    with spawn(EmulatorSettings(seed=10)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(50)
+        code = program[1].replace("tcp/127.0.0.1:7448", daemon.endpoint)
+        reader = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert reader.stdout is not None
+        line = reader.stdout.readline()
+        os.kill(reader.pid, signal.SIGKILL)
+        reader.communicate()
+        assert "deg/sqrt(h)" in line
+        daemon.stop()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_that_ends_the_daemon_restores_the_sensor(tmp_path: Path, number: signal.Signals) -> None:
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        daemon.samples(100)
+        code, _, _ = daemon.stop(number)
+        assert code == (130 if number == signal.SIGINT else 0)
+        assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
+
+
+def test_signals_without_a_meaning_are_logged_and_ignored(tmp_path: Path) -> None:
+    names = [
+        "SIGUSR1",
+        "SIGUSR2",
+        "SIGALRM",
+        "SIGVTALRM",
+        "SIGPROF",
+        "SIGIO",
+        "SIGPWR",
+        "SIGSTKFLT",
+        "SIGXCPU",
+        "SIGTRAP",
+        "SIGSYS",
+    ]
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    numbers += [signal.SIGRTMIN, signal.SIGRTMAX] if hasattr(signal, "SIGRTMIN") else []
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+        report = daemon.samples(100)
+        for number in numbers:
+            daemon.process.send_signal(number)
+            time.sleep(0.15)
+        assert daemon.samples(report.session.samples + 100).session.missing == 0
+        code, _, errors = daemon.stop()
+        assert code == 0
+        assert f"signal {int(signal.SIGUSR1)} ignored: SIGTERM ends the daemon" in errors
+        assert not list(tmp_path.glob("*.found.json"))
+
+
+def test_too_few_file_descriptors_are_an_error_of_one_line() -> None:
+    words = [sys.executable, "-m", "imumon", "run", "--port", "sim", "--duration", "1"]
+    command = ["sh", "-c", 'ulimit -n 20; exec "$@"', "sh", *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=40, check=False)
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines() == [
+        "imumon: only 20 open files are allowed, 64 are needed: raise the limit with ulimit -n"
+    ]

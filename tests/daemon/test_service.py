@@ -1,0 +1,405 @@
+"""The service: the unit, the messages to the service manager, and the log."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from daemons import free_endpoint
+from paths import ROOT
+
+from imumon.config import Settings, ZenohSettings, search
+from imumon.daemon import Daemon, RunOptions
+from imumon.daemon.log import configure_logging
+from imumon.daemon.run_limits import Shutdown
+from imumon.devices.base import DeviceLost, DeviceNotFound, DeviceOptions
+from imumon.devices.device_reader import Items
+from imumon.devices.serial_port import PortInfo
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.vn100_device import Vn100Device
+from imumon.devices.vn100.vn100_session import Vn100Session
+from imumon.samples import DeviceInfo, RawBytes
+
+UNIT = ROOT / "systemd" / "imumon@.service"
+RULE = ROOT / "systemd" / "90-imumon.rules.example"
+
+
+def unit_settings() -> dict[str, list[str]]:
+    """Settings of the unit."""
+    found: dict[str, list[str]] = {}
+    for name, value in re.findall(r"^(\w+)=(.*)$", UNIT.read_text(), re.MULTILINE):
+        found.setdefault(name, []).append(value)
+    return found
+
+
+def test_the_settings_of_the_unit() -> None:
+    unit = unit_settings()
+    assert unit["Type"] == ["notify"]
+    assert unit["ExecStart"] == ["imumon run --port /dev/%I"]
+    assert unit["Documentation"] == ["man:imumon(1)"]
+    assert unit["DynamicUser"] == ["yes"]
+    assert unit["SupplementaryGroups"] == ["dialout"]
+    assert unit["StateDirectory"] == ["imumon/%i"]
+    assert int(unit["WatchdogSec"][0]) >= 10
+    assert "BindsTo" not in unit  # it would end the record at every replug
+
+
+def test_the_unit_names_devices_by_number() -> None:
+    """A name that is not in /proc/devices when the service starts allows nothing, ever."""
+    assert all(re.fullmatch(r"char-\d+ rw", allowed) for allowed in unit_settings()["DeviceAllow"])
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_the_exposure_is_low() -> None:
+    command = ["systemd-analyze", "security", "--offline=true", "--threshold=15", "--no-pager", UNIT]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout.splitlines()[-1:]
+
+
+class NotifySocket:
+    """The end of the notification socket that a service manager reads."""
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / "notify"
+        self.messages: list[str] = []
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self.path))
+        self._socket.settimeout(0.1)
+
+    def until(self, text: str, within_s: float = 20.0, count: int = 1) -> int:
+        """Return the index of the `count`-th message that starts with the text."""
+        deadline = time.monotonic() + within_s
+        while time.monotonic() < deadline:
+            places = [k for k, message in enumerate(self.messages) if message.startswith(text)]
+            if len(places) >= count:
+                return places[count - 1]
+            try:
+                self.messages.append(self._socket.recv(4096).decode())
+            except TimeoutError:
+                continue
+        raise AssertionError(f"no {text} among {self.messages}")
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def start_daemon(manager: NotifySocket, port: str, directory: Path) -> subprocess.Popen[str]:
+    """Start a daemon with this process as its service manager."""
+    command = [sys.executable, "-m", "imumon", "run", "--port", port, "--listen", free_endpoint()]
+    manager = {
+        "NOTIFY_SOCKET": str(manager.path),
+        "WATCHDOG_USEC": "1000000",
+        "STATE_DIRECTORY": str(directory),
+    }
+    return subprocess.Popen([*command], env={**os.environ, **manager}, stderr=subprocess.PIPE, text=True)
+
+
+def test_ready_comes_with_the_first_sample_and_the_grade_with_the_status(tmp_path: Path) -> None:
+    manager = NotifySocket(tmp_path)
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        daemon = start_daemon(manager, sensor.path, tmp_path)
+        try:
+            assert (
+                manager.until("STATUS=starting") < manager.until("READY=1") < manager.until("STATUS=running")
+            )
+            manager.until("STATUS=running; gyro: meets ")
+            assert manager.messages.count("READY=1") == 1
+            manager.until("WATCHDOG=1", count=3)
+        finally:
+            daemon.terminate()
+            daemon.communicate(timeout=20)
+    manager.until("STOPPING=1")
+    manager.until("STATUS=stopped")
+    assert daemon.returncode == 0
+    manager.close()
+
+
+def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
+    manager = NotifySocket(tmp_path)
+    daemon = start_daemon(manager, str(tmp_path / "ttyNONE"), tmp_path)
+    try:
+        manager.until("READY=1")
+        manager.until("STATUS=waiting: no port")
+        manager.until("WATCHDOG=1")
+    finally:
+        daemon.terminate()
+        _, log = daemon.communicate(timeout=20)
+    assert daemon.returncode == 0
+    assert log.count("waiting") == 1  # logged once, however long it lasts
+    manager.close()
+
+
+def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manager = NotifySocket(tmp_path)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
+    monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", list)
+    outcome = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path, duration_s=0.3)).run()
+    assert outcome.report is None
+    assert manager.until("READY=1") < manager.until("STATUS=waiting: no serial port on this machine")
+    manager.close()
+
+
+def test_a_device_that_is_silent_from_the_start_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise it would never be ready, and be killed and started again and again."""
+    daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
+    daemon._connected = True
+    monkeypatch.setattr("imumon.daemon.run_limits.timeout_s", lambda rate_hz: 0.0)
+    daemon._handle(None)
+    assert daemon._state == "starting"
+    daemon._handle(None)
+    assert daemon._state == "waiting"
+
+
+def test_a_late_report_is_not_followed_by_another_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = Settings()
+    daemon = Daemon(settings, RunOptions(url="", state_directory=tmp_path))
+    published: list[float] = []
+    monkeypatch.setattr(daemon, "_bus", object())
+    monkeypatch.setattr(daemon, "_publish", lambda: published.append(now))
+    step = settings.report.period_s / 10.0
+    for now in [100.0 + step * k for k in (*range(15), *range(55, 75))]:  # stopped for four periods
+        daemon._do_duties(now)
+    gaps = [after - before for before, after in pairwise(published)]
+    assert min(gaps) > 9.5 * step
+    assert len(published) == 4
+
+
+def test_a_device_whose_bytes_never_become_samples_is_waited_for_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
+    daemon._connected = True
+    for _ in range(2):
+        daemon._handle(Items([RawBytes(b"$")]))
+        assert daemon._state == "starting"
+    monkeypatch.setattr("imumon.daemon.run_limits.START_TIMEOUT_S", 0.0)
+    daemon._handle(Items([RawBytes(b"$")]))
+    assert daemon._state == "waiting"
+
+
+def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Meanwhile nobody holds its port, its address on the bus and its state."""
+    manager, whole, tries = NotifySocket(tmp_path), Vn100Session.configure, [0]
+
+    def configure(session: Vn100Session) -> DeviceInfo:
+        tries[0] += 1
+        if tries[0] == 1:
+            raise DeviceLost("device_lost", "unplugged", "plug it in again")
+        return whole(session)
+
+    monkeypatch.setattr(Vn100Session, "configure", configure)
+    monkeypatch.setattr("imumon.devices.device_reader.FIRST_RETRY_S", 0.1)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
+    settings = Settings(zenoh=ZenohSettings(listen=(free_endpoint(),)))
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        options = RunOptions(url=sensor.path, state_directory=tmp_path, duration_s=3.0)
+        result = Daemon(settings, options).run()
+    assert tries == [2]
+    assert result.report is not None
+    assert result.report.session.samples > 0
+    assert manager.until("STATUS=waiting: unplugged") < manager.until("STATUS=running")
+    manager.close()
+
+
+def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
+    """A device that searches two ports; the one named `lost` vanishes meanwhile."""
+    device = Vn100Device(DeviceOptions(url="", settings=Settings().device))
+    ports = [PortInfo("/a", ""), PortInfo("/b", "")]
+    monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", lambda: ports)
+
+    def opened(path: str) -> DeviceInfo:
+        if path == lost:
+            raise DeviceLost("device_lost", f"{path} is gone")
+        device._path = path
+        return DeviceInfo(id="x")
+
+    monkeypatch.setattr(device, "_open", opened)
+    return device
+
+
+def test_of_several_sensors_none_is_chosen_however_often_it_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = searching(monkeypatch)
+    for _ in range(2):
+        with pytest.raises(DeviceNotFound) as refused:
+            device.open()
+        assert refused.value.code == "several_devices"
+
+
+def test_a_port_that_vanishes_during_the_search_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = searching(monkeypatch, lost="/a")
+    device.open()
+    assert device._path == "/b"
+
+
+LOGGER = logging.getLogger("imumon.daemon")
+
+
+def test_a_full_standard_error_does_not_block_and_drops_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours, theirs = os.pipe()
+    read: list[bytes] = []
+    with open(ours, "rb") as reader:
+        with open(theirs, "w") as pipe:
+            monkeypatch.setattr(sys, "stderr", pipe)
+            close = configure_logging(format="text")
+            for k in range(5000):  # a pipe holds 64 kB
+                LOGGER.info("line %050d", k)
+            thread = threading.Thread(target=lambda: read.append(reader.read()))
+            thread.start()
+            queue = logging.getLogger("imumon").handlers[0].queue  # type: ignore[attr-defined]
+            while not queue.empty():
+                time.sleep(0.01)
+            LOGGER.info("at last")
+            close()
+        thread.join(20.0)
+    text = b"".join(read).decode()
+    written = [int(number) for number in re.findall(r" line (\d+)$", text, re.MULTILINE)]
+    dropped = [int(number) for number in re.findall(r" (\d+) log lines? dropped: ", text)]
+    assert written == sorted(set(written))
+    assert len(written) + sum(dropped) == 5000
+    assert sum(dropped) > 0
+    assert text.endswith(" at last\n")
+
+
+def test_the_end_does_not_wait_for_a_full_standard_error() -> None:
+    code = """
+import logging, time
+from imumon.daemon.log import configure_logging
+close = configure_logging()
+for _ in range(5000):
+    logging.getLogger("imumon.test").warning(50 * "x")
+start = time.monotonic()
+close()
+print(time.monotonic() - start < 3.0)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.read() == "True\n"
+        assert process.wait(20) == 0
+
+
+@pytest.mark.parametrize("ignored", [True, False])
+def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(ignored: bool) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+    try:
+        stop = Shutdown(None)
+        with stop.handling_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert stop.signal == (None if ignored else signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])
+def test_only_the_journal_gets_priorities(form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with (tmp_path / "err").open("w") as file:
+        monkeypatch.setattr(sys, "stderr", file)
+        monkeypatch.setenv("JOURNAL_STREAM", "9:1")  # inherited from another, as in a terminal of a desktop
+        close = configure_logging(format=form)
+        LOGGER.warning("elsewhere")
+        close()
+        status = os.fstat(file.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
+        close = configure_logging(format=form)
+        LOGGER.error("here")
+        close()
+    elsewhere, here = (tmp_path / "err").read_text().splitlines()
+    assert elsewhere.startswith("<4>") == (form == "journal")
+    assert here.startswith("<3>")
+
+
+def test_levels_and_formats(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("JOURNAL_STREAM", raising=False)
+    with (tmp_path / "err").open("w") as file:
+        monkeypatch.setattr(sys, "stderr", file)
+        for level, form in (("info", "text"), ("warning", "json"), ("debug", "journal")):
+            close = configure_logging(level, form)
+            LOGGER.debug("one")
+            LOGGER.info("two")
+            LOGGER.warning("three\n%d", 3, extra={"kind": "gap"})
+            close()
+    two, three, packed, *journal = (tmp_path / "err").read_text().splitlines()
+    assert re.fullmatch(r"\d\d:\d\d:\d\d two", two)
+    assert re.fullmatch(r"\d\d:\d\d:\d\d warning: three 3", three)
+    assert {**json.loads(packed), "time": ""} == {
+        "time": "",
+        "level": "warning",
+        "kind": "gap",
+        "text": "three\n3",
+    }
+    assert journal == ["<7>one", "<6>two", "<4>three 3"]
+
+
+def test_a_user_without_a_home_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A dynamic user has one only where the name service knows it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
+    assert search()[0] in (None, Path("/etc/imumon/config.toml"))
+
+
+USB = """
+mount -t tmpfs none /sys && mount -t tmpfs none /run && mount -t tmpfs none /dev
+mknod /dev/null c 1 3 && mknod /dev/ttyUSB0 c 188 0
+adapter=/sys/devices/usb1/1-1 port=/sys/devices/usb1/1-1/1-1:1.0/ttyUSB0 tty=$port/tty/ttyUSB0
+mkdir -p $tty /sys/class/tty /sys/bus/usb /sys/bus/usb-serial/drivers/ftdi_sio /run/udev/rules.d
+echo A1B2C3D4 > $adapter/serial; ln -s /sys/bus/usb $adapter/subsystem
+printf 'DEVTYPE=usb_device\nDRIVER=usb\n' > $adapter/uevent
+echo 'DRIVER=ftdi_sio' > $port/uevent; ln -s /sys/bus/usb-serial $port/subsystem
+echo 16 > $port/latency_timer
+ln -s /sys/bus/usb-serial/drivers/ftdi_sio $port/driver
+printf 'MAJOR=188\nMINOR=0\nDEVNAME=ttyUSB0\n' > $tty/uevent; ln -s /sys/class/tty $tty/subsystem
+cp "$1" /run/udev/rules.d/90-imumon.rules
+export SYSTEMD_DEVICE_VERIFY_SYSFS=0
+udevadm test --action=add $tty 2>&1 && udevadm test --action=add $port 2>&1
+readlink /dev/imumon/*
+"""
+"""A plugged-in adapter as udev finds it, in folders of our own."""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give udev other folders")
+@pytest.mark.skipif(shutil.which("udevadm") is None, reason="udevadm is not installed")
+def test_the_rule_names_one_adapter_and_starts_its_service(tmp_path: Path) -> None:
+    text = RULE.read_text()
+    for serial, taken in (("A1B2C3D4", True), ("FT4XYZ12", False)):
+        rule = tmp_path / "rules"
+        rule.write_text(text.replace("A1B2C3D4", serial))
+        command = ["unshare", "--mount", "sh", "-c", USB, "sh", rule]
+        output = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+        assert "ACTION=add" in output
+        assert "Invalid" not in output
+        assert ("SYSTEMD_WANTS=imumon@imumon-A1B2C3D4.service" in output) == taken
+        assert ("ID_MM_DEVICE_IGNORE=1" in output) == taken
+        assert bool(re.search("latency_timer' writing '1'", output)) == taken
+        assert output.endswith("\n../ttyUSB0\n") == taken  # what /dev/imumon/A1B2C3D4 leads to
+
+
+def test_the_service_of_the_udev_rule_reads_the_link_of_the_rule() -> None:
+    """The instance of the unit, unescaped, is the path below /dev."""
+    instance = re.search(r"imumon@(\S+)\.service", RULE.read_text())
+    link = re.search(r'SYMLINK\+="([^"]+)"', RULE.read_text())
+    assert instance
+    assert link
+    assert instance[1].replace("-", "/") == link[1]

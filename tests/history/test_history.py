@@ -1,0 +1,371 @@
+"""Laws of the history: nothing is lost, nothing twice; a bad file is set aside; answers are exact and quick."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from commands import imumon
+from histories import BEGIN, NAMES, RECORD, period, write, year
+from paths import TESTS
+
+from imumon.history import History, HistoryError, HistoryStore
+from imumon.history.history import MOST_PENDING
+from imumon.history.rows import csv_pieces, json_pieces, rows
+from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
+from imumon.history.store import MIGRATIONS, VERSION, devices, set_aside
+from imumon.report import Event
+
+EVER = Selection(since=0.0, until=1e12)
+
+
+def until(holds: object, seconds: float = 10.0) -> None:
+    assert callable(holds)
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it did not come to it"
+        time.sleep(0.01)
+
+
+def read(path: Path, selected: Selection = EVER) -> list[dict[str, object]]:
+    with HistoryStore(path) as store:
+        return [row for timed in store.periods(selected) for row in rows(timed, "imu", selected)]
+
+
+# ---------------------------------------------------------------------- the file
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path, "imu", [period(k) for k in range(5)])
+    found = read(path)
+    assert len(found) == 5 * (len(NAMES) + 1)
+    first = found[0]
+    assert first["time"] == "2026-01-01T00:00:00.000Z"
+    assert first["end"] == "2026-01-01T00:10:00.000Z"
+    assert (first["channel"], first["step"], first["unit"]) == ("gyro/x", "10m", "rad/s")
+    assert first["N"] == {"value": 1.234567e-4, "low": 1.222221e-4, "high": 1.246913e-4, "status": "measured"}
+    assert first["K"] == {"value": None, "low": 0.0, "high": 3.4e-6, "status": "upper_bound"}
+    assert (first["grade"], first["samples"], first["missing"]) == ("industrial", 60000, 3)
+    assert found[-1]["channel"] == "temperature"
+    assert found[-1]["N"] is None
+
+
+def test_a_period_that_is_written_again_replaces_itself(tmp_path: Path) -> None:
+    path = write(tmp_path, "imu", [period(0), period(1, complete=False, noise=3.0)])
+    write(tmp_path, "imu", [period(1)])
+    assert [row["complete"] for row in read(path) if row["channel"] == "gyro/x"] == [True, True]
+    assert len(read(path)) == 2 * (len(NAMES) + 1)
+
+
+def test_a_period_in_progress_ends_with_its_record(tmp_path: Path) -> None:
+    path = write(tmp_path, "imu", [period(7, complete=False)])
+    write(tmp_path, "imu", [period(0, record="2026-02-01T00:00:00.000Z", begin=BEGIN + 9e6, complete=False)])
+    assert [row["complete"] for row in read(path) if row["channel"] == "gyro/x"] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("selected", "numbers"),
+    [
+        (Selection(since=BEGIN + 600, until=BEGIN + 1700), [0, 1, 2]),
+        (Selection(since=BEGIN + 601, until=BEGIN + 1199), [1]),
+        (Selection(since=BEGIN - 9, until=BEGIN - 1), []),
+        (Selection(since=0, until=1e12, step="1h"), []),
+    ],
+)
+def test_a_selection_takes_what_lies_or_lasts_in_it(
+    tmp_path: Path, selected: Selection, numbers: list[int]
+) -> None:
+    path = write(tmp_path, "imu", [period(k) for k in range(5)])
+    with HistoryStore(path) as store:
+        assert [timed.period.number for timed in store.periods(selected)] == numbers
+
+
+def test_a_file_of_the_first_version_is_migrated_and_keeps_its_rows(tmp_path: Path) -> None:
+    path = tmp_path / "imu.history.sqlite"
+    with sqlite3.connect(path) as old:
+        old.executescript(f"{MIGRATIONS[0]}; PRAGMA user_version = 1;")
+        old.execute("INSERT INTO channel VALUES (1, 'gyro/x')")
+        old.execute("INSERT INTO period VALUES (1, 600, 'r', 0, 5.0, 605.0, 1, 10, 0, 0.0, NULL, 0)")
+        old.execute("INSERT INTO noise (period, channel, mean) VALUES (1, 1, 0.25)")
+    old.close()
+    with pytest.raises(HistoryError) as refused:
+        HistoryStore(path)
+    assert refused.value.code == "history_version"
+    HistoryStore(path, write=True).close()
+    assert [row["mean"] for row in read(path)] == [0.25]
+    with HistoryStore(path, write=True) as store:
+        assert store.events(0.0, 1e12) == []
+    with sqlite3.connect(path) as new:
+        assert new.execute("PRAGMA user_version").fetchone() == (VERSION,)
+
+
+@pytest.mark.parametrize("damage", ["text", "cut", "middle", "later", "link", "other"])
+def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "imu.history.sqlite"
+    if damage == "text":
+        path.write_bytes(b"this is no database, but long enough to look like one" * 99)
+    elif damage == "link":
+        (tmp_path / "elsewhere").write_bytes(b"mine")
+        path.symlink_to(tmp_path / "elsewhere")
+    elif damage == "other":
+        with sqlite3.connect(path) as other:
+            other.execute("CREATE TABLE theirs (x)")
+        other.close()
+    else:
+        write(tmp_path, "imu", [period(k) for k in range(300)])
+        data = path.read_bytes()
+        if damage == "later":
+            with sqlite3.connect(path) as later:
+                later.execute(f"PRAGMA user_version = {VERSION + 1}")
+            later.close()
+        else:
+            half = len(data) // 2
+            cut = data[:half] if damage == "cut" else data[:half] + b"\xaa" * 8192 + data[half + 8192 :]
+            path.write_bytes(cut)
+    before = path.read_bytes()
+    history = History(tmp_path, "imu", keep_days=400)
+    history.add([period(0).period], RECORD, BEGIN)
+    notes: list[str] = []
+    until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
+    history.close()
+    reason = "other-version" if damage == "later" else "damaged"
+    assert (tmp_path / f"imu.{reason}-1.history.sqlite").read_bytes() == before
+    assert "a new history begins" in notes[0]
+    assert len(read(path)) == len(NAMES) + 1
+
+
+def test_setting_aside_takes_the_journal_along(tmp_path: Path) -> None:
+    path = write(tmp_path, "imu", [period(0)])
+    Path(f"{path}-wal").write_bytes(b"x")
+    aside = set_aside(path, "damaged")
+    assert Path(f"{aside}-wal").exists()
+    assert devices(tmp_path) == []
+
+
+def test_a_killed_writer_loses_nothing_that_it_has_said_to_be_written(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from histories import period\nfrom pathlib import Path\nfrom imumon.history import HistoryStore\n"
+        "store = HistoryStore(Path(sys.argv[2]) / 'imu.history.sqlite', write=True)\n"
+        "for k in range(10**6):\n    store.add([period(k)]); print(k, flush=True)\n"
+    )
+    here = str(TESTS)
+    with subprocess.Popen(
+        [sys.executable, "-c", code, here, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    ) as writer:
+        assert writer.stdout is not None
+        for _ in range(20):
+            last = int(writer.stdout.readline())
+        writer.send_signal(signal.SIGKILL)
+    found = [row for row in read(tmp_path / "imu.history.sqlite") if row["channel"] == "gyro/x"]
+    assert len(found) > last
+
+
+def test_old_entries_are_deleted(tmp_path: Path) -> None:
+    history = History(tmp_path, "imu", keep_days=1)
+    now = time.time()
+    history.add([period(0).period], RECORD, now - 3 * 86400)
+    history.add([period(1).period], RECORD, now)
+    history.close()
+    assert (
+        {row["time"][:10] for row in read(history.path)}
+        == {  # type: ignore[index]
+            datetime.fromtimestamp(now - 600, UTC).isoformat()[:10]
+        }
+    )
+
+
+def test_what_cannot_be_written_waits_and_is_said_once(tmp_path: Path) -> None:
+    if os.geteuid() == 0:
+        place = Path("/proc/self")  # nobody can make a file there
+    else:
+        place = tmp_path / "closed"
+        place.mkdir(mode=0o500)
+    history = History(place, "imu", keep_days=400)
+    for number in range(3):
+        history.add([period(number).period], RECORD, BEGIN + 600.0 * number)
+    notes: list[str] = []
+    until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
+    history.save()
+    time.sleep(0.1)
+    assert [text.partition(":")[0] for text in notes] == ["the history cannot be written"]
+    assert history.problems() == []
+    parameters = "_time=[2025-12-31T23:00:00Z..2026-01-01T02:00:00Z];step=10m;channel=gyro/x"
+    assert len(json.loads(history.answer("", parameters))) == 3
+    history.close()
+
+
+def test_what_waits_is_bounded(tmp_path: Path) -> None:
+    history = History(Path("/proc/self"), "imu", keep_days=400)
+    one = period(0, names=("gyro/x",)).period
+    for number in range(MOST_PENDING + 50):
+        history.add([replace(one, number=number)], RECORD, BEGIN)
+    assert len(history._pending) == MOST_PENDING
+    history.close()
+
+
+# ---------------------------------------------------------------------- questions
+
+
+def test_answers_contain_what_is_not_written_yet_and_what_is_in_progress(tmp_path: Path) -> None:
+    history = History(tmp_path, "imu", keep_days=400)
+    now = time.time()
+    history.add([period(0).period], RECORD, now - 600)
+    history.add([period(1, complete=False, noise=2.0).period], RECORD, now)
+    found = json.loads(history.answer("", "channel=gyro/x"))
+    assert [row["complete"] for row in found] == [True, False]
+    history.save()
+    until(lambda: not history._pending)
+    history.add([period(1, complete=False, noise=4.0).period], RECORD, now)
+    found = json.loads(history.answer("", "channel=gyro/x"))
+    assert [round(row["N"]["value"] / 1.234567e-4) for row in found] == [1, 4]
+    history.close()
+
+
+def test_events_of_one_kind_within_ten_minutes_are_one_with_a_count(tmp_path: Path) -> None:
+    history = History(tmp_path, "imu", keep_days=400)
+    now = time.time()
+    for k, kind in enumerate(("change", "disturbance", "disturbance", "disturbance")):
+        stamp = datetime.fromtimestamp(now - 60 + k, UTC).isoformat()
+        history.event(Event(time=stamp, kind=kind, text=f"number {k}", device="imu"))
+    history.save()
+    until(lambda: not history._events)
+    found = json.loads(history.answer("event", ""))
+    assert [(each["kind"], each["text"], each["count"]) for each in found] == [
+        ("change", "number 0", 1),
+        ("disturbance", "number 1", 3),
+    ]
+    history.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "since", "until"),
+    [
+        ("_time=[now(-2h)..now()]", 2800.0, 10000.0),
+        ("_time=[now(-1h30m)..]", 4600.0, 10000.0),
+        ("_time=[1970-01-01T00:00:00Z..1970-01-01T01:00:00Z]", 0.0, 3600.0),
+        ("_time=[now(-2h);1h]", 2800.0, 6400.0),
+        ("channel=gyro/x;_time=]now(-60)..now()[", 9940.0, 10000.0),
+        ("", 10000.0 - 86400.0, 10000.0),
+    ],
+)
+def test_time_is_selected_as_in_zenoh_storages(text: str, since: float, until: float) -> None:
+    chosen = of_parameters(text, 10000.0)
+    assert (chosen.since, chosen.until, chosen.step) == (since, until, "10m")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "code"),
+    [
+        ("_time=[soon..later]", "time_invalid"),
+        ("_time=[now()..now(-1h)]", "time_invalid"),
+        ("_time=[2026-01-01]", "time_invalid"),
+        ("step=5m", "step_invalid"),
+    ],
+)
+def test_a_question_that_is_not_valid_is_refused(parameters: str, code: str) -> None:
+    with pytest.raises(SelectionError) as refused:
+        of_parameters(parameters, 10000.0)
+    assert refused.value.code == code
+
+
+def test_the_step_suits_the_time() -> None:
+    steps = [selection(1e9, since=1e9 - 86400.0 * days).step for days in (1, 2, 30, 365)]
+    assert steps == ["10m", "10m", "1h", "1d"]
+
+
+@pytest.mark.parametrize("text", ["2026-13-01", "", "x", "now(", "now(-1x)", "1e400d", "9" * 50 + "y"])
+def test_a_time_that_is_none(text: str) -> None:
+    with pytest.raises(SelectionError):
+        moment(text, 0.0)
+
+
+def test_json_and_csv_have_the_same_numbers(tmp_path: Path) -> None:
+    import csv
+
+    found = read(write(tmp_path, "imu", [period(0)]))
+    assert json.loads("".join(json_pieces(iter(found)))) == found
+    lines = list(csv.DictReader("".join(csv_pieces(iter(found))).splitlines()))
+    assert len(lines) == len(found)
+    assert float(lines[0]["N"]) == 1.234567e-4
+    assert lines[0]["K"] == ""
+    assert lines[0]["K_high"] == "3.4e-06"
+    assert lines[-1]["N_status"] == ""
+    assert "".join(json_pieces(())) == "[]"
+
+
+@pytest.mark.slow
+def test_a_year_of_nine_channels_fits_into_150_mb_and_is_queried_within_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "imu.history.sqlite"
+    with HistoryStore(path, write=True) as store:
+        batch = []
+        for timed in year():
+            batch.append(timed)
+            if len(batch) == 500:
+                store.add(batch)
+                batch = []
+        store.add(batch)
+    assert path.stat().st_size < 150e6
+    day = 86400.0
+    for words in (
+        {"since": BEGIN, "until": BEGIN + 365 * day},
+        {"since": BEGIN + 300 * day, "until": BEGIN + 330 * day, "step": "10m", "channels": ("gyro/y",)},
+        {"since": BEGIN, "until": BEGIN + 365 * day, "step": "1h", "channels": ("gyro/y",)},
+    ):
+        took = []
+        for _ in range(5):  # the shortest counts: others may have the processor
+            begin = time.perf_counter()
+            with HistoryStore(path) as store:
+                chosen = selection(BEGIN + 365 * day, **words)  # type: ignore[arg-type]
+                text = "".join(
+                    json_pieces(row for timed in store.periods(chosen) for row in rows(timed, "imu", chosen))
+                )
+            took.append(time.perf_counter() - begin)
+        passed = min(took)
+        print(f"{words}: {text.count(chr(10)) + 1} rows, {len(text) / 1e6:.1f} MB in {passed:.2f} s")
+        assert passed < 1.0
+    print(f"{path.stat().st_size / 1e6:.0f} MB")
+
+
+# ---------------------------------------------------------------------- the command
+
+
+def test_the_command_reads_the_file(tmp_path: Path) -> None:
+    now = time.time()
+    write(tmp_path, "imu", [period(k, begin=now - 3600.0 + 600.0 * k) for k in range(6)])
+    assert len(json.loads(imumon("history", "--state", tmp_path, "--channel", "gyro", "--json"))) == 18
+    table = imumon("history", "--state", tmp_path, "--channel", "gyro/x").splitlines()
+    assert len(table) == 7
+    assert "°/√h" in table[1]
+
+
+def test_the_command_names_the_devices_if_there_are_several(tmp_path: Path) -> None:
+    now = time.time()
+    for name in ("one", "three", "two"):
+        write(tmp_path, name, [period(0, begin=now - 3600.0)])
+    assert "one, three, two" in imumon("history", "--state", tmp_path, code=2)
+    rows = {
+        name: json.loads(imumon("history", "--state", tmp_path, "--id", name, "--json"))
+        for name in ("two", "tw")
+    }
+    assert rows["tw"] == rows["two"]
+    assert {row["device"] for row in rows["tw"]} == {"two"}
+    assert "three, two" in imumon("history", "--state", tmp_path, "--id", "t", code=2)
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [(("--id", "none"), 3), (("--since", "soon"), 2), (("--step", "5m"), 2), (("--json", "--csv"), 2)],
+)
+def test_errors_of_the_command(tmp_path: Path, words: tuple[str, ...], code: int) -> None:
+    write(tmp_path, "imu", [period(0)])
+    imumon("history", "--state", tmp_path, *words, code=code)

@@ -1,0 +1,211 @@
+"""Alert rules and dashboard for users of Prometheus: evaluated by a real one, on the metrics of a real daemon."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import subprocess
+import sys
+import time
+import urllib.parse
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from daemons import Daemon
+from paths import ROOT
+from prometheus_client.parser import text_string_to_metric_families
+from scraping import free_port, scraped
+
+from imumon.devices.vn100.emulator import EmulatorSettings, Noise, spawn
+
+DOCS = ROOT / "docs" / "monitoring"
+PANELS = json.loads((DOCS / "grafana-dashboard.json").read_text())["panels"]
+RULES = re.findall(r"- alert: (\w+)", (DOCS / "alerts.yml").read_text())
+CLEAR_B = Noise.equal(6.1e-5, 3e-4, 0.0)
+SPEED = 60.0
+LAPSE = (sys.executable, str(ROOT / "benchmarks" / "lapse.py"), f"{SPEED:g}")
+SCRAPED = {"instance", "job"}
+"""Labels that Prometheus adds."""
+
+DEVICE = 'device="a",instance="h",job="imumon"'
+OF_N = 'channel="gyro/x",coefficient="N",' + DEVICE
+FIRES: dict[str, dict[str, str]] = {
+    "ImumonDown": {'up{instance="h",job="imumon"}': "0x20"},
+    "ImumonSensorDisconnected": {f"imumon_up{{{DEVICE}}}": "0x20"},
+    "ImumonNoSensor": {'up{instance="h",job="imumon"}': "1x20"},
+    "ImumonReportOld": {f"imumon_report_age_seconds{{{DEVICE}}}": "0+60x20"},
+    "ImumonSamplesLost": {
+        f"imumon_samples_total{{{DEVICE}}}": "0+5880x20",
+        f"imumon_missing_total{{{DEVICE}}}": "0+120x20",
+    },
+    "ImumonNoiseChanged": {f'imumon_caveat{{caveat="changed",channel="gyro/x",{DEVICE}}}': "1x20"},
+    "ImumonStuck": {f'imumon_caveat{{caveat="constant",channel="gyro/x",{DEVICE}}}': "1x20"},
+    "ImumonNoiseHigh": {
+        f'imumon_noise{{{OF_N},limit="low"}}': "1x167 1.2x100",
+        f'imumon_noise{{{OF_N},limit="high"}}': "1.05x167 1.3x100",
+    },
+}
+"""Series by alert with which it fires, as `promtool test rules` writes them; one value a minute, for N an hour."""
+QUIET = {
+    'up{instance="h",job="imumon"}': "1x300",
+    f"imumon_up{{{DEVICE}}}": "1x300",
+    f"imumon_report_age_seconds{{{DEVICE}}}": "1x300",
+    f"imumon_samples_total{{{DEVICE}}}": "0+5990x300",
+    f"imumon_missing_total{{{DEVICE}}}": "0+10x300",
+    f'imumon_caveat{{caveat="gaps",channel="gyro/x",{DEVICE}}}': "1x300",
+    f'imumon_noise{{{OF_N},limit="low"}}': "1x300",
+    f'imumon_noise{{{OF_N},limit="high"}}': "1.05x300",
+}
+"""Series with which none fires."""
+
+installed = pytest.mark.skipif(
+    shutil.which("prometheus") is None, reason="prometheus is not installed (Debian: prometheus)"
+)
+
+
+def name_of(series: str) -> str:
+    return series.partition("{")[0]
+
+
+@installed
+@pytest.mark.parametrize("alert", RULES)
+def test_each_rule_fires_for_its_fault_and_only_that(tmp_path: Path, alert: str) -> None:
+    fires = FIRES[alert]
+    step = "1h" if alert == "ImumonNoiseHigh" else "1m"
+    at = "180h" if alert == "ImumonNoiseHigh" else "15m"
+    others = {name_of(series) for series in fires}
+    missing = {"imumon_up"} if alert == "ImumonNoSensor" else set()
+    beside = {s: v for s, v in QUIET.items() if name_of(s) not in others | missing}
+    tests = [
+        {
+            "interval": step,
+            "input_series": [{"series": s, "values": v} for s, v in series.items()],
+            "promql_expr_test": [
+                {"expr": f'count by (alertname) (ALERTS{{alertstate="firing",alertname="{name}"}})', "eval_time": at,
+                 "exp_samples": [{"labels": f'{{alertname="{name}"}}', "value": 1}] * (name == expected)}
+                for name in RULES
+            ],
+        }
+        for series, expected in ((fires | beside, alert), (QUIET, ""))
+    ]  # fmt: skip
+    whole = {"rule_files": [str(DOCS / "alerts.yml")], "evaluation_interval": step, "tests": tests}
+    (tmp_path / "test.yml").write_text(json.dumps(whole))  # every JSON is YAML
+    done = subprocess.run(
+        ["promtool", "test", "rules", str(tmp_path / "test.yml")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_panels_of_the_dashboard_are_whole() -> None:
+    """Ids are unique, no two panels overlap, and each query asks the data source that the user chooses."""
+    source = {"type": "prometheus", "uid": "${datasource}"}
+    assert len({panel["id"] for panel in PANELS}) == len(PANELS)
+    cells: set[tuple[int, int]] = set()
+    for panel in PANELS:
+        x, y, w, h = (panel["gridPos"][name] for name in "xywh")
+        own = {(column, row) for column in range(x, x + w) for row in range(y, y + h)}
+        assert x + w <= 24
+        assert not own & cells, panel["title"]
+        cells |= own
+        assert panel["datasource"] == source
+        assert all(target["datasource"] == source for target in panel["targets"])
+        assert len({target["refId"] for target in panel["targets"]}) == len(panel["targets"])
+
+
+class Prometheus:
+    """A real one with the alert rules, which scrapes one daemon every second."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    def _get(self, path: str, **parameters: str) -> Any:
+        url = f"http://{self._address}/api/v1/{path}?{urllib.parse.urlencode(parameters)}"
+        with urllib.request.urlopen(url, timeout=5) as reply:
+            answer = json.load(reply)
+        assert answer["status"] == "success", answer
+        return answer["data"]
+
+    def query(self, expression: str) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = self._get("query", query=expression)["result"]
+        return found
+
+    def rules(self) -> dict[str, dict[str, Any]]:
+        return {rule["name"]: rule for group in self._get("rules")["groups"] for rule in group["rules"]}
+
+    def until(self, expression: str, seconds: float = 60.0) -> list[dict[str, Any]]:
+        """Series of an expression, as soon as there are some and each is a number."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            with suppress(OSError):  # it starts
+                found = self.query(expression)
+                if found and all(math.isfinite(float(each["value"][1])) for each in found):
+                    return found
+            time.sleep(0.5)
+        raise AssertionError(f"no series: {expression}")
+
+
+@contextmanager
+def prometheus(folder: Path, port: int) -> Iterator[Prometheus]:
+    own = free_port()
+    (folder / "prometheus.yml").write_text(
+        f"global: {{scrape_interval: 1s, evaluation_interval: 1s}}\nrule_files: ['{DOCS}/alerts.yml']\n"
+        f'scrape_configs:\n  - job_name: imumon\n    static_configs: [{{targets: ["127.0.0.1:{port}"]}}]\n'
+    )
+    command = [
+        "prometheus", f"--config.file={folder}/prometheus.yml", f"--storage.tsdb.path={folder}/data",
+        f"--web.listen-address=127.0.0.1:{own}", "--log.level=error",
+    ]  # fmt: skip
+    with subprocess.Popen(command) as process:
+        try:
+            yield Prometheus(f"127.0.0.1:{own}")
+        finally:
+            process.terminate()
+
+
+@pytest.mark.slow
+@installed
+def test_every_panel_and_every_rule_finds_its_series_in_prometheus(tmp_path: Path) -> None:
+    """A sensor that loses messages, and whose B shows soon; what a panel names, its series have."""
+    port, link = free_port(), str(tmp_path / "port")
+    lapse = (*LAPSE, f'metrics.listen="127.0.0.1:{port}"', 'device.id="lab"')
+    settings = EmulatorSettings(seed=4, speed=SPEED, baud=57600, link=link, gyro=CLEAR_B)
+    with (
+        spawn(settings) as sensor,
+        Daemon(link, tmp_path / "state", before=lapse) as daemon,
+        prometheus(tmp_path, port) as server,
+    ):
+        assert server.until('imumon_events_total{kind="loss"}')[0]["value"][1] == "0"
+        sensor.ask("fault drop=0.2")
+        for panel in PANELS:
+            for target in panel["targets"]:
+                shorter = re.sub(r"\[\w+\]", "[10s]", target["expr"].replace("$device", "la.*|other"))
+                series = server.until(shorter)
+                legend = re.findall(r"{{(\w+)}}", target["legendFormat"])
+                assert all(set(legend) <= set(each["metric"]) for each in series), (panel["title"], series)
+                legends = {tuple(each["metric"][label] for label in legend) for each in series}
+                assert not legend or len(legends) == len(series), panel["title"]  # no two lines of one name
+                assert {each["metric"].get("device", "lab") for each in series} == {"lab"}
+        assert server.until('increase(imumon_events_total{kind="loss"}[5m]) > 0')
+        rules = server.rules()
+        assert set(rules) == set(RULES)
+        assert {rule["health"] for rule in rules.values()} == {"ok"}
+        lost = rules["ImumonSamplesLost"]["query"].replace("[5m]", "[10s]").replace("0.01", "0.15")
+        assert float(server.until(lost)[0]["value"][1]) < 0.25
+        labels = {
+            sample.name: set(sample.labels)
+            for family in text_string_to_metric_families(scraped(f"127.0.0.1:{port}"))
+            for sample in family.samples
+        }
+        daemon.stop()
+    for series in {s for each in (*FIRES.values(), QUIET) for s in each if not s.startswith("up{")}:
+        assert set(re.findall(r'(\w+)="', series)) == labels[name_of(series)] | SCRAPED

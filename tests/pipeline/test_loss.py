@@ -1,0 +1,144 @@
+"""Loss: the share of samples that a link loses, its events, and their levels."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blocks_at_rest import DELTAS, NOW, TICK, block
+from daemons import Daemon
+from paths import ROOT
+
+from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.messages import EVENT_LEVELS
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.pipeline.loss import RECOVERED, WINDOW_S, LossWindow
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.samples import Ints, SampleBlock
+
+RATE = 100.0
+
+
+def lossy(seconds: float, share: float, seed: int = 1) -> Ints:
+    """Return the grid steps of a stream that loses single samples at random."""
+    there = np.random.default_rng(seed).random(int(seconds * RATE)) >= share
+    return np.diff(np.flatnonzero(there), prepend=-1)
+
+
+def missing_by_brute_force(steps: Ints) -> int:
+    """Return the samples that are missing in the last 60 bins of a second."""
+    ends = np.cumsum(steps)
+    seconds = (ends / RATE).astype(int)
+    return int((steps - 1)[seconds > seconds[-1] - WINDOW_S].sum())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.003, 0.2])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_any_chunking_gives_the_share_of_the_last_minute(share: float, seed: int) -> None:
+    steps = np.concatenate(([1], lossy(200.0, share, seed)))
+    cuts = np.sort(np.random.default_rng(seed).integers(1, len(steps), 50))
+    for edges in ([0, len(steps)], [0, *cuts, len(steps)]):
+        window = LossWindow(1.0 / RATE, 0.01)
+        for a, b in pairwise(edges):
+            window.update(steps[a:b])
+        assert window.share == pytest.approx(missing_by_brute_force(steps) / (WINDOW_S * RATE))
+
+
+def test_a_lossy_link_is_reported_once_and_so_is_its_end() -> None:
+    window = LossWindow(1.0 / RATE, 0.01)
+    changes = [
+        (second, change)
+        for second in range(400)
+        for change in window.update(lossy(1.0, 0.2 if 100 <= second < 200 else 0.0, second))
+    ]
+    (begin, begun), (end, ended) = changes
+    assert begun.begins
+    assert 102 <= begin <= 106  # 1 % of a minute is lost in 3 s
+    assert begun.missing > 0.01 * WINDOW_S * RATE
+    assert not ended.begins
+    assert 255 <= end <= 260
+    assert ended.missing <= RECOVERED * 0.01 * WINDOW_S * RATE
+
+
+def test_single_losses_at_the_start_and_interruptions_are_no_loss() -> None:
+    window = LossWindow(1.0 / RATE, 0.01)
+    assert window.update(np.array([1, 1, 5, 1, 1])) == []
+    window.restart()
+    assert window.update(np.array([360_000, 1, 1])) == []
+    assert window.share == 0.0
+
+
+def test_a_link_that_is_reconnected_has_not_recovered_before_a_minute() -> None:
+    window = LossWindow(1.0 / RATE, 0.01)
+    assert len(window.update(lossy(30.0, 0.2))) == 1
+    window.restart()
+    assert window.update(lossy(30.0, 0.2, 2)) == []
+    ended = window.update(np.ones(9000, dtype=np.int64))
+    assert [change.begins for change in ended] == [False]
+
+
+def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
+    monitor = Monitor(MonitorOptions(max_loss=0.05))
+    whole = block(12_000)
+    assert whole.time_ns is not None
+    there = np.random.default_rng(1).random(12_000) >= np.where(np.arange(12_000) < 2000, 0.0, 0.2)
+    values, time, lost = whole.values[there], whole.time_ns[there], whole.lost[there]
+    monitor.feed(SampleBlock(DELTAS, values, time, lost))
+    monitor.flush()
+    report = monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters())
+    assert report.session.recent_loss == pytest.approx(0.2, abs=0.02)
+    (event,) = [event for event in monitor.events() if event.kind == "loss"]
+    assert event.elapsed_s is not None
+    assert 30.0 < event.elapsed_s < 40.0  # a twentieth of a minute is lost in 15 s
+    assert event.stamped(NOW, "x").level == "warning"
+    monitor.gap(3600.0)
+    monitor.feed(
+        SampleBlock(DELTAS, block(100).values, (np.arange(100) + 372_000) * TICK, np.zeros(100, np.int64))
+    )
+    after = monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters()).session
+    assert after.missing > 300_000
+    assert after.recent_loss == 0.0
+
+
+def test_a_stuck_sensor_and_its_recovery_are_events() -> None:
+    monitor, part = Monitor(), block(9000)
+    part.values[4000:6000] = part.values[4000]
+    levels = []
+    for a in range(0, 9000, 100):
+        assert part.time_ns is not None
+        monitor.feed(
+            SampleBlock(DELTAS, part.values[a : a + 100], part.time_ns[a : a + 100], part.lost[a : a + 100])
+        )
+        levels += [e.stamped(NOW, "x").level for e in monitor.events() if e.kind == "stuck"]
+    assert levels == ["warning", "notice"]
+
+
+def test_a_daemon_warns_of_a_lossy_link_and_of_a_disconnected_sensor(tmp_path: Path) -> None:
+    port = str(tmp_path / "port")
+    with spawn(EmulatorSettings(seed=1, link=port)) as sensor, Daemon(port, tmp_path) as daemon:
+        daemon.samples(100)
+        sensor.ask("fault drop=0.2")
+        report = daemon.wait(lambda r: (r.session.recent_loss or 0.0) > 0.015)
+        sensor.ask("fault")
+        sensor.ask("unplug")
+        daemon.wait(lambda r: r.state == "waiting")
+        sensor.ask("replug")
+        daemon.samples(report.session.samples + 400)
+        levels = {event.kind: event.level for event in daemon.viewer.events(report.device.id)}
+        assert (levels["loss"], levels["disconnect"], levels["connect"]) == ("warning", "warning", "notice")
+        _, _, log = daemon.stop()
+    assert re.search(r"^..:..:.. warning: \d+ of the last \d+ samples did not arrive$", log, re.MULTILINE)
+    assert re.search(r"^..:..:.. notice: .* is back on ", log, re.MULTILINE)
+
+
+def test_the_document_lists_each_kind_with_its_level() -> None:
+    text = (ROOT / "docs" / "ZENOH.md").read_text("utf-8")
+    listed = {
+        kind: level
+        for level, kinds in re.findall(r"^  \| `(\w+)` \| (.*) \|$", text, re.MULTILINE)
+        for kind in re.findall(r"`(\w+)`", kinds)
+    }
+    assert listed == EVENT_LEVELS

@@ -1,0 +1,482 @@
+"""Laws of the monitor: the best stream, counts, events, state."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from blocks_at_rest import DELTAS, LEVEL, NOW, SIGMA, TICK, block
+
+from imumon.errors import RateRequired
+from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
+from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.events import EventLog
+from imumon.report import DeviceDescription, Report, SensorGrade, SessionCounters, from_json, to_json
+from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
+
+
+def report(monitor: Monitor) -> Report:
+    return monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters())
+
+
+def test_report_survives_json() -> None:
+    monitor = Monitor()
+    monitor.feed(block(3000))
+    current = report(monitor)
+    assert from_json(Report, to_json(current)) == current
+
+
+def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent() -> None:
+    monitor, at, known, oldest = Monitor(), 0.0, None, 0.0
+    for second in range(150):
+        monitor.feed(block(100, start=100 * second))
+        n = report(monitor).channels["gyro/x"].N
+        if n is not known:
+            at, known = second, n
+        if second == 2:
+            assert n is not None
+            assert n.value is not None
+        assert second - at <= min(0.1 * second, 5.0 + 0.02 * second) + 1.0
+        oldest = max(oldest, second - at)
+    assert oldest >= 5.0  # it is not computed for every report
+    stopped = monitor.report(NOW, DeviceDescription(id="x"), "stopped", SessionCounters())
+    assert stopped.channels["gyro/x"].N is not known  # the last report includes everything
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_record() -> None:
+    monitor, n, held = Monitor(), 100 * 60 * 5, []
+    tracemalloc.start()
+    try:
+        for fives in range(5):
+            monitor.feed(block(n, fives * n, seed=fives))
+            report(monitor)
+            gc.collect()
+            held.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert held[-1] - held[0] < 500_000
+
+
+def test_a_report_exists_before_the_first_sample() -> None:
+    current = report(Monitor())
+    assert current.channels == {}
+    assert current.session.samples == 0
+
+
+def test_best_stream_is_characterised_and_counted_alone() -> None:
+    monitor = Monitor(rate_hz=100.0)
+    poor = Stream("compensated", GYRO + ACCEL, "$VNYMR", "none")
+    monitor.feed(block(50, stream=poor))
+    monitor.feed(block(500))
+    monitor.feed(block(50, stream=poor))
+    current = report(monitor)
+    assert current.device.stream == "deltas"
+    assert current.session.samples == 500
+    assert [event.code for event in monitor.events() if event.kind == "restart"] == ["other_stream"]
+
+
+def test_stream_without_clock_and_rate_is_refused() -> None:
+    silent = replace(DELTAS, clock="none")
+    with pytest.raises(RateRequired):
+        Monitor().feed(block(500, stream=silent))
+    few = Monitor()
+    few.feed(block(10, stream=silent))
+    with pytest.raises(RateRequired):
+        few.flush()
+
+
+def test_a_slow_stream_without_clock_and_rate_is_refused_in_seconds_too() -> None:
+    silent, slow = replace(DELTAS, clock="none"), Monitor()
+    for second in range(6):
+        slow.feed(block(1, second, stream=silent), host_s=1.0 if second else 0.0)
+    with pytest.raises(RateRequired):
+        slow.feed(block(1, 6, stream=silent), host_s=1.0)
+
+
+def test_stream_without_a_clock_is_ignored_if_a_better_one_follows() -> None:
+    monitor = Monitor()
+    monitor.feed(block(20, stream=Stream("compensated", GYRO + ACCEL, "$VNYMR", "none")))
+    monitor.feed(block(500))
+    monitor.flush()
+    assert report(monitor).session.samples == 500
+
+
+def test_counts_add_up_over_gaps_and_restarts() -> None:
+    monitor = Monitor()
+    monitor.feed(block(1000))
+    monitor.feed(block(1000, 1500))
+    monitor.feed(block(1000, 3))  # the sensor was restarted
+    current = report(monitor)
+    assert current.session.samples == 3000
+    assert current.session.missing == 500
+    assert current.session.gaps == 2
+    assert current.session.restarts == 1
+    assert current.session.elapsed_s == pytest.approx(35.0)
+    events = [(event.kind, event.code) for event in monitor.events()]
+    assert ("gap", "") in events
+    assert ("restart", "clock_reset") in events
+
+
+@pytest.mark.parametrize("guarded", [True, False])
+def test_any_chunking_gives_the_same_report(guarded: bool) -> None:
+    whole = block(9000)
+    whole.values[4000:4200] += 0.5
+    reports = []
+    for cuts in ([], [1, 40, 41, 3999, 4100, 8000]):
+        monitor = Monitor(MonitorOptions(guarded=guarded))
+        edges = [0, *cuts, 9000]
+        for a, b in pairwise(edges):
+            assert whole.time_ns is not None
+            monitor.feed(SampleBlock(DELTAS, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b]))
+        monitor.flush()
+        reports.append(report(monitor))
+    one, many = reports
+    assert one.session == many.session
+    for name, channel in one.channels.items():
+        other = many.channels[name]
+        assert channel.count == other.count
+        assert channel.std == pytest.approx(other.std, rel=1e-12)
+        assert channel.allan is not None
+        assert other.allan is not None
+        assert channel.allan.sigma == pytest.approx(other.allan.sigma, rel=1e-12)
+
+
+def test_knock_is_excluded_counted_and_reported() -> None:
+    quiet, knocked = Monitor(), Monitor()
+    for monitor, size in ((quiet, 0.0), (knocked, 0.1)):
+        for start in range(0, 60_000, 4000):
+            part = block(4000, start)
+            if start == 20_000:
+                part.values[1000:1200, :3] += size
+            monitor.feed(part)
+        monitor.flush()
+    a, b = report(quiet), report(knocked)
+    assert a.session.disturbances == 0
+    assert a.session.excluded_s == 0.0
+    assert b.session.disturbances == 1
+    assert 2.0 <= b.session.excluded_s <= 8.0
+    assert "disturbance" in [event.kind for event in knocked.events()]
+    before, after = a.channels["gyro/x"].N, b.channels["gyro/x"].N
+    assert before is not None
+    assert after is not None
+    assert after.value == pytest.approx(before.value, rel=5e-3)
+
+
+def test_restored_monitor_continues_identically() -> None:
+    one = Monitor()
+    one.feed(block(5000))
+    meta, arrays = one.save()
+    two = Monitor()
+    two.restore(meta, arrays, 10.0)
+    for monitor in (one, two):
+        monitor.feed(block(5000, 6000))
+        monitor.flush()
+    a, b = report(one), report(two)
+    assert replace(a.session, recent_loss=0.0) == b.session  # a restart interrupts
+    one_allan, two_allan = a.channels["accel/z"].allan, b.channels["accel/z"].allan
+    assert one_allan is not None
+    assert two_allan is not None
+    assert one_allan.sigma == two_allan.sigma
+    # the spectrum loses two segments of each level whose segments are short
+    one_n, two_n = a.channels["accel/z"].N, b.channels["accel/z"].N
+    assert one_n is not None
+    assert two_n is not None
+    assert None not in (one_n.value, one_n.high, two_n.value)
+    assert abs(one_n.value - two_n.value) < 0.5 * (one_n.high - one_n.value)  # type: ignore[operator]
+    assert a.channels["gyro/y"].std == b.channels["gyro/y"].std
+
+
+def test_a_grade_change_is_an_event_when_it_lasts() -> None:
+    def reported(events: EventLog, lengths: range, flips: int) -> list[str]:
+        for k, length in enumerate(lengths):
+            nearest = "industrial" if k // flips % 2 == 0 else "consumer"
+            at = cast(Accumulators, SimpleNamespace(elapsed_s=float(length)))
+            events.update_grades({"gyro": SensorGrade(nearest=nearest)}, at)
+        return [event.text for event in events.drain()]
+
+    assert reported(EventLog(), range(1000, 2000), 20) == [
+        "gyro: meets nothing, nearest industrial, provisional"
+    ]
+    assert reported(EventLog(), range(1000, 1600), 300) == [
+        "gyro: meets nothing, nearest industrial, provisional",
+        "gyro: meets nothing, nearest consumer, provisional (before: meets nothing, nearest industrial, provisional)",
+    ]
+    lost = EventLog()
+    for k in range(100):
+        at = cast(Accumulators, SimpleNamespace(elapsed_s=1000.0 + k))
+        lost.update_grades({"gyro": SensorGrade(nearest=None if k % 2 else "industrial")}, at)
+    assert len(lost.drain()) == 1
+    again = EventLog()
+    again.record_restored(cast(Accumulators, SimpleNamespace(history=SimpleNamespace(changes=dict))))
+    assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
+    assert reported(again, range(2000, 3000), 500) == [
+        "gyro: meets nothing, nearest consumer, provisional (before: meets nothing, nearest industrial, provisional)"
+    ]
+
+
+def test_a_gap_has_a_known_length_if_another_stream_resumes_first() -> None:
+    monitor = Monitor()
+    monitor.feed(block(5000), host_s=0.0)
+    other = replace(block(10), stream=replace(DELTAS, kind="compensated", source="VNYMR", clock="none"))
+    monitor.feed(other, host_s=7200.0)
+    monitor.feed(block(5000, 5000 + 40 * 7200), host_s=0.1)
+    monitor.flush()
+    assert report(monitor).session.missing == 40 * 7200
+
+
+def test_saved_record_of_another_stream_is_refused() -> None:
+    one = Monitor()
+    one.feed(block(500))
+    two = Monitor()
+    two.restore(*one.save(), 1.0)
+    two.feed(block(500, stream=replace(DELTAS, kind="uncompensated")))
+    assert two.mismatch is not None
+    assert two.mismatch.code == "other_stream"
+    assert two.samples == 500
+
+
+def warmed(minutes: tuple[int, ...], time_s: float, follows: float = 0.0) -> tuple[Monitor, list[Report]]:
+    """Return the monitor of a sensor that heats up by 8 degrees, and its reports after some minutes."""
+    stream = replace(DELTAS, channels=(*GYRO, *ACCEL, "temperature"))
+    monitor, reports, rng = Monitor(), [], np.random.default_rng(5)
+    for minute in range(minutes[-1]):
+        at = 600 * minute + np.arange(600)
+        cold = np.exp(-at / (10.0 * time_s))
+        inertial = LEVEL + SIGMA * rng.normal(size=(600, 6))
+        inertial[:, 0] += follows * cold**2  # faster than the temperature, which would explain it
+        values = np.column_stack((inertial, 30.0 - 8.0 * cold + 0.02 * rng.normal(size=600)))
+        monitor.feed(SampleBlock(stream, values, at * 10 * TICK, np.zeros(600, dtype=np.int64)))
+        if minute + 1 in minutes:
+            reports.append(report(monitor))
+    return monitor, reports
+
+
+def test_the_end_of_a_warm_up_without_effect_is_an_event() -> None:
+    monitor, (early, late, later) = warmed((3, 20, 130), 600.0)
+    for each in (early, late):  # at 20 min a seventh of the rise is still to come
+        assert "warming_up" in each.caveats
+        assert {"upper_bound", "pending"} >= {c.K.status for c in each.channels.values() if c.K}
+    assert "warming_up" not in {*later.caveats, *later.channels["gyro/x"].caveats}
+    assert later.session.warmup_s == 0.0
+    (event,) = [event for event in monitor.events() if event.kind == "warmup"]
+    assert event.length_s is None
+
+
+def test_a_warm_up_with_effect_has_its_caveat_until_it_is_excluded() -> None:
+    monitor, reports = warmed((3, 12, 20, 40), 200.0, follows=4e-3)
+    own = ["warming_up" in each.channels["gyro/x"].caveats for each in reports]
+    other = ["warming_up" in each.channels["gyro/y"].caveats for each in reports]
+    assert own == other == [True, True, True, False]  # it is the device that warms up
+    assert [each.session.warmup_s for each in reports] == [0.0, 0.0, 300.0, 600.0]
+    assert [event.length_s for event in monitor.events() if event.kind == "warmup"] == [300.0, 600.0]
+
+
+def test_a_sensor_that_is_set_down_has_no_warm_up() -> None:
+    """Motion at the beginning is excluded from all statistics."""
+    monitor, part = Monitor(), block(30_000)
+    part.values[:1000, :3] += 0.5 * np.random.default_rng(4).normal(size=(1000, 3))
+    monitor.feed(part)
+    monitor.flush()
+    current = report(monitor)
+    assert current.session.warmup_s == 0.0
+    assert 10.0 <= current.session.excluded_s <= 60.0
+    gyro = current.channels["gyro/x"]
+    assert gyro.spectrum is not None
+    assert gyro.spectrum.lines == ()
+    assert gyro.distribution is not None
+    assert gyro.distribution.gaussian
+    assert gyro.max is not None
+    assert gyro.max < 0.02
+
+
+def test_moving_sensor_is_never_graded() -> None:
+    monitor = Monitor()
+    t = np.arange(12_000) / 100.0
+    part = block(12_000)
+    part.values[:, 2] += 0.5 * np.sin(2 * np.pi * 0.1 * t) * np.sin(2 * np.pi * 0.013 * t)
+    part.values[:, 0] += 0.3 * np.sin(2 * np.pi * 0.4 * t)
+    monitor.feed(part)
+    monitor.flush()
+    current = report(monitor)
+    assert current.grade["gyro"].nearest is None
+    assert current.channels["gyro/x"].grade is not None
+    assert current.channels["gyro/x"].grade.nearest is None
+    assert "not_at_rest" in current.caveats
+
+
+def test_a_mostly_excluded_record_is_not_graded() -> None:
+    monitor = Monitor()
+    part = block(6000)
+    part.values[:, 0] += np.where(np.arange(6000) % 250 < 20, 0.1, 0.0)  # knock after knock
+    monitor.feed(part)
+    monitor.flush()
+    current = report(monitor)
+    assert current.session.excluded_s > 0.5 * current.session.elapsed_s
+    assert "not_at_rest" not in current.caveats
+    assert current.grade["gyro"].nearest is None
+    assert "excluded" in (current.grade["gyro"].reason or "")
+    assert current.channels["gyro/x"].grade is not None
+    assert current.channels["gyro/x"].grade.nearest is None
+
+
+def test_saturation_is_a_caveat() -> None:
+    monitor = Monitor()
+    flags = np.zeros(6000, dtype=bool)
+    flags[3000:3004] = True
+    monitor.feed(replace(block(6000), saturated=flags))
+    monitor.flush()
+    current = report(monitor)
+    assert "saturated" in current.caveats
+    assert current.session.excluded_by["clipped"] > 0.0
+
+
+def test_a_spectral_line_is_a_vibration_and_not_quantisation() -> None:
+    monitor = Monitor()
+    part = block(30_000)
+    part.values[:, 3] += 0.02 * np.sin(2 * np.pi * 33.3 * np.arange(30_000) / 100.0)
+    monitor.feed(part)
+    monitor.flush()
+    channels = report(monitor).channels
+    assert set(channels["accel/x"].caveats) <= {"vibration", "misfit"}
+    assert "vibration" in channels["accel/x"].caveats
+    assert channels["accel/y"].caveats == ()
+
+
+def test_a_constant_axis_is_a_caveat_and_its_sensor_has_no_grade() -> None:
+    monitor = Monitor()
+    part = block(6000)
+    part.values[:, 1] = 0.0
+    monitor.feed(part)
+    monitor.flush()
+    current = report(monitor)
+    dead, beside = current.channels["gyro/y"], current.channels["gyro/x"]
+    assert "constant" in dead.caveats
+    assert dead.N is not None
+    assert dead.N.status == "pending"
+    assert dead.N.reason_code == "constant"
+    assert dead.spectrum is not None
+    assert dead.spectrum.lines == ()
+    assert current.grade["gyro"].nearest is None
+    assert "y never changed" in (current.grade["gyro"].reason or "")
+    assert beside.caveats == ()
+    assert beside.grade is not None
+    assert beside.grade.nearest is not None
+    assert current.grade["accel"].nearest is not None
+    events = [event for event in monitor.events() if event.kind == "constant"]
+    assert [event.channel for event in events] == ["gyro/y"]
+
+
+def test_changes_against_a_baseline_are_reported() -> None:
+    old = Monitor()
+    old.feed(block(60_000))
+    saved = report(old)
+    new = Monitor(MonitorOptions(baseline=saved))
+    part = block(60_000, seed=9)
+    part.values[:, 1] = LEVEL[1] + 1.4 * (part.values[:, 1] - LEVEL[1])
+    new.feed(part)
+    current = report(new)
+    changes = current.channels["gyro/y"].changes
+    assert [c.quantity for c in changes if c.against == "baseline"][:1] == ["N"]
+    assert changes[0].ratio == pytest.approx(1.4, rel=0.03)
+    assert current.channels["gyro/x"].changes == ()
+    assert "change" in [event.kind for event in new.events()]
+
+
+def test_configured_rate_does_not_override_the_sample_clock() -> None:
+    monitor = Monitor(rate_hz=40.0)
+    monitor.feed(block(1000))
+    current = report(monitor)
+    assert current.device.sample_rate_hz == pytest.approx(100.0)
+    assert current.session.samples == 1000
+    assert current.session.missing == 0
+
+
+def test_stuck_record_has_no_grade() -> None:
+    monitor = Monitor()
+    part = block(8000)
+    part.values[400:] = part.values[399]
+    monitor.feed(part)
+    current = report(monitor)
+    assert current.session.excluded_by["stuck"] > 60.0
+    assert "disturbed" in current.caveats
+    assert "stuck" in current.caveats
+    assert all(grade.nearest is None and "repeat" in (grade.reason or "") for grade in current.grade.values())
+
+
+def test_noise_that_rounding_hides_is_not_measured() -> None:
+    monitor = Monitor()
+    part = block(20_000)
+    part.values[:, 0] = np.round(part.values[:, 0] / 0.003) * 0.003
+    monitor.feed(part)
+    monitor.flush()
+    n = report(monitor).channels["gyro/x"].N
+    assert n is not None
+    assert n.status == "pending"
+    assert n.reason_code == "resolution"
+
+
+def at_rate(n: int, tick: int, start: int = 0) -> SampleBlock:
+    whole = block(n, seed=start + 3)
+    return replace(whole, time_ns=start + np.arange(n) * tick)
+
+
+def test_another_rate_starts_a_new_record() -> None:
+    monitor = Monitor()
+    monitor.feed(at_rate(2000, TICK))
+    monitor.feed(at_rate(4000, TICK // 2, 2000 * TICK))
+    monitor.flush()
+    current = report(monitor)
+    assert current.device.sample_rate_hz == pytest.approx(200.0)
+    assert current.session.duplicates == 0
+    assert current.session.samples + current.session.missing == round(current.session.elapsed_s * 200.0)
+    assert current.session.samples > 3900
+    assert current.session.restarts == 1
+    assert monitor.mismatch is not None
+    assert [event.code for event in monitor.events() if event.kind == "restart"] == ["other_rate"]
+
+
+def test_a_saved_record_of_another_rate_is_not_continued() -> None:
+    one = Monitor()
+    one.feed(at_rate(3000, TICK))
+    two = Monitor()
+    two.restore(*one.save(), 1.0)
+    two.feed(at_rate(3000, TICK // 4, 3100 * TICK))
+    two.flush()
+    current = report(two)
+    assert current.session.samples == 3000
+    assert current.session.missing == 0
+    assert current.device.sample_rate_hz == pytest.approx(400.0)
+    assert two.mismatch is not None
+    assert two.mismatch.code == "other_rate"
+
+
+def test_a_saved_record_with_guards_is_not_continued_without() -> None:
+    one = Monitor()
+    one.feed(block(3000))
+    with pytest.raises(RecordMismatch) as mismatch:
+        Monitor(MonitorOptions(guarded=False)).restore(*one.save(), 1.0)
+    assert mismatch.value.code == "other_guards"
+
+
+def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
+    n = 20_000
+    walk = np.cumsum(np.random.default_rng(3).normal(size=n)) * 1e-4
+    stream = replace(DELTAS, channels=(*GYRO, *MAG))
+    values = np.repeat(walk[:, None], 6, axis=1)
+    monitor = Monitor(MonitorOptions(guarded=False), rate_hz=1e9 / TICK)
+    monitor.feed(SampleBlock(stream, values, np.arange(n) * TICK, np.zeros(n, dtype=np.int64)))
+    channels = report(monitor).channels
+    gyro, mag = channels["gyro/x"], channels["mag/x"]
+    assert gyro.allan.sigma == pytest.approx(mag.allan.sigma)
+    # point samples of a walk have 1.5 times the variance of averages at the shortest time
+    assert mag.allan.model[0] == pytest.approx(mag.allan.sigma[0], rel=0.01)
+    assert mag.K is not None
+    assert gyro.K is not None
+    assert (mag.fit, mag.caveats) != (gyro.fit, gyro.caveats)

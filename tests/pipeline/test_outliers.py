@@ -1,0 +1,140 @@
+"""Outliers: single samples are excluded on their sensor, and many of them are noise."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from paths import RECORDINGS
+
+from imumon.datasheet.tables import report_table
+from imumon.messages import caveat_lines
+from imumon.noise.detection import Guard
+from imumon.pipeline import Monitor
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
+
+SENSORS = ("gyro",) * 3 + ("accel",) * 3
+SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)
+RATE = 100.0
+
+
+def quiet(n: int, seed: int = 1) -> Floats:
+    """Return (n, 6) white noise."""
+    return np.asarray(SIGMA * np.random.default_rng(seed).standard_normal((n, 6)))
+
+
+def guarded(values: Floats, sensors: tuple[str, ...] = SENSORS) -> tuple[Guard, Bools]:
+    """Return the guard and (n, g) the samples that remain valid."""
+    guard = Guard(sensors, RATE)
+    items = [item for at in range(0, len(values), 5000) for item in guard.update(values[at : at + 5000])]
+    return guard, np.concatenate([item.valid for item in items + guard.flush()])
+
+
+def contaminated(n: int, share: float, columns: list[int], seed: int = 2) -> Floats:
+    """Return noise of which a share, in these columns, has ten times the deviation."""
+    values, rng = quiet(n, seed), np.random.default_rng(seed)
+    values[:, columns] *= np.where(rng.random((n, len(columns))) < share, 10.0, 1.0)
+    return values
+
+
+def test_rare_outliers_cost_only_themselves() -> None:
+    """Of a coarse axis with noise of one step too: no motion, no margin, no other sensor."""
+    values = quiet(60_000)
+    values[:, 4] = np.rint(values[:, 4] / 1e-2) * 1e-2
+    at = np.random.default_rng(3).choice(60_000, 120, replace=False)
+    values[at, 4] += 9e-2 * np.where(at % 2, 1.0, -1.0)
+    guard, valid = guarded(values)
+    assert valid[:, 0].all()
+    removed = np.flatnonzero(~valid[:, 1])
+    assert 100 <= len(removed) <= 120
+    assert set(removed) <= set(at)
+    assert guard.at_rest
+    assert guard.excluded == {"glitch": len(removed)}
+    assert guard.disturbances <= 10
+    assert sum(event.length for event in guard.events()) == len(removed)
+    assert not guard.noisy_outliers.any()
+
+
+def with_spikes(n: int, share: float, columns: list[int], seed: int = 2) -> Floats:
+    """Return noise of which a share, in these columns, is thirty deviations off after a quiet beginning."""
+    values, rng = quiet(n, seed), np.random.default_rng(seed)
+    values[3000:, columns] += 30.0 * SIGMA[columns] * (rng.random((n - 3000, len(columns))) < share)
+    return values
+
+
+@pytest.mark.parametrize("columns", [[0], [0, 1, 2]])
+def test_many_outliers_are_noise_and_stay(columns: list[int]) -> None:
+    guard, valid = guarded(with_spikes(60_000, 0.03, columns))
+    assert np.flatnonzero(guard.noisy_outliers).tolist() == columns
+    assert guard.at_rest
+    assert valid[20_000:].mean() > 0.99
+
+
+@pytest.mark.parametrize("columns", [[0], [0, 1, 2], [0, 1, 2, 3, 4, 5]])
+def test_heavy_tails_are_noise_from_the_beginning(columns: list[int]) -> None:
+    guard, valid = guarded(contaminated(60_000, 0.05, columns))
+    assert np.flatnonzero(guard.noisy_outliers).tolist() == columns
+    assert guard.at_rest
+    assert guard.excluded["glitch"] < 0.005 * 60_000
+    assert valid.mean() > 0.95
+
+
+def test_outliers_become_rare_again() -> None:
+    values = np.concatenate((with_spikes(60_000, 0.03, [1]), quiet(240_000, 5)))
+    values[250_000, 1] += 1.0
+    guard, valid = guarded(values)
+    assert not guard.noisy_outliers.any()
+    assert not valid[250_000, 0]
+
+
+def test_motion_takes_more_than_one_axis_or_another_mean() -> None:
+    for columns, offset, reason in (([0], 0.0, "knock"), ([0, 1], 0.0, "motion"), ([0], 3e-3, "motion")):
+        values = quiet(20_000)
+        values[10_000:, columns] *= 3.0
+        values[10_000:, columns] += offset
+        guard, valid = guarded(values)
+        assert reason in guard.excluded
+        assert ("motion" in guard.excluded) == (reason == "motion")
+        assert guard.at_rest  # the new noise is the baseline
+        assert valid[-4_000:].all()
+
+
+def test_a_knock_in_noise_with_outliers_is_excluded() -> None:
+    values = contaminated(60_000, 0.05, [0, 1, 2])
+    values[40_000:40_060] += 30.0 * SIGMA * np.random.default_rng(5).standard_normal((60, 6))
+    _, valid = guarded(values)
+    assert not valid[40_000:40_060].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["adis16405_1", "adis16405_4"])
+def test_real_sensor_with_single_outliers_is_hardly_excluded(name: str) -> None:
+    path = RECORDINGS / f"{name}.npz"
+    if not path.exists():
+        pytest.skip("the recordings are not available")
+    data = np.load(path)
+    values = np.concatenate((np.radians(data["gyro_dps"]), 9.80665 * data["accel_g"]), axis=1)
+    guard, _ = guarded(values)
+    assert guard.at_rest
+    assert "motion" not in guard.excluded
+    assert guard.excluded_samples < 0.01 * len(values)
+
+
+def test_the_report_gives_the_size_of_what_outliers_add() -> None:
+    """5 % outliers of ten deviations: N is 2.4 times that of the core, and the report says so."""
+    monitor = Monitor(rate_hz=RATE)
+    stream = Stream("uncompensated", GYRO + ACCEL, "table", "none")
+    values = contaminated(60_000, 0.05, [0])
+    monitor.feed(SampleBlock(stream, values, None, np.zeros(len(values), dtype=np.int64)))
+    monitor.flush()
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    report = monitor.report(now, DeviceDescription(id="x"), "stopped", SessionCounters())
+    assert "outliers" in report.channels["gyro/x"].caveats
+    assert "outliers" not in report.channels["gyro/y"].caveats
+    robust = report.channels["gyro/x"].robust
+    assert robust is not None
+    assert robust.ratio > 1.9
+    assert any(f"{robust.ratio:.2f} times" in text for text in caveat_lines(report))
+    assert any(f"{robust.ratio:.2f} times" in text for text in report_table(report).splitlines())

@@ -1,0 +1,203 @@
+"""Forms of tables that loggers of many countries and programs write."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import imumon
+from tables import RATE, G, csv, read, replayed, sentences, truth
+
+from imumon.errors import RateRequired
+from imumon.recordings import RecordingError
+from imumon.recordings.base import OptionError
+from imumon.recordings.column_names import parse_name
+from imumon.recordings.columns import parse_map
+from imumon.timebase.timestamps import stamp_interval
+
+# ---------------------------------------------------------------- sentences beside a time
+
+
+@pytest.mark.parametrize(
+    ("form", "header"),
+    [
+        ("{t:.6f},{s}", ""),
+        ("{t:.6f},{s}", "time,raw\n"),
+        ('{n};{iso};"{s}"', "nr;Zeitstempel;Satz\n"),
+        ('"{s}",{ms}', "sentence,time [ms]\n"),
+        ("[INFO] {ms} {s}\r", ""),
+    ],
+    ids=["bare", "header", "quoted", "behind", "words"],
+)
+def test_sentences_beside_a_time_are_read_with_both(tmp_path: Path, form: str, header: str) -> None:
+    n = 600
+    rng = np.random.default_rng(3)
+    values, lines = sentences(n)
+    times = 1.7e9 + np.arange(n) / 40 + rng.exponential(2e-3, n)
+    lines[100] = lines[100].replace("9.7", "9.1")
+    rows = [
+        form.format(t=t, s=s, n=k, ms=round(t * 1e3), iso=datetime.fromtimestamp(t, UTC).isoformat())
+        for k, (t, s) in enumerate(zip(times, lines, strict=True))
+        if k not in (300, 301)
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text(header + "\n".join(rows) + "\n")
+    report, remarks = replayed(path)
+    assert (report.session.samples, report.session.missing, report.session.bad_checksums) == (n - 3, 3, 1)
+    assert report.device.sample_rate_hz == pytest.approx(40.0, rel=1e-3)
+    assert report.device.stream == "compensated"
+    assert f"1 sentences fail their check and count as lost; first line {101 + bool(header)}" in remarks
+    kept = [k for k in range(n) if k not in (100, 300, 301)]
+    found = read(path)
+    np.testing.assert_allclose(found.values[:, :3], values[kept, 6:], atol=1e-6)
+    np.testing.assert_allclose(found.values[:, 3:6], values[kept, 3:6], atol=1e-3)
+
+
+def test_sentences_without_a_time_are_a_raw_capture(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\r\n".join(sentences(300)[1]) + "\r\n")
+    assert replayed(path, rate_hz=40.0)[0].session.samples == 300
+
+
+@pytest.mark.parametrize(
+    ("form", "header"),
+    [('"{s}"', "data\n"), ('"{s}"', ""), ("{s},ok", "data,state\n")],
+    ids=["quoted", "bare", "behind"],
+)
+def test_sentences_in_cells_without_a_time_need_a_rate(tmp_path: Path, form: str, header: str) -> None:
+    values, lines = sentences(300)
+    lines[100] = lines[100].replace("9.7", "9.1")
+    path = tmp_path / "a.csv"
+    path.write_text(header + "\n".join(form.format(s=line) for line in lines) + "\n")
+    report, remarks = replayed(path, rate_hz=40.0)
+    assert (report.session.samples, report.session.missing, report.device.sample_rate_hz) == (299, 1, 40.0)
+    assert f"1 sentences fail their check and count as lost; first line {101 + bool(header)}" in remarks
+    found = read(path, rate_hz=40.0)
+    np.testing.assert_allclose(found.values[:, :3], np.delete(values, 100, axis=0)[:, 6:], atol=1e-6)
+    with pytest.raises(RateRequired) as caught:
+        replayed(path)
+    assert caught.value.cure == "give the sample rate with --rate"
+
+
+# ---------------------------------------------------------------- doubled rows
+
+
+@pytest.mark.parametrize("share", [1.0, 0.01])
+@pytest.mark.parametrize("late", [False, True])
+def test_a_row_that_is_written_twice_counts_once(tmp_path: Path, share: float, late: bool) -> None:
+    t, gyro, accel = truth(3000)
+    rng = np.random.default_rng(5)
+    t = t + (rng.exponential(2e-3, len(t)) if late else 0.0)
+    times = 1 + (rng.random(len(t)) < share)
+    columns = (np.repeat(each, times, axis=0) for each in (t, gyro, accel))
+    path = csv(tmp_path / "a.csv", ["t", "wx", "wy", "wz", "ax", "ay", "az"], *columns)
+    report, remarks = replayed(path)
+    assert (report.session.samples, report.session.missing) == (3000, 0)
+    assert report.device.sample_rate_hz == pytest.approx(RATE, rel=1e-3)
+    assert f"{(times - 1).sum():,} rows repeat the row before with its stamp" in remarks
+
+
+def test_samples_that_arrive_at_once_and_a_constant_output_are_no_copies(tmp_path: Path) -> None:
+    t, gyro, accel = truth(2000)
+    arrival = np.repeat(t[::2], 2)
+    names = ["t", "wx", "wy", "wz", "ax", "ay", "az"]
+    for values in (gyro, np.full_like(gyro, 0.001)):
+        still = accel if values is gyro else np.full_like(accel, -5.7)
+        report, remarks = replayed(csv(tmp_path / "a.csv", names, arrival, values, still))
+        assert report.session.samples == 2000
+        assert "repeat" not in remarks
+    assert not stamp_interval(arrival * 1e9)[1]
+
+
+# ---------------------------------------------------------------- one axis
+
+
+@pytest.mark.parametrize(
+    ("names", "option", "channels"),
+    [
+        ("t,gyro_z [rad/s]", None, {"gyro/z"}),
+        ("t,ax [m/s2]", None, {"accel/x"}),
+        ("t,p", "gyro/x=p:rad/s", {"gyro/x"}),
+        ("t,gz,ax,ay,az", None, {"gyro/z", "accel/x", "accel/y", "accel/z"}),
+        ("t,DeltaThetaZ [rad]", None, {"gyro/z"}),
+    ],
+)
+def test_one_axis_alone_is_read(tmp_path: Path, names: str, option: str | None, channels: set[str]) -> None:
+    t, gyro, accel = truth(600)
+    count = names.count(",")
+    values = gyro[:, :1] if count == 1 else np.hstack([gyro[:, :1], accel])
+    path = csv(tmp_path / "a.csv", names.split(","), t, values)
+    report, remarks = replayed(path, columns=parse_map(option) if option else {})
+    assert set(report.channels) == channels
+    assert report.session.samples == 600
+    assert "has one axis only" in remarks
+
+
+# ---------------------------------------------------------------- no header
+
+
+@pytest.mark.parametrize(("name", "sep"), [("a.csv", ","), ("a.txt", " "), ("a.dat", ";")])
+def test_numbers_without_a_header_are_an_error_with_a_map_that_works(
+    tmp_path: Path, name: str, sep: str
+) -> None:
+    t, gyro, accel = truth()
+    path = csv(tmp_path / name, ["x"] * 7, t, gyro, accel, sep=sep)
+    path.write_text("\n".join(path.read_text().splitlines()[1:]) + "\n")
+    with pytest.raises(RecordingError, match="no line that names its 7 columns") as error:
+        read(path)
+    assert error.value.code == "no_header"
+    assert "--map gyro/x=2:rad/s,..." in error.value.cure
+    axes = ",".join(f"gyro/{a}={k + 2}:rad/s,accel/{a}={k + 5}:m/s2" for k, a in enumerate("xyz"))
+    shown = json.loads(imumon("replay", path, "--map", f"t=1:s,{axes}", "--json"))
+    assert shown["session"]["samples"] == len(t)
+
+
+# ---------------------------------------------------------------- names
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Zeit [ms];Drehrate X (°/s);Drehrate Y (°/s);Drehrate Z (°/s);Beschleunigung X [g];Beschleunigung Y [g];"
+        "Beschleunigung Z [g]",
+        "Zeitstempel [ms];Winkelgeschwindigkeit_x [°/s];Winkelgeschwindigkeit_y [°/s];Winkelgeschwindigkeit_z [°/s];"
+        "X-Beschleunigung [g];Y-Beschleunigung [g];Z-Beschleunigung [g]",
+        "temps (ms);vitesse angulaire x (°/s);vitesse angulaire y (°/s);vitesse angulaire z (°/s);"
+        "accélération x (g);accélération y (g);accélération z (g)",
+        "Horodatage [ms];gyromètre_x [°/s];gyromètre_y [°/s];gyromètre_z [°/s];accéléromètre_x [g];"
+        "accéléromètre_y [g];accéléromètre_z [g]",
+    ],
+    ids=["de", "de2", "fr", "fr2"],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_german_and_french_tables_are_read(tmp_path: Path, header: str, encoding: str) -> None:
+    t, gyro, accel = truth()
+    path = csv(tmp_path / "a.csv", header.split(";"), t * 1e3, np.degrees(gyro), accel / G, sep=";")
+    path.write_bytes(path.read_text().replace(".", ",").encode(encoding))
+    found = read(path)
+    np.testing.assert_allclose(found.values, np.hstack([gyro, accel]), rtol=1e-9, atol=1e-12)
+    assert found.stream.interval_s == pytest.approx(1 / RATE)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [("Temperatur [°C]", "temperature"), ("pression (kPa)", "pressure"), ("champ magnétique x (µT)", "mag"),
+     ("Magnetfeld Z [µT]", "mag"), ("vitesse x", None), ("Winkel x", None), ("Delta-Winkel x [rad]", "angle")],
+)  # fmt: skip
+def test_german_and_french_names_are_parsed(name: str, quantity: str | None) -> None:
+    assert parse_name(0, name).quantity == quantity
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [("gx=wx", "gyro/x"), ("gx", "gyro/x"), ("ay=3", "accel/y"), ("wz=4", "gyro/z"), ("mag_z=2", "mag/z"),
+     ("time=t", "t"), ("temp=4", "temperature"), ("gyr/x=2", "gyro/x"), ("acel/y=2", "accel/y")],
+)  # fmt: skip
+def test_a_wrong_channel_of_a_map_suggests_the_one_that_is_meant(given: str, meant: str) -> None:
+    with pytest.raises(OptionError) as error:
+        parse_map(given)
+    assert error.value.code == "map_syntax"
+    assert error.value.cure == f"write {meant}=COLUMN:UNIT"

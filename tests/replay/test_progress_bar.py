@@ -1,0 +1,88 @@
+"""The progress bar: share, rate and time left on a terminal after two seconds, nothing on a pipe."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import struct
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+from tables import sentences
+from terminals import until
+
+from imumon.replay import ProgressBar
+
+
+def drained(master: int) -> str:
+    os.set_blocking(master, False)
+    data = b""
+    try:
+        while part := os.read(master, 1 << 16):
+            data += part
+    except (BlockingIOError, OSError):
+        pass
+    return data.decode()
+
+
+@pytest.mark.parametrize("columns", [120, 40])
+def test_a_bar_shows_share_rate_and_time_left_and_leaves_an_empty_line(columns: int) -> None:
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    shown = ""
+
+    def shows(text: str) -> bool:
+        nonlocal shown
+        shown += drained(master)
+        return text in shown
+
+    with open(slave, "w") as terminal:
+        with ProgressBar(terminal, begin_s=0.05) as bar:
+            until(lambda: shows("opening, 0 s"))
+            bar.update(0.5, 3600.0)
+            until(lambda: shows("50%"))
+        assert shows("\r\x1b[K")
+    os.close(master)
+    lines = shown.replace("\x1b[K", "").split("\r")
+    assert re.search(r"━{10}╌{10}  50%  1 h of rec", lines[-2])
+    assert max(map(len, lines)) < columns
+    if columns == 120:
+        assert re.search(r"[\d,]+ times real time, [01] s left", lines[-2])
+    assert shown.endswith("\r\x1b[K")
+
+
+def test_short_work_and_a_pipe_show_nothing() -> None:
+    master, slave = os.openpty()
+    with open(slave, "w") as terminal, ProgressBar(terminal) as bar:
+        bar.update(0.5, 3600.0)
+        assert drained(master) == ""
+    reader, writer = os.pipe()
+    with open(writer, "w") as pipe, ProgressBar(pipe, begin_s=0.0) as bar:
+        bar.update(0.5, 3600.0)
+        time.sleep(0.05)
+    assert os.read(reader, 100) == b""
+    os.close(master)
+    os.close(reader)
+
+
+@pytest.mark.slow
+def test_a_replay_on_a_terminal_shows_a_bar_and_then_the_remarks(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("\r\n".join(sentences(4000)[1]) + "\r\n")
+    command = [sys.executable, "-m", "imumon", "replay", str(path), "--rate", "100", "--speed", "10"]
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=slave, timeout=60, check=False, text=True)
+    shown = drained(master)
+    os.close(slave)
+    os.close(master)
+    assert done.returncode == 0
+    assert re.search(r"\d+%  \d+ s of record, 1?\d times real time, \d s left", shown)
+    assert "━" not in shown.rpartition("\x1b[K")[2]
+    assert "imumon" not in shown.partition("\x1b[K")[0]
+    assert "4,000 samples" in done.stdout

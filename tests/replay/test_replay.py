@@ -1,0 +1,350 @@
+"""Replay: recordings through the whole pipeline, as a user runs it."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import imumon
+from daemons import free_endpoint
+from paths import RECORDINGS, needs_recordings
+
+from imumon.bus import Publisher, Subscriber
+from imumon.datasheet.signal_text import signal_lines
+from imumon.devices.vn100 import ascii as sentences
+from imumon.recordings import RecordingError
+from imumon.replay import ReplayOptions, replay
+from imumon.replay.replay import _Run
+from imumon.report import Event, Report, from_json
+
+KIRAN = RECORDINGS / "kiran_stat5min.vnymr.txt.gz"
+
+
+@needs_recordings
+def test_real_recording_agrees_with_an_independent_tool() -> None:
+    report = json.loads(imumon("replay", KIRAN, "--rate", "40", "--json", "--no-guards"))
+    expected = json.loads(KIRAN.with_name("kiran_stat5min.oadev.json").read_text())["axes"]
+    assert report["session"]["samples"] == 13223
+    assert report["session"]["missing"] == 0
+    for key, axis in (("gyro", "g"), ("accel", "a")):
+        for letter in "xyz":
+            channel, truth = report["channels"][f"{key}/{letter}"], expected[axis + letter]
+            found = np.array(channel["allan"]["sigma"])
+            theirs = np.array(truth["oadev"][: len(found)])
+            np.testing.assert_allclose(found[:4], theirs[:4], rtol=1e-9)
+            # longer octaves see 98 % of the pairs: equal within a part of their own deviation
+            spread = 1.0 / np.sqrt(2.0 * np.array(channel["allan"]["edf"][4:]))
+            assert np.all(np.abs(found[4:] / theirs[4:] - 1.0) < 0.5 * spread + 0.01)
+            assert channel["mean"] == pytest.approx(truth["mean"], rel=1e-9)
+            assert channel["std"] == pytest.approx(truth["std_ddof1"], rel=1e-9)
+    assert report["grade"]["gyro"]["nearest"] == "industrial"
+    assert report["grade"]["accel"]["nearest"] == "industrial"
+
+
+def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
+    """Write a small recording: VNYMR sentences at rest."""
+    rng = np.random.default_rng(seed)
+    lines = []
+    for gyro, accel in zip(rng.normal(0, 7e-4, (n, 3)), rng.normal((0, 0, -9.8), 0.013, (n, 3)), strict=True):
+        numbers = [0.0, 0.0, 0.0, 0.2, 0.0, 0.4, *accel, *gyro]
+        forms = ["%+08.3f"] * 3 + ["%+08.4f"] * 3 + ["%+07.3f"] * 3 + ["%+010.6f"] * 3
+        body = "VNYMR," + ",".join(form % value for form, value in zip(forms, numbers, strict=True))
+        lines.append(sentences.encode(body))
+    data = b"".join(lines)
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a.txt.gz"])
+def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) -> None:
+    report: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
+    assert report["schema"] == "imumon.report/1"
+    assert report["state"] == "stopped"
+    assert report["time"].endswith("Z")
+    assert {
+        "id",
+        "model",
+        "serial",
+        "firmware",
+        "port",
+        "baud",
+        "stream",
+        "sample_rate_hz",
+        "alias_factor",
+    } <= set(report["device"])
+    assert report["device"]["stream"] == "compensated"
+    assert report["device"]["alias_factor"] is None
+    session = report["session"]
+    assert session["samples"] == 400
+    assert session["elapsed_s"] == pytest.approx(10.0)
+    assert set(report["grade"]) == {"gyro", "accel"}
+    channel = report["channels"]["gyro/x"]
+    assert channel["unit"] == "rad/s"
+    assert channel["N"]["unit"] == "rad/s/sqrt(Hz)"
+    assert channel["N"]["readable"]["unit"] == "deg/sqrt(h)"
+    assert "compensated" in channel["caveats"]
+    lengths = {name: len(channel["allan"][name]) for name in channel["allan"]}
+    assert set(lengths) == {"tau_s", "sigma", "low", "high", "edf", "model", "noise", "used"}
+    assert len(set(lengths.values())) == 1
+    assert report["channels"]["mag/x"]["grade"] is None
+
+
+def test_table_names_every_channel(tmp_path: Path) -> None:
+    shown = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
+    for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveat compensated"):
+        assert name in shown
+
+
+def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(tmp_path: Path) -> None:
+    rng, path = np.random.default_rng(1), tmp_path / "a.npz"
+    gyro, accel = rng.normal(0.0, 1e-3, (400, 3)), rng.normal((0.0, 0.0, 9.8), 1e-2, (400, 3))
+    np.savez(path, t_s=np.arange(400) / 40.0, gyro_rads=gyro, accel_ms2=accel)
+    report = from_json(Report, imumon("replay", path, "--json"))
+    assert report.device.stream == "unknown"
+    assert report.device.driver is None
+    assert "unknown_compensation" in report.caveats
+    known = from_json(Report, imumon("replay", path, "--json", "--stream", "uncompensated"))
+    assert known.device.stream == "uncompensated"
+    assert known.caveats == ()
+    shown = imumon("replay", path) + "".join(
+        imumon("report", path, "--format", form) for form in ("md", "kalibr", "ros")
+    )
+    assert not re.search(r"VN-?100|register|factory|listen-only", shown, re.IGNORECASE)
+    assert "The filter of the sensor is unknown" in shown
+    raw = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
+    assert "If it is a VN-100 with factory settings" in raw
+    assert "--filter names it" in raw
+
+
+def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
+    rng, path, n = np.random.default_rng(2), tmp_path / "a.npz", 12_000
+    gyro, accel = rng.normal(0.0, 1e-3, (n, 3)), rng.normal((0.0, 0.0, 9.8), 1e-2, (n, 3))
+    at = [4000 + 800 * k for k in range(9)]
+    for k in at:
+        accel[k : k + 20] += rng.normal(0.0, 2.0, (20, 3))
+    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp_rads=gyro, accel_uncomp_ms2=accel)
+    text = imumon("replay", path, "--json")
+    report = from_json(Report, text)
+    excluded = [event for event in report.events if event.kind == "disturbance"]
+    assert len(excluded) == report.session.disturbances
+    for event in excluded:
+        assert event.elapsed_s is not None
+        assert event.length_s is not None
+        assert any(event.elapsed_s - 5.0 < k / 40.0 < event.elapsed_s + event.length_s + 5.0 for k in at)
+    times = [event.elapsed_s or 0.0 for event in report.events]
+    assert times == sorted(times)
+    for shown, digits in ((imumon("replay", path), 1), (imumon("report", path), 2)):
+        assert all(event.text in shown and f"{event.elapsed_s:,.{digits}f} s" in shown for event in excluded)
+    assert imumon("replay", path, "--json", "--no-guards").count('"kind":"disturbance"') == 0
+
+
+def test_a_report_lists_at_most_256_events(tmp_path: Path) -> None:
+    path = capture(tmp_path / "a.txt")
+    run = _Run(ReplayOptions(path=str(path)), ReplayOptions(path=str(path)).open())
+    for k in range(300):
+        run._note(Event(time="", kind="gap", text=f"gap {k}", device="replay", elapsed_s=300.0 - k))
+    events = run.record_events()
+    assert len(events) == 256
+    assert (events[-1].kind, events[-1].text) == ("remark", "45 later events are not listed")
+
+
+def test_signal_findings_are_reported(tmp_path: Path) -> None:
+    """Of known truth: a machine that shakes two axes, mains, a temperature with its effect, three biases."""
+    n, rate = 40_000, 40.0
+    t, rng = np.arange(n) / rate, np.random.default_rng(8)
+    gyro, accel = rng.normal((1e-3, 0, 0), 4e-4, (n, 3)), rng.normal((0.011, 0, -9.787), 6e-3, (n, 3))
+    mag = rng.normal((0.2, 0, 0.4), 1e-3, (n, 3))
+    degrees = 25.0 + 2.0 * np.sin(2 * np.pi * t / 300.0)
+    gyro[:, 1] += 1e-4 * (degrees - 25.0)
+    accel[:, :2] += 0.01 * np.sin(2 * np.pi * 13.3 * t)[:, None]
+    mag[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.0 * t)
+    path = tmp_path / "a.npz"
+    np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
+    text = imumon("replay", path, "--json")
+    channels = json.loads(text)["channels"]
+    shown = "\n".join(signal_lines(from_json(Report, text)))
+    bias = channels["gyro/x"]["distribution"]
+    assert bias["bias_low"] < 1e-3 < bias["bias_high"]
+    upright = channels["accel/z"]["distribution"]
+    assert upright["bias_low"] < 0.02 < upright["bias_high"]
+    assert channels["accel/x"]["distribution"]["bias"] is None
+    assert f"accel/x{'not separable from tilt':>29}" in shown
+    drift = channels["gyro/y"]["drift"]
+    assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
+    assert drift["explained"] > 0.9
+    (column,) = [each for each in channels["gyro/y"]["model"]["columns"] if each["name"] == "temperature"]
+    assert (column["value"], column["unit"]) == (drift["per_degC"], "rad/s/degC")
+    assert channels["gyro/y"]["K"]["status"] != "measured"  # it is without the effect
+    assert "temperature" in channels["gyro/y"]["caveats"]
+    assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
+    for text in (
+        "gyro/y: follows the temperature by 1.0",
+        "accel/x: lines at 13.3 Hz of 0.0",
+        "accel/x: moves together with accel/y (+0.5",
+        "mag/x: lines at 10",
+        "(50 Hz mains)",
+    ):
+        assert text in shown
+    for name in ("gyro/x", "gyro/z", "accel/z", "mag/y", "mag/z"):
+        assert f"\n{name}:" not in shown
+
+
+def test_a_stream_without_a_clock_requires_its_rate(tmp_path: Path) -> None:
+    assert "--rate" in imumon("replay", capture(tmp_path / "a.txt"), code=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "code"),
+    [
+        ("notes.txt", b"shopping list\n" * 40, "no_messages"),
+        (
+            "noise.bin",
+            bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8)),
+            "no_messages",
+        ),
+        ("empty.bin", b"", "empty"),
+        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50, "no_messages"),
+        ("cut.gz", gzip.compress(b"hello" * 1000, mtime=0)[:30], "no_messages"),
+    ],
+    ids=["notes", "noise", "empty", "gps", "cut"],  # the same in every worker
+)
+def test_a_file_that_is_no_recording_is_one_line_with_a_code(
+    tmp_path: Path, name: str, content: bytes, code: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=name) as error:
+        replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert error.value.code == code
+    assert imumon("replay", path, "--rate", "40", code=1).strip() == f"imumon: {error.value}"
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"[]",
+        b"5",
+        b'{"caveats": 5}',
+        b'{"caveats": null, "settings": [1]}',
+        b'{"caveats": [{}], "alias_factor": Infinity, "rate_hz": 1e300, "part": "x"}',
+        b'{"id": 3, "model": ["x"], "serial": {}, "time": "garbage", "part": 0, "base": "a\\u0000b"}',
+        b"[" * 5000,
+    ],
+    ids=["list", "number", "caveats", "null", "infinite", "types", "deep"],
+)
+def test_an_invalid_header_is_ignored(tmp_path: Path, header: bytes) -> None:
+    path = capture(tmp_path / "a.txt")
+    path.write_bytes(b"#imumon-recording " + header + b"\n" + path.read_bytes())
+    report = json.loads(imumon("replay", path, "--rate", "40", "--json"))
+    assert report["session"]["samples"] == 400
+    assert report["session"]["started"] is None
+    assert report["device"]["alias_factor"] is None
+
+
+def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
+    """Only register 82 of the device shows it, and a file has no registers."""
+    path = tmp_path / "a.csv"
+    names = [f"delta_{name}_{axis}" for name in ("theta", "vel") for axis in "xyz"]
+    rows = np.random.default_rng(3).normal((0, 0, 0, 0, 0, -0.098), 1e-4, (600, 6))
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    report = json.loads(imumon("replay", path, "--rate", "100", "--json"))
+    assert report["device"]["stream"] == "deltas"
+    assert report["caveats"] == ["unknown_compensation"]
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped"])
+def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path, damage: str) -> None:
+    path = capture(tmp_path / "a.txt.gz", n=2000)
+    data = path.read_bytes()
+    half = len(data) // 2
+    path.write_bytes(data[:half] if damage == "cut" else data[:half] + bytes(100) + data[half + 100 :])
+    arguments = ["replay", str(path), "--rate", "40", "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "imumon", *arguments], capture_output=True, text=True, check=True
+    )
+    report = json.loads(done.stdout)
+    assert 900 < report["session"]["samples"] < 1200
+    assert "truncated" in report["channels"]["gyro/x"]["caveats"]
+    assert done.stderr.count("\n") == 1
+    assert str(path) in done.stderr
+
+
+def test_the_settings_apply_as_in_the_daemon(tmp_path: Path) -> None:
+    path, file = capture(tmp_path / "a.txt"), tmp_path / "config.toml"
+    file.write_text("[device]\nrate_hz = 40.0\n[guards]\nenabled = false\n")
+    report = json.loads(imumon("replay", path, "--config", file, "--json"))
+    assert report["session"]["elapsed_s"] == pytest.approx(10.0)
+
+
+def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:
+    assert "nowhere.bin" in imumon("replay", tmp_path / "nowhere.bin", code=1)
+    imumon("replay", tmp_path, code=1)
+
+
+def test_corruption_is_counted_and_takes_one_tick_each(tmp_path: Path) -> None:
+    path = capture(tmp_path / "a.txt")
+    data = bytearray(path.read_bytes())
+    size = len(data) // 400
+    for line in (50, 51, 200):
+        data[line * size + 40] ^= 0x01
+    path.write_bytes(data)
+    session = json.loads(imumon("replay", path, "--rate", "40", "--json"))["session"]
+    assert session["samples"] == 397
+    assert session["missing"] == 3
+    assert session["gaps"] == 2
+    assert session["bad_checksums"] == 3
+    assert session["discarded_bytes"] == 3 * size
+
+
+def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
+    n, place = 8000, free_endpoint()
+    noise = np.random.default_rng(2).normal(0, 1e-3, (n, 6))
+    noise[:, 5] -= 9.8
+    noise[4000:, 1] = noise[4000, 1]
+    path = tmp_path / "a.npz"
+    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp=noise[:, :3], accel_uncomp=noise[:, 3:])
+    with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
+        replay(ReplayOptions(path=str(path)), bus=bus)
+        assert viewer.wait_report("replay", timeout=20.0) is not None
+        events = until(lambda: [e.kind for e in viewer.events("replay")], {"disturbance"})
+    assert "disturbance" in events
+
+
+def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: Path) -> None:
+    place, path = free_endpoint(), capture(tmp_path / "run.bin")
+    path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
+    with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
+        final = replay(ReplayOptions(path=str(path)), bus=bus)
+        report = viewer.wait_report("replay", timeout=20.0)
+    assert report is not None
+    assert (report.device.id, final.device.id) == ("replay", "vn100-7")
+
+
+def until(get: Callable[[], list[str]], expected: set[str], timeout: float = 20.0) -> list[str]:
+    """Return the answer as soon as it has all that is expected, or at the end of the time."""
+    end = time.monotonic() + timeout
+    while not expected <= set(found := get()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return found
+
+
+def test_a_capture_is_decoded_by_the_driver_that_its_header_names(tmp_path: Path) -> None:
+    path = capture(tmp_path / "a.txt")
+    data = path.read_bytes()
+    path.write_bytes(b'#imumon-recording {"driver": "vn100", "serial": "7"}\n' + data)
+    report = replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert (report.session.samples, report.device.id) == (400, "vn100-7")
+    path.write_bytes(b'#imumon-recording {"driver": "nonexistent"}\n' + data)
+    with pytest.raises(RecordingError) as error:
+        replay(ReplayOptions(path=str(path), rate_hz=40.0))
+    assert error.value.code == "unknown_device_scheme"
+    assert "nonexistent" in imumon("replay", path, "--rate", "40", code=1)

@@ -1,0 +1,213 @@
+"""ROS 2 over DDS: Cyclone DDS here, Cyclone DDS and Debian's Fast DDS in other processes."""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bus_actors import until
+from daemons import Daemon
+from paths import TESTS
+from ros2_actors import imu_payload
+
+from imumon.config import Settings
+from imumon.devices import registry
+from imumon.devices.base import Device, DeviceNotFound, DeviceOptions
+from imumon.ros2.cdr import decode, imu_message
+from imumon.ros2.diagnostics import DIAGNOSTICS
+from imumon.ros2.message_types import DIAGNOSTIC_ARRAY, IMU
+from imumon.ros2.node import Received, RosError, RosNode, open_node, parse_url
+from imumon.samples import Item, SampleBlock
+
+INSTALLED = importlib.util.find_spec("cyclonedds") is not None
+needs_dds = pytest.mark.skipif(not INSTALLED, reason="Cyclone DDS is not installed (extra dds)")
+
+
+@pytest.fixture
+def domain() -> int:
+    """A domain that no other test uses."""
+    return random.SystemRandom().randint(100, 220)
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[RosNode]:
+    made = open_node(parse_url(f"ros2:/imu/data?rmw=dds&domain={domain}"))
+    yield made
+    made.close()
+
+
+def device(domain: int, topic: str = "/imu/data") -> Device:
+    url = f"ros2:{topic}?rmw=dds&domain={domain}"
+    return registry.driver("ros2").create(DeviceOptions(url=url, settings=Settings().device))
+
+
+def test_a_missing_cyclone_dds_is_an_error_with_a_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cyclonedds.domain", None)
+    with pytest.raises(RosError) as caught:
+        open_node(parse_url("ros2:/imu?rmw=dds"))
+    assert caught.value.code == "dds_not_installed"
+    assert "imumon[dds]" in caught.value.cure
+
+
+def publish(node: RosNode, stop: threading.Event, rate_hz: float = 100.0) -> None:
+    """Publish an IMU at rest until the event: 1e-3 rad/s and 1e-2 m/s^2."""
+    topic = node.advertise("/imu/data", IMU)
+    noise, gravity = np.random.default_rng(1), np.array([0.0, 0.0, 9.81])
+    begin, count = time.time_ns(), 0
+    while not stop.is_set():
+        stamp = begin + round(count * 1e9 / rate_hz)
+        gyro, accel = noise.normal(scale=1e-3, size=3), noise.normal(gravity, 1e-2)
+        topic.publish(imu_payload(stamp, gyro.tolist(), accel.tolist()), stamp)
+        count += 1
+        time.sleep(max(0.0, (begin + count * 1e9 / rate_hz - time.time_ns()) * 1e-9))
+
+
+@needs_dds
+def test_a_device_reads_what_another_participant_publishes(node: RosNode, domain: int) -> None:
+    topic = node.advertise("/imu/data", IMU)
+    made = device(domain)
+    made.open()
+    items: list[Item] = []
+    for k in range(20_000):
+        stamp = 1_700_000_000_000_000_000 + k * 5_000_000
+        topic.publish(imu_payload(stamp, [float(k), 0.5, 0.25], [1.0, 2.0, 9.81]), stamp)
+        items += made.read(0.002)
+        if made.counters.messages > 150:  # the first ones are published before the reader is known
+            break
+    items += made.finish()
+    made.close()
+    values = np.concatenate([item.values for item in items if isinstance(item, SampleBlock)])
+    assert len(values) > 100
+    assert (np.diff(values[:, 0]) == 1.0).all()
+
+
+@needs_dds
+@pytest.mark.slow
+def test_a_daemon_reads_a_topic_over_dds_and_publishes_diagnostics(
+    tmp_path: Path, node: RosNode, domain: int
+) -> None:
+    url = f"ros2:/imu/data?rmw=dds&domain={domain}"
+    words = ("--publish-diagnostics", "--publish-covariance", "/imu/data_cov")
+    with Daemon(url, tmp_path, *words) as daemon:
+        shown = node.subscribe(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
+        passed_on = node.subscribe("/imu/data_cov", IMU)
+        stop = threading.Event()
+        driver = threading.Thread(target=publish, args=(node, stop))
+        driver.start()
+        try:
+            daemon.samples(400)
+            measured = {f"accel/{axis}" for axis in "xyz"}
+            made = daemon.wait(
+                lambda r: all((n := r.channels[name].N) and n.status == "measured" for name in measured)
+            )
+            outputs: list[dict[str, Any]] = []
+            arrays: list[Received] = []
+
+            def enough() -> bool:
+                arrays.extend(shown.take())
+                outputs.extend(decode(IMU, each.payload) for each in passed_on.take())
+                measured = bool(outputs) and outputs[-1]["linear_acceleration_covariance"][0] > 0.0
+                return measured and bool(arrays) and len(outputs) > 300
+
+            until(enough, 60.0)
+        finally:
+            stop.set()
+            driver.join()
+        code, _, log = daemon.stop()
+    assert code == 0, log
+    assert outputs[-1]["linear_acceleration_covariance"][0::4] == pytest.approx([1e-4] * 3, rel=0.5)
+    assert outputs[-1]["orientation_covariance"][0] == -1.0
+    assert made.device.stream == "unknown"
+    assert made.device.sample_rate_hz == pytest.approx(100.0, rel=1e-4)
+    assert made.session.missing == 0
+    fields = decode(DIAGNOSTIC_ARRAY, arrays[-1].payload)
+    assert fields["status"][0]["name"] == "imumon: stream"
+
+
+@needs_dds
+@pytest.mark.slow
+def test_an_absent_topic_lists_those_that_exist(node: RosNode, domain: int) -> None:
+    topic = node.advertise("/imu/data", IMU)
+    topic.publish(imu_payload(1, [0.0] * 3, [0.0] * 3), 1)
+    absent = device(domain, "/absent")
+    with pytest.raises(DeviceNotFound) as caught:
+        absent.open()
+    assert "IMU topics: /imu/data" in str(caught.value)
+    empty = device(domain + 1)
+    with pytest.raises(DeviceNotFound) as nothing:
+        empty.open()
+    assert nothing.value.code == "ros2_nothing_visible"
+
+
+# ---------------------------------------------------------------------- Fast DDS
+
+
+@pytest.fixture(scope="module")
+def fast_dds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A program that publishes and reads an Imu with Fast DDS, made from tests/Imu.idl and tests/fastdds_imu.cpp."""
+    if not (shutil.which("fastddsgen") and shutil.which("g++")):
+        pytest.skip("Fast DDS is not installed (Debian: libfastrtps-dev, fastddsgen, g++)")
+    directory = tmp_path_factory.mktemp("fastdds")
+    for name in ("Imu.idl", "fastdds_imu.cpp"):
+        shutil.copy(TESTS / name, directory)
+    compiler = ["g++", "-std=c++14", "-O0", "Imu.cxx", "ImuPubSubTypes.cxx", "fastdds_imu.cpp"]
+    for command in (
+        ["fastddsgen", "-replace", "Imu.idl"],
+        [*compiler, "-lfastrtps", "-lfastcdr", "-o", "fastdds_imu"],
+    ):
+        done = subprocess.run(
+            command, cwd=directory, capture_output=True, text=True, timeout=150, check=False
+        )
+        if done.returncode:
+            pytest.skip(f"{command[0]} fails: {done.stderr[-200:]}")
+    return directory / "fastdds_imu"
+
+
+@needs_dds
+@pytest.mark.slow
+def test_we_read_what_fast_dds_publishes(fast_dds: Path, domain: int) -> None:
+    program = [str(fast_dds), "publish", str(domain), "200", "12000"]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as driver:
+        made = device(domain)
+        info = made.open()
+        assert info.settings["publisher"].startswith("participant")
+        blocks: list[SampleBlock] = []
+        end = time.monotonic() + 60.0
+        while sum(map(len, blocks)) <= 500 and time.monotonic() < end:
+            blocks += [item for item in made.read(0.2) if isinstance(item, SampleBlock)]
+        made.close()
+        driver.kill()
+    values = np.concatenate([block.values for block in blocks])
+    assert len(values) > 500
+    assert (np.diff(values[:, 0]) == 1.0).all()
+    assert (values[:, 5] == values[:, 0] + 9.8125).all()
+    times = np.concatenate([block.time_ns for block in blocks if block.time_ns is not None])
+    assert (times == 1_700_000_000_000_000_000 + 5_000_000 * values[:, 0]).all()
+
+
+@needs_dds
+@pytest.mark.slow
+def test_fast_dds_reads_what_we_publish(fast_dds: Path, node: RosNode, domain: int) -> None:
+    program = [str(fast_dds), "listen", str(domain), "5"]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as listener:
+        assert listener.stdout is not None
+        assert listener.stdout.readline() == "ready\n"
+        topic = node.advertise("/imu/data", IMU)
+        payload = imu_payload(1_700_000_000_123_456_789, [0.001, 0.0, 0.0], [0.0, 0.0, -9.8125])
+        assert imu_message(payload).gyro == (0.001, 0.0, 0.0)
+        end = time.monotonic() + 60.0
+        while listener.poll() is None and time.monotonic() < end:  # it ends with the fifth message
+            topic.publish(payload, time.time_ns())
+            time.sleep(0.05)
+        lines = [line.split() for line in listener.stdout]
+    assert lines == [["1700000000", "123456789", "imu_link", "0.001", "-9.8125", "0"]] * 5
