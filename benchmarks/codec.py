@@ -21,7 +21,8 @@ from statistics import median
 import numpy as np
 from figures import Figure, at_most, seconds, show
 
-from imumon.devices.vn100 import Vn100Decoder, ascii, binary
+from imumon.devices.vn100 import ascii, binary
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.samples import SampleBlock
 
 ROUNDS = 7

@@ -24,7 +24,7 @@ from imumon.cli.traceability import evaluated, with_provenance
 from imumon.datasheet import document
 from imumon.datasheet.tables import coefficient_text
 from imumon.devices import registry
-from imumon.devices.vn100 import Vn100Decoder
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.emulator.command_handler import CommandHandler as Emulated
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings, Noise
 from imumon.devices.vn100.emulator.sensor_model import SensorModel

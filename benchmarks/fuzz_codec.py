@@ -19,7 +19,8 @@ import warnings
 import atheris
 
 with atheris.instrument_imports(include=["imumon"]):
-    from imumon.devices.vn100 import Vn100Decoder, ascii, binary, checksum
+    from imumon.devices.vn100 import ascii, binary, checksum
+    from imumon.devices.vn100.decoder import Vn100Decoder
     from imumon.samples import SampleBlock
 
 NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:  # the parser of the command line needs the names of channels, not numpy
+    import numpy as np
+    import numpy.typing as npt
 
 Kind: TypeAlias = Literal["deltas", "uncompensated", "compensated", "unknown"]
 Clock: TypeAlias = Literal["startup", "counter", "dt", "none"]
@@ -96,9 +97,9 @@ class Stream:
         return ("unknown_compensation",) if unknown else ()
 
 
-Floats: TypeAlias = npt.NDArray[np.float64]
-Ints: TypeAlias = npt.NDArray[np.int64]
-Bools: TypeAlias = npt.NDArray[np.bool_]
+Floats: TypeAlias = "npt.NDArray[np.float64]"
+Ints: TypeAlias = "npt.NDArray[np.int64]"
+Bools: TypeAlias = "npt.NDArray[np.bool_]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +238,8 @@ Item: TypeAlias = SampleBlock | Gap | Notice | RawBytes | DeviceInfo | DeviceCou
 
 def concatenated(blocks: Sequence[SampleBlock]) -> SampleBlock:
     """Blocks of one stream that follow one another, as one; where a block does not say, nothing saturated."""
+    import numpy as np
+
     if len(blocks) == 1:
         return blocks[0]
     times = [block.time_ns for block in blocks if block.time_ns is not None]

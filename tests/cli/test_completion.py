@@ -112,3 +112,12 @@ def test_the_version_imports_nothing_heavy() -> None:
     heavy = {"numpy", "scipy", "zenoh", "serial", "textual", "pydantic", "matplotlib", "argcomplete"}
     assert "argparse" in loaded
     assert not loaded & heavy
+
+
+def test_the_parser_of_all_commands_needs_the_standard_library_only() -> None:
+    """The manual page is built from it, in an environment that has nothing else."""
+    code = "import sys; before = {*sys.modules}; from imumon.cli import parsers; parsers()[0].format_help(); "
+    code += "print(*{*sys.modules} - before)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert loaded - set(sys.stdlib_module_names) == {"imumon"}

@@ -181,7 +181,7 @@ def test_every_axis_of_gyroscope_and_accelerometer_has_consistent_numbers() -> N
 @pytest.mark.slow
 def test_gtsam_with_the_exported_parameters_is_consistent() -> None:
     """Preintegrated rotation and velocity after 300 s of fixes; N and K alone are overconfident."""
-    pytest.importorskip("gtsam", reason="gtsam has no package for this platform; benchmarks/gtsam_filters.py")
+    pytest.importorskip("gtsam", reason="gtsam is not installed (extra peers)")
     sys.path.insert(0, BENCHMARKS)
     try:
         import gtsam_filters

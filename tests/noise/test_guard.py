@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from paths import RECORDINGS
 
-from imumon.devices.vn100 import Vn100Decoder
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance

@@ -99,7 +99,8 @@ class Vn100Driver(DeviceDriver):
         add_arguments(parser)
 
     def run_emulator(self, arguments: argparse.Namespace) -> int:
-        from imumon.devices.vn100.emulator import from_arguments, run
+        from imumon.devices.vn100.emulator import from_arguments
+        from imumon.devices.vn100.emulator.main_loop import run
 
         settings = from_arguments(arguments)
         if settings.rate == 0:  # for tests only: a sensor without output

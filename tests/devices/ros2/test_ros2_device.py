@@ -404,7 +404,7 @@ def test_doctor_shows_the_topic_and_lists_others() -> None:
 @contextmanager
 def sdk(command: str, endpoint: str, topic: str, *words: object) -> Iterator[subprocess.Popen[str]]:
     if importlib.util.find_spec("zenoh_ros2_sdk") is None:
-        pytest.skip("zenoh-ros2-sdk is not installed")
+        pytest.skip("zenoh-ros2-sdk is not installed (extra peers)")
     host, _, port = endpoint.removeprefix("tcp/").partition(":")
     program = [sys.executable, str(TESTS / "ros2_sdk.py"), command, host, port, topic]
     process = subprocess.Popen(

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from paths import RECORDINGS, TESTS, needs_recordings
 
-from imumon.devices.vn100 import Vn100Decoder, ascii, binary, checksum
+from imumon.devices.vn100 import ascii, binary, checksum
 from imumon.devices.vn100.ascii import Response, SensorError
 from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
-from imumon.devices.vn100.decoder import DecodedItem
+from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.samples import SampleBlock, Stream, concatenated
 
 CHUNKS = (1, 2, 7, 61, 1 << 20)

@@ -13,9 +13,9 @@ import vn100_wire as wire
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from imumon.devices.vn100 import Vn100Decoder, ascii, checksum
+from imumon.devices.vn100 import ascii, checksum
 from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
-from imumon.devices.vn100.decoder import DecodedItem
+from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.samples import SampleBlock
 
 LAYOUTS = (

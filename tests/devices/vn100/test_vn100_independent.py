@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import vn100_wire as wire
 
-from imumon.devices.vn100 import Vn100Decoder, ascii, binary
+from imumon.devices.vn100 import ascii, binary
 from imumon.devices.vn100.ascii import Response, SensorError
-from imumon.devices.vn100.decoder import DecodedItem
+from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device

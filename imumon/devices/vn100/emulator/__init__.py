@@ -1,6 +1,6 @@
 """VN-100 emulator on a pseudo-terminal: registers, commands, output streams and noise.
 
-`spawn` starts it in a separate process; `run` is what that process does.
+`spawn` starts it in a separate process; `main_loop.run` is what that process does.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from imumon.devices.vn100.emulator.emulator_settings import (
     from_arguments,
     from_command_line,
 )
-from imumon.devices.vn100.emulator.main_loop import run
 from imumon.devices.vn100.emulator.process import EmulatorProcess, spawn
 
 __all__ = [
@@ -22,6 +21,5 @@ __all__ = [
     "add_arguments",
     "from_arguments",
     "from_command_line",
-    "run",
     "spawn",
 ]

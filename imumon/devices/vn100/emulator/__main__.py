@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 
 from imumon.devices.base import InvalidOption
-from imumon.devices.vn100.emulator import from_command_line, run
+from imumon.devices.vn100.emulator import from_command_line
+from imumon.devices.vn100.emulator.main_loop import run
 
 if __name__ == "__main__":
     try:

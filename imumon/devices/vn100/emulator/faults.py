@@ -10,9 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import reduce
 from operator import xor
+from random import Random
+from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:  # the parser of the command line needs the names of the faults, not numpy
+    import numpy as np
 
 FOREIGN_DEVICES = ("nmea", "garbage", "silent")
 
@@ -100,10 +102,11 @@ def with_wrong_checksum(message: bytes) -> bytes:
 
 def corrupted(message: bytes, probability: float, rng: np.random.Generator) -> bytes:
     """Return the message with each byte replaced by another one at this probability."""
-    data: npt.NDArray[np.uint8] = np.frombuffer(message, np.uint8).copy()
-    hit = rng.random(len(data)) < probability
-    data[hit] ^= rng.integers(1, 256, int(hit.sum()), dtype=np.uint8)
-    return data.tobytes()
+    data = bytearray(message)
+    hit = (rng.random(len(data)) < probability).nonzero()[0]
+    for at, change in zip(hit, rng.integers(1, 256, len(hit), dtype="uint8"), strict=True):
+        data[at] ^= change
+    return bytes(data)
 
 
 class ForeignDevice:
@@ -117,7 +120,7 @@ class ForeignDevice:
 
     def __init__(self, kind: str, now: float) -> None:
         self._kind, self._start, self._count = kind, now, 0
-        self._rng = np.random.default_rng(1)
+        self._random = Random(1)
 
     def messages(self, now: float) -> list[bytes]:
         """Return the messages up to `now` (s) that were not returned before, ten per second."""
@@ -125,7 +128,7 @@ class ForeignDevice:
         if self._kind == "silent":
             return []
         if self._kind == "garbage":
-            return [self._rng.bytes(_GARBAGE_BYTES) for _ in range(first, self._count)]
+            return [self._random.randbytes(_GARBAGE_BYTES) for _ in range(first, self._count)]
         return [_nmea_sentence(number) for number in range(first, self._count)]
 
 
