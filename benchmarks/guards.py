@@ -2,7 +2,7 @@
 
     python benchmarks/guards.py                     disturbances in records of known noise; false cuts; cost
     python benchmarks/guards.py --lines             lines found in clean noise
-    python benchmarks/guards.py --recordings DIR    the tables of docs/RECORDINGS.md, from such a folder
+    python benchmarks/guards.py --recordings DIR    the tables of docs/ACCURACY.md, from such a folder
 
 Records of known noise are spoilt by one sample of +1 rad/s, by a knock of 0.1 rad/s for 2 s, and by 60 s of
 repeated samples; N, B and K are then compared with those of the same record unspoilt. The goal: N within

@@ -77,7 +77,7 @@ def _permission(port: PortObservation) -> Check:
     if port.accessible:
         return Check("permission", "ok", f"{port.user} may read and write it")
     if port.group is None or port.group == "root":
-        cure = "give it to a group by a udev rule: see docs/SENSOR.md"
+        cure = "give it to a group by a udev rule: see docs/VN100.md"
     elif port.group_member:
         cure = "log out and in again: the group is new"
     else:

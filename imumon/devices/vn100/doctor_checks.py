@@ -81,7 +81,7 @@ def _aliasing(info: DeviceInfo) -> Check:
     if info.alias_factor <= ALIASED:
         return Check("aliasing", "ok", f"none{register}")
     text = f"N of {info.source} reads {info.alias_factor:.2f} times too high{register}"
-    cure = "use the deltas, as imumon run does; docs/SENSOR.md explains why, and lists other cures"
+    cure = "use the deltas, as imumon run does; docs/VN100.md explains why, and lists other cures"
     return Check("aliasing", "warning", text, cure)
 
 
