@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
+from imumon.alarms import ALARMS
 from imumon.report import Coefficient, Drift, Report, SensorGrade
 from imumon.samples import Level, sensor_of
 
@@ -116,7 +117,7 @@ EVENT_LEVELS: Mapping[str, Level] = {
     "no_samples": "warning",
     "sensor_error": "warning",
     "gap": "debug",
-    "loss": "warning",
+    **{alarm.name: "warning" for alarm in ALARMS},
     "disturbance": "info",
     "warmup": "info",
     "rest": "info",

@@ -392,6 +392,7 @@ class Report:
     limits: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     limit_curves: Mapping[str, Mapping[str, LimitCurve]] = field(default_factory=dict)  # by sensor and grade
     precision: Mapping[str, float] = field(default_factory=dict)  # 1, configured half-width of N, B and K
+    alarm_limits: Mapping[str, float] = field(default_factory=dict)  # 1, configured, by alarm: loss
     events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
     evaluation: Evaluation | None = None  # for documents; on the bus only `provenance`, that of the daemon
 

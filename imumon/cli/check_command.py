@@ -11,8 +11,10 @@ import argparse
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
+from imumon.alarms import ALARMS, exceeded, known, labels
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
@@ -36,11 +38,12 @@ def add_check(parser: Parser) -> None:
     add = parser.add_argument
     options.add_id(parser)
     options.add_endpoints(parser)
-    options.add_config(parser, "settings of Zenoh and of max_loss; options override the file")
+    options.add_config(parser, "settings of Zenoh; options override the file")
     text = f"critical if the report is older than S seconds; default {MAX_AGE_S:g}"
     add("--max-age", type=options.positive, default=MAX_AGE_S, metavar="S", help=text)
-    text = "warning if more of the samples of the last 60 s are missing; default: from the settings, 1"
-    add("--max-loss", type=options.positive, metavar="PERCENT", help=text)
+    for alarm in ALARMS:
+        text = f"warning if more {alarm.what}; default: the setting {alarm.setting} of the daemon"
+        add(f"--max-{alarm.name}", type=options.positive, metavar="PERCENT", help=text)
     text = "critical if gyroscope or accelerometer is certainly worse than this grade"
     add("--grade", choices=options.GRADES, help=text)
     add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
@@ -48,15 +51,17 @@ def add_check(parser: Parser) -> None:
 
 def check(arguments: argparse.Namespace) -> int:
     """Print the line of a plugin and return its exit code."""
-    from imumon.cli.daemon_state import EVENTS_S, current_reports, current_trouble, grades_text, loss_text
+    from imumon.cli.daemon_state import EVENTS_S, current_reports, current_trouble, grades_text
     from imumon.cli.query import ANSWER_S
 
     baseline = options.baseline(arguments.baseline)
-    max_loss = arguments.max_loss or 100.0 * options.settings(arguments).alert.max_loss
     with options.subscriber(arguments) as subscriber:
         report = options.first_report(subscriber, arguments.id, ANSWER_S, "check its service")
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + EVENTS_S)
+    given = {alarm.name: getattr(arguments, f"max_{alarm.name}") for alarm in ALARMS}
+    chosen = {name: percent / 100.0 for name, percent in given.items() if percent is not None}
+    report = replace(report, alarm_limits={**report.alarm_limits, **chosen})
     critical, warnings = [], []
     if report.state == "stopped":
         critical.append("the daemon has ended")
@@ -66,15 +71,14 @@ def check(arguments: argparse.Namespace) -> int:
         critical.append(f"the last report is {age_s:.1f} s old")
     if arguments.grade:
         critical += _worse(report, arguments.grade)
-    if 100.0 * (report.session.recent_loss or 0.0) > max_loss:
-        warnings.append(f"{loss_text(report)} in the last 60 s")
+    warnings += exceeded(report)
     warnings += _caveats(report, baseline)
-    facts = [f"{grades_text(report)}, {loss_text(report)}"]
+    facts = [", ".join((grades_text(report), *labels(report)))]
     code = CRITICAL if critical else WARNING if warnings else OK
     if code == OK and not report.session.samples:
         code, facts = UNKNOWN, ["no sample yet"]
     text = f"{report.device.id}: {'; '.join([*critical, *warnings] or facts)}"
-    return _print(code, text, _performance(report, age_s, arguments.max_age, max_loss))
+    return _print(code, text, _performance(report, age_s, arguments.max_age))
 
 
 def fail(error: ImumonError) -> int:
@@ -142,12 +146,12 @@ def _caveats(report: Any, baseline: Any) -> Iterator[str]:
         yield line("changed")
 
 
-def _performance(report: Any, age_s: float, max_age_s: float, max_loss: float) -> list[str]:
-    """Return the performance data: age, loss, counters, temperature, and N in the unit that people read."""
+def _performance(report: Any, age_s: float, max_age_s: float) -> list[str]:
+    """Return the performance data: age, alarms, counters, temperature, and N in the unit that people read."""
     session = report.session
     data = [f"age={_fixed(age_s)}s;;{max_age_s:g};0"]
-    if session.recent_loss is not None:
-        data.append(f"loss={_fixed(100.0 * session.recent_loss)}%;{_fixed(max_loss)};;0;100")
+    for alarm, value, limit in known(report):
+        data.append(f"{alarm.name}={_fixed(100.0 * value)}%;{_fixed(100.0 * limit)};;0;100")
     data += [f"samples={session.samples}c;;;0", f"missing={session.missing}c;;;0"]
     temperature = report.channels.get("temperature")
     if temperature is not None and temperature.last is not None:

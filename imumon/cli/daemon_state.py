@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from imumon.alarms import labels
 from imumon.messages import caveats
 from imumon.report import Event, Report
 from imumon.units import duration
@@ -82,12 +83,6 @@ def current_trouble(subscriber: Any, report: Report, end_s: float) -> str | None
     return trouble(report, subscriber.events(id))
 
 
-def loss_text(report: Report) -> str:
-    """Return the recent loss as text."""
-    loss = report.session.recent_loss
-    return "loss not known" if loss is None else f"loss {100.0 * loss:.2g} %"
-
-
 def grades_text(report: Report) -> str:
     """Return the nearest grades in a few words, such as ``gyro industrial, accel tactical provisional``."""
     parts = []
@@ -98,14 +93,14 @@ def grades_text(report: Report) -> str:
 
 
 def status_lines(reports: dict[str, tuple[Report, float]]) -> list[str]:
-    """Return a line about each device: name, state, age, grades, loss and caveats, in columns."""
+    """Return a line about each device: name, state, age, grades, alarms and caveats, in columns."""
     rows = [
         (
             name,
             report.state,
             f"{duration(age_s) if age_s >= 1.0 else f'{age_s:.1f} s'} old",
             grades_text(report),
-            loss_text(report),
+            *labels(report),
             ", ".join(caveats(report)) or "no caveats",
         )
         for name, (report, age_s) in reports.items()

@@ -82,6 +82,7 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
 
 def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
     """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
+    from imumon.alarms import limits
     from imumon.recordings.columns import parse_map
     from imumon.replay import ReplayOptions
 
@@ -93,6 +94,7 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
         path=arguments.file,
         rate_hz=arguments.rate or loaded.device.rate_hz or None,
         guarded=loaded.guards.enabled and not arguments.no_guards,
+        alarm_limits=limits(loaded.alert),
         precision={"N": required.precision_n, "B": required.precision_b, "K": required.precision_k},
         kind=arguments.stream,
         columns=parse_map(arguments.map) if arguments.map else {},

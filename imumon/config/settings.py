@@ -20,6 +20,7 @@ from typing import Annotated, Any, Literal, TypeAlias, cast, get_args, get_origi
 from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from imumon.alarms import DEFAULT_LIMITS
 from imumon.config.toml_file import (
     ConfigError,
     ConfigFault,
@@ -193,11 +194,11 @@ class LogSettings(Section):
 
 
 class AlertSettings(Section):
-    """What to run at a warning, and the loss from which there is one"""
+    """What to run at a warning, and the limits from which there is one"""
 
     command: str = ""
     """given to /bin/sh for each event of level warning or higher, with the event as JSON on standard input"""
-    max_loss: float = Field(0.01, gt=0.0, lt=1.0)
+    max_loss: float = Field(DEFAULT_LIMITS["loss"], gt=0.0, lt=1.0)
     """share of the samples of a minute that may be missing without a warning"""
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from imumon import report
+from imumon import alarms, report
 from imumon.bus import BusError, Publisher
 from imumon.checkpoint import check_directory
 from imumon.config import Settings
@@ -124,7 +124,7 @@ class Daemon:
             period_s=precision.period_s,
             baseline=options.baseline,
             periods=settings.history.enabled,
-            max_loss=settings.alert.max_loss,
+            alarm_limits=alarms.limits(settings.alert),
         )
         self._monitor = self._new_monitor()
         self._recorder = Recorder(settings.record)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from imumon.alarms import known
 from imumon.devices import registry
 from imumon.messages import (
     FILTER_NOT_KNOWN,
@@ -166,8 +167,7 @@ def _header(report: Report) -> list[str]:
         f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, invalid_noun(device))}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
-    if session.recent_loss:
-        lines.append(f"{100.0 * session.recent_loss:.2g} % of the samples of the last minute are missing")
+    lines += [alarm.text(value) for alarm, value, _ in known(report) if value]
     excluded = exclusions(report, lambda seconds: f"{seconds:.1f} s")
     if session.disturbances or excluded:
         text = f"{' and '.join(excluded)} excluded" if excluded else "nothing excluded"

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, get_args
 
+from imumon.alarms import known
 from imumon.errors import ImumonError
 from imumon.messages import EVENT_LEVELS
 from imumon.report import COEFFICIENTS, Coefficient, Event, GradeName, Report
@@ -131,6 +132,12 @@ class MetricsServer:
             for caveat in channel.caveats:
                 caveats.add_metric([device, name, caveat], 1.0)
         yield caveats
+        alarm = gauge(
+            "imumon_alarm", "1 for an alarm whose value is above its limit, 0 for the others", "alarm"
+        )
+        for row, value, limit in known(report):
+            alarm.add_metric([device, row.name], float(value > limit))
+        yield alarm
         happened = counter("imumon_events", "Events since the start of the daemon", "kind")
         for kind, count in sorted(events.items()):
             happened.add_metric([device, kind], count)

@@ -13,12 +13,12 @@ from datetime import datetime
 
 import numpy as np
 
+from imumon.alarms import ALARMS, RECOVERED, known
 from imumon.messages import EVENT_LEVELS, grade_text
 from imumon.noise.stretches.record_statistics import HOURS_BEFORE
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.loss import LossChange
-from imumon.report import Change, Event, SensorGrade, stamp
+from imumon.report import Change, Event, Report, SensorGrade, stamp
 from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
 from imumon.units import duration
@@ -67,6 +67,7 @@ class EventLog:
         self._next_reset_s = 0.0  # the same for resets of the clock
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
+        self._alarms: set[str] = set()  # that were above their limit
         self._changes: dict[tuple[int, str, str], float] = {}  # when it was last there, s of the record
         self._grades: dict[str, SensorGrade] = {}  # as reported
         self._candidates: dict[str, tuple[SensorGrade, float]] = {}  # other grades, and since when, s
@@ -223,14 +224,23 @@ class EventLog:
             self.add("constant", f"{name} changes now", record, channel=name, level=NOTICE)
         self._constant = now
 
-    def update_loss(self, changes: Iterable[LossChange], record: Accumulators) -> None:
-        """Add that the link begins, or ends, to lose more samples than it may."""
-        for change in changes:
-            lost = f"{change.missing:,} of the last {change.expected:,} samples did not arrive"
-            text = lost if change.begins else f"the loss has ended: {lost}"
-            level = None if change.begins else NOTICE
-            elapsed = record.elapsed_s - change.age_s
-            self._events.append(DetectedEvent("loss", text, elapsed_s=elapsed, level=level))
+    def update_alarm(
+        self, name: str, value: float, limit: float, elapsed_s: float, *, ends: bool = True
+    ) -> None:
+        """Add that the value of an alarm exceeds its limit, or, if it can end now, does so no more."""
+        alarm = next(alarm for alarm in ALARMS if alarm.name == name)
+        if name not in self._alarms and value > limit:
+            self._alarms.add(name)
+            self._add_at(elapsed_s, name, alarm.text(value))
+        elif ends and name in self._alarms and value <= RECOVERED * limit:
+            self._alarms.remove(name)
+            self._add_at(elapsed_s, name, f"the alarm is over: {alarm.text(value)}", level=NOTICE)
+
+    def update_alarms(self, report: Report, record: Accumulators) -> None:
+        """Add the alarms that a report shows, other than those that the samples show."""
+        for alarm, value, limit in known(report):
+            if not alarm.by_samples:
+                self.update_alarm(alarm.name, value, limit, record.elapsed_s)
 
     def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
         """Add changes that are new, by column, other than those between hours."""

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from imumon.alarms import DEFAULT_LIMITS
 from imumon.errors import ImumonError, RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
@@ -79,7 +80,7 @@ class MonitorOptions:
     baseline : an earlier report of this sensor to compare with; None: there is none.
     stored : keep all samples, for `Monitor.exact_curves`: memory grows with the record.
     periods : keep what happens in every 10 minutes, hour and day until `Monitor.periods` returns it.
-    max_loss : share of the samples of a minute that a link may lose before it is an event.
+    alarm_limits : by name of the alarm; see `imumon.alarms`.
     """
 
     guarded: bool = True
@@ -88,7 +89,7 @@ class MonitorOptions:
     baseline: Report | None = None
     stored: bool = False
     periods: bool = False
-    max_loss: float = 0.01
+    alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,6 +256,7 @@ class Monitor:
             period_s=period_s,
             speed=speed,
             precision=self.options.precision,
+            alarm_limits=self.options.alarm_limits,
         )
         record, analysis = self._record, self._analysis
         if record is None or analysis is None:
@@ -273,7 +275,7 @@ class Monitor:
         channels = assessment.assess_channels(record, analysis, caveats, changes, reason)
         warming_up = any("warming_up" in each.caveats for each in channels.values())
         self._events.update_warmup(record, warming_up, heats_up=analysis.heats_up)
-        return replace(
+        made = replace(
             bare,
             grade=grades,
             channels=channels,
@@ -281,6 +283,8 @@ class Monitor:
             limits=LIMITS,
             limit_curves=LIMIT_CURVES,
         )
+        self._events.update_alarms(made, record)
+        return made
 
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
         """Return minimum and maximum per time column of some channels."""
@@ -429,7 +433,9 @@ class Monitor:
         self._events.update_clock(placed.steps, self._record)
         self._events.update_gaps(placed.steps, self._record)
         self._events.update_guard(self._record)
-        self._events.update_loss(self._loss.update(placed.steps), self._record)
+        for age_s, share, full in self._loss.update(placed.steps):
+            elapsed_s = self._record.elapsed_s - age_s
+            self._events.update_alarm("loss", share, self.options.alarm_limits["loss"], elapsed_s, ends=full)
 
     def _new_record(self, stream: Stream, interval_s: float) -> Accumulators:
         guarded, stored = self.options.guarded, self.options.stored
@@ -439,7 +445,7 @@ class Monitor:
     def _set_record(self, record: Accumulators) -> None:
         assert self.stream is not None
         self._record = record
-        self._loss = LossWindow(record.interval_s, self.options.max_loss)
+        self._loss = LossWindow(record.interval_s)
         averaged, precision = self.stream.averaged, self.options.precision
         self._analysis = Analysis(record, averaged=averaged, precision=precision)
         self._periods = None

@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from typing import Literal, TypeAlias
 
 from imumon import pipeline, report
+from imumon.alarms import DEFAULT_LIMITS
 from imumon.bus import Publisher
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
@@ -93,6 +94,7 @@ class ReplayOptions:
     speed : times real time; None: as fast as possible.
     guarded : exclude disturbances, motion and warm-up.
     precision : 95 % half-width to reach by coefficient, as a share of its value.
+    alarm_limits : by name of the alarm; see `imumon.alarms`.
     baseline : an earlier report of the same sensor, to compare with.
     kind : stream of a table that has several; None: the best.
     columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
@@ -106,6 +108,7 @@ class ReplayOptions:
     speed: float | None = None
     guarded: bool = True
     precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
+    alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
     baseline: report.Report | None = None
     kind: Kind | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -179,6 +182,7 @@ class _Run:
         monitored = pipeline.MonitorOptions(
             guarded=options.guarded,
             precision=options.precision,
+            alarm_limits=options.alarm_limits,
             baseline=options.baseline,
             stored=options.exact is not None,
         )

@@ -1,8 +1,8 @@
 """Reports as ``diagnostic_msgs/msg/DiagnosticArray``, and the covariances that a report has measured.
 
 There is one status for the stream and one for each sensor with a curve. The level follows `imumon check`: a sensor
-that is gone is an error; a loss, a stuck or constant axis or a change is a warning. A caveat that only limits what the
-numbers mean, such as an unknown compensation, leaves the level at OK and is listed.
+that is gone is an error; an alarm, a stuck or constant axis or a change is a warning. A caveat that only limits what
+the numbers mean, such as an unknown compensation, leaves the level at OK and is listed.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from imumon.alarms import exceeded
 from imumon.messages import grade_text, line
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
 from imumon.ros2.cdr import encode, header
@@ -20,8 +21,6 @@ from imumon.units import figures
 DIAGNOSTICS = "/diagnostics"
 OK, WARN, ERROR, STALE = range(4)
 """Levels of a DiagnosticStatus."""
-MAX_LOSS = 0.01
-"""Share of missing samples above which the stream has a warning, as in `imumon check`."""
 WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated", "loop")
 """Caveats that make a warning."""
 STATES: Mapping[str, tuple[int, str]] = {
@@ -59,10 +58,9 @@ def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:
     """Return name, level, message and values of the status of the stream."""
     session, device = report.session, report.device
     level, message = STATES[report.state]
-    total = session.samples + session.missing
-    loss = session.missing / total if total else 0.0
-    if level == OK and loss > MAX_LOSS:
-        level, message = WARN, f"{100.0 * loss:.2g} % of the samples are missing"
+    alarms = exceeded(report)
+    if level == OK and alarms:
+        level, message = WARN, "; ".join(alarms)
     rate = device.sample_rate_hz
     return (
         "stream",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from imumon.alarms import known
 from imumon.messages import caveat_lines, caveats, grade_text
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
 from imumon.samples import sensor_of
@@ -55,7 +56,11 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
         (None if device.sample_rate_hz is None else f"{device.sample_rate_hz:.4g} Hz", "text"),
         (duration(session.elapsed_s), "text"),
         (f"time-lapse ×{report.speed:g}" if report.speed != 1.0 else None, "bound"),
-        (f"{100.0 * session.recent_loss:.2g} % lost" if session.recent_loss else None, "warn"),
+        *(
+            (alarm.label(value), "warn" if value > limit else "text")
+            for alarm, value, limit in known(report)
+            if value
+        ),
         (counted(session.gaps, "gap"), "warn" if session.gaps else "text"),
         (counted(session.bad_checksums, "error"), "warn" if session.bad_checksums else "text"),
         (None if degrees is None else f"{degrees:.1f} {state.notation.unit('degC')}", "text"),

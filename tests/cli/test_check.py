@@ -105,10 +105,14 @@ def report() -> Report:
     ("state", "code", "text"),
     [
         (healthy, 0, "gyro .*, accel .*, loss 0 %"),
-        (with_loss, 1, "loss 20 % in the last 60 s"),
+        (with_loss, 1, "20 % of the samples of the last minute are missing"),
         (stuck, 1, "the values do not change: an axis or the whole sensor hangs"),
         (constant, 1, "gyro y: the values never changed: dead, stuck or not measured"),
-        (disconnected, 2, "the sensor is disconnected or silent; loss 20 % in the last 60 s"),
+        (
+            disconnected,
+            2,
+            "the sensor is disconnected or silent; 20 % of the samples of the last minute are missing",
+        ),
     ],
 )
 def test_the_worst_state_decides(

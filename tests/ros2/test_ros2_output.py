@@ -63,7 +63,8 @@ def test_each_sensor_and_the_stream_have_a_status() -> None:
 def test_the_level_follows_the_severity() -> None:
     calm = replace(report(), session=replace(report().session, missing=0))
     assert statuses(calm)["imumon: stream"]["level"] == OK
-    lossy = replace(calm, session=replace(calm.session, missing=calm.session.samples // 50))
+    lossy = replace(calm, session=replace(calm.session, recent_loss=0.02))
+    assert statuses(replace(lossy, alarm_limits={"loss": 0.05}))["imumon: stream"]["level"] == OK
     assert statuses(lossy)["imumon: stream"]["level"] == WARN
     assert "missing" in statuses(lossy)["imumon: stream"]["message"]
     gone = statuses(replace(calm, state="waiting"))
