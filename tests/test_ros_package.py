@@ -15,7 +15,7 @@ from paths import ROOT
 
 import imumon
 from imumon.cli import parsers
-from imumon.ros2.node import parse_url
+from imumon.ros2.topic_url import parse_url
 
 PACKAGE = ROOT / "ros" / "imumon_ros"
 

@@ -16,7 +16,6 @@ from contextlib import suppress
 from functools import cache
 from typing import Any
 
-from imumon.ros2.message_types import DEFINITIONS, dds_name, fields_of, ros_name
 from imumon.ros2.node import (
     Publication,
     Received,
@@ -26,6 +25,7 @@ from imumon.ros2.node import (
     TopicPublisher,
     is_plain,
 )
+from imumon.ros2.ros_messages import dds_name, ros_name, type_store
 
 QUEUE_MESSAGES = 1 << 14
 """Messages of a topic that may wait: 16 s at 1 kHz."""
@@ -36,8 +36,8 @@ WAIT_MS = 200
 PREFIX = "rt/"
 """Begins the DDS topic of each ROS 2 topic."""
 
-_SCALARS = {"byte": "uint8", "bool": "bool", "string": "str"}
-"""Names of types in `cyclonedds.idl.types` that differ, and those of Python."""
+_SCALARS: dict[str, Any] = {"bool": bool, "string": str}
+"""Types of fields that are those of Python, not of `cyclonedds.idl.types`."""
 
 
 def _import_dds() -> None:
@@ -59,10 +59,8 @@ def _dds_class(type_name: str, *, raw: bool) -> Any:
     """
     from cyclonedds.idl import make_idl_struct
 
-    kinds: dict[str, Any] = {}
-    for name, kind, length in fields_of(type_name):
-        inner = _dds_class(kind, raw=False) if kind in DEFINITIONS else _scalar(kind)
-        kinds[name] = inner if length is None else _several(inner, length)
+    _, fields = type_store().fielddefs[type_name]
+    kinds = {name: _dds_type(*described) for name, described in fields}
     made: Any = make_idl_struct(dds_name(type_name).rpartition("::")[2], dds_name(type_name), kinds)
     if raw:
         made.deserialize = staticmethod(lambda data, *_, **__: _with_payload(made, bytes(data)))
@@ -77,19 +75,18 @@ def _with_payload(made: Any, payload: bytes) -> Any:
     return message
 
 
-def _scalar(kind: str) -> Any:
-    from cyclonedds.idl import types
-
-    name = _SCALARS.get(kind, kind)
-    return {"str": str, "bool": bool}.get(name) or getattr(types, name)
-
-
-def _several(inner: Any, length: int) -> Any:
-    """Return the type of an array, or of a sequence if the length is 0."""
+def _dds_type(kind: int, described: Any) -> Any:
+    """Return the type of a field, which rosbags describes by its kind and its name, or the type and length of items."""
     from cyclonedds import idl
+    from rosbags.interfaces import Nodetype
 
     types: Any = idl.types
-    return types.array[inner, length] if length else types.sequence[inner]
+    if kind == Nodetype.NAME:
+        return _dds_class(described, raw=False)
+    if kind == Nodetype.BASE:
+        return _SCALARS.get(described[0]) or getattr(types, described[0].replace("byte", "uint8"))
+    inner, length = _dds_type(*described[0]), described[1]
+    return types.array[inner, length] if kind == Nodetype.ARRAY else types.sequence[inner]
 
 
 class DdsSubscription(Subscription):

@@ -13,8 +13,7 @@ from typing import Any
 from imumon.alarms import exceeded
 from imumon.messages import grade_text, line
 from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
-from imumon.ros2.cdr import encode, header
-from imumon.ros2.message_types import DIAGNOSTIC_ARRAY
+from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
 from imumon.samples import AXES, sensor_of
 from imumon.units import figures
 
@@ -42,16 +41,17 @@ def diagnostics(report: Report, stamp_ns: int, node: str) -> bytes:
     """
     device = report.device
     statuses = [
-        {
-            "level": level,
-            "name": f"{node}: {name}",
-            "message": message,
-            "hardware_id": device.serial or device.id,
-            "values": [{"key": key, "value": value} for key, value in values],
-        }
-        for name, level, message, values in (_stream(report), *_sensors(report))
+        message(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name=f"{node}: {name}",
+            message=text,
+            hardware_id=device.serial or device.id,
+            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values],
+        )
+        for name, level, text, values in (_stream(report), *_sensors(report))
     ]
-    return encode(DIAGNOSTIC_ARRAY, {"header": header(stamp_ns), "status": statuses})
+    return encode(message(DIAGNOSTIC_ARRAY, header=header(stamp_ns), status=statuses))
 
 
 def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:

@@ -15,10 +15,10 @@ from contextlib import suppress
 from typing import Any
 
 from imumon.report import Report
-from imumon.ros2.cdr import CdrError, with_imu_covariances
 from imumon.ros2.diagnostics import DIAGNOSTICS, diagnostics, sample_variances
-from imumon.ros2.message_types import DIAGNOSTIC_ARRAY, IMU
-from imumon.ros2.node import RosError, RosNode, TopicUrl, open_node, parse_url, topic_name
+from imumon.ros2.node import RosError, RosNode
+from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU, CdrError, with_imu_covariances
+from imumon.ros2.topic_url import TopicUrl, open_node, parse_url, topic_name
 
 RETRY_S = 2.0
 """s between two attempts to reach the system."""

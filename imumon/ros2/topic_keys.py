@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import xxhash
 
-from imumon.ros2.message_types import dds_name, ros_name
+from imumon.ros2.ros_messages import dds_name, ros_name
 
 DEFAULT_DEPTH = 42
 """Depth of a queue that rmw_zenoh leaves out of the QoS text."""

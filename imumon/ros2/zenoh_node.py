@@ -21,7 +21,6 @@ from typing import Any
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from imumon.ros2.message_types import NO_HASH, type_hash
 from imumon.ros2.node import (
     NODE_NAME,
     Publication,
@@ -32,6 +31,7 @@ from imumon.ros2.node import (
     TopicPublisher,
     is_plain,
 )
+from imumon.ros2.ros_messages import NO_HASH, type_hash
 from imumon.ros2.topic_keys import (
     SENSOR_DATA,
     Attachment,

@@ -19,14 +19,15 @@ from bus_actors import until
 from daemons import Daemon
 from paths import TESTS
 from ros2_actors import imu_payload
+from ros2_messages import decode
 
 from imumon.config import Settings
 from imumon.devices import registry
 from imumon.devices.base import Device, DeviceNotFound, DeviceOptions
-from imumon.ros2.cdr import decode, imu_message
 from imumon.ros2.diagnostics import DIAGNOSTICS
-from imumon.ros2.message_types import DIAGNOSTIC_ARRAY, IMU
-from imumon.ros2.node import Received, RosError, RosNode, open_node, parse_url
+from imumon.ros2.node import Received, RosError, RosNode
+from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU, imu_message
+from imumon.ros2.topic_url import open_node, parse_url
 from imumon.samples import Item, SampleBlock
 
 INSTALLED = importlib.util.find_spec("cyclonedds") is not None

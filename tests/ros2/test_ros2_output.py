@@ -13,15 +13,16 @@ from bus_actors import until
 from daemons import Daemon
 from reports import Run, nothing_yet
 from ros2_actors import free_router
+from ros2_messages import decode
 
 from imumon.cli.exit_codes import exit_code
 from imumon.config import Settings
 from imumon.report import Report
-from imumon.ros2.cdr import decode
 from imumon.ros2.diagnostics import DIAGNOSTICS, ERROR, OK, STALE, WARN, diagnostics, sample_variances
-from imumon.ros2.message_types import DIAGNOSTIC_ARRAY, IMU
-from imumon.ros2.node import RosError, open_node, parse_url
+from imumon.ros2.node import RosError
+from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU
 from imumon.ros2.ros_output import RosOutput
+from imumon.ros2.topic_url import open_node, parse_url
 
 
 @cache

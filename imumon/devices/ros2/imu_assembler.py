@@ -15,9 +15,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from imumon.ros2.cdr import CdrError, imu_message, stamped_numbers
-from imumon.ros2.message_types import IMU, MAGNETIC_FIELD, NO_HASH, TEMPERATURE, type_hash
-from imumon.ros2.node import Received, TopicUrl
+from imumon.ros2.node import Received
+from imumon.ros2.ros_messages import (
+    IMU,
+    MAGNETIC_FIELD,
+    NO_HASH,
+    TEMPERATURE,
+    CdrError,
+    decode,
+    imu_message,
+    stamp_ns,
+    type_hash,
+)
+from imumon.ros2.topic_url import TopicUrl
 from imumon.samples import ACCEL, GYRO, MAG, Bools, Floats, Ints, Item, Notice, SampleBlock, Stream
 from imumon.timebase.live_stamps import LiveStamps
 
@@ -46,7 +56,6 @@ FARTHEST_NS = 1 << 61
 """ns since the Unix epoch, 73 years: the difference of two of them fits 64 bits."""
 
 NONE = (math.nan,) * 3
-MAG_DOUBLES, TEMPERATURE_DOUBLES = 12, 2
 SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG), ("temperature", ("temperature",)))
 """Groups of columns of a row, in order."""
 TYPES = {"accel": IMU, "mag": MAGNETIC_FIELD, "temperature": TEMPERATURE}
@@ -353,7 +362,8 @@ def _further_sample(name: str, payload: bytes) -> tuple[int, Sequence[float] | N
         stamp, _, accel = imu_message(payload)
         return stamp, accel
     if name == "mag":
-        stamp, numbers = stamped_numbers(payload, MAG_DOUBLES)
-        return stamp, [GAUSS * tesla for tesla in numbers[:3]]
-    stamp, numbers = stamped_numbers(payload, TEMPERATURE_DOUBLES)
-    return stamp, numbers[:1]
+        made = decode(MAGNETIC_FIELD, payload)
+        field = made.magnetic_field
+        return stamp_ns(made), [GAUSS * tesla for tesla in (field.x, field.y, field.z)]
+    made = decode(TEMPERATURE, payload)
+    return stamp_ns(made), [made.temperature]

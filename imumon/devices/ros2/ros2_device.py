@@ -19,8 +19,9 @@ from imumon.devices.base import (
     InvalidOption,
 )
 from imumon.devices.ros2.imu_assembler import TYPES, ImuAssembler
-from imumon.ros2.message_types import IMU
-from imumon.ros2.node import RosError, RosNode, Subscription, absent_topic, open_node, parse_url
+from imumon.ros2.node import RosError, RosNode, Subscription
+from imumon.ros2.ros_messages import IMU
+from imumon.ros2.topic_url import absent_topic, open_node, parse_url
 from imumon.samples import DeviceCounters, DeviceInfo, Item
 
 FIND_S = 5.0

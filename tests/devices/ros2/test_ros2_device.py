@@ -22,15 +22,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from paths import TESTS
 from ros2_actors import free_router, imu_payload
+from ros2_messages import encode, header
 
 from imumon.config import Settings
 from imumon.devices import registry
 from imumon.devices.base import Device, DeviceLost, DeviceNotFound, DeviceOptions, InvalidOption
 from imumon.devices.ros2.imu_assembler import ImuAssembler
 from imumon.pipeline import Monitor
-from imumon.ros2.cdr import encode, header
-from imumon.ros2.message_types import IMU, MAGNETIC_FIELD, TEMPERATURE, type_hash
-from imumon.ros2.node import Publication, Received, open_node, parse_url
+from imumon.ros2.node import Publication, Received
+from imumon.ros2.ros_messages import IMU, MAGNETIC_FIELD, TEMPERATURE, type_hash
+from imumon.ros2.topic_url import open_node, parse_url
 from imumon.ros2.zenoh_node import ZenohPublication
 from imumon.samples import ACCEL, GYRO, Item, Notice, SampleBlock
 
