@@ -9,7 +9,6 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from paths import ROOT
 
 from imumon.cli import parsers
@@ -64,9 +63,8 @@ def test_the_patterns_match() -> None:
     assert not found("Stored, foretold numbers continue. A stall is excluded again.")
 
 
-@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: p.name)
-def test_documents(path: Path) -> None:
-    assert not found(path.read_text("utf-8"))
+def test_documents() -> None:
+    assert not [f"{path.name}: {words}" for path in DOCUMENTS for words in found(path.read_text("utf-8"))]
 
 
 def test_the_unreleased_changes() -> None:
@@ -80,6 +78,10 @@ def test_the_help() -> None:
         assert not found(parser.format_help()), parser.prog
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_texts_of_a_module(path: Path) -> None:
-    assert not [words for text in prose(path) for words in found(text)]
+def test_texts_of_the_modules() -> None:
+    assert not [
+        f"{path.relative_to(ROOT)}: {words}"
+        for path in MODULES
+        for text in prose(path)
+        for words in found(text)
+    ]

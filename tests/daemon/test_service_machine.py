@@ -1,6 +1,6 @@
 """The service under a real systemd: start, watchdog, stop, restart, journal. Every test begins as it likes.
 
-``pytest -m slow -n 0 -s tests/daemon/test_service_machine.py`` prints the times that docs/SERVICE.md has.
+``pytest -m slow -s tests/daemon/test_service_machine.py`` prints the times that docs/SERVICE.md has.
 """
 
 from __future__ import annotations

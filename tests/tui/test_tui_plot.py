@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from dataclasses import replace
 from functools import cache
 
@@ -61,13 +60,6 @@ def running() -> ViewState:
 
 def text_of(lines: list[Line]) -> str:
     return "\n".join("".join(text for text, _ in line) for line in lines)
-
-
-@pytest.mark.parametrize(
-    "module", [formatting, panels, braille_canvas, channel_table], ids=lambda m: m.__name__
-)
-def test_doctests_pass(module: object) -> None:
-    assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", DRAWN)
