@@ -24,8 +24,6 @@ from imumon.cli.replay_command import (
     replayed,
 )
 
-STATE_MAGIC = b"imumon-state "
-"""First bytes of a saved state."""
 REPORT_CURE = "make one with imumon report --format json"
 
 EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml": "kalibr"}
@@ -141,16 +139,17 @@ def _from_file(arguments: argparse.Namespace) -> Any:
     if arguments.file != "-":
         try:
             with open(arguments.file, "rb") as file:
-                head = file.read(64)
+                head = file.read(256)
         except IsADirectoryError:
             pass  # a bag of several files
         except OSError as error:
             message = f"cannot read {arguments.file}: {_reason(error)}"
             raise CommandError("file_unreadable", message, "check the path and its permissions") from None
+    from imumon.checkpoint import is_state
     from imumon.cli.history_command import with_turn_on
     from imumon.cli.traceability import with_provenance
 
-    if head.startswith(STATE_MAGIC):
+    if is_state(head):
         _check_recording(arguments, "a saved state")
         saved, guarded = _from_state(Path(arguments.file))
         made = with_turn_on(saved, Path(arguments.file))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import json
+import lzma
 import os
 import random
 import subprocess
 import sys
 import warnings
-import zlib
+import zipfile
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,15 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imumon.checkpoint import (
-    FILE_BYTES,
-    Checkpoint,
-    SavedState,
-    StateError,
-    _transposed_bytes,
-    decode,
-    encode,
-)  # fmt: skip
+from imumon.checkpoint import FILE_BYTES, FORMAT, Checkpoint, SavedState, StateError, decode, encode
 from imumon.daemon.persistence import Persistence
 from imumon.devices.vn100.vn100_device import _saved_settings
 from imumon.pipeline import Monitor
@@ -37,10 +31,33 @@ STATE = SavedState({"serial": "7", "samples": 7}, {"sum": np.arange(5.0)})
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "gyro/z"))
 
 
-def forged(content: bytes) -> bytes:
-    """Return the content of a state file with the right checksum."""
-    data = zlib.compress(content, 1)
-    return f"imumon-state 3 {zlib.crc32(data):08x} {len(data)}\n".encode() + data
+def forged(
+    *entries: tuple[str, bytes],
+    text: str = f'{{"format": {FORMAT}, "meta": {{}}}}',
+    kind: int = zipfile.ZIP_STORED,
+) -> bytes:
+    """Return a state file with right checksums and any entries.
+
+    Parameters
+    ----------
+    entries : name and content of each array.
+    text : the description.
+    kind : compression inside the archive.
+    """
+    described = io.BytesIO()
+    np.save(described, np.array(text))
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", kind) as out:
+        for name, content in (("imumon.state", described.getvalue()), *entries):
+            out.writestr(f"{name}.npy", content)
+    return lzma.compress(archive.getvalue(), preset=0)
+
+
+def array(kind: str, *shape: int, content: bytes = b"") -> tuple[str, bytes]:
+    """Return an entry whose header says anything."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": kind, "fortran_order": False, "shape": shape})
+    return "a", header.getvalue() + content
 
 
 def link(path: Path) -> None:
@@ -59,22 +76,22 @@ OBSTACLES: dict[str, Callable[[Path], Any]] = {
     "pipe": os.mkfifo,
     "directory": Path.mkdir,
     "larger than any state": huge,
-    "nested": lambda path: path.write_bytes(forged(b"[" * 100_000 + b"]" * 100_000 + b"\n")),
-    "bomb": lambda path: path.write_bytes(forged(bytes(300 << 20))),
-    "no object": lambda path: path.write_bytes(forged(b'{"meta": [], "arrays": []}\n')),
-    "huge array": lambda path: path.write_bytes(
-        forged(b'{"meta": {}, "arrays": [["a", "<f8", [1000000, 10000000000000]]]}\n')
+    "nested": lambda path: path.write_bytes(forged(text="[" * 100_000 + "]" * 100_000)),
+    "bomb": lambda path: path.write_bytes(forged(("a", bytes(300 << 20)))),
+    "bomb in the archive": lambda path: path.write_bytes(
+        forged(array("|u1", 300 << 20, content=bytes(300 << 20)), kind=zipfile.ZIP_DEFLATED)
     ),
-    "empty items": lambda path: path.write_bytes(
-        forged(b'{"meta": {}, "arrays": [["a", "<U0", [1000000, 10000000000000]]]}\n')
-    ),
-    "objects": lambda path: path.write_bytes(
-        forged(b'{"meta": {}, "arrays": [["a", "|O", [1]]]}\n' + bytes(8))
-    ),
-    "negative": lambda path: path.write_bytes(forged(b'{"meta": {}, "arrays": [["a", "<f8", [-1, -1]]]}\n')),
-    "escapes": lambda path: path.write_bytes(
-        forged(b'{"meta": {}, "arrays": [["a", "\\u001b]0;x\\u0007", [1]]]}\n')
-    ),
+    "no archive": lambda path: path.write_bytes(lzma.compress(b"imumon.state.npy" + bytes(999))),
+    "no text": lambda path: path.write_bytes(forged(text="")),
+    "no object": lambda path: path.write_bytes(forged(text='{"format": 4, "meta": []}')),
+    "no format": lambda path: path.write_bytes(forged(text='{"meta": {}}')),
+    "no array": lambda path: path.write_bytes(forged(("a", b"12345678"))),
+    "huge array": lambda path: path.write_bytes(forged(array("<f8", 10**6, 10**13))),
+    "large array": lambda path: path.write_bytes(forged(array("<f8", 10**9))),
+    "empty items": lambda path: path.write_bytes(forged(array("<U0", 10**6, 10**13))),
+    "objects": lambda path: path.write_bytes(forged(array("|O", 1, content=bytes(8)))),
+    "negative": lambda path: path.write_bytes(forged(array("<f8", -1, -1))),
+    "escapes": lambda path: path.write_bytes(forged(array("\x1b]0;x\x07", 1))),
 }
 
 
@@ -128,7 +145,7 @@ def test_only_the_owner_can_lock_the_state(tmp_path: Path) -> None:
 
 
 def test_a_start_with_little_memory_sets_a_bomb_aside(tmp_path: Path) -> None:
-    (tmp_path / "d.state").write_bytes(forged(bytes(250 << 20)))
+    (tmp_path / "d.state").write_bytes(forged(("a", bytes(250 << 20))))
     code = f"from imumon.checkpoint import Checkpoint; from pathlib import Path; c = Checkpoint(Path({str(tmp_path)!r}), 'd'); print(c.load()); c.close()"  # noqa: E501
     done = subprocess.run(
         ["bash", "-c", 'ulimit -v 400000; exec "$0" -c "$1"', sys.executable, code],
@@ -219,9 +236,12 @@ def mutated(rng: random.Random, state: SavedState) -> bytes:
                     with np.errstate(invalid="ignore", over="ignore"):
                         array = array.astype(arrays[name].dtype).reshape(arrays[name].shape)
             arrays[name] = array
-    index = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
-    head = json.dumps({"meta": meta, "arrays": index}).encode()
-    return forged(b"".join((head, b"\n", *map(_transposed_bytes, arrays.values()))))
+    entries = []
+    for name, value in arrays.items():
+        made = io.BytesIO()
+        np.save(made, value)
+        entries.append((name, made.getvalue()))
+    return forged(*entries, text=json.dumps({"format": FORMAT, "meta": meta}))
 
 
 def continued(place: Path, data: bytes) -> tuple[str, str | None]:
