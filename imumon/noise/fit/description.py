@@ -8,7 +8,8 @@ Every decision is one test of the likelihood:
   statistics hide the rest of the bend.
 - An error of the model. Where a description passes only with an error of the model, the size that brings the misfit to
   its expectation counts in every band.
-- Oscillations. A cosine coefficient far above its expectation is left out, with those to which it leaks.
+- Oscillations. One of few cycles is a regressor, unless settling or a step explains more. Of others, a cosine
+  coefficient far above its expectation is left out, with those to which it leaks.
 - Settling. An exponential counts in proportion to its likelihood; a step where chance does not explain it.
 
 A choice stays until the data reject it or the record has doubled, so that no description alternates.
@@ -168,6 +169,8 @@ class Describer:
         self._masked = np.zeros(series.y.size, dtype=bool)
         self._spectral: dict[int, Powers] = {}
         self._found: dict[tuple[object, ...], tuple[Likelihood, Surface]] = {}
+        self._calm: set[int] = set()  # surfaces in `_found` beside which there is no oscillation
+        self._coarse: dict[int, Surface] = {}  # by a surface in `_found`
         self._columns: dict[tuple[str, ...], tuple[Floats, list[Regressor]]] = {}
         self._grids = None if previous is None else previous.grids
 
@@ -299,24 +302,19 @@ class Describer:
     def _finish(self, first: int, window: int, shape: str) -> Description | str:
         """Return the description with everything that moves slowly."""
         likelihood, surface = self._without_oscillations(first, window, shape)
-        pair: list[Regressor] = []
-        gain = 0.0
-        if self._slow_terms:
-            wide = _wide(likelihood, surface)
-            pair, gain = self._best_settling(likelihood, wide)
-            for _ in range(MOST_STEPS):
-                step, abrupt = self._best_step(likelihood, wide)
-                if step is None or abrupt < max(STEP_EVIDENCE, gain):
-                    break
-                self._regressors = [*self._regressors, step]
-                self._single = min(STEP_SINGLE, self._series.y.size // 3)
-                likelihood, surface = self._search(first, window, shape)
-                wide = _wide(likelihood, surface)
-                pair, gain = self._best_settling(likelihood, wide)
+        pair, gain = self._best_settling(likelihood, surface)
+        for _ in range(MOST_STEPS):
+            step, abrupt = self._best_step(likelihood, surface)
+            if step is None or abrupt < max(STEP_EVIDENCE, gain):
+                break
+            self._add([step])
+            self._single = min(STEP_SINGLE, self._series.y.size // 3)
+            likelihood, surface = self._without_oscillations(first, window, shape)
+            pair, gain = self._best_settling(likelihood, surface)
         odds = float(np.exp(np.clip(0.5 * gain - SETTLING_PENALTY, -50.0, 50.0))) if gain else 0.0
         if odds > CERTAIN:
-            self._regressors = [*self._regressors, *pair]
-            likelihood, surface = self._search(first, window, shape)
+            self._add(pair)
+            likelihood, surface = self._without_oscillations(first, window, shape)
         error = self._error(likelihood, surface)
         if error > MOST_ERROR:
             return "no description fits the data"
@@ -347,6 +345,11 @@ class Describer:
             choice,
         )
 
+    def _add(self, regressors: list[Regressor]) -> None:
+        """Add what settles or steps; what looked like oscillations before is judged again beside it."""
+        self._regressors = [*self._regressors, *regressors]
+        self._masked = np.zeros(self._masked.size, dtype=bool)
+
     def _ratio(self, surface: Surface) -> Floats:
         """Return (m,) the squares of all coefficients over their expectation, without what the regressors explain."""
         series = self._series
@@ -365,9 +368,12 @@ class Describer:
         """Return the likelihood without the coefficients of oscillations."""
         likelihood, surface = self._search(first, window, shape)
         for _ in range(PASSES):
+            if id(surface) in self._calm:
+                break
             if not self._add_oscillation(likelihood, surface) and not self._mask_oscillations(
                 likelihood, surface
             ):
+                self._calm.add(id(surface))
                 break
             likelihood, surface = self._search(first, window, shape)
         return likelihood, surface
@@ -387,10 +393,13 @@ class Describer:
         coefficients = Coefficients(
             series.y[single], self._X(self._regressors)[single], series.variance[:, single]
         )
-        waves = series.transform(columns_of.waves(series, own + 1))[single]
-        gains = columns_of.gains(coefficients, _wide(likelihood, surface), waves, group=2)
+        waves = columns_of.waves(series, own + 1)[single]
+        gains = columns_of.gains(coefficients, self._wide(likelihood, surface), waves, group=2)
         chance = CHANCE / (series.y.size * len(OSCILLATION_WIDTHS))
         if gains.max() < 2.0 * float(gammainccinv(1.0, chance)):
+            return False
+        slower = max(self._best_settling(likelihood, surface)[1], self._best_step(likelihood, surface)[1])
+        if slower > gains.max():
             return False
         moved = self._X(self._regressors) @ surface.beta[surface.best]
         rest = series.without(moved)[series.begin[-1] :]
@@ -437,7 +446,7 @@ class Describer:
 
     # ------------------------------------------------------------------ settling and steps
 
-    def _gains(self, likelihood: Likelihood, wide: Surface, lines: list[Regressor], single: int) -> Floats:
+    def _gains(self, likelihood: Likelihood, surface: Surface, lines: list[Regressor], single: int) -> Floats:
         """Return twice the gain in log likelihood by each of some regressors, with the best B and K beside it.
 
         Parameters
@@ -449,29 +458,32 @@ class Describer:
         series = self._series
         coefficients = Coefficients(series.y[own], self._X(self._regressors)[own], series.variance[:, own])
         columns = series.transform(np.stack([line.series for line in lines], axis=1))
-        return columns_of.gains(coefficients, wide, columns[own])
+        return columns_of.gains(coefficients, self._wide(likelihood, surface), columns[own])
 
-    def _best_settling(self, likelihood: Likelihood, wide: Surface) -> tuple[list[Regressor], float]:
+    def _best_settling(self, likelihood: Likelihood, surface: Surface) -> tuple[list[Regressor], float]:
         """Return the most likely exponential and twice its gain; 0.0 where it is not worth a thought."""
+        if not self._slow_terms:
+            return [], 0.0
         pairs = [columns_of.settling(self._series, share) for share in SETTLING_SHARES]
-        gains = self._gains(likelihood, wide, [pair[0] for pair in pairs], self._single)
+        gains = self._gains(likelihood, surface, [pair[0] for pair in pairs], self._single)
         best = int(gains.argmax())
         return pairs[best], float(gains[best]) if gains[best] > SETTLING_GATE else 0.0
 
-    def _best_step(self, likelihood: Likelihood, wide: Surface) -> tuple[Regressor | None, float]:
+    def _best_step(self, likelihood: Likelihood, surface: Surface) -> tuple[Regressor | None, float]:
         """Return the most likely step, and twice its gain."""
-        steps = columns_of.likely_steps(self._series)
+        steps = columns_of.likely_steps(self._series) if self._slow_terms else []
         if not steps:
             return None, 0.0
-        gains = self._gains(likelihood, wide, steps, STEP_SINGLE)
+        gains = self._gains(likelihood, surface, steps, STEP_SINGLE)
         return steps[int(gains.argmax())], float(gains.max())
 
-
-def _wide(likelihood: Likelihood, surface: Surface) -> Surface:
-    """Return the likelihood on a coarse grid down to B = K = 0, for the search of regressors."""
-    falling = np.concatenate(([0.0], np.geomspace(1e-3, 1.0, COARSE - 1)))
-    B, K = surface.B[-1] * np.linspace(0.0, 1.0, COARSE), surface.K[-1] * falling
-    return likelihood.surface(B, K, float(surface.c[surface.best]))
+    def _wide(self, likelihood: Likelihood, surface: Surface) -> Surface:
+        """Return the likelihood on a coarse grid down to B = K = 0, for the search of regressors."""
+        if id(surface) not in self._coarse:
+            falling = np.concatenate(([0.0], np.geomspace(1e-3, 1.0, COARSE - 1)))
+            B, K = surface.B[-1] * np.linspace(0.0, 1.0, COARSE), surface.K[-1] * falling
+            self._coarse[id(surface)] = likelihood.surface(B, K, float(surface.c[surface.best]))
+        return self._coarse[id(surface)]
 
 
 def _shows(surface: Surface) -> bool:

@@ -18,8 +18,10 @@ from scipy.special import gammaincc
 from imumon.noise.fit.observations import Coefficients, Powers
 from imumon.samples import Bools, Floats
 
-GRID = 28
+GRID = 20
 """Values of B and of K at which the likelihood is computed."""
+FINE = 8
+"""Parts of a cell of the grid between which a quantile is interpolated."""
 WIDE = 24
 """The same in the first search, over twelve decades of power."""
 DROP = 9.0
@@ -108,7 +110,8 @@ class Likelihood:
         a, c_best, log, variance = self._profile(b, k, c)
         more, beta, beta_variance = self._restricted(a, b, k)
         # without any noise there is no likelihood
-        total = np.nan_to_num(log + more, nan=-HUGE, posinf=-HUGE, neginf=-HUGE)
+        total = log + more
+        total = np.where(np.isfinite(total), total, -HUGE)
         return Surface(B, K, total, a, variance, c_best, beta, beta_variance)
 
     def _profile(self, b: Floats, k: Floats, first: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -267,11 +270,24 @@ def mixed(one: Surface, two: Surface, weight: float) -> Surface:
 
 
 def quantiles(surface: Surface, axis: int, probabilities: Floats) -> Floats:
-    """Return quantiles of B (axis 0) or K (axis 1)."""
+    """Return quantiles of B (axis 0) or K (axis 1).
+
+    The cumulative probability is a piecewise cubic with the probability density as its slope.
+    """
     grid = (surface.B, surface.K)[axis]
-    p = np.exp(surface.log - surface.log.max()).reshape(surface.B.size, surface.K.size).sum(axis=1 - axis)
-    cumulative = np.concatenate(([0.0], np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(grid))))
-    return np.asarray(np.interp(probabilities, cumulative / cumulative[-1], grid))
+    p = _probability(surface).sum(axis=1 - axis)
+    p[0] *= 2.0 if grid[0] == 0.0 else 1.0
+    inner = np.concatenate(
+        ([5.0 * p[0] + 8.0 * p[1] - p[2]], 6.5 * (p[1:-2] + p[2:-1]) - 0.5 * (p[:-3] + p[3:]))
+    )
+    cells = np.append(inner, 5.0 * p[-1] + 8.0 * p[-2] - p[-3]) / 12.0
+    ends = np.concatenate(([0.0], np.cumsum(np.maximum(cells, 0.0))))
+    t = np.arange(FINE)[:, None] / FINE
+    rise = t * t * (3.0 - 2.0 * t)
+    inside = ends[:-1] + rise * np.diff(ends) + t * (1.0 - t) * ((1.0 - t) * p[:-1] - t * p[1:])
+    cumulative = np.maximum.accumulate(np.append(inside.T.ravel(), ends[-1]))
+    at = np.linspace(grid[0], grid[-1], cumulative.size)
+    return np.asarray(np.interp(probabilities, cumulative / cumulative[-1], at))
 
 
 def evidence(surface: Surface, axis: int) -> float:
@@ -285,8 +301,7 @@ def evidence(surface: Surface, axis: int) -> float:
 
 def averaged(surface: Surface, value: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """Return mean and standard deviation of quantities (g h, ...) that have a normal error at each point."""
-    p = np.exp(surface.log - surface.log.max())
-    # the grid is even in B and K
+    p = _probability(surface).ravel()
     p = p / p.sum()
     mean = p @ value
     return mean, np.sqrt(p @ (variance + (value - mean) ** 2))
@@ -298,6 +313,14 @@ def normal_matrix(w: Floats, X: Floats) -> Floats:
     XX = (w @ (X[:, :, None] * X[:, None, :]).reshape(n, -1)).reshape(-1, q, q)
     ridge = SAME_COLUMNS * np.einsum("mii->m", XX) + LEAST_INFORMATION
     return np.asarray(XX + ridge[:, None, None] * np.eye(q))
+
+
+def _probability(surface: Surface) -> Floats:
+    """Return (g, h) the probability at each point of an even grid, not normalised; at zero a point has half a cell."""
+    p = np.exp(surface.log - surface.log.max()).reshape(surface.B.size, surface.K.size)
+    p[0] *= 0.5 if surface.B[0] == 0.0 else 1.0
+    p[:, 0] *= 0.5 if surface.K[0] == 0.0 else 1.0
+    return np.asarray(p)
 
 
 def _information(weight: Floats, slopes: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats, Floats]:

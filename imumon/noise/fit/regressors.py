@@ -8,6 +8,7 @@ oscillation of few cycles are further columns.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -107,12 +108,20 @@ def settling(series: BlockSeries, share: float) -> list[Regressor]:
 
 
 def waves(series: BlockSeries, numbers: Ints) -> Floats:
-    """Return (n, 2 t) a cosine and a sine in the last segment at the frequencies of some of its coefficients."""
-    begin, count = int(series.begin[-1]), int(series.count[-1])
-    angles = np.multiply.outer(np.arange(count) + 0.5, np.pi * numbers / count)
-    out = np.zeros((series.series.size, 2 * numbers.size))
-    out[begin : begin + count, ::2], out[begin : begin + count, 1::2] = np.cos(angles), np.sin(angles)
+    """Return (m, 2 t) a cosine and a sine in the last segment at the frequencies of some of its coefficients."""
+    count = int(series.count[-1])
+    out = np.zeros((series.y.size, 2 * numbers.size))
+    out[1 - count :] = _waves(count, numbers.tobytes())
     return out
+
+
+@lru_cache(maxsize=2)  # the channels of a record have the same
+def _waves(count: int, numbers: bytes) -> Floats:
+    import scipy.fft
+
+    angles = np.multiply.outer(np.arange(count) + 0.5, np.pi * np.frombuffer(numbers, dtype=np.int64) / count)
+    pairs = np.stack((np.cos(angles), np.sin(angles)), axis=2).reshape(count, -1)
+    return np.asarray(scipy.fft.dct(pairs, axis=0, norm="ortho")[1:])
 
 
 def oscillation(series: BlockSeries, rest: Floats, number: int) -> list[Regressor]:

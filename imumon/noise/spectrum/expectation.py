@@ -44,6 +44,7 @@ def window_power(f: Floats, window: int) -> Floats:
     return np.asarray((np.sin(np.pi * f * window) / (window * np.sin(np.pi * f))) ** 2)
 
 
+@lru_cache(maxsize=32)
 def short_term_density(level: int) -> Floats:
     """Return (n,) 4 sin^2(pi f) at each bin in use: quantisation, or the first bend of a filter of unknown shape."""
     f = np.arange(FIRST_BIN, last_bin(level)) / SEGMENT / 2.0**level
