@@ -2,10 +2,10 @@
 
     python -m benchmarks                             about a quarter of an hour
     python -m benchmarks --quick                     a few minutes: fewer records, shorter ones
-    python -m benchmarks --into docs/PERFORMANCE.md --plot docs/scaling.svg
+    python -m benchmarks --plot docs/scaling.svg | python benchmarks/document_tables.py -
 
 Every peer works in the same run on the same machine: ratios are what to look at, for other work makes all
-times longer. `--into` puts machine, date, command and table between the two marks of a document.
+times longer. The last command saves the tables and writes them into docs/PERFORMANCE.md.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ import memory
 import replay
 import scaling
 import soak
-from figures import HEAD, Figure, lines
-
-BEGIN, END = "<!-- table: python -m benchmarks --into -->", "<!-- end of the table -->"
+from document_tables import head, row
+from figures import COLUMNS, Figure, lines
 
 
 def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
@@ -50,47 +49,37 @@ def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
     }
 
 
-def machine() -> str:
-    """Processor, system and versions in a line."""
+def machine() -> dict[str, str]:
+    """Processor, other work, system and versions."""
     cpu = platform.processor() or platform.machine()
     for line in Path("/proc/cpuinfo").read_text().splitlines():
         if line.startswith("model name"):
             cpu = line.partition(":")[2].strip()
             break
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "allantools"))
-    load = os.getloadavg()[0]
-    return (
-        f"{cpu}, {os.cpu_count()} cores, other work on them: load {load:.1f} at the start; "
-        f"{platform.system()} {platform.release().partition('-')[0]}, Python {platform.python_version()}, "
-        f"{libraries}"
-    )
-
-
-def replaced(document: str, table: str) -> str:
-    """A document with another table between its marks."""
-    before, begin, rest = document.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise SystemExit(f"the document has no {BEGIN!r} and {END!r}")
-    return f"{before}{BEGIN}\n\n{table}\n{END}{after}"
+    return {
+        "processor": f"{cpu}, {os.cpu_count()} cores",
+        "other work on them": f"load {os.getloadavg()[0]:.1f} at the start",
+        "system": f"{platform.system()} {platform.release().partition('-')[0]}, Python {platform.python_version()}",
+        "libraries": libraries,
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__.partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="fewer records, shorter ones: a few minutes")
     parser.add_argument("--plot", metavar="FILE", help="draw cost and state against the length, SVG")
-    parser.add_argument("--into", metavar="FILE", help="put the table into a document, too")
     words = parser.parse_args()
     command = " ".join(["python -m benchmarks", *sys.argv[1:]])
-    shown = [f"`{command}`, {datetime.now(UTC):%Y-%m-%d}. {machine()}.", "", HEAD]
-    print("\n".join(shown))
+    run = {"command": f"`{command}`", "date": f"{datetime.now(UTC):%Y-%m-%d}", **machine()}
+    print(
+        "\n".join(
+            [head("performance-run", "run", ""), *map(row, run.items()), "", head("performance", *COLUMNS)]
+        )
+    )
     for title, figures in parts(words.quick, words.plot).items():
-        for line in chain([f"| **{title}** | | | | |"], lines(figures)):
+        for line in chain([row([f"**{title}**", "", "", "", ""])], lines(figures)):
             print(line, flush=True)
-            shown.append(line)
-    if words.into:
-        path = Path(words.into)
-        path.write_text(replaced(path.read_text("utf-8"), "\n".join(shown) + "\n"), "utf-8")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Accuracy of N, B and K against the truth and the Cramer-Rao bound, with peers beside it, as Markdown.
 
     python benchmarks/accuracy.py            100 records a cell, a few minutes
-    python benchmarks/accuracy.py --full     2,000 records a cell (docs/ACCURACY.md is its output)
+    python benchmarks/accuracy.py --full     2,000 records a cell
 
 Truth: N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, point samples, `simulated`. Every figure has its standard error;
 what is beyond its goal by more than two of them is marked.
@@ -20,6 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 from bounds import cramer_rao
+from document_tables import head, row
 from figures import Figure, seconds
 from peers import peer_errors, realtime
 from real_effects import LEGEND, table
@@ -40,10 +41,6 @@ PEER_CELLS = {("5 h", 40.0), ("1 h", 200.0)}
 def say(title: str, text: str) -> None:
     """A section's heading and its first paragraph."""
     print(f"\n## {title}\n\n{text}\n")
-
-
-def header(*columns: str) -> None:
-    print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|")
 
 
 def share(hits: np.ndarray) -> str:
@@ -76,7 +73,7 @@ def accuracy_table(found: list[Cell]) -> None:
         " What is only bounded counts with the median of its likelihood. Goals: N and B within 1.03 of CRB,"
         " K within 33 % (5 h, K = 1e-6).",
     )
-    header("record", "K", "N", "CRB N", "B", "CRB B", "K", "CRB K")
+    print(head("accuracy-points", "record", "K", "N", "CRB N", "B", "CRB B", "K", "CRB K"))
     for c in found:
         least = 100 * cramer_rao(c.n, c.rate, N, B, c.K)
         columns = []
@@ -90,7 +87,7 @@ def accuracy_table(found: list[Cell]) -> None:
                 f"{100 * rmse:.3g} ± {100 * spread:.1g}{' **!**' if missed else ''}",
                 f"{least[term]:.3g}",
             ]
-        print(f"| {c.duration} at {c.rate:.0f} Hz | {c.K:.0e} | " + " | ".join(columns) + " |")
+        print(row([f"{c.duration} at {c.rate:.0f} Hz", f"{c.K:.0e}", *columns]))
 
 
 def goal_of(term: int, least: float, duration: str) -> float | None:
@@ -105,20 +102,25 @@ def coverage_table(found: list[Cell]) -> None:
         "for the columns N, B and K. K's bound holds: of those records alone in which K is only bounded, a "
         "selection by its estimate.",
     )
-    header(
-        *("record", "K", "N", "B", "K", "K measured", "K's bound holds"),
-        *("sigma, worst and best octave", "nothing left out"),
-    )
+    columns = ("record", "K", "N", "B", "K", "K measured", "K's bound holds")
+    print(head("accuracy-limits", *columns, "sigma, worst and best octave", "nothing left out"))
     for c in found:
         held = (c.low <= [N, B, c.K]) & (np.array([N, B, c.K]) <= c.high)
         bounded = ~c.measured[:, 2]
         order = np.argsort(c.inside.mean(axis=0))
+        octaves = (within(c.inside[:, order[at]], 0.93, 0.97) for at in (0, -1))
         print(
-            f"| {c.duration} at {c.rate:.0f} Hz | {c.K:.0e} | "
-            + " | ".join(within(held[:, term], 0.93, 0.97) for term in range(3))
-            + f" | {share(c.measured[:, 2])} | {share(held[bounded, 2])}"
-            + f" | {within(c.inside[:, order[0]], 0.93, 0.97)} / {within(c.inside[:, order[-1]], 0.93, 0.97)}"
-            + f" | {share(c.whole)} |"
+            row(
+                [
+                    f"{c.duration} at {c.rate:.0f} Hz",
+                    f"{c.K:.0e}",
+                    *(within(held[:, term], 0.93, 0.97) for term in range(3)),
+                    share(c.measured[:, 2]),
+                    share(held[bounded, 2]),
+                    " / ".join(octaves),
+                    share(c.whole),
+                ]
+            )
         )
 
 
@@ -146,14 +148,14 @@ def edf_table() -> None:
         " Octaves up to m = 8 are fully overlapping: 100 %. In brackets those that the limits of the curve are"
         " computed with.",
     )
-    header("T/τ", "white", "flicker", "random walk")
+    print(head("accuracy-edf", "T/τ", "white", "flicker", "random walk"))
     for ratio in (4, 8, 32, 128, 512):
-        n, row = ratio * 64, []
+        n, cells_of_ratio = ratio * 64, []
         for kind in range(3):
             full = edf(n, 64, 1, kind)
             stated = degrees_of_freedom(np.array([64]), np.array([(n - 128) // 8 + 1]), n, np.eye(3)[kind])[0]
-            row.append(f"{100 * edf(n, 64, 8, kind) / full:.2f} % ({100 * stated / full:.0f} %)")
-        print(f"| {ratio} | " + " | ".join(row) + " |")
+            cells_of_ratio.append(f"{100 * edf(n, 64, 8, kind) / full:.2f} % ({100 * stated / full:.0f} %)")
+        print(row([ratio, *cells_of_ratio]))
 
 
 # Peers ---------------------------------------------------------------------------
@@ -165,7 +167,7 @@ def peer_table(found: list[Cell], count: int) -> None:
         f"Bias / root mean square error in %, K = 1e-6, {count} records. Where a slope reading has no K"
         " or B the record is left out, to its advantage.",
     )
-    header("method", "5 h at 40 Hz: N", "B", "K", "1 h at 200 Hz: N", "B", "K")
+    print(head("accuracy-peers", "method", "5 h at 40 Hz: N", "B", "K", "1 h at 200 Hz: N", "B", "K"))
     errors = peer_errors(count)
     ours = [c for c in found if c.K == 1e-6 and (c.duration, c.rate) in PEER_CELLS]
     errors["**imumon**"] = [c.values[:count] / [N, B, 1e-6] - 1 for c in sorted(ours, key=lambda c: c.rate)]
@@ -175,7 +177,7 @@ def peer_table(found: list[Cell], count: int) -> None:
             for e in both
             for t in range(3)
         ]
-        print(f"| {name} | " + " | ".join(columns) + " |")
+        print(row([name, *columns]))
 
 
 def measure(count: int, peers: int) -> Iterator[Figure]:
@@ -190,10 +192,11 @@ def measure(count: int, peers: int) -> Iterator[Figure]:
         least = float(bounds[term])
         goal = 33.0 if name == "K" else 1.03 * least
         beside = [
-            f"{peer} {100 * root_mean_square(both[0][:, term])[0]:.2g}" for peer, both in errors.items()
+            f"{peer.split()[0]} {100 * root_mean_square(both[0][:, term])[0]:.2g}"
+            for peer, both in errors.items()
         ]
         yield Figure(
-            f"error of {name}, root mean square, 5 h at 40 Hz, {count} records",
+            f"rms error of {name}, 5 h at 40 Hz, {count} records",
             f"{100 * rmse:.3g} ± {100 * spread:.1g} %",
             ", ".join([*beside, f"Cramér–Rao {least:.3g}"]) + f" % ({peers} records)",
             f"≤ {goal:.3g} %",
@@ -220,7 +223,8 @@ def disturbed(count: int) -> None:
         " that exclude disturbances. B is near within twice its own limits, flagged by a caveat;"
         " worst are the farthest N and the farthest B that carries no caveat.",
     )
-    header("disturbance", "N within 1 %", "B near or flagged", "flagged", "worst N", "worst B unflagged")
+    columns = ("N within 1 %", "B near or flagged", "flagged", "worst N", "worst B unflagged")
+    print(head("accuracy-disturbances", "disturbance", *columns))
     lost = np.random.default_rng(7).random(LONGEST) >= 0.005
     found: dict[str, list[ChannelFit]] = {}
     for first in range(0, count, BATCH):
@@ -233,7 +237,7 @@ def disturbed(count: int) -> None:
             cascade.update(data[half + hole :], None if valid is None else valid[half + hole :])
             found.setdefault(name, []).extend(Estimator(averaged=False, time_to=False).fit(cascade.result()))
     for name, fits in found.items():
-        print(f"| {name} | " + " | ".join(judged(fits)) + " |")
+        print(row([name, *judged(fits)]))
 
 
 Case = tuple[np.ndarray, np.ndarray | None, int]
@@ -283,12 +287,11 @@ def speed() -> None:
         lambda: known.fit(curve),
     )
     times = [1e3 * seconds(each, 7, 1) / values.shape[1] for each in work]
-    first, again, between = (f"{spent:.1f} ms" for spent in times)
-    say(
-        "Cost",
-        f"Processor time of a fit per channel, 5 h at 40 Hz: first {first}, again {again} (goal 5); between two"
-        f" fits, with the curve of the moment, {between}.",
-    )
+    say("Cost", "Processor time of a fit per channel, 5 h at 40 Hz.")
+    print(head("accuracy-cost", "fit", "ms", "goal"))
+    names = ("first", "again", "between two fits, with the curve of the moment")
+    for name, spent, goal in zip(names, times, (5, 5, ""), strict=True):
+        print(row([name, f"{spent:.1f}", goal]))
 
 
 def main() -> None:
@@ -301,9 +304,7 @@ def main() -> None:
     count = options.records or (2000 if options.full else 100)
     command = "python benchmarks/accuracy.py" + (" --full" if count == 2000 else f" --records {count}")
     print(
-        f"# Accuracy\n\nOutput of `{command}`: {count} records a cell, truth N = 6.1e-5 rad/s/√Hz,"
-        " B = 2.4e-5 rad/s, point samples. ± is the standard error; **!** marks what misses its goal by"
-        " more than two of them."
+        f"# Accuracy\n\n{head('accuracy-run', 'command', 'records a cell')}\n{row([f'`{command}`', count])}"
     )
     edf_table()
     with multiprocessing.Pool(options.processes) as pool:
@@ -317,11 +318,10 @@ def main() -> None:
         coverage_table(found)
         seen = next(c for c in found if c.duration == "5 h" and c.K == 1e-7)
         holds = (seen.high[:, 2] >= 1e-7)[~seen.measured[:, 2]]
-        print(
-            f"\nWhite and flicker, 5 h: K falsely measured in {share(none.measured[:, 2])} % (goal ≤ 3)."
-            f" K = 1e-7, 5 h: declared a bound in {share(~seen.measured[:, 2])} % (goal ≥ 95), which holds"
-            f" in {share(holds)} % (goal 93–97)."
-        )
+        print(f"\n{head('accuracy-walks', '5 h at 40 Hz', 'share, %', 'goal, %')}")
+        print(row(["K = 0: falsely measured", share(none.measured[:, 2]), "≤ 3"]))
+        print(row(["K = 1e-7: declared a bound", share(~seen.measured[:, 2]), "≥ 95"]))
+        print(row(["K = 1e-7: the bound holds", share(holds), "93–97"]))
         peer_table(found, min(count, 100 if options.full else 20))
         realtime()
         disturbed(min(count, 48 if options.full else 8))

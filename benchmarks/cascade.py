@@ -170,4 +170,4 @@ def measure(long: bool = False) -> Iterator[Figure]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--long", action="store_true", help="10^8 samples against exact arithmetic")
-    show(measure(parser.parse_args().long))
+    show("cascade", measure(parser.parse_args().long))

@@ -115,4 +115,4 @@ def measure() -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    show(measure())
+    show("codec", measure())

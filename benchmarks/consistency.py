@@ -17,6 +17,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from document_tables import head, row
 from recordings import read
 
 from imumon.replay import ReplayOptions, replay
@@ -66,7 +67,7 @@ def main() -> None:
         return
     pairs: dict[str, list[bool]] = {letter: [] for letter in "NBK"}
     pending = dict.fromkeys("NBK", 0)
-    print("| record | axis | N, B, K of the whole record | disjoint pairs |\n|---|---|---|---|")
+    print(head("consistency", "record", "axis", "N, B, K of the whole record", "disjoint pairs"))
     for name, warm_up in WARM_UP_S.items():
         values, rate = load(folder, name)
         n, begin = len(values), round(warm_up * rate)
@@ -93,17 +94,13 @@ def main() -> None:
             if name in ADIS and axis.startswith("accel"):
                 n_value = channel.N.value if channel.N else None
                 mark = "" if n_value is not None and ACCEL_N[0] <= n_value <= ACCEL_N[1] else " **!**"
-            print(
-                f"| {name} | {axis} | {', '.join(texts)}{mark} | {'; '.join(disjoint) or '–'} |", flush=True
-            )
-    print("\n| | pairs | disjoint | goal | pending |\n|---|---|---|---|---|")
+            print(row([name, axis, ", ".join(texts) + mark, "; ".join(disjoint) or "–"]), flush=True)
+    print("\n" + head("consistency-pairs", "", "pairs", "disjoint", "goal", "pending"))
     for letter, found in pairs.items():
         share = sum(found) / max(len(found), 1)
         missed = "" if share <= GOALS[letter] else " **!**"
-        print(
-            f"| {letter} | {len(found)} | {sum(found)} ({100 * share:.1f} %){missed} | "
-            f"{100 * GOALS[letter]:.0f} % | {pending[letter]} |"
-        )
+        shown = f"{sum(found)} ({100 * share:.1f} %){missed}"
+        print(row([letter, len(found), shown, f"{100 * GOALS[letter]:.0f} %", pending[letter]]))
 
 
 def text(part: Coefficient | None) -> str:

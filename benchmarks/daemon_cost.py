@@ -191,6 +191,6 @@ if __name__ == "__main__":
     parser.add_argument("--profile", type=Path, metavar="FILE", help="write the costliest functions")
     parser.add_argument("--temperature", action="store_true", help="with the temperature as a tenth channel")
     words = parser.parse_args()
-    show(measure(words.temperature))
+    show("daemon-cost", measure(words.temperature))
     if words.profile:
         words.profile.write_text(profile(words.temperature))

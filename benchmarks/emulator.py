@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import serial
+from document_tables import head, row
 
 from imumon.devices.vn100.binary import BinaryLayout
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
@@ -66,10 +67,8 @@ def main() -> None:
     )
     parser.add_argument("--seconds", type=float, default=10.0)
     seconds = parser.parse_args().seconds
-    print(
-        f"{'stream':28} {'baud':>6} {'Hz':>4} {'packets':>8} {'lost':>5} {'core %':>7} {'late ms':>12}"
-        f" {'drift ms':>9}"
-    )
+    columns = ("share of a core, %", "between reads, median and 95 %, ms", "drift, ms")
+    print(head("emulator", "stream", "baud", "Hz", f"lost in {seconds:g} s", *columns))
     for name, baud, rate, output, layout in CASES:
         with spawn(EmulatorSettings(seed=1, baud=baud)) as sensor:
             used = -processor_time(sensor.pid)
@@ -79,10 +78,8 @@ def main() -> None:
         lost = bad + int(np.rint(np.diff(made) * rate / 1e9 - 1).sum())
         late = np.percentile(np.diff(times) * 1e3, [50, 95])
         drift = (made[-1] - made[0]) / 1e6 - (times[-1] - times[0]) * 1e3
-        print(
-            f"{name:28} {baud:6} {rate:4} {len(made):8} {lost:5} {100 * used / seconds:7.1f} "
-            f"{late[0]:5.1f} {late[1]:6.1f} {drift:9.1f}"
-        )
+        cells = (f"{100 * used / seconds:.0f}", f"{late[0]:.1f} / {late[1]:.1f}", f"{drift:.0f}")
+        print(row([name, baud, rate, lost, *cells]))
     for speed in (60, 600):
         with spawn(EmulatorSettings(seed=1, speed=speed)) as sensor:
             used = -processor_time(sensor.pid)

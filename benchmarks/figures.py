@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+from document_tables import head, row
+
 
 class Figure(NamedTuple):
     """One line of the table.
@@ -23,19 +25,19 @@ class Figure(NamedTuple):
     met: bool | None = None
 
 
-HEAD = "| what | imumon | beside it | goal | |\n|---|---:|---:|---:|---|"
+COLUMNS = ("what", "imumon", "beside it", "goal", "")
 MARKS = {True: "met", False: "**missed**", None: ""}
 
 
 def lines(figures: Iterable[Figure]) -> Iterable[str]:
     """Rows of the table as they are found."""
     for each in figures:
-        yield f"| {each.what} | {each.value} | {each.beside} | {each.goal} | {MARKS[each.met]} |"
+        yield row([*each[:4], MARKS[each.met]])
 
 
-def show(figures: Iterable[Figure]) -> None:
+def show(name: str, figures: Iterable[Figure]) -> None:
     """The table of one benchmark."""
-    print(HEAD)
+    print(head(name, *COLUMNS))
     for line in lines(figures):
         print(line, flush=True)
 

@@ -20,6 +20,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from document_tables import head, row
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard
@@ -101,12 +102,16 @@ class Tally:
         self.invented += found.K.status == "measured" and clean.K.status != "measured"
         self.lost += found.K.status != "measured" and clean.K.status == "measured"
 
-    def row(self) -> str:
+    def cells(self) -> list[str]:
         off, wide = np.array(self.off) * 100.0, np.array(self.widths) * 100.0
-        return (
-            f"{np.median(off):.4f} % | {off.max():.4f} % | {self.within} of {self.channels} | "
-            f"{self.agree} | {np.median(wide):+.1f} % | {self.invented} / {self.lost}"
-        )
+        return [
+            f"{np.median(off):.4f}",
+            f"{off.max():.4f}",
+            f"{self.within} of {self.channels}",
+            f"{self.agree}",
+            f"{np.median(wide):+.1f} %",
+            f"{self.invented} / {self.lost}",
+        ]
 
 
 def save_the_numbers(seeds: int) -> None:
@@ -122,13 +127,11 @@ def save_the_numbers(seeds: int) -> None:
                 for each, own in zip(fitted(values, rate, guarded), truth, strict=True):
                     tally.add(own, each)
     print(f"{hours:g} h at {rate:g} Hz, N = {NOISE['N']:g}, B = {NOISE['B']:g}, no K; {seeds} records\n")
-    print(
-        "| disturbance | guards | error of N, median | error of N, largest | undisturbed B within the limits |",
-        end="",
-    )
-    print(" B of the same status | B's upper limit moves by | K invented / lost |\n|" + "---|" * 8)
+    columns = ("N off, median, %", "largest, %", "clean B in limits", "B of the same status")
+    columns = ("disturbance", "guards", *columns, "B's upper limit moves by", "K invented / lost")
+    print(head("guards-disturbances", *columns))
     for (what, word), tally in tallies.items():
-        print(f"| {what} | {word} | {tally.row()} |")
+        print(row([what, word, *tally.cells()]))
 
 
 def false_cuts() -> None:
@@ -253,16 +256,15 @@ def shown(channel: Channel, name: str) -> str:
     return figures(readable.value, 3) if readable.value else "–"
 
 
-def line(report: Report, sensor: str) -> str:
+def fit_cells(report: Report, sensor: str) -> list[str]:
     """N, B, K of the three axes and the grade of a sensor."""
     channels = [report.channels[f"{sensor}/{axis}"] for axis in "xyz"]
     cells = [" / ".join(shown(c, name) for c in channels) for name in "NBK"]
     grade = report.grade.get(sensor)
-    cells.append((grade.nearest if grade else None) or "none")
-    return " | ".join(cells)
+    return [*cells, (grade.nearest if grade else None) or "none"]
 
 
-def slope(report: Report, sensor: str) -> str:
+def slope_cells(report: Report, sensor: str) -> list[str]:
     """The classical readings of N, B and K."""
     out = []
     for name in "NBK":
@@ -272,45 +274,50 @@ def slope(report: Report, sensor: str) -> str:
             value = getattr(readings, name, None) if readings else None
             values.append("–" if value is None else figures(value * READABLE[sensor, name].factor, 3))
         out.append(" / ".join(values))
-    return "; ".join(out)
+    return out
 
 
-def found(report: Report) -> str:
-    """What the guards cut, in words."""
+def found_cells(report: Report) -> list[str]:
+    """What the guards exclude or detect, and the strongest line of each axis by sensor."""
     session = report.session
     parts = [f"{reason} {seconds:.3g} s" for reason, seconds in session.excluded_by.items()]
     if session.missing:
         parts.append(f"{session.gaps} gaps, {session.missing} samples missing")
     if "not_at_rest" in report.caveats:
         parts.append("not at rest at the end")
-    lines = {
-        f"{entry.frequency_hz:.3g} Hz ({sensor})"
+    lines = [
+        {
+            f"{entry.frequency_hz:.3g}"
+            for axis in "xyz"
+            if (channel := report.channels.get(f"{sensor}/{axis}")) and channel.spectrum
+            for entry in channel.spectrum.lines[:1]
+        }
         for sensor in ("gyro", "accel", "mag")
-        for axis in "xyz"
-        if (channel := report.channels.get(f"{sensor}/{axis}")) and channel.spectrum
-        for entry in channel.spectrum.lines[:1]
-    }
-    if lines:
-        parts.append("lines at " + ", ".join(sorted(lines)))
-    return "; ".join(parts) or "nothing"
+    ]
+    return ["; ".join(parts) or "nothing", *(", ".join(sorted(found, key=float)) or "–" for found in lines)]
 
 
 def recordings(folder: Path) -> None:
-    """The table."""
-    for sensor in ("gyro", "accel"):
-        units = [pretty(READABLE[sensor, name].unit) for name in "NBK"]
-        print(f"\n### {sensor}, x / y / z; N in {units[0]}, B in {units[1]}, K in {units[2]}\n")
-        print("| recording | guards | N | B | K | grade | slope reading N; B; K |")
-        print("|---|---|---|---|---|---|---|")
-        for name, pair in _reports(folder).items():
-            for guarded, each in pair.items():
-                if f"{sensor}/x" in each.channels:
-                    on = "on" if guarded else "off"
-                    print(f"| {name} | {on} | {line(each, sensor)} | {slope(each, sensor)} |")
-    print("\n### found\n\n| recording | length | found |\n|---|---|---|")
+    """The tables: what is excluded or detected, the fits, and the classical readings."""
+    columns = ("excluded or detected", "lines, Hz: gyro", "accel", "mag")
+    print(head("guards-found", "recording", "samples", "s", *columns))
     for name, pair in _reports(folder).items():
         session = pair[True].session
-        print(f"| {name} | {session.samples} samples, {session.elapsed_s:.3g} s | {found(pair[True])} |")
+        print(row([name, session.samples, f"{session.elapsed_s:.3g}", *found_cells(pair[True])]))
+    for sensor in ("gyro", "accel"):
+        n, b, k = (f"{name}, {pretty(READABLE[sensor, name].unit)}" for name in "NBK")
+        reports = [
+            (name, "on" if guarded else "off", each)
+            for name, pair in _reports(folder).items()
+            for guarded, each in pair.items()
+            if f"{sensor}/x" in each.channels
+        ]
+        print("\n" + head(f"guards-{sensor}", "recording", "guards", n, b, k, "grade"))
+        for name, on, each in reports:
+            print(row([name, on, *fit_cells(each, sensor)]))
+        print("\n" + head(f"guards-{sensor}-slopes", "recording", "guards", n, b, k))
+        for name, on, each in reports:
+            print(row([name, on, *slope_cells(each, sensor)]))
 
 
 _CACHE: dict[str, dict[bool, Report]] = {}

@@ -96,4 +96,4 @@ def measure(hours: float = 24.0) -> Iterator[Figure]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--hours", type=float, default=24.0)
-    show(measure(parser.parse_args().hours))
+    show("memory", measure(parser.parse_args().hours))

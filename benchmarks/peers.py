@@ -8,6 +8,7 @@ import time
 import allantools
 import numpy as np
 from allantools.realtime import oadev_realtime
+from document_tables import head, row
 from simulated import B, N, components, strengths
 
 from imumon.noise import OctaveCascade, read_slopes
@@ -74,8 +75,7 @@ def realtime() -> None:
     again = OctaveCascade(1, tau0=1 / 40.0)
     again.update(values[1:, None])
     error = np.max(np.abs(again.result().sigma[:4, 0] / theirs.devs()[:4] - 1.0))
-    print(
-        f"\nallantools' realtime class keeps every sample, gives no N, B or K, and takes {slow / 1e3:.0f}"
-        " thousand samples a second in one channel at four averaging times; the cascade, in live blocks of 40"
-        f" and at all octaves, {ours / 1e3:.0f} thousand. They agree within {error:.0e} for m ≤ 8."
-    )
+    print(f"\n{head('accuracy-realtime', 'one channel', 'samples a second')}")
+    print(row(["allantools' realtime class, four averaging times", f"{1e3 * round(slow / 1e3):,.0f}"]))
+    print(row(["the cascade, all octaves, in blocks of 40", f"{1e3 * round(ours / 1e3):,.0f}"]))
+    print(row(["largest relative difference for m ≤ 8", f"{error:.0e}"]))

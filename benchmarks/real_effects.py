@@ -30,6 +30,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 from bounds import walk_bound
+from document_tables import head, row
 from sensor_effects import DEGREES, EFFECTS, RATE, SIGMA, Effect
 from simulated import BATCH, points
 
@@ -322,17 +323,8 @@ def judged(result: Result, clean: Result | None) -> list[str]:
 
 def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[str] | None = None) -> None:
     """Print the table: `count` records a cell by the estimator, `piped` by the pipeline; 0: without these."""
-    columns = (
-        "effect",
-        "K",
-        "N / B / K held, %",
-        "no value, %",
-        "width",
-        "bias, %",
-        "K measured, %",
-        "K² rmse",
-    )
-    print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|", flush=True)
+    columns = ("N / B / K held, %", "no value, %", "width", "bias, %", "K measured, %", "K² rmse")
+    print(head("real-effects", "effect", "K", *columns), flush=True)
     names = [
         name
         for name, effect in EFFECTS.items()
@@ -346,8 +338,8 @@ def table(pool: multiprocessing.pool.Pool, count: int, piped: int, only: list[st
         same = effect.rate == RATE
         reference = "clean, pipeline" if effect.pipeline else "clean" if same else name
         for at, K in enumerate(walks[name]):
-            row = judged(found[name, K], found.get((reference, walks[reference][at])))
-            print(f"| {name} | {K:.2g} | " + " | ".join(row) + " |", flush=True)
+            cells = judged(found[name, K], found.get((reference, walks[reference][at])))
+            print(row([name, f"{K:.2g}", *cells]), flush=True)
 
 
 def main() -> None:

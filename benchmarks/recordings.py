@@ -14,6 +14,7 @@ import gzip
 from pathlib import Path
 
 import numpy as np
+from document_tables import head, row
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, FittedCoefficient, OctaveCascade
 from imumon.units import READABLE, figures, pretty
@@ -59,18 +60,14 @@ def outside_limits(fit: ChannelFit) -> tuple[int, int]:
 
 def table(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...]) -> None:
     print(f"\n### {NAMES[name]}: {curve.span} samples, {curve.span / RATE:.0f} s\n")
-    print(
-        "| axis | N | B | K | up to, Hz | χ²/dof | octaves outside | caveats |\n"
-        "|---|---|---|---|---|---|---|---|"
-    )
+    columns = ("axis", *"NBK", "up to, Hz", "χ²/dof", "octaves outside", "caveats")
+    print(head(f"recording-{name.replace('_', '-')}", *columns))
     for axis, fit in zip(AXES, fits, strict=True):
         outside, octaves = outside_limits(fit)
-        print(
-            f"| {axis} | "
-            + " | ".join(formatted(axis, c, getattr(fit, c)) for c in "NBK")
-            + (f" | {fit.highest_hz:.3g} | {fit.chi2:.1f}/{fit.dof}" if fit.dof else " | – | –")
-            + f" | {outside} of {octaves} | {', '.join(fit.caveats) or '–'} |"
-        )
+        tested = (f"{fit.highest_hz:.3g}", f"{fit.chi2:.1f}/{fit.dof}") if fit.dof else ("–", "–")
+        found = (formatted(axis, c, getattr(fit, c)) for c in "NBK")
+        caveats = ", ".join(fit.caveats) or "–"
+        print(row([axis, *found, *tested, f"{outside} of {octaves}", caveats]))
 
 
 def draw(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...], folder: Path) -> None:
@@ -119,8 +116,8 @@ def draw(name: str, curve: AllanCurve, fits: tuple[ChannelFit, ...], folder: Pat
         panel.set_title(axis, loc="left", fontweight="bold")
         text = "\n".join(f"{c} {formatted(axis, c, getattr(fit, c))}" for c in "NBK")
         panel.text(0.98, 0.97, text, transform=panel.transAxes, ha="right", va="top", fontsize=6.3)
-    for row, unit in zip(panels, ("rad/s", "m/s²"), strict=True):
-        row[0].set_ylabel(f"Allan deviation, {unit}")
+    for line, unit in zip(panels, ("rad/s", "m/s²"), strict=True):
+        line[0].set_ylabel(f"Allan deviation, {unit}")
     for panel in panels[1]:
         panel.set_xlabel("averaging time τ, s")
     handles = {}

@@ -305,4 +305,7 @@ if __name__ == "__main__":
     ):
         parser.add_argument(f"--{option}", type=int, default=default)
     arguments = parser.parse_args()
-    show(measure(arguments.hours, arguments.sentences, arguments.rows, arguments.messages, arguments.repeat))
+    show(
+        "replay",
+        measure(arguments.hours, arguments.sentences, arguments.rows, arguments.messages, arguments.repeat),
+    )

@@ -88,7 +88,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=1000.0, help="Hz")
     words = parser.parse_args()
     figures = list(measure(words.minutes, words.rate))
-    show(figures)
+    show("ros2-hour", figures)
     sys.exit(any(each.met is False for each in figures))
 
 

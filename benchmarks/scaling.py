@@ -133,10 +133,10 @@ def measure(most: int = 7, path: str | None = None) -> Iterator[Figure]:
         peer += f"realtime {found.realtime_ns:,.0f} ns, " if found.realtime_ns is not None else ""
         moments = f"{found.with_moments_ns:.0f}" if found.with_moments_ns is not None else "–"
         yield Figure(
-            f"n = 10^{exponent}: a sample of one channel, octaves (with moments); state of 1 (9) channels",
+            f"n = 10^{exponent}: a sample (with moments); state of 1 (9)",
             f"{found.cascade_ns:.0f} ({moments}) ns; "
             f"{found.state_one / 1e3:.1f} ({found.state_nine / 1e3:.1f}) kB",
-            f"{peer}a record {found.offline_bytes / 1e6:g} MB",
+            f"{peer}record {found.offline_bytes / 1e6:g} MB",
         )
     growth = rows[-1].cascade_ns / rows[1].cascade_ns
     yield Figure(f"cost of a sample at n = 10^{most} over that at 10^5", f"{growth:.2f} ×")
@@ -149,4 +149,4 @@ if __name__ == "__main__":
     parser.add_argument("--most", type=int, default=7, help="samples at most, as a power of ten; default 7")
     parser.add_argument("--plot", metavar="FILE", help="draw it, SVG")
     words = parser.parse_args()
-    show(measure(words.most, words.plot))
+    show("scaling", measure(words.most, words.plot))

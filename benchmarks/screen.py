@@ -19,6 +19,8 @@ import threading
 import time
 from pathlib import Path
 
+from document_tables import head, row
+
 TESTS = Path(__file__).parents[1] / "tests"
 TICK = os.sysconf("SC_CLK_TCK")
 PROGRAM = """
@@ -39,7 +41,7 @@ class Source:
     def alive(self): return {{reports.ID}}
     def events(self, id): return reports.events()
     def watch(self, id, channel): pass
-    def rivals(self): return {}
+    def rivals(self): return {{}}
     def signal(self): return SIGNAL, time.monotonic()
     def connected(self): return True
 
@@ -59,8 +61,8 @@ def resident(pid: int) -> float:
     return int(line.split()[1]) / 1024
 
 
-def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> tuple[float, float, float]:
-    """CPU share in %, resident memory in MB, and bytes a second to the terminal."""
+def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> tuple[float, float]:
+    """CPU share in %, and resident memory in MB."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
     program = PROGRAM.format(tests=str(TESTS), rate=rate)
@@ -69,7 +71,6 @@ def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> 
         [sys.executable, "-c", program], stdin=theirs, stdout=theirs, stderr=theirs, env=environment
     )
     os.close(theirs)
-    written = [0]
 
     def drain() -> None:
         while True:
@@ -79,16 +80,15 @@ def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> 
                 return
             if not data:
                 return
-            written[0] += len(data)
 
     threading.Thread(target=drain, daemon=True).start()
     time.sleep(10.0)
     os.write(ours, keys)
     time.sleep(2.0)
-    begin, cpu, out = time.monotonic(), spent(process.pid), written[0]
+    begin, cpu = time.monotonic(), spent(process.pid)
     time.sleep(seconds)
     length = time.monotonic() - begin
-    result = 100 * (spent(process.pid) - cpu) / length, resident(process.pid), (written[0] - out) / length
+    result = 100 * (spent(process.pid) - cpu) / length, resident(process.pid)
     process.terminate()
     process.wait(10)
     os.close(ours)
@@ -97,7 +97,7 @@ def measure(size: tuple[int, int], rate: float, keys: bytes, seconds: float) -> 
 
 if __name__ == "__main__":
     span = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
-    print(f"{'size':<9}{'view':<10}{'reports/s':>10}{'CPU %':>8}{'MB':>7}{'bytes/s':>10}")
+    print(head("screen", "size", "view", "reports a second", "share of a core, %", "memory, MB"))
     for size, view, key, rate in (
         ((150, 40), "overview", b"1", 0.0),
         ((150, 40), "overview", b"1", 1.0),
@@ -107,5 +107,5 @@ if __name__ == "__main__":
         ((80, 24), "overview", b"1", 2.0),
         ((220, 60), "overview", b"1", 2.0),
     ):
-        cpu, memory, out = measure(size, rate, key, span)
-        print(f"{size[0]}x{size[1]:<5}{view:<10}{rate:>10.0f}{cpu:>8.1f}{memory:>7.0f}{out:>10.0f}")
+        cpu, memory = measure(size, rate, key, span)
+        print(row([f"{size[0]} × {size[1]}", view, f"{rate:.0f}", f"{cpu:.1f}", f"{memory:.0f}"]))

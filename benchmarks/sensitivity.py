@@ -2,7 +2,6 @@
 
     python benchmarks/sensitivity.py                             all constants: about a quarter of an hour on two cores
     python benchmarks/sensitivity.py noise.fit                   those of one package
-    python benchmarks/sensitivity.py --into docs/ACCURACY.md     put the table into a document, too
 
 Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own,
 before the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short
@@ -32,13 +31,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from document_tables import head, row
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("noise", "pipeline", "timebase", "recordings")
 """Packages whose constants can move a published number. Elsewhere constants are timeouts and sizes of queues."""
 NOT_TUNING = {"column_names.py", "raw_capture.py", "recording_header.py"}
 MOVED = 0.01
 """Relative change of a published number from which a constant is in the table."""
-BEGIN, END = "<!-- table: python benchmarks/sensitivity.py --into -->", "<!-- end of the table -->"
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +291,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("prefix", nargs="?", default="", help="package or module, such as noise.fit")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--into", type=Path, metavar="FILE", help="put the table into a document, too")
     words = parser.parse_args()
     found = list(constants(words.prefix))
     import numpy  # noqa: F401
@@ -302,9 +301,8 @@ def main() -> int:
         (Constant("", "", 1.0), 1.0),
         *((constant, factor) for constant in found for factor in (0.5, 2.0)),
     ]
-    shown = ["| constant | value | halved | doubled | largest change |", "|---|---:|---:|---:|---|"]
-    print("\n".join(shown), flush=True)
-    failed = 0
+    print(head("sensitivity", "constant", "value", "halved", "doubled", "largest change"), flush=True)
+    failed = moved = 0
     with multiprocessing.get_context("fork").Pool(words.processes, maxtasksperchild=1) as pool:
         made = pool.imap(_job, jobs)
         base = next(made)
@@ -316,16 +314,9 @@ def main() -> int:
             if max(half[0], double[0]) > MOVED:
                 name = f"{each.module.removeprefix('imumon.')}.{each.name}"
                 which = max(half, double)[1]
-                shown.append(f"| {name} | {each.value:g} | {half[0]:.1%} | {double[0]:.1%} | {which} |")
-                print(shown[-1], flush=True)
-    print(f"\n{len(shown) - 2} of {len(found)} constants move a number, {failed} runs fail", file=sys.stderr)
-    if words.into:
-        document = words.into.read_text("utf-8")
-        before, begin, rest = document.partition(BEGIN)
-        _, end, after = rest.partition(END)
-        if not begin or not end:
-            raise SystemExit(f"the document has no {BEGIN!r} and {END!r}")
-        words.into.write_text(f"{before}{BEGIN}\n\n" + "\n".join(shown) + f"\n\n{END}{after}", "utf-8")
+                moved += 1
+                print(row([name, f"{each.value:g}", f"{half[0]:.1%}", f"{double[0]:.1%}", which]), flush=True)
+    print(f"\n{moved} of {len(found)} constants move a number, {failed} runs fail", file=sys.stderr)
     return int(failed > 0)
 
 

@@ -1,0 +1,78 @@
+"""Tables of the documents, from the saved results of the benchmarks.
+
+    python benchmarks/accuracy.py --records 90 | python benchmarks/document_tables.py -
+    python benchmarks/document_tables.py
+
+A benchmark prints `<!-- table: NAME -->` above each of its tables. The first command saves the tables of such an
+output as `results/NAME.csv`, and writes the documents; names of files may take the place of `-`. The second command
+writes the documents from what is saved: below each line `<!-- table: NAME -->`, the lines of the table are replaced.
+The text around a table is written by hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results"
+DOCUMENTS = [Path(__file__).parents[1] / "docs" / name for name in ("ACCURACY.md", "PERFORMANCE.md")]
+_TABLE = re.compile(r"^<!-- table: ([\w-]+) -->\n((?:\|.*\n)*)", re.MULTILINE)
+
+
+def mark(name: str) -> str:
+    """Return the line above a table."""
+    return f"<!-- table: {name} -->"
+
+
+def row(cells: Sequence[object]) -> str:
+    """Return a line of a table.
+
+    >>> row(["N", 0.3])
+    '| N | 0.3 |'
+    """
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def head(name: str, *columns: str) -> str:
+    """Return the mark of a table and its first two lines."""
+    return "\n".join([mark(name), row(columns), "|---" * len(columns) + "|"])
+
+
+def save(output: str) -> list[str]:
+    """Save the tables of the output of a benchmark; return their names."""
+    names = []
+    for name, lines in _TABLE.findall(output + "\n"):
+        rows = [[cell.strip() for cell in line[1:-1].split("|")] for line in lines.splitlines()]
+        with (RESULTS / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([rows[0], *rows[2:]])
+        names.append(name)
+    return names
+
+
+def written(document: str) -> str:
+    """Return a document with the saved tables below their marks."""
+
+    def table(match: re.Match[str]) -> str:
+        with (RESULTS / f"{match[1]}.csv").open(newline="", encoding="utf-8") as file:
+            columns, *rows = csv.reader(file)
+        return "\n".join([head(match[1], *columns), *map(row, rows)]) + "\n"
+
+    return _TABLE.sub(table, document)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("outputs", nargs="*", metavar="FILE", help="output of a benchmark; -: standard input")
+    for name in parser.parse_args().outputs:
+        text = sys.stdin.read() if name == "-" else Path(name).read_text("utf-8")
+        print("\n".join(save(text)))
+    for path in DOCUMENTS:
+        path.write_text(written(path.read_text("utf-8")), "utf-8")
+
+
+if __name__ == "__main__":
+    main()
