@@ -338,15 +338,15 @@ class Daemon:
         passed, self._fed_at = now - (self._fed_at or now), now
         before = self._monitor.samples
         # in time-lapse the host clock proves nothing
-        self._monitor.feed(block, host_s=passed if self.options.speed == 1.0 else None)
+        mismatch = self._monitor.feed(block, host_s=passed if self.options.speed == 1.0 else None)
         self._history.clock(block)
         self._history.keep(self._monitor, self._started)
         if self._persistence is None:
             return
         if self._monitor.samples != before:
             self._persistence.fed_s = now
-        if self._monitor.mismatch is not None:
-            self._event("state", self._persistence.set_aside_rejected() or "", "warning")
+        if mismatch is not None:
+            self._event("state", self._persistence.set_aside_rejected(mismatch), "warning")
             self._started = None
 
     def _on_running(self) -> None:

@@ -137,10 +137,9 @@ class Persistence:
             return f"the record is {why}: a new record starts"
         return f"the state is {why}: kept as {self._checkpoint.set_aside(name).name}, a new record starts"
 
-    def set_aside_rejected(self) -> str | None:
-        """Set aside a restored record that the stream does not continue; return what was done."""
-        mismatch, self._monitor.mismatch = self._monitor.mismatch, None
-        return None if mismatch is None else self._set_aside("other-stream", mismatch.message)
+    def set_aside_rejected(self, mismatch: RecordMismatch) -> str:
+        """Set aside a record that the stream does not continue; return what was done."""
+        return self._set_aside("other-stream", mismatch.message)
 
     def differing(self, info: DeviceInfo) -> list[str]:
         """Return the settings that differ from those of the record, as text."""

@@ -23,6 +23,7 @@ from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDev
 from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.stretches import RecordStatistics
+from imumon.noise.stretches.record_statistics import Ended
 from imumon.pipeline.gap_fill import Break, LongGap, fill_gaps
 from imumon.samples import Floats, sensor_of
 from imumon.timebase.sample_clock import PlacedSamples
@@ -41,6 +42,23 @@ published numbers keep all digits."""
 SavedArrays = dict[str, npt.NDArray[Any]]
 
 
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """What some samples showed: it may have happened before them, because the guard holds samples back.
+
+    Attributes
+    ----------
+    disturbances : that ended.
+    rest, stuck : places on the grid where the sensor comes to rest or moves, and where it hangs or does not.
+    ended : warm-ups, hours and stretches.
+    """
+
+    disturbances: list[Disturbance]
+    rest: list[tuple[int, bool]]
+    stuck: list[tuple[int, bool]]
+    ended: Ended
+
+
 @dataclass(slots=True, eq=False)
 class GuardedStatistics:
     """Accumulators behind the guard.
@@ -48,14 +66,14 @@ class GuardedStatistics:
     Attributes
     ----------
     allan_channels, allan_groups : number of leading columns, and of their groups, with a curve and a spectrum.
-    history : curve and spectrum of these columns and moments of all, without the warm-up.
+    noise : curve and spectrum of these columns and moments of all, without the warm-up.
     histogram : of all columns.
     differences : of neighbouring samples in the columns with a curve, warm-up included.
     """
 
     allan_channels: int
     allan_groups: int
-    history: RecordStatistics
+    noise: RecordStatistics
     histogram: HistogramAccumulator
     differences: DifferenceAccumulator
 
@@ -65,13 +83,13 @@ class GuardedStatistics:
             if item.broken or item.skipped:
                 self.differences.break_()
             if item.broken:
-                self.history.break_()
+                self.noise.break_()
             if item.skipped:
-                self.history.skip(item.skipped)
+                self.noise.skip(item.skipped)
             if len(item.values):
                 valid = None if item.valid.all() else item.valid
                 allan_valid = None if valid is None else valid[:, : self.allan_groups]
-                self.history.update(item.values, valid)
+                self.noise.update(item.values, valid)
                 self.histogram.update(item.values, valid)
                 self.differences.update(item.values[:, : self.allan_channels], allan_valid)
 
@@ -118,8 +136,8 @@ class Accumulators:
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
         self._statistics = self._new_statistics()
 
-    def feed(self, placed: PlacedSamples) -> None:
-        """Add samples with their places on the grid."""
+    def feed(self, placed: PlacedSamples) -> Happened:
+        """Add samples with their places on the grid; return what they show."""
         self.samples += len(placed.steps)
         self.gaps += int(np.count_nonzero(placed.steps != 1))
         for segment in fill_gaps(placed):
@@ -141,10 +159,18 @@ class Accumulators:
                 self.envelope.update(segment.values, valid)
                 self._statistics.update(self.guard.update(segment.values, valid, segment.saturated))
         self.missing = self.span - self.samples
+        return self._happened()
 
-    def flush(self) -> None:
+    def flush(self) -> Happened:
         """Pass on what the guard holds back: the stream has ended or is interrupted."""
         self._statistics.update(self.guard.flush())
+        return self._happened()
+
+    def _happened(self) -> Happened:
+        disturbances, stuck = self.guard.events(), self.guard.stuck_changes()
+        if not self.guarded:
+            disturbances, stuck = [], []
+        return Happened(disturbances, self.guard.rest_changes(), stuck, self._statistics.noise.ended())
 
     @property
     def statistics(self) -> GuardedStatistics:
@@ -156,14 +182,14 @@ class Accumulators:
         return preview
 
     @property
-    def history(self) -> RecordStatistics:
+    def noise(self) -> RecordStatistics:
         """Statistics of what the guard has passed, split by time."""
-        return self._statistics.history
+        return self._statistics.noise
 
     @property
     def warmup_s(self) -> float:
         """s of received samples excluded as a detected warm-up."""
-        return self._statistics.history.warmup_s
+        return self._statistics.noise.warmup_s
 
     @property
     def elapsed_s(self) -> float:
@@ -221,16 +247,12 @@ class Accumulators:
         """
         return self.statistics.differences.result(steps)
 
-    def new_disturbances(self) -> list[Disturbance]:
-        """Return the disturbances that ended since the last call."""
-        return self.guard.events() if self.guarded else []
-
     def save(self) -> tuple[dict[str, Any], SavedArrays]:
         """Return the state that `restore` continues from: JSON values and small arrays."""
         parts = {
             "guard": self.guard.save(),
             "envelope": self.envelope.save(),
-            "history": self._statistics.history.save(),
+            "history": self._statistics.noise.save(),
             "histogram": self._statistics.histogram.save(),
             "differences": self._statistics.differences.save(),
         }
@@ -249,14 +271,14 @@ class Accumulators:
         wide = {k: v.astype(np.float64) if v.dtype == np.float32 else v for k, v in arrays.items()}
         self.guard = Guard.restore(subset(wide, "guard."))
         self.envelope = Envelope.restore(subset(wide, "envelope."))
-        self._statistics.history.restore(subset(wide, "history."))
+        self._statistics.noise.restore(subset(wide, "history."))
         self._statistics.histogram = HistogramAccumulator.restore(subset(wide, "histogram."))
         self._statistics.differences = DifferenceAccumulator.restore(subset(wide, "differences."))
 
     def _new_statistics(self) -> GuardedStatistics:
         groups = self.groups[: self.allan_channels]
         inertial = [i for i, name in enumerate(self.channels) if sensor_of(name) in ("gyro", "accel")]
-        history = RecordStatistics(
+        noise = RecordStatistics(
             self.groups,
             self.allan_channels,
             self.interval_s,
@@ -268,4 +290,4 @@ class Accumulators:
         allan_groups = max(groups, default=-1) + 1
         differences = DifferenceAccumulator(groups)
         allan = self.allan_channels, allan_groups
-        return GuardedStatistics(*allan, history, histogram, differences)
+        return GuardedStatistics(*allan, noise, histogram, differences)

@@ -87,7 +87,7 @@ class Analysis:
     def update(self, *, force: bool) -> None:
         """Recompute everything if it is due, or, with `force`, if anything has changed."""
         record, statistics = self._record, self._record.statistics
-        current = (record.span, statistics.history.position, record.warmup_s, force)
+        current = (record.span, statistics.noise.position, record.warmup_s, force)
         elapsed = record.elapsed_s
         early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
         if early or current == self._analysed:
@@ -95,8 +95,8 @@ class Analysis:
         if record.warmup_s != self._analysed[2]:
             self._scatter_due_s = 0.0
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
-        history = statistics.history
-        curve, self.shapes = history.curve(), statistics.histogram.result()
+        noise = statistics.noise
+        curve, self.shapes = noise.curve(), statistics.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
         self.resolution = steps
         fits = self._estimator.fit(
@@ -105,9 +105,9 @@ class Analysis:
             resolution=steps,
             kurtosis=record.excess_kurtosis().tolist(),
         )
-        inertial = [fits[c] for c in history.warmup_channels if c < len(fits)]
-        settles = still_settles(inertial, record.elapsed_s - history.begin_s)
-        self.heats_up = record.guarded and history.is_warming_up(curve)
+        inertial = [fits[c] for c in noise.warmup_channels if c < len(fits)]
+        settles = still_settles(inertial, record.elapsed_s - noise.begin_s)
+        self.heats_up = record.guarded and noise.is_warming_up(curve)
         self.warming_up = self.heats_up or (record.guarded and settles)
         if self.warming_up:
             fits = tuple(replace(fit, K=_bounded(fit.K)) for fit in fits)
@@ -131,7 +131,7 @@ class Analysis:
                 channel = replace(
                     made,
                     spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
-                    drift=report_builder.drift(fit, history.begin_s, _range(curve)),
+                    drift=report_builder.drift(fit, noise.begin_s, _range(curve)),
                     robust=report_builder.robust(self.robust[name]),
                 )
             self.channels[name] = channel
@@ -142,7 +142,7 @@ class Analysis:
         if not force and record.elapsed_s < self._scatter_due_s:
             return
         self._scatter_due_s = SCATTER_GROWTH * record.elapsed_s
-        quarters = record.statistics.history.quarters()
+        quarters = record.statistics.noise.quarters()
         if quarters is None:
             self._scatter = None
             return

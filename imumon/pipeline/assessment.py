@@ -59,7 +59,7 @@ def detect_changes(
     record: Accumulators, analysis: Analysis, baseline: Report | None
 ) -> dict[int, tuple[Change, ...]]:
     """Return what differs from the time before and from a saved baseline, by column."""
-    changes = {column: list(each) for column, each in record.statistics.history.changes().items()}
+    changes = {column: list(each) for column, each in record.statistics.noise.changes().items()}
     for column, (name, fit) in enumerate(analysis.fits.items()):
         own = changes.setdefault(column, [])
         if fit.step is not None:
@@ -84,7 +84,7 @@ def assess_channels(
     changes : by column.
     no_grade : why nothing of the record can be graded; None if it can.
     """
-    fits, moments, recent = analysis.fits, record.statistics.history.moments(), record.envelope.recent()
+    fits, moments, recent = analysis.fits, record.statistics.noise.moments(), record.envelope.recent()
     means = {name: each.mean for name, each in zip(record.channels, moments.channels, strict=True)}
     correlations: dict[str, dict[str, float]] = {}
     for group, covariance in enumerate(moments.covariance):

@@ -17,7 +17,7 @@ from imumon.alarms import ALARMS, RECOVERED, known
 from imumon.messages import EVENT_LEVELS, grade_text
 from imumon.noise.stretches.record_statistics import HOURS_BEFORE
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.accumulators import Accumulators, Happened
 from imumon.report import Change, Event, Report, SensorGrade, stamp
 from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
@@ -116,37 +116,34 @@ class EventLog:
 
     def record_restored(self, record: Accumulators) -> None:
         """Note that the changes between hours and the grades of a restored record have been reported before."""
-        for column, changes in record.history.changes().items():
+        for column, changes in record.noise.changes().items():
             self._changes |= {(column, each.against, each.quantity): 0.0 for each in changes}
         self._first_grades_known = True
 
-    def update_guard(self, record: Accumulators) -> None:
-        """Add what the guard excluded, the end of a warm-up, and rest and motion."""
-        for disturbance in record.new_disturbances():
+    def update_happened(self, happened: Happened, record: Accumulators) -> None:
+        """Add what the guard excluded, the end of a warm-up, rest and motion, and changes between hours."""
+        for disturbance in happened.disturbances:
             name = None if disturbance.channel is None else record.channels[disturbance.channel]
             start, length = disturbance.start * record.interval_s, disturbance.length * record.interval_s
             excluded = duration(length) if length >= 60.0 else f"{length:.2g} s"
             text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
             event = DetectedEvent("disturbance", text, "", start, name, length, disturbance.size)
             self._events.append(event)
-        decisions, record.history.decisions = record.history.decisions, []
-        for elapsed_s, warmup in decisions:
+        for elapsed_s, warmup in happened.ended.warmups:
             text = f"a warm-up of {duration(warmup)} is over and excluded"
             self._add_at(elapsed_s, "warmup", text, length_s=warmup)
-        for place, at_rest in record.guard.rest_changes():
+        for place, at_rest in happened.rest:
             text = "at rest again" if at_rest else "not at rest: statistics are suspended"
             self._add_at(place * record.interval_s, "rest" if at_rest else "motion", text)
-        stuck_changes = record.guard.stuck_changes()
-        for place, stuck in stuck_changes if record.guarded else ():
+        for place, stuck in happened.stuck:
             begins = "the values do not change: an axis or the whole sensor hangs"
             text, level = (begins, None) if stuck else ("the values change again", NOTICE)
             self._add_at(place * record.interval_s, "stuck", text, level=level)
-        comparisons, record.history.comparisons = record.history.comparisons, []
-        for elapsed_s, changes in comparisons:
+        for elapsed_s, changes in happened.ended.hours:
             self._update_changes(changes, record.channels, elapsed_s, hourly=True)
 
     def update_warmup(self, record: Accumulators, warming_up: bool, *, heats_up: bool) -> None:
-        """Add, once, the end of a warm-up of which nothing is excluded; else `update_guard` adds it.
+        """Add, once, the end of a warm-up of which nothing is excluded; else `update_happened` adds it.
 
         The temperature begins it: means that seem to settle for a while are no event.
         """

@@ -1,8 +1,9 @@
 """Monitor: samples in, Report out.
 
     monitor         chooses the stream, keeps its record, makes the report
+    record          the samples of one stream, and everything that follows from them
     gap_fill        steps of the sample clock to dense blocks, long gaps and breaks
-    accumulators    every accumulator of one stream
+    accumulators    every accumulator of a record
     analysis        fits, spectra and shapes, recomputed when the record has grown
     assessment      what the results mean: caveats, changes, grades
     report_builder  results as parts of the report
@@ -19,25 +20,19 @@ record, because streams must not be mixed.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
 
 import numpy.typing as npt
 
-from imumon.alarms import DEFAULT_LIMITS
 from imumon.errors import ImumonError, RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
-from imumon.noise.grading import LIMITS
-from imumon.pipeline import assessment
-from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.exact_curve import exact_curves
-from imumon.pipeline.loss import LossWindow
-from imumon.pipeline.periods import Periods
-from imumon.pipeline.report_builder import limit_curves, signal
+from imumon.pipeline.record import MonitorOptions, Record
+from imumon.pipeline.report_builder import signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
@@ -55,8 +50,6 @@ SAME_INTERVAL = 1e-3
 SAME_GIVEN_RATE = 1e-6
 """Relative difference up to which two configured rates are the same: they are equal but for rounding."""
 
-LIMIT_CURVES = limit_curves(LIMITS)
-
 STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 """Rank of a kind of stream: the highest is characterised."""
 
@@ -69,38 +62,34 @@ class RecordMismatch(ImumonError):
 
 
 @dataclass(frozen=True, slots=True)
-class MonitorOptions:
-    """How to monitor.
-
-    Attributes
-    ----------
-    guarded : exclude disturbances, motion and warm-up.
-    precision : target of the 95 % half-width by coefficient, as a share of the value.
-    period_s : s, between two reports.
-    baseline : an earlier report of this sensor to compare with; None: there is none.
-    stored : keep all samples, for `Monitor.exact_curves`: memory grows with the record.
-    periods : keep what happens in every 10 minutes, hour and day until `Monitor.periods` returns it.
-    alarm_limits : by name of the alarm; see `imumon.alarms`.
-    """
-
-    guarded: bool = True
-    precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
-    period_s: float = 1.0
-    baseline: Report | None = None
-    stored: bool = False
-    periods: bool = False
-    alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
-
-
-@dataclass(frozen=True, slots=True)
-class _RestoredRecord:
-    """A restored record that waits for the first samples to confirm its stream."""
+class _Source:
+    """The stream that is characterised, and its clock."""
 
     stream: Stream
     clock: SampleClock
-    record: Accumulators
+
+
+@dataclass(frozen=True, slots=True)
+class _Restored:
+    """A restored record that waits for the first samples to confirm its stream."""
+
+    source: _Source
+    record: Record
     restarts: int
-    periods: Mapping[str, Any] | None
+
+
+@dataclass(slots=True)
+class _WithoutRate:
+    """Samples of streams that need a rate, before any other stream appears."""
+
+    source: str = ""  # message that needs a rate
+    samples: int = 0
+    seconds: float = 0.0  # by the host clock
+
+    def error(self) -> RateRequired:
+        return RateRequired(
+            "rate_required", f"{self.source} has no clock", "give its sample rate with --rate"
+        )
 
 
 class Monitor:
@@ -113,9 +102,6 @@ class Monitor:
     Attributes
     ----------
     options : how to monitor.
-    stream : the stream that is characterised; None before the first sample.
-    mismatch : why the record before this one could not be continued; None: it was, or there was none. The
-        caller resets it.
     rate_hz : Hz; the caller may set it when the device reports its rate.
     restarts : breaks of unknown length and new records.
     """
@@ -123,74 +109,72 @@ class Monitor:
     def __init__(self, options: MonitorOptions | None = None, *, rate_hz: float | None = None) -> None:
         self.options = options or MonitorOptions()
         self.rate_hz = rate_hz
-        self.stream: Stream | None = None
-        self.mismatch: RecordMismatch | None = None
         self.restarts = 0
-        self._clock: SampleClock | None = None
-        self._record: Accumulators | None = None
-        self._analysis: Analysis | None = None
-        self._periods: Periods | None = None
-        self._finished_periods: list[HistoryPeriod] = []
+        self._source: _Source | None = None  # None before the first sample
+        self._record: Record | None = None  # None before the interval is known
+        self._restored: _Restored | None = None
         self._events = EventLog()
-        self._loss: LossWindow | None = None
-        self._restored: _RestoredRecord | None = None
-        self._no_clock_source = ""  # message of a stream that needs a rate
-        self._no_clock_samples, self._no_clock_s = 0, 0.0
+        self._ended_periods: list[HistoryPeriod] = []
+        self._without_rate = _WithoutRate()
         self._other_streams_s = 0.0  # by the host clock, since the last block of this stream
 
-    def feed(self, block: SampleBlock, *, host_s: float | None = None) -> None:
+    def feed(self, block: SampleBlock, *, host_s: float | None = None) -> RecordMismatch | None:
         """Process a block. Blocks of other streams than the characterised one are ignored.
 
         Parameters
         ----------
         host_s : s of device time since the last call, by the host clock; None: unknown.
 
+        Returns
+        -------
+        Why the record before could not be continued; None: it was, or there was none.
+
         Raises
         ------
         RateRequired : the stream has no clock and no rate is configured.
         """
         passed = None if host_s is None else self._other_streams_s + host_s
-        if not len(block) or not self._select(block.stream):
+        mismatch = self._choose(block.stream) if len(block) else None
+        if not len(block) or self._source is None or self._source.stream != block.stream:
             self._other_streams_s = passed or 0.0
             self._count_without_rate(block, host_s or 0.0)
-            return
-        assert self._clock is not None
+            return mismatch
         self._other_streams_s = 0.0
-        for placed in self._clock.place(block, host_s=passed):
-            self._accumulate(placed)
-        if (rest := self._clock.rest) is not None:
-            self._start_new_record("other_rate", "the sample rate of the sensor has changed")
-            self._clock = SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s)
-            self.feed(rest)
+        clock = self._source.clock
+        for placed in clock.place(block, host_s=passed):
+            mismatch = self._accumulate(placed) or mismatch
+        if (rest := clock.rest) is not None:
+            mismatch = self._start_new_record("other_rate", "the sample rate of the sensor has changed")
+            self._source = _Source(rest.stream, SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s))
+            mismatch = self.feed(rest) or mismatch
+        return mismatch
 
     def gap(self, length_s: float | None = None) -> None:
         """Note that the connection was interrupted for `length_s` by the host clock; None: unknown."""
-        if self._clock is not None:
-            self._clock.gap(length_s)
-        if self._loss is not None:
-            self._loss.restart()
+        if self._source is not None:
+            self._source.clock.gap(length_s)
+        if self._record is not None:
+            self._record.loss.restart()
 
-    def flush(self) -> None:
+    def flush(self) -> RecordMismatch | None:
         """Process everything that is held back: the stream has ended or is interrupted.
+
+        Returns
+        -------
+        As `feed`.
 
         Raises
         ------
         RateRequired : there was only a stream without a clock, and no rate is configured.
         """
-        if self.stream is None and self._no_clock_source:
-            raise self._rate_required()
-        if self._clock is not None:
-            for placed in self._clock.finish():
-                self._accumulate(placed)
+        if self._source is None and self._without_rate.source:
+            raise self._without_rate.error()
+        mismatch = None
+        for placed in self._source.clock.finish() if self._source is not None else ():
+            mismatch = self._accumulate(placed) or mismatch
         if self._record is not None:
-            self._flush_record(self._record)
-
-    def _flush_record(self, record: Accumulators) -> None:
-        """Process the samples that the guard holds back, and report what waits for later ones."""
-        record.flush()
-        self._update_periods(record)
-        self._events.update_guard(record)
-        self._events.report_gaps(record.elapsed_s, record)
+            self._ended_periods += self._record.flush(self._events)
+        return mismatch
 
     def events(self) -> list[DetectedEvent]:
         """Return what happened since the last call, in order."""
@@ -198,35 +182,32 @@ class Monitor:
 
     def periods(self) -> list[HistoryPeriod]:
         """Return the periods that ended since the last call, of `MonitorOptions.periods`."""
-        finished, self._finished_periods = self._finished_periods, []
-        return finished
-
-    def _update_periods(self, record: Accumulators) -> None:
-        if self._periods is None:
-            record.history.finished_stretches()
-        else:
-            self._periods.update()
-            self._finished_periods += self._periods.drain()
+        ended, self._ended_periods = self._ended_periods, []
+        return ended
 
     def periods_in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
         """Return the periods in progress; those of an earlier call unless they have grown, or with `force`."""
-        return [] if self._periods is None else self._periods.in_progress(force=force)
+        return [] if self._record is None else self._record.periods_in_progress(force=force)
 
     def end_record(self) -> None:
         """End the periods in progress: no samples follow in this record."""
-        if self._periods is not None:
-            self._periods.end()
-            self._finished_periods += self._periods.drain()
+        if self._record is not None:
+            self._ended_periods += self._record.end()
+
+    @property
+    def stream(self) -> Stream | None:
+        """The stream that is characterised; None before the first sample."""
+        return self._source.stream if self._source else None
 
     @property
     def samples(self) -> int:
         """Samples received in the record so far."""
-        return self._record.samples if self._record else 0
+        return self._record.accumulators.samples if self._record else 0
 
     @property
     def sample_rate_hz(self) -> float | None:
         """Rate of the grid; None before it is known."""
-        return 1.0 / self._record.interval_s if self._record else None
+        return 1.0 / self._record.accumulators.interval_s if self._record else None
 
     def report(
         self,
@@ -246,62 +227,36 @@ class Monitor:
         device_caveats : from the stream and the settings of the sensor, such as ``aliased``.
         speed : device seconds per second of the host clock.
         """
-        counters, described = self._counters(session), self._described(device)
-        period_s = self.options.period_s
         bare = Report(
             time=stamp(now),
-            device=described,
+            device=self._described(device),
             state=state,
-            session=counters,
-            period_s=period_s,
+            session=self._counted(session),
+            period_s=self.options.period_s,
             speed=speed,
             precision=self.options.precision,
             alarm_limits=self.options.alarm_limits,
         )
-        record, analysis = self._record, self._analysis
-        if record is None or analysis is None:
-            return bare
-        analysis.update(force=state != "running")
-        caveats = (
-            *device_caveats,
-            *assessment.record_caveats(record, analysis, guarded=self.options.guarded),
-        )
-        changes = assessment.detect_changes(record, analysis, self.options.baseline)
-        reason = assessment.no_grade_reason(record)
-        grades = assessment.sensor_grades(analysis, reason)
-        self._events.update_constant(assessment.constant_channels(analysis), record)
-        self._events.update_changes(changes, record)
-        self._events.update_grades(grades, record)
-        channels = assessment.assess_channels(record, analysis, caveats, changes, reason)
-        warming_up = any("warming_up" in each.caveats for each in channels.values())
-        self._events.update_warmup(record, warming_up, heats_up=analysis.heats_up)
-        made = replace(
-            bare,
-            grade=grades,
-            channels=channels,
-            caveats=tuple(dict.fromkeys(caveats)),
-            limits=LIMITS,
-            limit_curves=LIMIT_CURVES,
-        )
-        self._events.update_alarms(made, record)
-        return made
+        return bare if self._record is None else self._record.report(bare, device_caveats, self._events)
 
     def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
         """Return minimum and maximum per time column of some channels."""
-        record = self._record
+        if self._record is None:
+            return {}
+        own = self._record.accumulators
         return {
-            name: signal(name, record.envelope, record.channels.index(name), record.interval_s)
+            name: signal(name, own.envelope, own.channels.index(name), own.interval_s)
             for name in channels
-            if record is not None and name in record.channels
+            if name in own.channels
         }
 
     def exact_curves(self, report: Report, *, octaves: bool = True) -> dict[str, ExactCurve]:
         """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
-        record = self._record
-        if record is None or record.store is None:
+        if self._record is None or self._record.accumulators.store is None:
             return {}
-        channels = {name: report.channels[name] for name in record.channels[: record.allan_channels]}
-        return exact_curves(record.store, channels, record.interval_s, octaves=octaves)
+        own, store = self._record.accumulators, self._record.accumulators.store
+        channels = {name: report.channels[name] for name in own.channels[: own.allan_channels]}
+        return exact_curves(store, channels, own.interval_s, octaves=octaves)
 
     # ------------------------------------------------------------------ saved state
 
@@ -313,17 +268,15 @@ class Monitor:
         meta : JSON values.
         arrays : small arrays by name.
         """
-        assert self.stream is not None
-        assert self._clock is not None
+        assert self._source is not None
         assert self._record is not None
-        record, arrays = self._record.save()
+        saved, arrays = self._record.save()
         meta = {
-            "stream": asdict(self.stream),
-            "clock": self._clock.save(),
-            "record": record,
+            "stream": asdict(self._source.stream),
+            "clock": self._source.clock.save(),
             "guarded": self.options.guarded,
             "restarts": self.restarts,
-            "periods": self._periods.save() if self._periods is not None else None,
+            **saved,
         }
         return meta, arrays
 
@@ -346,157 +299,119 @@ class Monitor:
             raise RecordMismatch("other_guards", f"of a run with the guards {setting}")
         clock = SampleClock.restore(stream.clock, dict(meta["clock"]), stream.tick_s)
         clock.gap(away_s)
-        record = self._new_record(stream, float(meta["clock"]["interval_s"]))
-        record.restore(meta["record"], dict(arrays))
-        restarts, periods = int(meta["restarts"]), meta.get("periods")
-        self._restored = _RestoredRecord(stream, clock, record, restarts, periods)
+        record = Record(stream, float(meta["clock"]["interval_s"]), self.options)
+        record.restore(meta, arrays)
+        self._restored = _Restored(_Source(stream, clock), record, int(meta["restarts"]))
 
     def accept_restored(self) -> None:
         """Use the restored record without samples that confirm its stream: to report, not to continue."""
         if self._restored is not None:
-            self._continue_restored(self._restored.stream, None)
+            self._use(self._restored)
 
-    def _continue_restored(self, stream: Stream, interval_s: float | None) -> bool:
-        """Return whether the restored record belongs to `stream` and is continued; else note why not."""
-        restored, self._restored = self._restored, None
-        if restored is None:
-            return False
-        known = restored.record.interval_s
-        if restored.stream != stream:
-            self.mismatch = _mismatch("other_stream", restored.stream, known)
-            return False
-        configured = interval_s if stream.clock == "none" else None
-        if configured is not None and abs(configured / known - 1.0) > SAME_GIVEN_RATE:
-            self.mismatch = _mismatch("other_rate", stream, known)
-            return False
-        self.stream, self._clock, self.restarts = stream, restored.clock, restored.restarts
-        self._set_record(restored.record)
-        if self._periods is not None:
-            self._periods.restore(restored.periods)
-        self._events.record_restored(restored.record)
-        return True
+    def _use(self, restored: _Restored) -> None:
+        self._source, self._record, self.restarts = restored.source, restored.record, restored.restarts
+        self._restored = None
+        self._events.record_restored(restored.record.accumulators)
 
     # ------------------------------------------------------------------ streams and records
 
-    def _select(self, stream: Stream) -> bool:
-        """Return whether `stream` is the one to characterise. A better one starts a new record."""
-        current = self.stream
-        if current is not None:
-            if stream == current:
-                return True
-            if _rank(stream) <= _rank(current):
-                return False
+    def _choose(self, stream: Stream) -> RecordMismatch | None:
+        """Characterise `stream` from now on, if it is better than the present one; that starts a new record."""
+        mismatch = None
+        if (current := self.stream) is not None:
+            if stream == current or _rank(stream) <= _rank(current):
+                return None
             cause = f"there is a better stream, {stream.kind} from {stream.source}"
-            self._start_new_record("other_stream", cause)
+            mismatch = self._start_new_record("other_stream", cause)
         interval = stream.interval_s
         if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
-        if self._continue_restored(stream, interval):
-            return True
-        if stream.clock == "none" and interval is None:
-            return False
-        self.stream = stream
-        self._clock = SampleClock(stream.clock, interval, stream.tick_s)
-        return True
+        restored, self._restored = self._restored, None
+        if restored is not None:
+            other = _differs(restored, stream, interval)
+            if other is None:
+                self._use(restored)
+                return mismatch
+            mismatch = other
+        if stream.clock != "none" or interval is not None:
+            self._source = _Source(stream, SampleClock(stream.clock, interval, stream.tick_s))
+        return mismatch
 
     def _count_without_rate(self, block: SampleBlock, host_s: float) -> None:
         """Require a rate for a stream without a clock, unless another stream appears soon."""
-        if self.stream is None:
-            self._no_clock_source = block.stream.source
-            self._no_clock_samples += len(block)
-            self._no_clock_s += host_s
-            if self._no_clock_samples > NO_CLOCK_SAMPLES or self._no_clock_s > NO_CLOCK_S:
-                raise self._rate_required()
+        if self._source is None:
+            known = self._without_rate
+            known.source = block.stream.source
+            known.samples += len(block)
+            known.seconds += host_s
+            if known.samples > NO_CLOCK_SAMPLES or known.seconds > NO_CLOCK_S:
+                raise known.error()
 
-    def _rate_required(self) -> RateRequired:
-        text = f"{self._no_clock_source} has no clock"
-        return RateRequired("rate_required", text, "give its sample rate with --rate")
-
-    def _accumulate(self, placed: PlacedSamples) -> None:
+    def _accumulate(self, placed: PlacedSamples) -> RecordMismatch | None:
         """Add placed samples to the record; samples of another interval start a new one."""
-        assert self.stream is not None
-        assert self._clock is not None
-        interval = self._clock.interval_s
+        assert self._source is not None
+        interval, mismatch = self._source.clock.interval_s, None
         record = self._record
-        if record is not None and abs(record.interval_s / (interval or 1.0) - 1.0) > SAME_INTERVAL:
+        if (
+            record is not None
+            and abs(record.accumulators.interval_s / (interval or 1.0) - 1.0) > SAME_INTERVAL
+        ):
             cause = "the sample rate of the sensor is not that of the saved record"
-            self._start_new_record("other_rate", cause)
+            mismatch = self._start_new_record("other_rate", cause)
             placed.steps[0] = 1
         if self._record is None:
             assert interval is not None
-            self._set_record(self._new_record(self.stream, interval))
-        assert self._record is not None
+            self._record = Record(self._source.stream, interval, self.options)
         self.restarts += int((placed.steps == BREAK).sum())
-        assert self._loss is not None
-        self._record.feed(placed)
-        self._update_periods(self._record)
-        self._events.update_clock(placed.steps, self._record)
-        self._events.update_gaps(placed.steps, self._record)
-        self._events.update_guard(self._record)
-        for age_s, share, full in self._loss.update(placed.steps):
-            elapsed_s = self._record.elapsed_s - age_s
-            self._events.update_alarm("loss", share, self.options.alarm_limits["loss"], elapsed_s, ends=full)
+        self._ended_periods += self._record.feed(placed, self._events)
+        return mismatch
 
-    def _new_record(self, stream: Stream, interval_s: float) -> Accumulators:
-        guarded, stored = self.options.guarded, self.options.stored
-        averaged = stream.averaged
-        return Accumulators(stream.channels, interval_s, averaged=averaged, guarded=guarded, stored=stored)
-
-    def _set_record(self, record: Accumulators) -> None:
-        assert self.stream is not None
-        self._record = record
-        self._loss = LossWindow(record.interval_s)
-        averaged, precision = self.stream.averaged, self.options.precision
-        self._analysis = Analysis(record, averaged=averaged, precision=precision)
-        self._periods = None
-        if self.options.periods:
-            self._periods = Periods(record, self._analysis, averaged=averaged)
-
-    def _start_new_record(self, code: str, cause: str) -> None:
-        """End the record; the next samples start a new one. `code` is that of a `RecordMismatch`."""
-        if self._record is not None and self.stream is not None:
-            self.mismatch = _mismatch(code, self.stream, self._record.interval_s)
+    def _start_new_record(self, code: str, cause: str) -> RecordMismatch | None:
+        """End the record, if there is one; the next samples start a new one. `code` is that of the mismatch."""
+        mismatch, own = None, None
+        if self._record is not None and self._source is not None:
+            own = self._record.accumulators
+            mismatch = _mismatch(code, self._source.stream, own.interval_s)
             self.restarts += 1
-            self._flush_record(self._record)
-        self._events.add("restart", f"{cause}: a new record begins", self._record, code=code)
+            self._ended_periods += self._record.flush(self._events)
+        self._events.add("restart", f"{cause}: a new record begins", own, code=code)
         self.end_record()
         self._events.record_began()
-        self._record = self._analysis = self._periods = self._loss = None
+        self._record = None
+        return mismatch
 
     # ------------------------------------------------------------------ parts of the report
 
-    def _counters(self, link: SessionCounters) -> SessionCounters:
+    def _counted(self, link: SessionCounters) -> SessionCounters:
         """Return the counters of the caller with those of the record."""
-        record, clock = self._record, self._clock
-        if record is None:
+        if self._record is None or self._source is None:
             return link
-        return replace(
-            link,
-            elapsed_s=record.elapsed_s,
-            samples=record.samples,
-            missing=record.missing,
-            gaps=record.gaps,
-            duplicates=clock.duplicates if clock else 0,
-            disturbances=record.disturbances,
-            excluded_s=record.excluded_s,
-            excluded_by=record.excluded_by,
-            warmup_s=record.warmup_s,
-            restarts=link.restarts + self.restarts,
-            recent_loss=self._loss.share if self._loss else None,
-        )
+        restarts, duplicates = link.restarts + self.restarts, self._source.clock.duplicates
+        return replace(self._record.counted(link), restarts=restarts, duplicates=duplicates)
 
     def _described(self, device: DeviceDescription) -> DeviceDescription:
         """Return the description of the caller with what the samples show."""
-        if self.stream is None:
+        if (stream := self.stream) is None:
             return device
         return replace(
             device,
-            stream=self.stream.kind,
-            source=self.stream.source,
-            clock=self.stream.clock,
+            stream=stream.kind,
+            source=stream.source,
+            clock=stream.clock,
             sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
-            alias_factor=1.0 if self.stream.kind == "deltas" else device.alias_factor,
+            alias_factor=1.0 if stream.kind == "deltas" else device.alias_factor,
         )
+
+
+def _differs(restored: _Restored, stream: Stream, interval_s: float | None) -> RecordMismatch | None:
+    """Return why a restored record does not belong to a stream; None: it does."""
+    known = restored.record.accumulators.interval_s
+    if restored.source.stream != stream:
+        return _mismatch("other_stream", restored.source.stream, known)
+    configured = interval_s if stream.clock == "none" else None
+    if configured is not None and abs(configured / known - 1.0) > SAME_GIVEN_RATE:
+        return _mismatch("other_rate", stream, known)
+    return None
 
 
 def _mismatch(code: str, stream: Stream, interval_s: float) -> RecordMismatch:

@@ -7,7 +7,7 @@ is fitted again when it has grown enough to show, like the record itself (`imumo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
@@ -23,7 +23,7 @@ COUNTED = ("samples", "missing", "excluded")
 
 
 class Periods:
-    """Periods of one record that have ended, and those in progress.
+    """Periods of one record, those in progress included.
 
     Parameters
     ----------
@@ -36,29 +36,23 @@ class Periods:
         self._record, self._analysis = record, analysis
         self._estimators = {step: Estimator(averaged=averaged, time_to=False) for step in STEPS_S}
         self._counted = {step: dict.fromkeys(COUNTED, 0) for step in STEPS_S}  # up to the last period
-        self._finished: list[HistoryPeriod] = []
         self._current: dict[int, HistoryPeriod] = {}
         self._due_s = 0.0
 
-    def update(self) -> None:
-        """Keep the periods that have ended; call it after all samples that are added."""
-        for stretch in self._record.history.finished_stretches():
-            self._finished.append(self._period(stretch, complete=True))
+    def update(self, stretches: Iterable[Stretch]) -> list[HistoryPeriod]:
+        """Return the periods of stretches that have just ended."""
+        periods = []
+        for stretch in stretches:
+            periods.append(self._period(stretch, complete=True))
             self._counted[stretch.step_s] = self._counts()
             self._due_s = 0.0
+        return periods
 
-    def end(self) -> None:
-        """End the periods in progress: the record ends here."""
-        self.update()
-        for step in STEPS_S:
-            if (stretch := self._stretch(step)) is not None:
-                self._finished.append(self._period(stretch, complete=True))
+    def end(self) -> list[HistoryPeriod]:
+        """Return the periods in progress as they are: the record ends here."""
         self._current = {}
-
-    def drain(self) -> list[HistoryPeriod]:
-        """Return and forget the periods that have ended since the last call."""
-        finished, self._finished = self._finished, []
-        return finished
+        stretches = (self._stretch(step) for step in STEPS_S)
+        return [self._period(stretch, complete=True) for stretch in stretches if stretch is not None]
 
     def in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
         """Return the periods in progress; those of the last call unless they have grown, or with `force`.
@@ -90,7 +84,7 @@ class Periods:
             self._counted[step] = {name: int(counts[name]) for name in COUNTED}
 
     def _stretch(self, step_s: int) -> Stretch | None:
-        return self._record.history.stretch_in_progress(step_s)
+        return self._record.noise.stretch_in_progress(step_s)
 
     def _counts(self) -> dict[str, int]:
         record = self._record

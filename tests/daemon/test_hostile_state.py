@@ -256,8 +256,8 @@ def continued(place: Path, data: bytes) -> tuple[str, str | None]:
     assert decided[0][0].isprintable()
     error = None
     try:
-        monitor.feed(block(3100, 300))
-        kept.set_aside_rejected()
+        if (mismatch := monitor.feed(block(3100, 300))) is not None:
+            kept.set_aside_rejected(mismatch)
         now, device = datetime.now(UTC), DeviceDescription(id="lab")
         to_json(monitor.report(now, device, "running", SessionCounters()))
         kept.close(SessionCounters(), None)

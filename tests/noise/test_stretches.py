@@ -108,7 +108,7 @@ def finished(values: Floats, chunk: int) -> list[Stretch]:
     record, out = statistics(values.shape[1]), []
     for at in range(0, len(values), chunk):
         record.update(values[at : at + chunk])
-        out += record.finished_stretches()
+        out += record.ended().stretches
     return out
 
 
@@ -152,7 +152,7 @@ def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
     assert [each and each.end - each.start for each in counts] == [3000, 9000, 9000]
     record.skip(10 * HOUR)
     assert record.stretch_in_progress(600) is None
-    assert [each.step_s for each in record.finished_stretches()].count(600) == 2
+    assert [each.step_s for each in record.ended().stretches].count(600) == 2
 
 
 def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
@@ -186,7 +186,7 @@ def test_ordinary_hours_are_no_change(seed: int) -> None:
     values = synthesise(4 * HOUR, RATE, N=[N] * 4, B=[B, 5e-6, 2e-5, 0.0], K=[1e-7, 1e-6, 0, 0], seed=seed)
     record = statistics(4)
     record.update(values)
-    assert [changes for _, changes in record.comparisons] == [{}, {}, {}]
+    assert [changes for _, changes in record.ended().hours] == [{}, {}, {}]
 
 
 def test_an_hour_with_another_n_is_a_change() -> None:
@@ -237,7 +237,7 @@ def test_an_exponential_is_excluded_when_it_is_over(time_s: float, least: float,
     for fit in Estimator(averaged=True, time_to=False).fit(record.curve()):
         assert fit.K.status == "upper_bound"
         assert fit.N.value == pytest.approx(N, rel=0.03)
-    assert [warmup for _, warmup in record.decisions][-1] == record.warmup_s
+    assert [warmup for _, warmup in record.ended().warmups][-1] == record.warmup_s
 
 
 def test_a_warm_up_counts_its_valid_samples_only() -> None:
@@ -315,7 +315,7 @@ def heated(hours: float, chunk: int) -> tuple[RecordStatistics, list[Stretch]]:
     columns, found = np.column_stack((values, degrees)), []
     for start in range(0, len(columns), chunk):
         record.update(columns[start : start + chunk])
-        found += record.finished_stretches()
+        found += record.ended().stretches
     return record, found
 
 

@@ -23,16 +23,16 @@ def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     for row in range(4000):
         record.feed(PlacedSamples(values[row : row + 1], np.ones(1, dtype=np.int64), None))
         if row in range(1, 60) or row % 100 == 0:
-            counts.append(record.statistics.history.moments().channels[0].count)
+            counts.append(record.statistics.noise.moments().channels[0].count)
         if row == 1:
-            now = record.statistics.history.moments().channels[0]
+            now = record.statistics.noise.moments().channels[0]
             assert (now.count, now.last) == (2, values[1, 0])
             assert now.mean == pytest.approx(values[:2, 0].mean())
         if row == 29:
-            assert fit_curve(record.statistics.history.curve(), averaged=True)[0].N.status != "pending"
+            assert fit_curve(record.statistics.noise.curve(), averaged=True)[0].N.status != "pending"
             assert record.statistics.histogram.result()[0] is not None
     assert counts == sorted(counts)
-    assert record.statistics.history.moments().channels[0].count == record.samples - record.guard.held
+    assert record.statistics.noise.moments().channels[0].count == record.samples - record.guard.held
     assert record.guard.held <= 2 * max(10, rate)
 
 

@@ -149,7 +149,7 @@ def test_unguarded_records_keep_no_changes_that_nobody_reads() -> None:
     monitor = Monitor(MonitorOptions(guarded=False))
     feed(monitor, values, clock(values))
     assert monitor._record is not None
-    assert monitor._record.guard.stuck_changes() == []
+    assert monitor._record.accumulators.guard.stuck_changes() == []
     assert drained(monitor, "stuck") == []
 
 

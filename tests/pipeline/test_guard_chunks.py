@@ -54,24 +54,23 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
     """Return what must be equal, and what must be equal but for rounding."""
     channels = GYRO + ACCEL + MAG
     statistics = Accumulators(channels, 1.0 / RATE, averaged=[True] * 9, guarded=True)
-    events = []
+    happened = []
     for begin, end in itertools.pairwise([0, *edges, ROWS]):
         assert placed.saturated is not None
         block = PlacedSamples(placed.values[begin:end], placed.steps[begin:end], placed.saturated[begin:end])
         if end > begin:
-            statistics.feed(block)
-            events += statistics.new_disturbances()
-    statistics.flush()
-    events += statistics.new_disturbances()
+            happened.append(statistics.feed(block))
+    happened.append(statistics.flush())
+    events = [event for each in happened for event in each.disturbances]
     events.sort(key=lambda e: (e.start, e.kind, e.length))
-    curve, moments = statistics.statistics.history.curve(), statistics.statistics.history.moments()
+    curve, moments = statistics.statistics.noise.curve(), statistics.statistics.noise.moments()
     exact = [
         [(e.kind, e.start, e.length, e.channel) for e in events],
         statistics.guard.excluded,
         statistics.disturbances,
         statistics.guard.at_rest,
-        statistics.guard.rest_changes(),
-        statistics.guard.stuck_changes(),
+        [change for each in happened for change in each.rest],
+        [change for each in happened for change in each.stuck],
         curve.terms.tolist(),
         [(m.count, m.min, m.max, m.last) for m in moments.channels],
         [s.counts for s in statistics.statistics.histogram.result() if s is not None],

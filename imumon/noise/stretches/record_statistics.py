@@ -12,7 +12,7 @@ the sample clock: the same record gives the same result for any chunking and whe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,6 +40,22 @@ QUANTITIES = ("N", "B")
 """Quantities of a change, by number in the saved state."""
 
 
+@dataclass(slots=True)
+class Ended:
+    """What has ended in a record since it was last asked.
+
+    Attributes
+    ----------
+    stretches : shorter ones first.
+    warmups : time in s, and `RecordStatistics.warmup_s`, of each end of a warm-up that was found.
+    hours : time in s, and changes by column, of each hour that was compared.
+    """
+
+    stretches: list[Stretch] = field(default_factory=list)
+    warmups: list[tuple[float, float]] = field(default_factory=list)
+    hours: list[tuple[float, dict[int, tuple[Change, ...]]]] = field(default_factory=list)
+
+
 class RecordStatistics:
     """Statistics of a record, with its warm-up excluded and its hours compared.
 
@@ -56,8 +72,6 @@ class RecordStatistics:
     ----------
     warmup_s : s, valid samples that are excluded as a warm-up, without the missing or otherwise excluded ones
         within it.
-    decisions : time in s, and `warmup_s`, of each end of a warm-up that was found; the monitor takes them.
-    comparisons : time in s, and changes by column, of each hour that was compared; the monitor takes them.
     stretches : every 10 minutes, hour and day.
     warmup_channels : as given.
     """
@@ -86,12 +100,10 @@ class RecordStatistics:
         self._marks: dict[int, Window] = {0: self._cascade.open_window()}
         self._start = 0  # end of the warm-up
         self.warmup_s = 0.0
-        self.decisions: list[tuple[float, float]] = []
-        self.comparisons: list[tuple[float, dict[int, tuple[Change, ...]]]] = []
         self._quarters = Quarters(self._cascade, rate)
         self._segments: list[tuple[int, Moments]] = [(0, self._new())]
         self._stretches = Stretches(self._cascade, rate, self._merged)
-        self._finished: list[Stretch] = []
+        self._ended = Ended()
         self._changes: dict[int, tuple[Change, ...]] = {}
 
     @property
@@ -161,10 +173,10 @@ class RecordStatistics:
         """Return sums of the cascade as those of the channels with a curve."""
         return sums if self._temperature is None else sums.with_temperature()
 
-    def finished_stretches(self) -> list[Stretch]:
-        """Return and forget the stretches that have ended since the last call, shorter ones first."""
-        finished, self._finished = self._finished, []
-        return finished
+    def ended(self) -> Ended:
+        """Return and forget what has ended since the last call."""
+        ended, self._ended = self._ended, Ended()
+        return ended
 
     def stretch_in_progress(self, step_s: int) -> Stretch | None:
         """Return the stretch in progress of a length of `STEPS_S`; None without a sample in it."""
@@ -196,11 +208,11 @@ class RecordStatistics:
                 self._decide(candidate)
         hour_begin = self._stretches.mark(HOUR_S)
         finished = [replace(each, sums=self._own(each.sums)) for each in self._stretches.close_due()]
-        self._finished += finished
+        self._ended.stretches += finished
         for stretch in finished:
             if stretch.step_s == HOUR_S and stretch.start > self._start:
                 self._changes = self._compare(stretch, hour_begin)
-                self.comparisons.append((at * self._interval, self._changes))
+                self._ended.hours.append((at * self._interval, self._changes))
         if finished and self._segments[-1][0] != at:
             self._segments.append((at, self._new()))
             self._merge_segments(at)
@@ -215,7 +227,7 @@ class RecordStatistics:
             self._start = candidate
             self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()
-            self.decisions.append((self.position * self._interval, self.warmup_s))
+            self._ended.warmups.append((self.position * self._interval, self.warmup_s))
             self._changes = {}
         for start in [s for s in self._marks if s != self._start and s <= candidate]:
             self._cascade.close_window(self._marks.pop(start))
