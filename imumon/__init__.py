@@ -33,4 +33,4 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   files.py       files that other users may have prepared
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

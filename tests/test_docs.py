@@ -22,6 +22,7 @@ import pytest
 from daemons import Daemon, free_endpoint
 from paths import ROOT
 
+import imumon
 from imumon.cli import parsers
 
 DOCUMENTS = [
@@ -241,5 +242,6 @@ def test_the_changelog_has_known_headings() -> None:
     heads = re.findall(r"^## (.+)$", text, re.MULTILINE)
     assert heads[0] == "Unreleased"
     assert all(re.fullmatch(r"\d+\.\d+\.\d+ - \d{4}-\d\d-\d\d", head) for head in heads[1:])
+    assert heads[1].startswith(f"{imumon.__version__} - ")
     kinds = set(re.findall(r"^### (.+)$", text, re.MULTILINE))
     assert kinds <= {"Added", "Changed", "Fixed", "Removed", "Security"}
