@@ -204,7 +204,7 @@ class Checkpoint:
             if not stat.S_ISREG(path.lstat().st_mode):  # a link or a pipe: no process has locked it
                 self._move("not-a-lock", path)
         lock = open_regular(path, os.O_RDWR | os.O_CREAT, mode=0o600)
-        with suppress(OSError):  # of an earlier version
+        with suppress(OSError):  # somebody else may have made it
             os.fchmod(lock, 0o600)
         return lock
 

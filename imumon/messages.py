@@ -80,10 +80,6 @@ CAVEATS: Mapping[str, CaveatText] = {
         "the values do not change: an axis or the whole sensor hangs",
         "Repeated samples are excluded, and no grade is given.",
     ),
-    # not produced any more, for reports of earlier versions
-    "loop": CaveatText(
-        "the same samples over and over: replayed, not measured", "They count once, and no grade is given."
-    ),
     "disturbed": CaveatText(
         "more than a tenth of the record is excluded: knocks or motion",
         "The numbers describe the rest. Put the sensor where nothing touches or moves it.",

@@ -192,13 +192,13 @@ def _from_state(path: Path) -> tuple[Any, bool]:
         monitor = Monitor(MonitorOptions(guarded=guarded))
         monitor.restore(meta["monitor"], state.arrays, 0.0)
         monitor.accept_restored()
-        known = {"serial": meta.get("serial")} | meta.get("device", {})
-        caveats = tuple(known.pop("caveats", ()))
-        id, settings = path.name.partition(".state")[0], meta.get("settings", {})
-        driver = registry.driver_of_record(known.get("driver"), known.get("model"), id)
+        known = {"serial": meta["serial"]} | meta["device"]
+        caveats = tuple(known.pop("caveats"))
+        id, settings = path.name.partition(".state")[0], meta["settings"]
+        driver = registry.installed(known["driver"])
         texts = registry.setting_texts(driver, settings)
         device = DeviceDescription(**(known | {"id": id, "settings": settings, "setting_texts": texts}))
-        session = SessionCounters(started=meta.get("started"), **meta["session"])
+        session = SessionCounters(started=meta["started"], **meta["session"])
         if monitor.stream is not None and monitor.stream.kind == "compensated":
             caveats = tuple(dict.fromkeys((*caveats, "compensated")))
         saved = datetime.fromisoformat(meta["saved"])

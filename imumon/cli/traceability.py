@@ -74,7 +74,7 @@ def _sheet_of_model(report: Report) -> Any:
     from imumon.references import read_sheet, sheet_of_model
 
     device = report.device
-    driver = registry.driver_of_record(device.driver, device.model, device.id)
+    driver = registry.installed(device.driver)
     path = driver.reference_sheet(device.model) if driver is not None and device.model else None
     return read_sheet(path) if path is not None else sheet_of_model(device.model)
 

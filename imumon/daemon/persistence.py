@@ -92,11 +92,11 @@ class Persistence:
         if meta.get("serial") != self._serial:
             return self._set_aside("other-sensor", f"of another sensor, {_quoted(meta.get('serial'))}")
         try:
-            if changed := differing(meta.get("settings", {}), self._settings):
+            if changed := differing(meta["settings"], self._settings):
                 return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
-            counted: dict[str, Any] = {name: _count(meta["session"].get(name, 0)) for name in COUNTERS}
+            counted: dict[str, Any] = {name: _count(meta["session"][name]) for name in COUNTERS}
             started, saved = (_time(meta[name]) for name in ("started", "saved"))
-            away_s = max(0.0, _since(meta) + float(meta.get("age_s", 0.0))) * self._speed
+            away_s = max(0.0, _since(meta) + float(meta["age_s"])) * self._speed
             self._try_out(state, away_s)
             self._monitor.restore(meta["monitor"], state.arrays, away_s)
         except RecordMismatch as error:

@@ -270,7 +270,7 @@ def filter_warning(report: Report) -> str | None:
 def driver_advice(report: Report, about: str) -> str:
     """Return what the driver of the sensor says about its filter; empty if the driver is unknown."""
     device = report.device
-    driver = registry.driver_of_record(device.driver, device.model, device.id)
+    driver = registry.installed(device.driver)
     return driver.filter_advice(device.sample_rate_hz).get(about, "") if driver is not None else ""
 
 

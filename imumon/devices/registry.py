@@ -58,20 +58,9 @@ def scheme_of(url: str) -> str:
     return found[1] if found else DEFAULT_SCHEME
 
 
-def driver_of_record(name: str | None, model: str | None, id: str) -> DeviceDriver | None:
-    """Return the driver that made a report or a recording; None if it is unknown or not installed.
-
-    Files of earlier versions do not name the driver; they are of the default one if model or id says so.
-
-    Parameters
-    ----------
-    name : scheme in the file, if it has one.
-    model, id : model of the sensor and name of the device in the file.
-    """
-    if name is None:
-        named = (text.lower().replace("-", "") for text in (model or "", id))
-        name = DEFAULT_SCHEME if any(text.startswith(DEFAULT_SCHEME) for text in named) else None
-    return _load(name) if name in _entry_points() else None
+def installed(scheme: str | None) -> DeviceDriver | None:
+    """Return the driver that a file or a report names; None if it names none, or one that is not installed."""
+    return _load(scheme) if scheme in _entry_points() else None
 
 
 def setting_texts(driver: DeviceDriver | None, settings: Mapping[str, str]) -> dict[str, str]:

@@ -190,7 +190,7 @@ class _Run:
         serial, scheme = header.get("serial"), header.get("driver", registry.DEFAULT_SCHEME)
         id = header.get("id") or (f"{scheme}-{serial}" if serial else "replay")
         settings = header.get("settings", {})
-        driver = registry.driver_of_record(header.get("driver"), header.get("model"), id)
+        driver = registry.installed(header.get("driver"))
         self.device = report.DeviceDescription(
             id=id,
             driver=driver.scheme if driver is not None else header.get("driver", recording.driver),

@@ -20,7 +20,7 @@ from imumon.units import figures
 DIAGNOSTICS = "/diagnostics"
 OK, WARN, ERROR, STALE = range(4)
 """Levels of a DiagnosticStatus."""
-WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated", "loop")
+WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated")
 """Caveats that make a warning."""
 STATES: Mapping[str, tuple[int, str]] = {
     "starting": (STALE, "no sample yet"),

@@ -17,7 +17,7 @@ from imumon.tui.formatting import (
     with_background,
     wrap,
 )
-from imumon.tui.view_state import MOTION_CAVEATS, WARMUP_CAVEATS, ViewState
+from imumon.tui.view_state import SHOWN_CAVEATS, ViewState
 from imumon.units import counted, duration, number
 
 # ---------------------------------------------------------------------------- status line
@@ -81,9 +81,8 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     report = state.report
     if report is None:
         return []
-    repeated = {"warming_up": WARMUP_CAVEATS, "moving": MOTION_CAVEATS}
-    shown_above = repeated.get(state.connection_status().kind, frozenset())
-    names = [caveat.replace("_", " ") for caveat in caveats(report) if caveat not in shown_above]
+    shown_above = SHOWN_CAVEATS.get(state.connection_status().kind)
+    names = [caveat.replace("_", " ") for caveat in caveats(report) if caveat != shown_above]
     notes = [f"  ! {', '.join(names)} ", f"  ! {counted(len(names), 'caveat')} ", f" !{len(names)} "]
     lines: list[Line] = []
     for sensor in GRADED:

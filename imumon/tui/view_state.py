@@ -19,8 +19,8 @@ VIEWS = ("overview", "signal", "device", "events", "sensors", "history")
 SPANS = {"day": (86400.0, "10m"), "month": (31 * 86400.0, "1h"), "year": (366 * 86400.0, "1d")}
 """Spans of the view of the history: s, and step of its rows."""
 WINDOWS = ("minute", "hour", "everything")
-MOTION_CAVEATS = frozenset({"not_at_rest", "motion", "moving"})
-WARMUP_CAVEATS = frozenset({"warming_up", "warm_up", "warmup"})
+SHOWN_CAVEATS = {"moving": "not_at_rest", "warming_up": "warming_up"}
+"""Caveats that the status line shows, by the kind of the status."""
 STALE_PERIODS, STALE_S = 3.0, 3.0
 """Periods of a report, and s at least, after which the last report is stale."""
 
@@ -172,9 +172,9 @@ def _of_report(report: Report) -> ConnectionStatus:
     if report.state == "starting":
         text = "looking for the sensor and its stream"
         return ConnectionStatus("starting", "◌", "starting", text, "warn", True)
-    if caveats & MOTION_CAVEATS:
+    if SHOWN_CAVEATS["moving"] in caveats:
         return ConnectionStatus("moving", "◐", "not at rest", "motion is excluded", "warn", True)
-    if caveats & WARMUP_CAVEATS:
+    if SHOWN_CAVEATS["warming_up"] in caveats:
         text = "excluded later if it shows"
         return ConnectionStatus("warming_up", "◐", "warming up", text, "warn", True)
     return ConnectionStatus("live", "●", "live", "", "good", True)
