@@ -8,15 +8,14 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from paths import ROOT
+from source_trees import PACKAGE, nodes
 
 import imumon
 
-PACKAGE = ROOT / "imumon"
-TREES = {path.relative_to(PACKAGE): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
-NODES = {path: list(ast.walk(tree)) for path, tree in TREES.items()}
 REPEATABLE = {"__init__.py", "__main__.py", "base.py"}
 
 
@@ -69,15 +68,15 @@ def test_report_needs_the_standard_library_only() -> None:
 
 
 def test_no_file_name_occurs_twice() -> None:
-    names = collections.Counter(path.name for path in TREES if path.name not in REPEATABLE)
+    names = collections.Counter(path.name for path in nodes() if path.name not in REPEATABLE)
     assert not [name for name, count in names.items() if count > 1]
 
 
 def test_no_public_class_name_occurs_twice() -> None:
     names = collections.Counter(
         node.name
-        for tree in TREES.values()
-        for node in tree.body
+        for module, *_ in nodes().values()
+        for node in getattr(module, "body", ())
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
     assert not [name for name, count in names.items() if count > 1]
@@ -88,9 +87,9 @@ def test_an_init_only_reexports() -> None:
     lazy = {"__getattr__", "__dir__"}  # PEP 562: re-exports whose modules are imported at their first use
     assert not [
         f"{path}: {node.name}"
-        for path, tree in TREES.items()
+        for path, (module, *_) in nodes().items()
         if path.name == "__init__.py"
-        for node in tree.body
+        for node in getattr(module, "body", ())
         if isinstance(node, kinds) and node.name not in lazy
     ]
 
@@ -102,7 +101,7 @@ SHORT = {"errors.py", "exit_codes.py", "datasheet.py", "noise_sums.py", "tui.py"
 def test_a_module_is_worth_its_file_and_can_be_read_at_once() -> None:
     lines = {
         path: len((PACKAGE / path).read_text("utf-8").splitlines())
-        for path in TREES
+        for path in nodes()
         if path.name not in REPEATABLE
     }
     assert not [f"{path}: {n} lines" for path, n in lines.items() if n > 550]
@@ -112,8 +111,8 @@ def test_a_module_is_worth_its_file_and_can_be_read_at_once() -> None:
 # ---------------------------------------------------------------------- imports
 
 
-def imports(nodes: list[ast.AST]) -> Iterator[str]:
-    for node in nodes:
+def imports(module: list[ast.AST]) -> Iterator[str]:
+    for node in module:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -127,36 +126,32 @@ def test_only_a_device_package_imports_itself() -> None:
     assert "vn100" in devices
     for device in devices:
         name = f"imumon.devices.{device}"
-        for path, nodes in NODES.items():
+        for path, module in nodes().items():
             if path.parts[:2] == ("devices", device):
                 continue
-            assert not [found for found in imports(nodes) if found.startswith(name)], path
-            texts = [n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+            assert not [found for found in imports(module) if found.startswith(name)], path
+            texts = [n.value for n in module if isinstance(n, ast.Constant) and isinstance(n.value, str)]
             assert not [text for text in texts if name in text or f"devices.{device}" in text], path
 
 
 PURE = ("noise", "pipeline", "timebase", "report.py", "samples.py", "units.py", "messages.py")
-PURE_MODULES = [
-    path
-    for path in TREES
-    if path.parts[0] in PURE
-    or path.name == "braille_canvas.py"
-    or (
-        path.parts[:2] == ("devices", "vn100")
-        and path.name
-        in ("decoder.py", "ascii.py", "binary.py", "measurements.py", "checksum.py", "registers.py")
-    )
-]
+PURE_DECODERS = ("decoder.py", "ascii.py", "binary.py", "measurements.py", "checksum.py", "registers.py")
 IMPURE = {
     "time", "os", "io", "socket", "subprocess", "threading", "asyncio", "select", "logging", "sys", "pathlib",
     "serial", "zenoh", "textual", "pydantic", "queue", "tempfile", "shutil",
 }  # fmt: skip
 
 
-def impurities(nodes: list[ast.AST]) -> Iterator[str]:
+def is_pure(path: Path) -> bool:
+    if path.parts[:2] == ("devices", "vn100"):
+        return path.name in PURE_DECODERS
+    return path.parts[0] in PURE or path.name == "braille_canvas.py"
+
+
+def impurities(module: list[ast.AST]) -> Iterator[str]:
     """Yield the imports and calls of a module that do I/O or read a clock."""
-    yield from {name.partition(".")[0] for name in imports(nodes)} & IMPURE
-    for node in nodes:
+    yield from {name.partition(".")[0] for name in imports(module)} & IMPURE
+    for node in module:
         if isinstance(node, ast.Call):
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             if called in ("open", "print", "now", "today", "utcnow", "monotonic", "input"):
@@ -164,7 +159,12 @@ def impurities(nodes: list[ast.AST]) -> Iterator[str]:
 
 
 def test_mathematics_and_decoders_do_no_io_and_read_no_clock() -> None:
-    assert not [f"{path}: {found}" for path in PURE_MODULES for found in impurities(NODES[path])]
+    assert not [
+        f"{path}: {found}"
+        for path, module in nodes().items()
+        if is_pure(path)
+        for found in impurities(module)
+    ]
 
 
 # ---------------------------------------------------------------------- errors
@@ -200,7 +200,7 @@ def test_no_control_flow_depends_on_the_text_of_a_message() -> None:
         assert any(_searches_an_error_text(node) for node in ast.walk(ast.parse(bad))), bad
     assert not [
         f"{path}: line {getattr(node, 'lineno', 0)}"
-        for path, nodes in NODES.items()
-        for node in nodes
+        for path, module in nodes().items()
+        for node in module
         if _searches_an_error_text(node)
     ]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
+from pathlib import Path
 
 from paths import ROOT
+from source_trees import nodes
 
 from imumon.errors import ImumonError
 
-TREES = {
-    path.relative_to(ROOT): ast.parse(path.read_text("utf-8")) for path in (ROOT / "imumon").rglob("*.py")
-}
 DOCUMENT = (ROOT / "docs" / "ERRORS.md").read_text("utf-8")
 LISTED = [
     code
@@ -19,47 +19,50 @@ LISTED = [
     if line.startswith("| `")
     for code in re.findall(r"`(\w+)`", line.split("|")[1])
 ]
-NO_ERRORS = {"bash", "zsh", "fish"}
-"""Words with the shape of a code in calls that are no errors."""
 
 
 def _error_classes() -> set[str]:
     """Return the names of `ImumonError` and its subclasses, and of `ConfigFault`, which has a code too."""
     found = {"ImumonError", "ConfigFault"}
-    classes = [node for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    classes = [node for module in nodes().values() for node in module if isinstance(node, ast.ClassDef)]
     while more := {c.name for c in classes if any(ast.unparse(base) in found for base in c.bases)} - found:
         found |= more
     return found
 
 
-ERRORS = _error_classes()
-CALLS = [
-    (path, node)
-    for path, tree in TREES.items()
-    for node in ast.walk(tree)
-    if isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in ERRORS
-]
-LITERAL = {node.args[0].value for _, node in CALLS if isinstance(node.args[0], ast.Constant)}
-WORDS = {
-    node.value
-    for tree in TREES.values()
-    for node in ast.walk(tree)
-    if isinstance(node, ast.Constant) and isinstance(node.value, str)
-}
+@functools.cache
+def calls() -> list[tuple[Path, ast.Call]]:
+    """Return each call that makes an error, with the module it is in."""
+    errors = _error_classes()
+    return [
+        (path, node)
+        for path, module in nodes().items()
+        for node in module
+        if isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in errors
+    ]
+
+
 COMPOSED = ("format_", "_invalid")
 """Parts of codes that are made from a word of a table or the name of an option."""
 
 
 def test_every_code_is_listed() -> None:
-    assert len(LITERAL) > 80
-    assert not LITERAL - set(LISTED)
+    literal = {call.args[0].value for _, call in calls() if isinstance(call.args[0], ast.Constant)}
+    assert len(literal) > 80
+    assert not literal - set(LISTED)
 
 
 def test_every_listed_code_exists() -> None:
+    words = {
+        node.value
+        for module in nodes().values()
+        for node in module
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
     composed = {code for code in LISTED if code.startswith(COMPOSED[0]) or code.endswith(COMPOSED[1])}
-    assert not set(LISTED) - WORDS - composed
-    for code in composed - WORDS:
-        assert code.replace(COMPOSED[0], "").replace(COMPOSED[1], "") in WORDS, code
+    assert not set(LISTED) - words - composed
+    for code in composed - words:
+        assert code.replace(COMPOSED[0], "").replace(COMPOSED[1], "") in words, code
 
 
 def test_a_code_is_listed_once_or_in_two_places_where_both_apply() -> None:
@@ -78,7 +81,7 @@ def test_an_error_has_a_cure() -> None:
     others = ("ConfigFault", "ConfigError", "StateError", "StateVersionError", "RecordMismatch")
     assert not [
         f"{path}:{call.lineno}: {ast.unparse(call.func)}"
-        for path, call in CALLS
+        for path, call in calls()
         if ast.unparse(call.func) not in others and not has_cure(call)
     ]
 
