@@ -2,15 +2,21 @@
 
 A run feeds a `Monitor` with a sensor of known N, B and K that has gaps, a knock, a vibration and a slowly
 cycling temperature. The seed is fixed, so the numbers are the same on every machine. Each run happens once per
-process.
+test run: its processes share the results.
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+import pickle
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -70,6 +76,28 @@ VIBRATION_HZ = 4.37
 """Hz, vibration along accel/y."""
 CHUNK = 2000
 """Samples per block."""
+
+
+T = TypeVar("T")
+
+
+def once_per_test_run(make: Callable[..., T]) -> Callable[..., T]:
+    """Let the processes of a test run share the results of a function; the first that needs one makes it."""
+
+    @cache
+    def shared(*arguments: Hashable) -> T:
+        directory = os.environ.get("IMUMON_TEST_RUN")  # tests/conftest.py sets it
+        if directory is None:
+            return make(*arguments)
+        path = Path(directory) / f"{make.__name__}{arguments}.pickle"
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                path.write_bytes(pickle.dumps(make(*arguments)))
+        made: T = pickle.loads(path.read_bytes())
+        return made
+
+    return shared
 
 
 class Run:
@@ -154,7 +182,7 @@ def _samples(
     return np.column_stack((values, temperature, pressure))
 
 
-@cache
+@once_per_test_run
 def _run(scale: float) -> tuple[dict[float, Report], dict[str, Signal]]:
     """Return the reports of a run by age, and its signals at the end."""
     run = Run(scale=scale) if scale == 1.0 else Run(900.0, seed=2, scale=scale)
@@ -163,24 +191,25 @@ def _run(scale: float) -> tuple[dict[float, Report], dict[str, Signal]]:
     return reports, run.monitor.signals(NOISE)
 
 
-@cache
+@once_per_test_run
 def long_report() -> Report:
     """Return the report of a record that shows every N, B and K."""
     return Run(LONG_S, LONG_RATE, seed=4, walk=2.0).report_at(LONG_S)
 
 
-@cache
+@once_per_test_run
 def moving() -> Report:
     """Return the report of a sensor that has begun to move."""
     return Run(150.0, moving_s=20.0).report_at(150.0)
 
 
-@cache
+@once_per_test_run
 def warming_up() -> Report:
     """Return the report of a sensor that warms up."""
     return Run(200.0, warm_up=True).report_at(200.0)
 
 
+@cache
 def report(
     elapsed_s: float = LENGTH_S,
     *,
@@ -213,6 +242,7 @@ def report(
     )
 
 
+@cache
 def nothing_yet() -> Report:
     """Return what a daemon publishes before it detects its sensor."""
     device = DeviceDescription(id="vn100", port="/dev/ttyUSB0")
