@@ -186,6 +186,15 @@ def _anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
+def test_tests_and_benchmarks_that_are_named_exist() -> None:
+    named = {
+        name
+        for path in DOCUMENTS
+        for name in re.findall(r"(?:tests|benchmarks)/[\w/]+\.py", path.read_text("utf-8"))
+    }
+    assert not [name for name in named if not (ROOT / name).exists()]
+
+
 def test_no_line_is_wider_than_150_characters() -> None:
     pages = [*DOCUMENTS, ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*/README.md")]
     lines = [(path.name, line) for path in pages for line in path.read_text("utf-8").splitlines()]
