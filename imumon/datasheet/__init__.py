@@ -11,8 +11,7 @@ csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
 filter_figure    predicted error of a filter: figure and table
 signal_text      bias, drift, spectral lines and changes as lines of text
-config_snippets  settings for Kalibr, ROS, PX4, ArduPilot, GTSAM, OpenVINS
-slam_snippets    settings for VINS, FAST-LIO, LIO-SAM, ORB-SLAM3, robot_localization, KF-GINS
+program_settings settings of other programs: templates and factors
 """
 
 from imumon.datasheet.datasheet import FORMS, document

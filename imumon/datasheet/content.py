@@ -22,7 +22,6 @@ from imumon.datasheet.blocks import (
     HistoryFigure,
     Paragraph,
 )
-from imumon.datasheet.config_snippets import kalibr
 from imumon.datasheet.evidence import (
     budget_blocks,
     conformity_blocks,
@@ -33,6 +32,7 @@ from imumon.datasheet.evidence import (
 from imumon.datasheet.figures import legend_text
 from imumon.datasheet.filter_figure import QUANTITIES, filter_table, shown_axis
 from imumon.datasheet.history_figure import HistoryRows, history_table, series
+from imumon.datasheet.program_settings import settings_document
 from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
@@ -117,7 +117,7 @@ def _blocks(report: Report, filters: FilterReport, history: HistoryRows) -> Iter
             "Other formats: imumon report --format filter, ros, px4, ardupilot, gtsam, openvins, vins, fastlio, "
             "liosam, orbslam3, robot_localization or kfgins."
         )
-        yield CodeBlock("yaml", kalibr(report, filters).rstrip("\n"))
+        yield CodeBlock("yaml", settings_document("kalibr", report, filters).rstrip("\n"))
     yield from traceability_blocks(report)
 
 

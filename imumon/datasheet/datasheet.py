@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
-from imumon.datasheet import config_snippets, figures, slam_snippets
+from imumon.datasheet import figures
 from imumon.datasheet.blocks import markdown
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import csv_table
 from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
+from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.filter_report import FilterReport
 from imumon.report import Report, to_json
 
@@ -43,10 +45,6 @@ def document(report: Report, form: str, filters: FilterReport, history: HistoryR
     return data if isinstance(data, bytes) else data.encode(errors="replace")
 
 
-def _settings(make: Callable[[Report, FilterReport], str], text: str) -> DocumentForm:
-    return DocumentForm(make, text, settings=True)
-
-
 def _figure(form: str, text: str) -> DocumentForm:
     return DocumentForm(lambda report, _: figures.figure_file(report, form), text, filters=False, binary=True)
 
@@ -67,22 +65,14 @@ FORMS: Mapping[str, DocumentForm] = {
         lambda r, _: to_json(r, indent=1) + "\n", "the report itself; --baseline reads it", filters=False
     ),
     "csv": DocumentForm(lambda r, _: csv_table(r), "all numbers as one tidy table", filters=False),
-    "filter": _settings(
-        lambda _, f: to_json(f, indent=1) + "\n", "numbers that keep a Kalman filter consistent, JSON"
+    "filter": DocumentForm(
+        lambda _, f: to_json(f, indent=1) + "\n",
+        "numbers that keep a Kalman filter consistent, JSON",
+        settings=True,
     ),
-    "kalibr": _settings(config_snippets.kalibr, "Kalibr imu.yaml"),
-    "ros": _settings(config_snippets.ros, "covariances of a ROS sensor_msgs/Imu"),
-    "px4": _settings(config_snippets.px4, "PX4 EKF2 parameters"),
-    "ardupilot": _settings(config_snippets.ardupilot, "ArduPilot EKF3 parameters"),
-    "gtsam": _settings(config_snippets.gtsam, "GTSAM preintegration parameters, Python"),
-    "openvins": _settings(config_snippets.openvins, "OpenVINS kalibr_imu_chain.yaml"),
-    "vins": _settings(slam_snippets.vins, "VINS-Mono and VINS-Fusion noise"),
-    "fastlio": _settings(slam_snippets.fastlio, "FAST-LIO covariances"),
-    "liosam": _settings(slam_snippets.liosam, "LIO-SAM noise"),
-    "orbslam3": _settings(slam_snippets.orbslam3, "ORB-SLAM3 IMU noise"),
-    "robot_localization": _settings(
-        slam_snippets.robot_localization, "covariances of a ROS sensor_msgs/Imu for robot_localization"
-    ),
-    "kfgins": _settings(slam_snippets.kfgins, "KF-GINS imunoise"),
+    **{
+        name: DocumentForm(partial(settings_document, name), program.text, settings=True)
+        for name, program in PROGRAMS.items()
+    },
 }
 """Forms of a document by name."""

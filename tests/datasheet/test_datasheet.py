@@ -27,7 +27,6 @@ from reports import report as make_report
 
 from imumon.datasheet import FORMS, NoCurve, document, short_record_text
 from imumon.datasheet.blocks import DataTable
-from imumon.datasheet.config_snippets import ros
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
 from imumon.datasheet.figures import PANEL_INCHES, PRINT, svg
@@ -297,7 +296,7 @@ def test_ros_covariance_of_a_constant_sensor_is_unknown() -> None:
         if name[:4] == "gyro"
     }
     report = replace(report, channels=report.channels | dead)
-    lines = ros(report, filters(report)).splitlines()
+    lines = text(report, "ros").splitlines()
     assert "# angular_velocity_covariance: all zeros, which means unknown" in lines
     assert not any(line.startswith("angular_velocity_covariance") for line in lines)
 
