@@ -192,6 +192,15 @@ def test_noise_does_not_settle(quiet: Floats, walk: Floats) -> None:
         assert sum(fit.column("settling") is not None for fit in fitted(values)) <= 1
 
 
+@pytest.mark.parametrize("size", [10.0, 100.0, 1e4])
+def test_a_step_of_any_size_hides_no_noise(quiet: Floats, size: float) -> None:
+    """In standard deviations of a sample; the spectrum loses bands to it, and the blocks do not."""
+    values = quiet + size * N * math.sqrt(RATE) * (np.arange(LENGTH) > LENGTH // 3)[:, None]
+    fits = fitted(values)
+    check_noise(fits)
+    assert all(fit.step is not None for fit in fits)
+
+
 @pytest.mark.parametrize("at", [0.3, 0.62])
 def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Floats, at: float) -> None:
     values = quiet.copy()

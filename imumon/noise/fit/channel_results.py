@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.description import N_ERRORS, Description
+from imumon.noise.fit.description import Description
 from imumon.noise.fit.expected_curve import (
     degrees_of_freedom,
     density_variances,
@@ -30,6 +30,8 @@ from imumon.samples import Floats, Ints
 
 LEAST_B_K_S = 10.0
 """s, shortest record for B and K: before, a filter, a vibration, and the start look like them."""
+N_ERRORS = 2.2
+"""Standard errors of N^2, or of Q^2, from which it is measured: 1.4 % false detections."""
 EVIDENCE = 4.8
 """Twice the log likelihood ratio against zero from which B or K is measured: 1.4 % false detections (half of the
 records have the best value at zero)."""
@@ -74,7 +76,7 @@ def channel_fit(
     kurtosis : 1, excess kurtosis of the samples.
     precision : (3,) 1, requested relative half-widths of N, B and K; None: no times are wanted.
     """
-    tau0, series = curve.tau0, found.series
+    tau0, series = curve.tau0, found.slow.series
     samples = float(series.count.sum() * series.length)
     unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0]))
     coefficients = _coefficients(found, kurtosis / samples, samples * tau0)
@@ -99,7 +101,7 @@ def channel_fit(
         high=none,
         edf=none,
         columns=columns,
-        no_slope="collinear" if collinear else found.reason,
+        no_slope="collinear" if collinear else found.slow.no_temperature,
         explained=_explained(found),
         step=_step(found, columns),
         lines_hz=tuple((lines[:, 0] / tau0).tolist()),
@@ -198,15 +200,15 @@ def _scaled(each: FittedCoefficient, unit: float) -> FittedCoefficient:
 def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...], bool]:
     """Return the regressors with their coefficients, and whether time and temperature are not separable."""
     mean, error = average_over(found.surface, found.surface.beta, found.surface.beta_variance)
-    length_s = found.series.length * tau0
+    length_s = found.slow.series.length * tau0
     out = []
-    for each, value, deviation in zip(found.regressors, mean.tolist(), error.tolist(), strict=True):
+    for each, value, deviation in zip(found.slow.regressors, mean.tolist(), error.tolist(), strict=True):
         if each.name == "settling_time" or each.name in OSCILLATION:
             continue
         scale = each.scale / length_s if each.name == "drift" else each.scale
         out.append(FittedColumn(each.name, value * scale, deviation * scale, each.at * length_s))
     collinear = False
-    names = [each.name for each in found.regressors]
+    names = [each.name for each in found.slow.regressors]
     if "temperature" in names:
         X = found.likelihood.coefficients.X
         v = found.surface.powers @ found.likelihood.coefficients.variance
@@ -223,8 +225,8 @@ def _step(found: Description, columns: tuple[FittedColumn, ...]) -> Change | Non
     column = next((each for each in columns if each.name == "step"), None)
     if column is None:
         return None
-    series = found.series
-    regressor = next(each for each in found.regressors if each.name == "step")
+    series = found.slow.series
+    regressor = next(each for each in found.slow.regressors if each.name == "step")
     segment = int(np.searchsorted(series.begin, regressor.at, side="right")) - 1
     begin, at = int(series.begin[segment]), int(regressor.at)
     before = found.offset + float(series.series[begin:at].mean())
@@ -281,13 +283,13 @@ def _oscillations(found: Description, lines: Floats) -> list[Ints]:
     ----------
     lines : (l, 3) frequency and width, cycles per sample, and power of each line of the spectrum.
     """
-    series, out = found.series, []
+    series, out = found.slow.series, []
     f, width, power = lines.T
     noise = found.surface.powers @ series.variance
     aliases = np.abs(f - np.round(f * series.length) / series.length)
     remains = power / (np.pi * f * series.length) ** 2
     for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
-        own = np.flatnonzero(found.oscillations[begin : begin + count])
+        own = np.flatnonzero(found.slow.masked[begin : begin + count])
         step = 0.5 / ((count + 1) * series.length)
         for group in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
             at = begin + group
@@ -305,9 +307,11 @@ def _periods(found: Description, lines: Floats, tau0: float) -> tuple[float, ...
     out = []
     for group in _oscillations(found, lines):
         weight = found.excess[group]
-        out.append(float(tau0 * weight.sum() / (weight @ found.series.f[group])))
+        out.append(float(tau0 * weight.sum() / (weight @ found.slow.series.f[group])))
     described = [
-        each.at * found.series.length * tau0 for each in found.regressors if each.name == OSCILLATION[0]
+        each.at * found.slow.series.length * tau0
+        for each in found.slow.regressors
+        if each.name == OSCILLATION[0]
     ]
     for period in described:  # what is left of one beside its regressors is no other one
         out = [other for other in out if abs(other / period - 1.0) > SAME_PERIOD]
@@ -329,7 +333,7 @@ def _departure(curve: AllanCurve, channel: int, found: Description, averaged: bo
     if whole and not found.error and not _lines(curve, channel).size:
         return np.zeros(len(m))
     f, width, density, lines = observed_density(curve.sums, channel)
-    above = f > meeting_frequency(found.series)
+    above = f > meeting_frequency(found.slow.series)
     f, width, density, lines = f[above], width[above], density[above], lines[above]
     noise = surface.powers @ sampled_density(f, averaged=averaged)
     c = float(surface.c[surface.best]) * 4.0 * np.sin(np.pi * f) ** 2
@@ -355,9 +359,9 @@ def _moved(found: Description, m: Ints, lines: Floats) -> Floats:
     """Return (k,) the Allan variance of what the regressors move, and of the oscillations as they are."""
     import scipy.fft
 
-    series, beta = found.series, found.surface.beta[found.surface.best]
+    series, beta = found.slow.series, found.surface.beta[found.surface.best]
     moved = np.zeros(series.series.size)
-    for each, value in zip(found.regressors, beta.tolist(), strict=True):
+    for each, value in zip(found.slow.regressors, beta.tolist(), strict=True):
         moved = moved + value * each.scale * each.series
     left_out = np.zeros(series.y.size)
     for group in _oscillations(found, lines):
@@ -372,14 +376,14 @@ def _moved(found: Description, m: Ints, lines: Floats) -> Floats:
 
 def _explained(found: Description) -> float | None:
     """Return the share of the variance of the means beyond white noise that follows the temperature."""
-    names = [each.name for each in found.regressors]
+    names = [each.name for each in found.slow.regressors]
     if "temperature" not in names:
         return None
     at = names.index("temperature")
-    each, value = found.regressors[at], float(found.surface.beta[found.surface.best, at])
-    total = float(np.var(found.series.series))
-    rest = float(np.var(found.series.series - value * each.scale * each.series))
-    white = float(found.surface.powers[0] * found.series.variance[0].mean())
+    each, value = found.slow.regressors[at], float(found.surface.beta[found.surface.best, at])
+    total = float(np.var(found.slow.series.series))
+    rest = float(np.var(found.slow.series.series - value * each.scale * each.series))
+    white = float(found.surface.powers[0] * found.slow.series.variance[0].mean())
     if total - white <= BENDS * total:
         return None
     return min(1.0, max(0.0, (total - rest) / (total - white)))

@@ -106,6 +106,11 @@ class BlockSeries:
     variance: Floats
     f: Floats
 
+    @property
+    def samples(self) -> float:
+        """Samples of all segments."""
+        return float(self.count.sum()) * self.length
+
     def transform(self, values: Floats) -> Floats:
         """Return (m, ...) the coefficients of values (n, ...) at the same blocks."""
         import scipy.fft
@@ -115,16 +120,6 @@ class BlockSeries:
             for begin, count in zip(self.begin, self.count, strict=True)
         ]
         return np.concatenate(parts)
-
-    def without(self, coefficients: Floats) -> Floats:
-        """Return (n,) the series about its means without what has these coefficients (m,)."""
-        import scipy.fft
-
-        out = []
-        for number, (begin, count) in enumerate(zip(self.begin, self.count, strict=True)):
-            rest = (self.y - coefficients)[begin - number : begin - number + count - 1]
-            out.append(scipy.fft.idct(np.concatenate(([0.0], rest)), norm="ortho"))
-        return np.concatenate(out)
 
 
 def block_series(means: Floats, share: Floats, segment: Ints, length: int) -> BlockSeries | None:

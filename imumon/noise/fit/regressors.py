@@ -18,8 +18,6 @@ from imumon.samples import Floats, Ints
 
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
 """Columns of an oscillation: two phases, and the same growing in time."""
-OSCILLATION_PLACES = 41
-"""Frequencies at which an oscillation is sought about a coefficient."""
 LEAST_SPAN_DEGC = 0.3
 """degC, least range of the temperature from which its effect is estimated."""
 TEMPERATURE_SNR = 3.0
@@ -107,8 +105,8 @@ def settling(series: BlockSeries, share: float) -> list[Regressor]:
     ]
 
 
-def waves(series: BlockSeries, numbers: Ints) -> Floats:
-    """Return (m, 2 t) a cosine and a sine in the last segment at the frequencies of some of its coefficients."""
+def waves(series: BlockSeries, numbers: Floats) -> Floats:
+    """Return (m, 2 t) a cosine and a sine in the last segment, at the frequencies of coefficients (t,)."""
     count = int(series.count[-1])
     out = np.zeros((series.y.size, 2 * numbers.size))
     out[1 - count :] = _waves(count, numbers.tobytes())
@@ -119,30 +117,27 @@ def waves(series: BlockSeries, numbers: Ints) -> Floats:
 def _waves(count: int, numbers: bytes) -> Floats:
     import scipy.fft
 
-    angles = np.multiply.outer(np.arange(count) + 0.5, np.pi * np.frombuffer(numbers, dtype=np.int64) / count)
+    angles = np.multiply.outer(np.arange(count) + 0.5, np.pi * np.frombuffer(numbers) / count)
     pairs = np.stack((np.cos(angles), np.sin(angles)), axis=2).reshape(count, -1)
     return np.asarray(scipy.fft.dct(pairs, axis=0, norm="ortho")[1:])
 
 
-def oscillation(series: BlockSeries, rest: Floats, number: int) -> list[Regressor]:
+def oscillation(series: BlockSeries, number: float) -> list[Regressor]:
     """Return an oscillation in the last segment: two phases, and the same growing in time.
 
     Parameters
     ----------
-    rest : (count,) values of the segment, without what is known.
-    number : of the cosine coefficient at which it is strongest; the frequency is sought about it.
+    number : of the cosine coefficient with its frequency; not an integer in general.
     """
     begin, count = int(series.begin[-1]), int(series.count[-1])
     at = np.arange(count) + 0.5
-    angles = np.pi * (number + np.linspace(-1.0, 1.0, OSCILLATION_PLACES)) / count
-    waves = np.exp(1j * np.multiply.outer(angles, at)) * np.hanning(count)
-    angle = float(angles[np.abs(waves @ rest).argmax()])
+    angle = np.pi * number / count
     slope = at / count - 0.5
     out: list[Regressor] = []
     for name, wave in zip(OSCILLATION, (np.cos(angle * at), np.sin(angle * at)) * 2, strict=True):
         line = np.zeros(series.series.size)
         line[begin : begin + count] = wave if len(out) < 2 else wave * slope
-        out.append(Regressor(name, line, 2.0 * np.pi / angle))
+        out.append(Regressor(name, line, 2.0 * count / number))
     return out
 
 
@@ -201,8 +196,8 @@ def columns(series: BlockSeries, regressors: list[Regressor]) -> tuple[Floats, l
     return X / norm, scaled
 
 
-def gains(coefficients: Coefficients, surface: Surface, more: Floats, group: int = 1) -> Floats:
-    """Return (t / group,) twice the gain in log likelihood by some more columns, with the best B and K for each.
+def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: Ints) -> Floats:
+    """Return (s,) twice the gain in log likelihood by some more terms, with the best B and K for each.
 
     Of the single coefficients alone: the powers would hold what the columns explain as noise.
 
@@ -210,7 +205,7 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, group: int
     ----------
     surface : on a grid that reaches to B = K = 0.
     more : (n, t) columns at the coefficients.
-    group : neighbouring columns that are added together; they are nearly orthogonal.
+    starts : (s,) first column of each term; the columns of one are nearly orthogonal.
     """
     y, X, variance = coefficients.y, coefficients.X, coefficients.variance
     b, k = (axis.ravel() ** 2 for axis in np.meshgrid(surface.B, surface.K, indexing="ij"))
@@ -227,5 +222,5 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, group: int
     if q:
         log += 0.5 * ((solved[:, :, -1] * Xy).sum(axis=1) - np.linalg.slogdet(XX)[1])
     gain = with_y**2 / np.maximum(with_self, 1e-12 * (w @ more**2) + 1e-300)
-    gain = gain.reshape(len(gain), -1, group).sum(axis=2)
+    gain = np.add.reduceat(gain, starts, axis=1)
     return np.asarray((2.0 * log[:, None] + gain).max(axis=0) - 2.0 * log.max())
