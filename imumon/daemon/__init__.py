@@ -1,7 +1,11 @@
 """Daemon: read a device, feed the pipeline, publish and save.
 
 daemon         the loop
-run_limits     what ends a run, and how long a device may be silent
+connection     what is known of the device: identity, state, silence
+kept_record    the record with everything that keeps it: state, history, recording
+outputs        where reports and events go: log, bus, ROS 2, metrics, alert command
+run_options    what to run, and how it ended
+run_limits     what ends a run, how long a device may be silent, when a duty is due
 persistence    the record on disk: restored, saved, set aside
 recorder       the raw bytes on disk
 alert_command  a command of the user that runs at warnings
@@ -10,6 +14,7 @@ log            standard error: text, journal or JSON
 sd_notify      the service manager
 """
 
-from imumon.daemon.daemon import Daemon, RunOptions, RunResult
+from imumon.daemon.daemon import Daemon
+from imumon.daemon.run_options import RunOptions, RunResult
 
 __all__ = ["Daemon", "RunOptions", "RunResult"]

@@ -147,7 +147,7 @@ class Persistence:
 
     def start_new_record(self, info: DeviceInfo, monitor: Monitor, session: SessionCounters) -> str:
         """Set the record aside as it is and start another one; return what was done."""
-        self.save(session, self.started)
+        self.save(session)
         self._checkpoint.flush()
         changed = "; ".join(self.differing(info))
         self._monitor, self._settings, self._device = monitor, data_settings(info), saved_description(info)
@@ -158,13 +158,13 @@ class Persistence:
         sums = {name: getattr(session, name) + getattr(self._before, name) for name in COUNTERS}
         return replace(session, **sums)
 
-    def save(self, session: SessionCounters, started: str | None) -> None:
+    def save(self, session: SessionCounters) -> None:
         """Hand the state over to be written."""
-        self._checkpoint.save(self._state(session, started))
+        self._checkpoint.save(self._state(session))
 
-    def close(self, session: SessionCounters, started: str | None) -> None:
+    def close(self, session: SessionCounters) -> None:
         """Write the last state and wait for the disk."""
-        state = self._state(session, started) if self._monitor.samples else None
+        state = self._state(session) if self._monitor.samples else None
         self._checkpoint.close(state)
 
     def problem(self) -> tuple[str, Level] | None:
@@ -176,14 +176,14 @@ class Persistence:
             return "the state is saved again", "notice"
         return f"the state cannot be saved: {self._reported_problem}", "error"
 
-    def _state(self, session: SessionCounters, started: str | None) -> SavedState:
+    def _state(self, session: SessionCounters) -> SavedState:
         meta, arrays = self._monitor.save()
         whole: dict[str, Any] = {
             "version": __version__,
             "serial": self._serial,
             "settings": self._settings,
             "device": self._device,
-            "started": started,
+            "started": session.started,
             "saved": stamp(datetime.now(UTC)),
             "boot": _boot_id(),
             "uptime_s": uptime_s(),

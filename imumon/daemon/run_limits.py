@@ -1,4 +1,4 @@
-"""Limits of a run: what ends it, and how long a device may be silent."""
+"""Limits of a run: what ends it, how long a device may be silent, and when a duty is due."""
 
 from __future__ import annotations
 
@@ -102,6 +102,41 @@ class DataTimeout:
         if now - (self._no_samples_since or now) > (START_TIMEOUT_S if starting else timeout):
             return "data arrive, but no samples of the stream"
         return None
+
+
+class Timer:
+    """A duty that is due once per period. One that is late is not repeated at once.
+
+    Parameters
+    ----------
+    period_s : s between two times; the first is due at once.
+
+    Examples
+    --------
+    >>> timer = Timer(1.0)
+    >>> [timer.is_due(now) for now in (10.0, 10.5, 11.1, 12.0, 15.0, 15.5)]
+    [True, False, True, True, True, False]
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._next = period_s, 0.0
+
+    def is_due(self, now: float) -> bool:
+        """Return whether the duty is due at `now`, s, monotonic; if so, the next one is a period later."""
+        if now < self._next:
+            return False
+        self._next += self._period_s
+        if self._next <= now:
+            self.restart(now)
+        return True
+
+    def restart(self, now: float) -> None:
+        """Let the duty be due a period after `now`, s, monotonic."""
+        self._next = now + self._period_s
+
+    def expire(self) -> None:
+        """Let the duty be due at once."""
+        self._next = 0.0
 
 
 def timeout_s(rate_hz: float | None) -> float:

@@ -107,12 +107,14 @@ class DeviceReader:
     Attributes
     ----------
     restored : after `join`: whether the device has its own settings back; None: it was never started.
+    ended : `get` has returned `EndOfStream`.
     active_at : s, monotonic, when the thread last did something: it hangs if that is long ago.
     """
 
     def __init__(self, device: Device) -> None:
         self.restored: bool | None = None
         self.active_at = time.monotonic()
+        self.ended = False
         self._device = device
         self._queue: queue.Queue[ReaderEvent] = queue.Queue(BATCHES)
         self._begin = threading.Event()
@@ -130,9 +132,11 @@ class DeviceReader:
     def get(self, timeout_s: float) -> ReaderEvent | None:
         """Return the next event; None if there is none within `timeout_s`."""
         try:
-            return self._queue.get(timeout=timeout_s) if timeout_s > 0.0 else self._queue.get_nowait()
+            event = self._queue.get(timeout=timeout_s) if timeout_s > 0.0 else self._queue.get_nowait()
         except queue.Empty:
             return None
+        self.ended |= isinstance(event, EndOfStream)
+        return event
 
     def begin(self) -> None:
         """After `Opened`: let the device be started."""

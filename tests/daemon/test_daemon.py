@@ -149,7 +149,7 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
         read = SerialPort.read
 
         def flood(port: SerialPort, timeout: float) -> bytes:
-            return read(port, timeout) or (bytes(1000) if reader._state == "running" else b"")
+            return read(port, timeout) or (bytes(1000) if reader._connection.state == "running" else b"")
 
         monkeypatch.setattr(SerialPort, "read", flood)
         monkeypatch.setattr(SerialPort, "waits", True)

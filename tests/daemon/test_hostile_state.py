@@ -194,7 +194,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> SavedState:
     kept = Persistence(place, "lab", monitor)
     kept.restore(DeviceInfo(id="lab", serial="7"))
     monitor.feed(block(0, 3000))
-    kept.close(SessionCounters(), "2026-01-01T00:00:00.000Z")
+    kept.close(SessionCounters(started="2026-01-01T00:00:00.000Z"))
     return decode((place / "lab.state").read_bytes())
 
 
@@ -260,7 +260,7 @@ def continued(place: Path, data: bytes) -> tuple[str, str | None]:
             kept.set_aside_rejected(mismatch)
         now, device = datetime.now(UTC), DeviceDescription(id="lab")
         to_json(monitor.report(now, device, "running", SessionCounters()))
-        kept.close(SessionCounters(), None)
+        kept.close(SessionCounters())
     except Exception as later:
         error = repr(later)
         kept._checkpoint.close()

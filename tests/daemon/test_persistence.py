@@ -42,7 +42,7 @@ def leave(directory: Path) -> None:
     """A record of 200 samples of the sensor as it is set at first."""
     kept, monitor, _ = begun(directory, facts())
     monitor.feed(block(0))
-    kept.close(SessionCounters(), "2026-01-01T00:00:00.000Z")
+    kept.close(SessionCounters(started="2026-01-01T00:00:00.000Z"))
 
 
 def test_a_record_goes_on(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     assert monitor.samples == 400
     assert "continues" in said[0]
     assert kept.with_earlier_runs(SessionCounters()).restarts == 1
-    kept.close(SessionCounters(), kept.started)
+    kept.close(SessionCounters(started=kept.started))
 
 
 def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
     for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):
         kept = Persistence(tmp_path, "lab", Monitor(rate_hz=100.0))
         assert [weight for _, weight in kept.restore(of)] == [level]
-        kept.close(SessionCounters(), None)
+        kept.close(SessionCounters())
 
 
 def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path
     (text, level), *_ = kept.restore(facts())
     assert level == "warning"
     assert "guards on" in text
-    kept.close(SessionCounters(), None)
+    kept.close(SessionCounters())
     assert (tmp_path / "lab.other-settings-1.state").exists()
 
 
@@ -78,11 +78,11 @@ def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> Non
     """It is written by another thread, while samples go on."""
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.feed(block(0, 5000))
-    waiting = kept._state(SessionCounters(), None)
+    waiting = kept._state(SessionCounters())
     before = encode(waiting)
     monitor.feed(block(5000, 5000))
     assert encode(waiting) == before
-    kept.close(SessionCounters(), None)
+    kept.close(SessionCounters())
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_another_is_set_aside_whole(tmp_path: Path, other: DeviceInfo, name: str
     monitor.feed(block(0))
     assert monitor.samples == 200
     assert word in said[0]
-    kept.close(SessionCounters(), None)
+    kept.close(SessionCounters())
     assert (tmp_path / f"lab.{name}-1.state").read_bytes() == before
     assert (tmp_path / "lab.state").exists()
 
@@ -109,7 +109,7 @@ def test_fresh_keeps_the_old_one_even_if_only_a_generation_is_left(tmp_path: Pat
     (tmp_path / "lab.state").rename(tmp_path / "lab.state.1")
     kept, monitor, said = begun(tmp_path, facts(), fresh=True)
     monitor.feed(block(0))
-    kept.close(SessionCounters(), None)
+    kept.close(SessionCounters())
     assert "lab.old-1.state" in said[0]
     assert decode((tmp_path / "lab.old-1.state").read_bytes()).meta["serial"] == "0100000001"
 
@@ -122,7 +122,7 @@ def test_settings_that_change_while_it_is_away_start_new_record(tmp_path: Path) 
     other = Monitor(rate_hz=100.0)
     said = kept.start_new_record(changed, other, SessionCounters())
     other.feed(block(0, 50))
-    kept.close(SessionCounters(), None)
+    kept.close(SessionCounters())
     assert "lab.other-settings-1.state" in said
     assert decode((tmp_path / "lab.other-settings-1.state").read_bytes()).meta["monitor"]["stream"]
     assert decode((tmp_path / "lab.state").read_bytes()).meta["settings"] == changed.settings
@@ -157,10 +157,10 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     monitor.feed(block(0))
     place = tmp_path / "lab.state.new"
     place.mkdir()  # nothing can be written under this name
-    kept.save(SessionCounters(), None)
+    kept.save(SessionCounters())
     kept._checkpoint.flush()
     assert (kept.problem() or ("", ""))[1] == "error"
     assert kept.problem() is None  # once per change
     place.rmdir()
-    kept.close(SessionCounters(), None)
+    kept.close(SessionCounters())
     assert Checkpoint(tmp_path, "lab").load()[0] is not None

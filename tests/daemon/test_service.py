@@ -156,12 +156,12 @@ def test_a_device_that_is_silent_from_the_start_is_waited_for(
 ) -> None:
     """Otherwise it would never be ready, and be killed and started again and again."""
     daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
-    daemon._connected = True
+    daemon._connection.connected = True
     monkeypatch.setattr("imumon.daemon.run_limits.timeout_s", lambda rate_hz: 0.0)
     daemon._handle(None)
-    assert daemon._state == "starting"
+    assert daemon._connection.state == "starting"
     daemon._handle(None)
-    assert daemon._state == "waiting"
+    assert daemon._connection.state == "waiting"
 
 
 def test_a_late_report_is_not_followed_by_another_at_once(
@@ -170,7 +170,7 @@ def test_a_late_report_is_not_followed_by_another_at_once(
     settings = Settings()
     daemon = Daemon(settings, RunOptions(url="", state_directory=tmp_path))
     published: list[float] = []
-    monkeypatch.setattr(daemon, "_bus", object())
+    monkeypatch.setattr(daemon._outputs, "bus", object())
     monkeypatch.setattr(daemon, "_publish", lambda: published.append(now))
     step = settings.report.period_s / 10.0
     for now in [100.0 + step * k for k in (*range(15), *range(55, 75))]:  # stopped for four periods
@@ -184,13 +184,13 @@ def test_a_device_whose_bytes_never_become_samples_is_waited_for_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
-    daemon._connected = True
+    daemon._connection.connected = True
     for _ in range(2):
         daemon._handle(Items([RawBytes(b"$")]))
-        assert daemon._state == "starting"
+        assert daemon._connection.state == "starting"
     monkeypatch.setattr("imumon.daemon.run_limits.START_TIMEOUT_S", 0.0)
     daemon._handle(Items([RawBytes(b"$")]))
-    assert daemon._state == "waiting"
+    assert daemon._connection.state == "waiting"
 
 
 def test_a_device_that_vanishes_while_it_is_started_is_opened_again(

@@ -1,0 +1,197 @@
+"""Kept record: the record of the device with everything that keeps it.
+
+The monitor holds the record. Its state is saved to disk, its periods go to the history, and the raw bytes to a
+recording, if the settings want them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+from imumon import alarms
+from imumon.bus import Publisher
+from imumon.config import Settings
+from imumon.daemon import metadata
+from imumon.daemon.history_feed import HistoryFeed
+from imumon.daemon.persistence import Persistence, uptime_s
+from imumon.daemon.recorder import Recorder
+from imumon.daemon.run_limits import Timer
+from imumon.daemon.run_options import RunOptions
+from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
+from imumon.report import SessionCounters, stamp
+from imumon.samples import DeviceCounters, DeviceInfo, Level, SampleBlock
+
+
+class KeptRecord:
+    """One record after the other, of one device.
+
+    Attributes
+    ----------
+    monitor : holds the record.
+    started : when the record began; None before its first sample.
+    recorder, history : of this device.
+    persistence : state on disk; None while no device has a name.
+    """
+
+    def __init__(self, settings: Settings, options: RunOptions) -> None:
+        self._options, precision = options, settings.report
+        self._monitor_options = MonitorOptions(
+            guarded=settings.guards.enabled,
+            precision={"N": precision.precision_n, "B": precision.precision_b, "K": precision.precision_k},
+            period_s=precision.period_s,
+            baseline=options.baseline,
+            periods=settings.history.enabled,
+            alarm_limits=alarms.limits(settings.alert),
+        )
+        self._rate_hz = settings.device.rate_hz or None
+        self.monitor = self._new_monitor()
+        self.started: str | None = None
+        self.recorder = Recorder(settings.record)
+        self.history = HistoryFeed(settings, speed=options.speed)
+        self.persistence: Persistence | None = None
+        self._save_timer = Timer(settings.state.save_period_s)
+        self._fed_at: float | None = None  # `uptime_s` of the last samples
+
+    def _new_monitor(self) -> Monitor:
+        return Monitor(self._monitor_options, rate_hz=self._rate_hz)
+
+    # ------------------------------------------------------------------ life
+
+    def open(self, name: str) -> None:
+        """Claim the state of a device.
+
+        Raises
+        ------
+        StateError : another daemon uses it.
+        """
+        directory, fresh, speed = self._options.state_directory, self._options.fresh, self._options.speed
+        self.persistence = Persistence(directory, name, self.monitor, fresh=fresh, speed=speed)
+
+    def release(self) -> None:
+        """Give up the state: the device went while it was started."""
+        if self.persistence is not None:
+            self.persistence.close(SessionCounters())
+        self.persistence = None
+
+    def begin(self, info: DeviceInfo, bus: Publisher) -> list[tuple[str, Level]]:
+        """Continue the saved record, if there is one; return what was decided, with the log level."""
+        assert self.persistence is not None
+        decisions = self.persistence.restore(info)
+        self.started = self.persistence.started
+        self.history.open(self._options.state_directory, bus)
+        self._save_timer.restart(time.monotonic())
+        return decisions
+
+    def resume(self, info: DeviceInfo, counters: DeviceCounters) -> str | None:
+        """Continue after an interruption; return why the device begins a new record, None if it does not."""
+        assert self.persistence is not None
+        now = uptime_s()
+        unfed_s, self._fed_at = now - (self._fed_at or now), now  # longer than the connection was away
+        self.gap(unfed_s * self._options.speed)
+        if not self.persistence.differing(info) or not self.monitor.samples:
+            return None
+        self.monitor.end_record()
+        self.history.keep(self.monitor, self.started)
+        session = self.session(counters)
+        self.monitor = self._new_monitor()
+        self.recorder.start_new_record()
+        text = self.persistence.start_new_record(info, self.monitor, session)
+        self.started = None
+        return text
+
+    def close(self, counters: DeviceCounters) -> None:
+        """Write everything, and wait for it."""
+        if self.persistence is not None:
+            self.persistence.close(self.session(counters))
+        self.keep(in_progress=True)
+        self.history.close()
+        self.recorder.close()
+
+    # ------------------------------------------------------------------ samples
+
+    def feed(self, block: SampleBlock, info: DeviceInfo | None) -> str | None:
+        """Add samples; return why they begin a new record, None if they do not."""
+        monitor = self.monitor
+        if monitor.rate_hz is None and info is not None:
+            monitor.rate_hz = info.sample_rate_hz
+        now = uptime_s()
+        passed, self._fed_at = now - (self._fed_at or now), now
+        before = monitor.samples
+        # in time-lapse the host clock proves nothing
+        mismatch = monitor.feed(block, host_s=passed if self._options.speed == 1.0 else None)
+        self.history.clock(block)
+        self.keep()
+        if self.persistence is not None and monitor.samples != before:
+            self.persistence.fed_s = now
+        return self._set_aside(mismatch)
+
+    def flush(self) -> str | None:
+        """Process everything that is held back; return why it begins a new record, None if it does not."""
+        return self._set_aside(self.monitor.flush())
+
+    def _set_aside(self, mismatch: RecordMismatch | None) -> str | None:
+        if mismatch is None or self.persistence is None:
+            return None
+        self.started = None
+        return self.persistence.set_aside_rejected(mismatch)
+
+    def running(self) -> None:
+        """Note that samples arrive: the record begins now, unless it continues."""
+        if self.started is None:
+            self.started = stamp(datetime.now(UTC))
+
+    def gap(self, length_s: float | None) -> None:
+        """Note that the stream was interrupted; None: for an unknown time."""
+        self.monitor.gap(length_s)
+        self.recorder.gap(length_s)
+
+    def start_recording(self, name: str, info: DeviceInfo) -> str | None:
+        """Start to record the raw bytes; return the path of the file, None if there is a problem."""
+        return self.recorder.start(metadata.recording_header(name, info, self.monitor.rate_hz, self.started))
+
+    # ------------------------------------------------------------------ keeping
+
+    def keep(self, *, in_progress: bool = False) -> None:
+        """Keep the periods that have ended, and with `in_progress` also the others."""
+        self.history.keep(self.monitor, self.started, in_progress=in_progress)
+
+    def save(self, now: float, counters: DeviceCounters) -> None:
+        """Let the state and the history be written, if that is due at `now`, s, monotonic."""
+        if self.persistence is not None and self.monitor.samples and self._save_timer.is_due(now):
+            self.persistence.save(self.session(counters))
+            self.history.save()
+
+    def session(self, counters: DeviceCounters) -> SessionCounters:
+        """Return the counters of the device, with those of earlier runs."""
+        now = SessionCounters(
+            started=self.started,
+            discarded_bytes=counters.discarded_bytes,
+            bad_checksums=counters.bad_checksums,
+            received_bytes=counters.received_bytes,
+            overruns=counters.overruns,
+            kernel_overruns=counters.kernel_overruns,
+            most_queued_bytes=counters.most_queued_bytes,
+        )
+        return now if self.persistence is None else self.persistence.with_earlier_runs(now)
+
+    def problems(self) -> Iterator[tuple[str, str, Level | None]]:
+        """Yield what is new about keeping the record: kind, text and level of an event; None: that of the kind."""
+        for text in self.recorder.problems():
+            yield "recording", text, None
+        if self.persistence is not None and (problem := self.persistence.problem()):
+            yield "state", *problem
+        for about_history in self.history.problems():
+            yield "history", *about_history
+
+    def end_text(self) -> str:
+        """Return what the run leaves behind, for the log."""
+        samples = self.monitor.samples
+        if not samples:
+            return "stopped: no sample arrived"
+        text = f"stopped: the record has {samples:,} sample{'s' * (samples > 1)}"
+        if self._options.temporary:
+            return f"{text} and is not kept: --state DIR keeps it"
+        path = self.persistence.path if self.persistence is not None else None
+        return f"{text}, saved in {path}" if path is not None else f"{text} and is not saved"
