@@ -25,6 +25,9 @@ GYRO = ("gyro/x", "gyro/y", "gyro/z")
 ACCEL = ("accel/x", "accel/y", "accel/z")
 MAG = ("mag/x", "mag/y", "mag/z")
 
+ALIASED = 1.001
+"""Alias factor above which N counts as raised, beyond rounding errors."""
+
 UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss", "temperature": "degC", "pressure": "kPa"}
 """Unit of a channel by its sensor (the part of its name before the slash)."""
 

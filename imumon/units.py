@@ -11,7 +11,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 DEG = math.degrees(1.0)
-HOUR = 3600.0
+HOUR, DAY = 3600.0, 86400.0
+FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
+"""Allan deviation of flicker noise over its B."""
 STANDARD_GRAVITY = 9.80665
 
 

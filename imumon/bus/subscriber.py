@@ -28,6 +28,7 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
+from imumon.bus.queryable import EVENTS_KEPT
 from imumon.bus.zenoh_session import (
     MAX_MESSAGE_BYTES,
     BusError,
@@ -41,18 +42,16 @@ from imumon.report import Event, Report, Signal, from_json, is_device_name, plai
 GONE_S = 5.0
 """Time without a report after which a daemon counts as ended, s; three periods if that is longer."""
 
-_MAX_EVENTS = 100  # events of a device
 _MAX_DEVICES = 256  # devices; bounds the time that invented names can take
 _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
-_MAX_KEPT = 32_000_000  # bytes of the newest reports of all devices
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
 _MAX_RIVALS = 8  # sessions that are named of one device
 _MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
 _SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal
 _HISTORY_TIMEOUT_S = 10.0  # s; time to wait for rows of the history
-HISTORY_BYTES = 32_000_000
-"""Bytes of a reply with rows of the history; a daemon sends at most 10 MB."""
+KEPT_BYTES = 32_000_000
+"""Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
 HISTORY_PERIOD_S = 30.0
 """s between two requests of the history that is shown."""
 _NO_ID = "a program that hides its session"
@@ -73,7 +72,7 @@ class _DeviceState:
     size: int = 0  # bytes of the newest report
     report: tuple[Report, float] | None = None
     arrived_s: float = 0.0  # s of the monotonic clock, newest report
-    events: deque[Event] = field(default_factory=lambda: deque(maxlen=_MAX_EVENTS))
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
 
     def silent(self, now: float) -> bool:
         """Return whether its session counts as ended."""
@@ -130,7 +129,7 @@ class Subscriber:
         self._threads = (
             start_listener(alive, self._on_alive),
             start_listener(self._subscribe("report", 1, _MAX_QUEUED_REPORTS), self._on_report),
-            start_listener(self._subscribe("event", _MAX_EVENTS, _MAX_QUEUED), self._on_event),
+            start_listener(self._subscribe("event", EVENTS_KEPT, _MAX_QUEUED), self._on_event),
             threading.Thread(target=self._request_signals, name="imumon-signal", daemon=True),
         )
         self._threads[-1].start()
@@ -360,7 +359,7 @@ class Subscriber:
             return  # only a session with valid reports may claim a device
         with self._changed:
             kept = sum(each.size for each in self._devices.values()) - device.size
-            if kept + len(data) > _MAX_KEPT:
+            if kept + len(data) > KEPT_BYTES:
                 self.malformed += 1
                 return
             device.session, device.clock = session, clock

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from enum import IntEnum
 from typing import Any
 
 from imumon.alarms import ALARMS, exceeded, known, labels
@@ -20,9 +21,15 @@ from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
 from imumon.errors import ImumonError
 
-LABELS = ("OK", "WARNING", "CRITICAL", "UNKNOWN")
-OK, WARNING, CRITICAL, UNKNOWN = range(4)
-"""Exit codes of plugins."""
+
+class Code(IntEnum):
+    """Exit codes of plugins."""
+
+    OK = 0
+    WARNING = 1
+    CRITICAL = 2
+    UNKNOWN = 3
+
 
 MAX_AGE_S = 5.0
 """s, age of a report from which it is critical, if the command line gives none."""
@@ -74,9 +81,9 @@ def check(arguments: argparse.Namespace) -> int:
     warnings += exceeded(report)
     warnings += _caveats(report, baseline)
     facts = [", ".join((grades_text(report), *labels(report)))]
-    code = CRITICAL if critical else WARNING if warnings else OK
-    if code == OK and not report.session.samples:
-        code, facts = UNKNOWN, ["no sample yet"]
+    code = Code.CRITICAL if critical else Code.WARNING if warnings else Code.OK
+    if code == Code.OK and not report.session.samples:
+        code, facts = Code.UNKNOWN, ["no sample yet"]
     text = f"{report.device.id}: {'; '.join([*critical, *warnings] or facts)}"
     return _print(code, text, _performance(report, age_s, arguments.max_age))
 
@@ -84,14 +91,14 @@ def check(arguments: argparse.Namespace) -> int:
 def fail(error: ImumonError) -> int:
     """Print an error as a plugin does and return its exit code: a missing daemon is critical."""
     missing = isinstance(error, CommandError) and error.exit_code == NOT_FOUND
-    return _print(CRITICAL if missing else UNKNOWN, str(error), ())
+    return _print(Code.CRITICAL if missing else Code.UNKNOWN, str(error), ())
 
 
-def _print(code: int, text: str, performance: Sequence[str]) -> int:
+def _print(code: Code, text: str, performance: Sequence[str]) -> int:
     from imumon.report import plain
 
     line = " ".join(plain(text.replace("\n", "; ").replace("|", "/")).split())
-    print(f"IMUMON {LABELS[code]} - {line}" + (f"|{' '.join(performance)}" if performance else ""))
+    print(f"IMUMON {code.name} - {line}" + (f"|{' '.join(performance)}" if performance else ""))
     return code
 
 

@@ -75,11 +75,11 @@ def _objects(arguments: argparse.Namespace, chosen: Any) -> Iterator[dict[str, A
 
 def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] | None:
     """Return the rows of a running daemon; None if there is none and no endpoint was given."""
-    from imumon.bus.subscriber import HISTORY_BYTES
+    from imumon.bus.subscriber import KEPT_BYTES
     from imumon.history.rows import iso
     from imumon.history.selection import described
 
-    with options.subscriber(arguments, most_bytes=HISTORY_BYTES) as subscriber:
+    with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "read its file with --state"
         try:
             report = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
@@ -123,12 +123,12 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
 
 SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))
 """Steps of the rows in a datasheet, with the days that are shown: hours, while there are fewer than three days."""
-LEAST_DAYS = 3
 
 
 def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
     """Return the rows of a running daemon that the datasheet shows; empty without a history."""
     from imumon.bus import BusError
+    from imumon.history.repeatability import LEAST_DAYS
 
     rows: list[dict[str, Any]] = []
     for step, days in SHEET_STEPS:
@@ -144,6 +144,7 @@ def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
 
 def stored_days(path: Path) -> list[dict[str, Any]]:
     """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
+    from imumon.history.repeatability import LEAST_DAYS
     from imumon.history.rows import rows
     from imumon.history.selection import selection
     from imumon.history.store import HistoryError, HistoryStore

@@ -17,9 +17,6 @@ from imumon.cli.output import print_json, print_message, print_report, print_sta
 ANSWER_S = 2.0
 """How long to wait for a daemon, s."""
 
-POLL_S = 0.1
-"""Time between two checks for the next report, s."""
-
 
 def _add_connection(parser: Parser) -> None:
     options.add_endpoints(parser)
@@ -171,5 +168,5 @@ def _next_report(subscriber: Any, report: Any, end_s: float) -> Any:
         if late and report.device.id not in subscriber.alive():
             message = f"the daemon of {report.device.id} has ended"
             raise CommandError("daemon_ended", message, "start it again", NOT_FOUND)
-        time.sleep(min(left_s, POLL_S))
+        time.sleep(min(left_s, options.POLL_S))
     return report

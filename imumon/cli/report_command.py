@@ -50,7 +50,7 @@ def add_report(parser: Parser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
-    from imumon.bus.subscriber import HISTORY_BYTES
+    from imumon.bus.subscriber import KEPT_BYTES
     from imumon.cli.history_command import published_days, stored_days
     from imumon.cli.traceability import evaluated, with_provenance
     from imumon.datasheet import FORMS, document, short_record_text
@@ -70,7 +70,7 @@ def report(arguments: argparse.Namespace) -> int:
         rows = stored_days(Path(arguments.file))
     else:
         _check_recording(arguments, "a running daemon")
-        with options.subscriber(arguments, most_bytes=HISTORY_BYTES) as subscriber:
+        with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
             cure = "give a FILE (imumon report --help)"
             source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
             source = replace(source, events=tuple(subscriber.events(source.device.id)))

@@ -43,8 +43,6 @@ MOST_FAULTS = 100
 """Faults that are reported of a file."""
 SHOWN_CHARACTERS = 40
 """Longest value in a message, characters."""
-SECTION_CUTOFF, SETTING_CUTOFF = 0.5, 0.6
-"""Least similarity (`difflib`) of a name that is suggested."""
 
 
 class Section(BaseModel):
@@ -371,14 +369,14 @@ def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
     """Return the fault of an unknown name, with the nearest valid one."""
     place = places.of(name)
     if is_section:
-        near = difflib.get_close_matches(name, SECTIONS, n=1, cutoff=SECTION_CUTOFF)
+        near = difflib.get_close_matches(name, SECTIONS, n=1)
         cure = f"did you mean [{near[0]}]?" if near else _NAMES_CURE
         return ConfigFault("unknown_section", place, f"[{name}]", "no such section", cure)
     section, _, setting = name.rpartition(".")
     everywhere = {full.partition(".")[2]: full for full in reversed(NAMES)}
     here = {full.partition(".")[2]: full for full in NAMES if full.startswith(f"{section}.")}
     candidates = here or everywhere
-    near = difflib.get_close_matches(setting, candidates, n=1, cutoff=SETTING_CUTOFF)
+    near = difflib.get_close_matches(setting, candidates, n=1)
     right = everywhere.get(setting) or (candidates[near[0]] if near else None)
     cure = f"did you mean {right}?" if right else _NAMES_CURE
     return ConfigFault("unknown_setting", place, name, "no such setting", cure)

@@ -24,6 +24,9 @@ from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 from imumon.errors import ImumonError
 from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
+RATE_TOLERANCE = 0.02
+"""Relative difference of a rate, or of a sample clock, from the host clock without a warning."""
+
 
 class DeviceError(ImumonError):
     """The device cannot be used."""

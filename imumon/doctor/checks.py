@@ -10,18 +10,17 @@ import os
 from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
-from imumon.devices.base import Check, CheckStatus, DeviceError, Observation
+from imumon.devices.base import RATE_TOLERANCE, Check, CheckStatus, DeviceError, Observation
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
+from imumon.samples import ALIASED
 
 MAX_DAMAGED = 0.01  # share of damaged messages, or of unrelated bytes, above which a line is unusable
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
-RATE_TOLERANCE = 0.02  # relative difference of rate and sample clock from the host clock without a warning
 RATE_TOLERANCE_SAMPLES = 3.0  # samples by which the ends of the observation change a correct rate
 CLOCK_TOLERANCE_S = 0.1  # s by which the sample clock may be off because data arrive in batches
 MAX_PAUSE_S = 1.0  # s without data that need no warning
 MAX_LATENCY_MS = 2  # ms, latency timer of an adapter that needs no warning
 MIN_FREE_BYTES = 10_000_000  # bytes on the file system of the state directory: ten states
-ALIASED = 1.001  # alias factor above which N counts as inflated, beyond rounding errors
 
 DEVICE_CHECKS = (
     "sensor", "baud", "model", "stream", "aliasing", "compensation", "load", "checksums", "rate",

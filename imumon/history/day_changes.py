@@ -16,8 +16,8 @@ from imumon.history.store import TimedPeriod
 from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
 from imumon.report import Change, stamp
 from imumon.samples import sensor_of
+from imumon.units import DAY
 
-STEP_S = 86400
 AGAINST = "history"
 """What such a change is a change against, in the report."""
 LEAST_CHANGE = {"N": 0.05, "B": 0.5}
@@ -66,10 +66,8 @@ class DayChanges:
 
 def _counts(timed: TimedPeriod) -> bool:
     period = timed.period
-    sampled_s = (
-        min(timed.end - timed.begin, STEP_S) * period.samples / max(period.samples + period.missing, 1)
-    )
-    return period.step_s == STEP_S and period.complete and not period.warming_up and sampled_s >= LEAST_S
+    sampled_s = min(timed.end - timed.begin, DAY) * period.samples / max(period.samples + period.missing, 1)
+    return period.step_s == DAY and period.complete and not period.warming_up and sampled_s >= LEAST_S
 
 
 def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | None:

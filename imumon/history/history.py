@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from imumon.history import selection
-from imumon.history.day_changes import STEP_S, DayChanges, change_text
+from imumon.history.day_changes import DayChanges, change_text
 from imumon.history.power_ups import PowerUps
 from imumon.history.rows import iso, json_pieces, rows
 from imumon.history.selection import Selection, SelectionError
@@ -27,6 +27,7 @@ from imumon.history_report import STEPS, HistoryPeriod
 from imumon.noise.stretches.day_change import DAYS_KEPT
 from imumon.report import Event, Report
 from imumon.samples import Level
+from imumon.units import DAY
 
 MOST_PENDING = 2400
 """Periods that wait for the disk, two weeks of them; then the oldest is dropped."""
@@ -34,8 +35,6 @@ MOST_EVENTS = 1000
 """Events that wait for the disk; then the oldest is dropped."""
 MOST_ROWS = 20_000
 """Rows of one answer on the bus, 8 MB. More need a longer step."""
-CLEAN_S = 86400.0
-"""s between two deletions of what is too old."""
 CLOSE_S = 3.0
 """s that the disk may take at the end."""
 EVENTS = "event"
@@ -278,7 +277,7 @@ class History:
     def _load_days(self, store: HistoryStore) -> None:
         """Judge the days of the file; a change that has an event already is not reported again."""
         now = time.time()
-        wanted = Selection(since=now - 2 * DAYS_KEPT * STEP_S, until=now, step="1d")
+        wanted = Selection(since=now - 2 * DAYS_KEPT * DAY, until=now, step="1d")
         self._days.add(list(store.periods(wanted)))
         reported = {
             (event["channel"], when)
@@ -309,7 +308,7 @@ class History:
             store.set_power_up(power_up)
         now = time.time()
         if now >= self._next_clean:
-            self._next_clean = now + CLEAN_S
+            self._next_clean = now + DAY
             store.delete_before(now - self._keep_s)
 
     def _set_aside(self, error: HistoryError) -> None:

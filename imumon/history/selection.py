@@ -14,13 +14,12 @@ from datetime import UTC, datetime
 
 from imumon.errors import ImumonError
 from imumon.history_report import STEPS
+from imumon.units import DAY
 
-DEFAULT_S = 86400.0
-"""s before now that a question without a time asks for."""
-FINE_S, MIDDLE_S = 2.0 * 86400.0, 62.0 * 86400.0
+FINE_S, MIDDLE_S = 2.0 * DAY, 62.0 * DAY
 """s, longest spans that are answered in steps of 10 minutes and of an hour if no step is asked for."""
 
-_UNITS = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}
+_UNITS = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": DAY, "w": 604800.0}
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(u|ms|min|s|m|h|d|w)?", re.ASCII)
 
 
@@ -69,7 +68,7 @@ def selection(
     since, until : s since 1970; None: not given.
     """
     until = now if until is None else until
-    since = until - DEFAULT_S if since is None else since
+    since = until - DAY if since is None else since
     if since > until:
         raise SelectionError("time_invalid", "the end is before the beginning", "exchange the two times")
     if step is None:
@@ -100,7 +99,7 @@ def moment(text: str, now: float) -> float:
     """Return a time in s since 1970: RFC 3339, a date, ``now(-2h)``, or a duration before now.
 
     >>> moment("1970-01-02", 0.0), moment("1970-01-01T00:00:05Z", 0.0), moment("now(-1h)", 7200.0), moment("2h", 7200.0)
-    (86400.0, 5.0, 3600.0, 0.0)
+    (DAY, 5.0, 3600.0, 0.0)
     """
     text = text.strip()
     if (relative := re.fullmatch(r"now\(\s*([+-]?)\s*([^()]*)\)", text)) is not None:

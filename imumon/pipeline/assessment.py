@@ -17,10 +17,8 @@ from imumon.pipeline.analysis import Analysis
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
-DISTURBED_SHARE = 0.1
-"""Share of the samples excluded from which the record has the caveat ``disturbed``."""
-GAPS_SHARE = 0.1
-"""Share of the samples missing from which the record has the caveat ``gaps``."""
+NOTED_SHARE = 0.1
+"""Share of the samples from which exclusions, or missing ones, are a caveat of the record."""
 UNGRADED_SHARE = 0.5
 """Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
 
@@ -29,10 +27,10 @@ def record_caveats(record: Accumulators, analysis: Analysis, *, guarded: bool) -
     """Return the caveats that hold for the whole record."""
     holds = {
         "not_at_rest": not record.guard.at_rest,
-        "disturbed": record.excluded_share > DISTURBED_SHARE,
+        "disturbed": record.excluded_share > NOTED_SHARE,
         "saturated": "clipped" in record.excluded_by,
         "stuck": record.stuck,
-        "gaps": record.missing_share > GAPS_SHARE,
+        "gaps": record.missing_share > NOTED_SHARE,
         "warming_up": guarded and analysis.warming_up,
     }
     return tuple(caveat for caveat, true in holds.items() if true)

@@ -20,9 +20,6 @@ from imumon.noise.allan.overlapping import (
 from imumon.report import Allan, Channel
 from imumon.samples import Floats, Ints
 
-SAME_TAU = 1e-6
-"""Relative difference up to which two averaging times are the same."""
-
 
 def exact_curves(
     store: SampleStore, channels: dict[str, Channel], interval_s: float, *, octaves: bool
@@ -73,6 +70,6 @@ def _curve(channel: Channel, sigma: Floats, terms: Ints, lengths: list[int], int
 def _difference(allan: Allan, tau_s: float, sigma: float) -> float | None:
     """Return the deviation of the curve of the fit over `sigma`, minus 1; None at another averaging time."""
     for tau, own in zip(allan.tau_s, allan.sigma, strict=True):
-        if abs(tau / tau_s - 1.0) < SAME_TAU and sigma > 0.0:
+        if math.isclose(tau, tau_s) and sigma > 0.0:
             return own / sigma - 1.0
     return None

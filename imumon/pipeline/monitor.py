@@ -19,6 +19,7 @@ record, because streams must not be mixed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
@@ -46,9 +47,6 @@ NO_CLOCK_S = 5.0
 
 SAME_INTERVAL = 1e-3
 """Relative difference up to which a measured interval is that of the record: clocks agree to 1e-4."""
-
-SAME_GIVEN_RATE = 1e-6
-"""Relative difference up to which two configured rates are the same: they are equal but for rounding."""
 
 STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 """Rank of a kind of stream: the highest is characterised."""
@@ -409,7 +407,7 @@ def _differs(restored: _Restored, stream: Stream, interval_s: float | None) -> R
     if restored.source.stream != stream:
         return _mismatch("other_stream", restored.source.stream, known)
     configured = interval_s if stream.clock == "none" else None
-    if configured is not None and abs(configured / known - 1.0) > SAME_GIVEN_RATE:
+    if configured is not None and not math.isclose(configured, known):
         return _mismatch("other_rate", stream, known)
     return None
 

@@ -10,6 +10,8 @@ from imumon.errors import ImumonError
 from imumon.report import plain
 from imumon.samples import Gap, Kind, SampleBlock
 
+LONGEST_LINE = 1 << 16
+"""Bytes of a line of text: a longer one is an invalid row, or data."""
 BLOCK_BYTES = 1 << 20
 """Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast."""
 

@@ -18,13 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from imumon.recordings.base import ReadOptions, RecordingError
+from imumon.recordings.base import LONGEST_LINE, ReadOptions, RecordingError
 from imumon.recordings.column_names import UNITS, unit_of
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.report import plain
 from imumon.samples import Floats, SampleBlock
+from imumon.units import DAY
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
@@ -36,9 +37,6 @@ INVALID_SHARE = 0.1
 
 INVALID_ROWS = 10
 """Invalid rows that every table may have."""
-
-LONGEST_LINE = 1 << 16
-"""Bytes of a line; a longer one is an invalid row."""
 
 BLOCK_BYTES = 1 << 23
 """Bytes of lines that are parsed at once."""
@@ -55,7 +53,6 @@ TIME_ROWS = 1000
 QUOTED = 30
 """Characters of a cell that are quoted in a message."""
 
-DAY_S = 86_400.0
 
 ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]
 """Spellings of these that the fast reader knows. A block with another one is read line by line."""
@@ -290,7 +287,7 @@ class DateReader:
         except ValueError:
             return self._since_first(datetime.fromisoformat(text))
         seconds = self._since_first(of_day)
-        self._last = seconds + DAY_S * round((self._last - seconds) / DAY_S)
+        self._last = seconds + DAY * round((self._last - seconds) / DAY)
         return self._last
 
     def _since_first(self, moment: datetime) -> float:

@@ -17,15 +17,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO
 
 from imumon.files import open_regular
-from imumon.recordings.base import RecordingError
+from imumon.recordings.base import LONGEST_LINE, RecordingError
 from imumon.recordings.recording_header import read_header
 from imumon.samples import Gap
 
 MARK = b"#imumon-recording "
 """Start of a line that is no data."""
-
-LONGEST_LINE = 1 << 16
-"""Bytes of such a line; a longer one is data."""
 
 CHUNK = 256 << 10
 """Bytes that are read at once."""

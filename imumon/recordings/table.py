@@ -21,6 +21,7 @@ from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
 
@@ -29,9 +30,6 @@ ROWS = 1 << 15
 
 LARGEST = 1e100
 """Size from which a number counts as missing: no instrument writes it, and its square overflows."""
-
-RATE_SHARE = 0.02
-"""Share by which a configured rate may differ from that of the stamps without a remark."""
 
 FILLED = 0.9
 """Share of the first rows in which a column of time or of a slow sensor must have a number."""
@@ -305,7 +303,7 @@ class TableRows:
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
-        if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_SHARE:
+        if self._rate is None or abs(self._rate * interval_s - 1.0) <= NOMINAL_SHARE:
             return
         clock = " and are those of a sample clock" if own else ", but are those of a host"
         used = f"--rate {self._rate:g} is {'not used' if own else 'used'}"

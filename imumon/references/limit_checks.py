@@ -14,10 +14,7 @@ from imumon.messages import filter_not_known
 from imumon.noise.uncertainty import probability_at_most, verdict
 from imumon.references.reference_sheet import QUANTITIES, UNITS, Limit, ReferenceSheet
 from imumon.report import Channel, Coefficient, Report
-from imumon.samples import sensor_of
-
-ALIASED = 1.001
-"""Alias factor above which N counts as raised, beyond rounding errors."""
+from imumon.samples import ALIASED, sensor_of
 
 
 def conformity(report: Report, sheet: ReferenceSheet) -> Conformity:

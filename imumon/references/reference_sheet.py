@@ -20,19 +20,17 @@ from imumon.errors import ImumonError
 from imumon.files import open_regular
 from imumon.report import plain
 from imumon.samples import AXES, sensor_of
-from imumon.units import DEG, HOUR, STANDARD_GRAVITY
+from imumon.units import DEG, FLICKER, HOUR, STANDARD_GRAVITY
 
 MAX_BYTES = 1 << 18
 """Bytes of a file that is read."""
 SENSORS = ("gyro", "accel", "mag")
 BASES = ("maximum", "typical")
-FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
-"""Lowest Allan deviation over B (IEEE Std 952 annex C)."""
 QUANTITIES = {
     "N": ("N", 1.0),
     "density": ("N", math.sqrt(2.0)),
     "B": ("B", 1.0),
-    "floor": ("B", FLOOR),
+    "floor": ("B", FLICKER),
     "K": ("K", 1.0),
 }
 """Coefficient of each quantity, and the factor from it."""

@@ -26,7 +26,7 @@ from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES
 from imumon.replay.read_ahead import read_ahead
 from imumon.report import DeviceDescription, Event
-from imumon.samples import Gap, Kind, SampleBlock
+from imumon.samples import ALIASED, Gap, Kind, SampleBlock
 
 PACED_BLOCK_BYTES = 1 << 12
 """Bytes that are decoded at once if a speed is kept: a second of samples or less."""
@@ -34,9 +34,6 @@ PACED_BLOCK_BYTES = 1 << 12
 PUBLISH_S = 1.0
 """s between two reports on the bus, as of the daemon."""
 
-
-ALIASED = 1.001
-"""Alias factor above which N is called aliased: more than rounding."""
 
 TauGrid: TypeAlias = Literal["octave", "decade"]
 

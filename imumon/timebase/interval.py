@@ -35,30 +35,20 @@ PASSES = 8
 GUESS_ERROR = 0.15
 """Share by which the first guess of an interval may be wrong."""
 
-COUNTABLE = 0.25
-"""Intervals by which the length of a step may be uncertain so that its intervals can still be counted."""
-
 WHOLE = 0.1
-"""Intervals by which a step may differ from a whole number of them and be one."""
+"""Intervals, or ticks, by which a length may differ from a whole number of them and be one."""
 
 MOST_STEPS = 0.9
 """Share of steps that must be whole multiples so that all are."""
 
-TICK_DISTANCE = 0.1
-"""Ticks by which an interval may differ from a multiple that it is, if it has many ticks."""
-
-TICK_SHARE = 0.02
-"""Share of an interval by which it may differ from a multiple that it is, if it has few ticks."""
-
 AMBIGUOUS = 0.25
-"""Intervals; a step further from a whole number is decided by the samples before."""
+"""Intervals by which a step may be off a whole number, or uncertain, so that it can be counted. A step further off
+is decided by the samples before."""
 
 REFERENCE_SAMPLES = 16
 """Samples over which the deviation from the grid is averaged for such a step: enough to make its jitter
-small, few enough that an error of the interval does not show."""
-
-REFERENCE_GAP = 16
-"""Intervals; samples before a longer gap are no reference, for the error of the interval adds up in it."""
+small, few enough that an error of the interval does not show. Samples before a gap of more intervals are no
+reference, because the error of the interval adds up in it."""
 
 ROUNDING = 1e-9
 """Relative error of arithmetic and of stamps in whole ns."""
@@ -129,7 +119,7 @@ def regression_interval(steps: Floats, guess: float) -> tuple[float, float]:
     interval, uncertain, error = guess, GUESS_ERROR, float("inf")
     for _ in range(PASSES):
         counts = _counts(time, interval, settled=error < GUESS_ERROR)
-        countable = (counts >= 1.0) & ((counts == 1.0) | (counts * uncertain < COUNTABLE))
+        countable = (counts >= 1.0) & ((counts == 1.0) | (counts * uncertain < AMBIGUOUS))
         line = np.concatenate([[0], np.cumsum(~countable)])
         index = np.concatenate([[0.0], np.cumsum(np.where(countable, counts, 0.0))])
         x, y = _centred(index, line), _centred(time, line)
@@ -170,7 +160,7 @@ def phase(time: Floats | Ints, steps: Floats | Ints, scale: float) -> float:
     """
     if len(time) < 2:
         return 0.0
-    unusable = np.flatnonzero((steps[1:] < 1) | (steps[1:] > REFERENCE_GAP))
+    unusable = np.flatnonzero((steps[1:] < 1) | (steps[1:] > REFERENCE_SAMPLES))
     start = int(unusable[-1]) + 1 if len(unusable) else 0
     behind = np.append(np.cumsum(steps[start + 1 :][::-1])[::-1], 0)  # intervals from each to the last
     return float(np.mean(behind - (time[-1] - time[start:]) * scale))
@@ -201,7 +191,7 @@ def nearest_multiple(interval_s: float, tick_s: float) -> float:
     """
     ticks = interval_s / tick_s
     near = round(ticks)
-    if near >= 1 and abs(ticks - near) < min(TICK_DISTANCE, TICK_SHARE * near):
+    if near >= 1 and abs(ticks - near) < min(WHOLE, NOMINAL_SHARE * near):
         return near * tick_s
     return interval_s
 

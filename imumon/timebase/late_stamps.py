@@ -14,24 +14,14 @@ from __future__ import annotations
 import numpy as np
 
 from imumon.samples import Floats, Ints
+from imumon.timebase.interval import AMBIGUOUS, REFERENCE_SAMPLES
+from imumon.timebase.timestamps import AHEAD_ROWS, AHEAD_S
 
 LONG_STEP = 1.25
 """Intervals; a longer step is a loss or a late stamp."""
 
-ON_TIME = 0.25
-"""Intervals by which a stamp may differ from the grid and be in time."""
-
-WINDOW_S = 1.0
-"""s. Stamps that stay behind the grid for this time are not late, samples were lost."""
-
-WINDOW_ROWS = 32
-"""Rows that are looked at beyond those of this time, where many come at once."""
-
-BEFORE = 15
-"""Steps before a long one that show whether the rate is still the same."""
-
 SAME_RATE = 0.2
-"""Share by which their median may differ from the interval."""
+"""Share by which the median of the steps before may differ from the interval."""
 
 
 class LateStamps:
@@ -68,7 +58,7 @@ class LateStamps:
         times, settled, ready = stamps.copy(), max(1, self._returned), len(stamps)
         steps = np.diff(stamps)
         for row in (np.flatnonzero(steps > LONG_STEP * self.interval) + 1).tolist():
-            if row < settled or not self._same_rate(steps[max(0, row - 1 - BEFORE) : row - 1]):
+            if row < settled or not self._same_rate(steps[max(0, row - 1 - REFERENCE_SAMPLES) : row - 1]):
                 continue
             on_time = self._settle(stamps[row - 1 :], known[row:], times[row:], final)
             if on_time is None:
@@ -76,7 +66,7 @@ class LateStamps:
                 break
             settled = row + on_time + 1
         found = times[self._returned : ready]
-        first = max(0, ready - BEFORE - 1)
+        first = max(0, ready - REFERENCE_SAMPLES - 1)
         self._stamps, self._known, self._returned = stamps[first:], known[first:], ready - first
         return found
 
@@ -93,21 +83,21 @@ class LateStamps:
         known : (n,) samples known to be lost before each row behind it.
         times : (n,) ns, of these rows; changed in place.
         """
-        most = round(WINDOW_S * 1e9 / self.interval) + WINDOW_ROWS
+        most = round(AHEAD_S * 1e9 / self.interval) + AHEAD_ROWS
         stamps, known = stamps[: most + 1], known[:most]
         steps = np.diff(stamps)
         places = np.cumsum((steps != 0) + known)  # on the grid, if no other sample was lost
         delays = (stamps[1:] - stamps[0]) / self.interval - places
         # a stamp after the next one is wrong and not late; a negative delay: the losses were others
-        back = _first((steps < 0) | (delays < -ON_TIME))
-        long_after = _first(stamps[1:] - stamps[1] >= WINDOW_S * 1e9)
+        back = _first((steps < 0) | (delays < -AMBIGUOUS))
+        long_after = _first(stamps[1:] - stamps[1] >= AHEAD_S * 1e9)
         known_to_end = final or len(delays) == most or min(back, long_after) < len(delays)
         delays = delays[: min(back, long_after + 1)]
-        on_time = _first(delays <= ON_TIME)
+        on_time = _first(delays <= AMBIGUOUS)
         if on_time >= len(delays):
             if not known_to_end:
                 return None
-            on_time = _first(delays <= delays.min() + ON_TIME) if len(delays) else 0
+            on_time = _first(delays <= delays.min() + AMBIGUOUS) if len(delays) else 0
         ahead: Floats = (places[on_time] - places[:on_time]) * self.interval
         times[:on_time] = stamps[1 + on_time] - np.rint(ahead).astype(np.int64)
         return on_time

@@ -16,11 +16,14 @@ clock: times in, times out.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
 from imumon.samples import Floats, Ints
+from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
-from imumon.timebase.timestamps import HostStamps, rate_obstacle, stamp_interval
+from imumon.timebase.timestamps import AHEAD_S, HostStamps, rate_obstacle, stamp_interval
 
 FIRST_ROWS = 128
 """Rows whose stamps are assessed first; the number doubles while they are uneven."""
@@ -40,14 +43,8 @@ LATEST_S = 60.0
 CHECK_ROWS = 2048
 """Rows after which the decision is checked: 10 s at 200 Hz."""
 
-RATE_SHARE = 0.02
-"""Share by which the rate of host stamps must differ in two checks to be another one."""
-
 FOLLOW = 0.01
 """Intervals per sample by which the grid may follow the stamps, so that no step gets ambiguous."""
-
-LEAP_S = 1.0
-"""s by which the grid may be off its stamps before it leaps to them."""
 
 JUMP_NS = 10e9
 """ns by which a stamp may differ from the time of arrival, compared with the stamp before: beyond it, the stamp is
@@ -63,8 +60,15 @@ UNEVEN = "its time stamps are late or in batches, as those of a host: only their
 ROUGH_LOSSES = ", and single missing samples cannot be detected"
 MISSING = "its header.stamp is not set: the time of publication is used"
 UNUSABLE = "neither header.stamp nor the time of publication is usable: the time of arrival is used"
-STAMPS, PUBLISHED, ARRIVED, LOST = range(4)
-"""Columns of the rows that wait; the first three are times, the best first."""
+
+
+class Column(IntEnum):
+    """Columns of the rows that wait; the first three are times, the best first."""
+
+    STAMPS = 0
+    PUBLISHED = 1
+    ARRIVED = 2
+    LOST = 3
 
 
 class LiveStamps:
@@ -78,7 +82,7 @@ class LiveStamps:
     def __init__(self) -> None:
         self.remark: str | None = None
         self._steady: bool | None = None  # None: undecided
-        self._used = STAMPS  # column of the times that are used
+        self._used = Column.STAMPS  # column of the times that are used
         self._waiting = np.empty((0, 4), np.int64)  # not decided
         self._next_rows = FIRST_ROWS
         self._recent = np.empty(0, np.int64)  # stamps since the last check
@@ -125,27 +129,26 @@ class LiveStamps:
     def _decide(self, final: bool) -> None:
         """Decide what the stamps are, if the waiting rows show it."""
         count = len(self._waiting)
-        span_s = float(np.ptp(self._waiting[:, ARRIVED])) * 1e-9 if count else 0.0
+        span_s = float(np.ptp(self._waiting[:, Column.ARRIVED])) * 1e-9 if count else 0.0
         due = final or (span_s >= DECIDE_S and count >= DECIDE_ROWS) or span_s >= LATEST_S
         if not count or (not due and (count < FEW_ROWS or (count < self._next_rows and span_s < DECIDE_S))):
             return
         self._next_rows = max(self._next_rows, 2 * count)
-        stamps = self._waiting[:, STAMPS]
+        stamps = self._waiting[:, Column.STAMPS]
         found = _interval(stamps)
         if not due and not (found is not None and found[1]):
             return
-        usable = [
-            each for each in (STAMPS, PUBLISHED, ARRIVED) if _interval(self._waiting[:, each]) is not None
-        ]
-        self._used = usable[0] if usable else STAMPS
+        times = (Column.STAMPS, Column.PUBLISHED, Column.ARRIVED)
+        usable = [each for each in times if _interval(self._waiting[:, each]) is not None]
+        self._used = usable[0] if usable else Column.STAMPS
         self._origin = int(self._waiting[0, self._used])
         self._begin_grid(self._waiting[:, self._used])
 
     def _begin_grid(self, times: Ints) -> None:
         """Use stamps like (n,) `times` as they are, or begin an even grid for them."""
         found = _interval(times)
-        self._steady = found is None or (found[1] and self._used == STAMPS)
-        self.remark = {STAMPS: None, PUBLISHED: MISSING, ARRIVED: UNUSABLE}[self._used]
+        self._steady = found is None or (found[1] and self._used == Column.STAMPS)
+        self.remark = {Column.STAMPS: None, Column.PUBLISHED: MISSING, Column.ARRIVED: UNUSABLE}[self._used]
         self._late, self._host, self._last, self._at = None, None, None, None
         if found is None:
             return
@@ -155,7 +158,7 @@ class LiveStamps:
         self._interval = found[0]
         self._host = HostStamps((times - self._origin).astype(np.float64), self._interval)
         self._lost, self._lost_before = 0, np.empty(0, np.int64)
-        if self._used == STAMPS:
+        if self._used == Column.STAMPS:
             self.remark = UNEVEN + (ROUGH_LOSSES if self._host.rough else "")
 
     def _contradicting(self, rows: Ints) -> Ints | None:
@@ -170,7 +173,7 @@ class LiveStamps:
         interval, steady = found
         if steady and self._late is not None:
             self._late.interval = interval
-        differs = not steady if self._steady else abs(interval / self._interval - 1.0) > RATE_SHARE
+        differs = not steady if self._steady else abs(interval / self._interval - 1.0) > NOMINAL_SHARE
         self._doubts = self._doubts + 1 if differs else 0
         if self._doubts < 2:
             return None
@@ -182,14 +185,14 @@ class LiveStamps:
         if self._host is not None:
             return self._even_times(self._host, rows, final)
         if self._late is not None:
-            return self._late.place(rows[:, STAMPS], rows[:, LOST], final=final)
-        return rows[:, STAMPS]
+            return self._late.place(rows[:, Column.STAMPS], rows[:, Column.LOST], final=final)
+        return rows[:, Column.STAMPS]
 
     def _even_times(self, host: HostStamps, rows: Ints, final: bool) -> Ints:
         """Return times on an even grid that follows the stamps, ns."""
-        lost = self._lost + np.cumsum(rows[:, LOST])
+        lost = self._lost + np.cumsum(rows[:, Column.LOST])
         self._lost = int(lost[-1]) if len(lost) else self._lost
-        self._lost_before = np.concatenate([self._lost_before, rows[:, LOST]])
+        self._lost_before = np.concatenate([self._lost_before, rows[:, Column.LOST]])
         missing = host.place(self._plausible(rows) - lost * self._interval)
         times = self._after(missing, follow=True)
         if final:  # no later row shows whether these are late or behind a loss
@@ -216,7 +219,7 @@ class LiveStamps:
         if self._at is None:
             self._at = last - float(ahead[-1])
         off = last - self._at - float(ahead[-1])
-        if abs(off) > max(LEAP_S * 1e9, 2.0 * self._interval):
+        if abs(off) > max(AHEAD_S * 1e9, 2.0 * self._interval):
             self._at += off
         elif follow:
             most = FOLLOW * self._interval
@@ -228,7 +231,7 @@ class LiveStamps:
     def _plausible(self, rows: Ints) -> Floats:
         """Return the times of rows, ns since the origin; those that are far off follow the arrival."""
         times = np.empty(len(rows))
-        for k, (stamp, arrived) in enumerate(rows[:, [self._used, ARRIVED]].tolist()):
+        for k, (stamp, arrived) in enumerate(rows[:, [self._used, Column.ARRIVED]].tolist()):
             if self._last is not None:
                 expected = self._last[0] + arrived - self._last[1]
                 far = abs(stamp - expected) > JUMP_NS

@@ -33,7 +33,9 @@ import numpy as np
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated
 from imumon.timebase.interval import (
     AMBIGUOUS,
+    NOMINAL_SHARE,
     REFERENCE_SAMPLES,
+    WHOLE,
     counter_unit,
     estimate_interval,
     is_nominal,
@@ -57,14 +59,9 @@ LONGEST_GAP_S = 31 * 86400.0
 """s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
 
 RATE_CHANGE_STEPS = 64
-"""Equal steps in a row that are not one interval, after which the rate of the device has changed."""
+"""Equal steps in a row that are not one interval, after which the rate of the device has changed: so many that are
+all longer, or all shorter, are no jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25)."""
 
-OTHER_STEP = 0.02
-"""Intervals by which a step must differ from one interval to count for a change of rate."""
-
-EQUAL_STEPS = 0.1
-"""Intervals by which two equal steps may differ: 64 in a row that are all longer, or all shorter, are no
-jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25)."""
 
 BURST_STEP = 0.025
 """Intervals; shorter steps are a burst and no change of rate."""
@@ -287,13 +284,13 @@ class SampleClock:
         else:
             before = int(time[0]) if self._previous is None else self._previous
             ticks = np.diff(time, prepend=before) * (self._unit_s / self.interval_s)
-        other = (np.abs(ticks - 1.0) > OTHER_STEP) & (ticks > BURST_STEP) & (ticks < SPARSE_STEP)
+        other = (np.abs(ticks - 1.0) > NOMINAL_SHARE) & (ticks > BURST_STEP) & (ticks < SPARSE_STEP)
         if not other.any():
             self._deviation = (0, 1.0)
             return None
         count, last = self._deviation
         follows = np.concatenate(([count > 0], other[:-1]))
-        same = other & follows & (np.abs(np.diff(ticks, prepend=last)) < EQUAL_STEPS)
+        same = other & follows & (np.abs(np.diff(ticks, prepend=last)) < WHOLE)
         runs = np.arange(1, len(same) + 1)
         starts = np.maximum.accumulate(np.where(same, 0, runs))
         lengths = np.where(starts > 0, runs - starts + other[np.maximum(starts - 1, 0)], count + runs)

@@ -16,29 +16,21 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from imumon.samples import Floats, Ints
-from imumon.timebase.interval import round_to_hertz
+from imumon.timebase.interval import RATE_PRECISION, SINGLE_STEP, WHOLE, round_to_hertz
 
 RateObstacle: TypeAlias = Literal["single_row", "time_descending", "time_constant", "time_too_coarse"]
 """Why time stamps show no rate."""
 
-STEADY = 0.1
-"""Intervals by which a step of a sample clock may differ from a whole number of them."""
-
 STEADY_SHARE = 0.95
 """Share of steps that must be whole intervals for the stamps to be those of a sample clock."""
-
-SINGLE_STEP = 1.5
-"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
 
 SHORT_WINDOW = 16
 """Rows of one of the two first estimates of the rate: more than a batch, fewer than from one lost sample to
 the next. The estimate that fits better is used."""
 
 LONG_WINDOW = 256
-"""Rows of the other first estimate, for long delays."""
-
-EDGE = 256
-"""Rows among which the estimate searches the smallest delay: more than arrive at once."""
+"""Rows of the other first estimate, for long delays, and among which the smallest delay is searched: more than arrive
+at once."""
 
 BURST_RATIO = 30.0
 """Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are
@@ -46,9 +38,6 @@ those of their arrival; a sensor that loses four of five samples has less."""
 
 BURST_GAPS = 3
 """Longest gaps that do not count for this ratio."""
-
-CRYSTAL = 1e-4
-"""Relative distance from whole Hz below which a rate is whole Hz: no two clocks agree better."""
 
 LOSS_DOUBTED = 0.01
 """Share of lost samples above which an estimate without losses is tried as well."""
@@ -61,9 +50,6 @@ AHEAD_ROWS = 32
 
 FEW_STEPS = 10
 """Steps of batched stamps that are too few to show a rate: the batches at both ends are incomplete."""
-
-ROUGH = 0.1
-"""Intervals by which the smallest delay may vary so that a single lost sample still shows."""
 
 LOSS = 0.5
 """Intervals by which the smallest delay must rise to be lost samples."""
@@ -127,7 +113,7 @@ def stamp_interval(times: Floats) -> tuple[float, bool]:
     shortest = float(np.quantile(ahead, 0.1, method="lower"))
     interval = float(ahead[ahead < SINGLE_STEP * shortest].mean())
     counts = steps / interval
-    steady = float(np.mean((np.abs(counts - np.rint(counts)) < STEADY) & (counts > 0.5))) >= STEADY_SHARE
+    steady = float(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5))) >= STEADY_SHARE
     if steady and not _in_bursts(counts):
         return _near_hertz(_refined(times, interval, 1)), True
     candidates = []
@@ -153,7 +139,7 @@ def _lossless_interval(times: Floats) -> float:
     rows, half = np.arange(len(times)), len(times) // 2
     interval = float(times[-1] - times[0]) / (len(times) - 1)
     for _ in range(4):
-        edge = sliding_minimum(times / interval - rows, min(EDGE, max(1, half)))
+        edge = sliding_minimum(times / interval - rows, min(LONG_WINDOW, max(1, half)))
         interval *= 1.0 + float(np.median(edge[half:] - edge[: len(edge) - half])) / max(1, half)
     return interval
 
@@ -170,7 +156,7 @@ def _misfit(times: Floats, interval: float) -> tuple[bool, float]:
     it does neither, the share of lost samples."""
     rise, window = _rise(times, interval)
     off = float(np.minimum(np.abs(rise - np.maximum(np.rint(rise), 0.0)), 0.5).mean())
-    return off > ROUGH, off if off > ROUGH else float(np.maximum(rise, 0.0).mean()) / window
+    return off > WHOLE, off if off > WHOLE else float(np.maximum(rise, 0.0).mean()) / window
 
 
 def _half_sample_mode(values: Floats) -> float:
@@ -190,7 +176,7 @@ def _refined(times: Floats, interval: float, window: int) -> float:
     rows = np.arange(len(times))
     while 2 * window < len(times):
         window *= 2
-        least = (sliding_minimum(times / interval - rows, min(window, EDGE)) + rows) * interval
+        least = (sliding_minimum(times / interval - rows, min(window, LONG_WINDOW)) + rows) * interval
         spans = least[window:] - least[:-window]
         counts = np.rint(spans / interval)
         if (counts > 0.0).all():
@@ -200,7 +186,7 @@ def _refined(times: Floats, interval: float, window: int) -> float:
 
 def _near_hertz(interval: float) -> float:
     """Return the interval of a whole number of Hz if the rate is near to it, ns."""
-    return round_to_hertz(interval * 1e-9, CRYSTAL) * 1e9
+    return round_to_hertz(interval * 1e-9, RATE_PRECISION) * 1e9
 
 
 def _ahead(interval: float) -> int:
@@ -231,7 +217,7 @@ class HostStamps:
     def __init__(self, times: Floats, interval: float) -> None:
         self._tick = interval
         self._window = _ahead(interval)
-        self.rough = _roughness(times, interval) > ROUGH
+        self.rough = _roughness(times, interval) > WHOLE
         self._least = max(ROUGH_LOSS, ROUGH_LOSS_S * 1e9 / interval) if self.rough else LOSS
         self._pending = np.empty(0)
         self._rows = 0  # before the pending ones

@@ -28,7 +28,7 @@ from imumon.tui.formatting import Line, Notation, length, padded, with_backgroun
 from imumon.tui.history_chart import parse
 from imumon.tui.panels import status, welcome
 from imumon.tui.svg_export import portable_svg
-from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
+from imumon.tui.view_state import SPANS, STALE_PERIODS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
     DeviceView,
     DialogWindow,
@@ -50,8 +50,6 @@ FIRST_POLL_S = 0.1
 """s between two polls while there is no report yet."""
 TERMINAL_POLL_S = 5.0
 """s between two checks whether the terminal is still open."""
-SMALL_AGE_PERIODS = 3.0
-"""Periods of a report from which its age is redrawn every second."""
 
 _COLOURS = [
     "primary",
@@ -247,9 +245,7 @@ class ImumonApp(App[int]):
         alive, connected = frozenset(self.source.alive()), self.source.connected()
         ages = {name: max(now - moment, 0.0) for name, (_, moment) in reports.items()}
         shown_ages = {
-            name: round(age)
-            for name, age in ages.items()
-            if age > SMALL_AGE_PERIODS * reports[name][0].period_s
+            name: round(age) for name, age in ages.items() if age > STALE_PERIODS * reports[name][0].period_s
         }
         ended = self._ended() if self._ended is not None else None
         seen = (self.source.version, (alive, connected, tuple(sorted(shown_ages.items())), ended))

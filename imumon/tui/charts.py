@@ -18,10 +18,7 @@ from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, line
 from imumon.tui.formatting import Line, Notation, approximate_duration, length, padded
 from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import ViewState
-from imumon.units import number
-
-FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
-"""Ratio of the flat part of an Allan deviation to B."""
+from imumon.units import FLICKER, number
 
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""

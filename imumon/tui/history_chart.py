@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.report import plain
+from imumon.report import MAX_NUMBER, plain
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
 from imumon.tui.charts import EXTREME_VALUES, centred_text
@@ -24,8 +24,6 @@ MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "dist
 MOST_ROWS = 5000
 """Rows that are drawn; a year of days has 366, two months of hours 1488."""
 QUANTITIES = ("N", "B", "mean", "temperature")
-MAX_NUMBER = 1e150
-"""Largest number that is drawn, as in a report."""
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
 _ROLES = {"N": "N", "B": "B", "mean": "signal", "temperature": "point"}

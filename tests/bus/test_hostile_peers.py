@@ -137,11 +137,11 @@ def test_a_viewer_keeps_at_most_256_devices_and_32_mb(router: str, monkeypatch: 
         start = time.process_time()
         assert 200 < len(viewer.reports()) <= 256
         assert time.process_time() - start < 5.0
-        monkeypatch.setattr(subscriber_module, "_MAX_KEPT", 500_000)
+        monkeypatch.setattr(subscriber_module, "KEPT_BYTES", 500_000)
         before = viewer.malformed
         until(lambda: put(20, " " * 500_000) or viewer.malformed >= before + 20, 30)
         monkeypatch.setattr(subscriber_module, "GONE_S", 0.1)
-        monkeypatch.setattr(subscriber_module, "_MAX_KEPT", 32_000_000)
+        monkeypatch.setattr(subscriber_module, "KEPT_BYTES", 32_000_000)
         time.sleep(0.2)  # devices that are gone make room
         until(lambda: attacker.put("imumon/new/report", text.replace("NAME", "new")) or viewer.report("new"))
 

@@ -23,6 +23,7 @@ from imumon.tui import (
 )
 from imumon.tui.formatting import CELL, Line, Notation
 from imumon.tui.view_state import ViewState
+from imumon.units import FLICKER
 
 DRAWN = {
     "allan": charts.allan_chart,
@@ -251,7 +252,7 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
             part = getattr(report.channels[channel], letter)
             assert (part.status == "measured") == (letter in letters)
             if letter in letters:
-                height = charts.FLICKER if letter == "B" else 1.0
+                height = FLICKER if letter == "B" else 1.0
                 mark = "0.664 B =" if letter == "B" else letter
                 assert f"{mark} {units.number(height * part.readable.value, 3)}" in text  # as the axis says
             else:

@@ -18,12 +18,12 @@ from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, baud_unsup
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import (
     BAUD,
-    BAUD_TOO_LOW,
     BINARY_OUTPUTS,
     DELTA_CONTROL,
     IMU_FILTER,
     LOOP_RATE,
     OUTPUT_TYPE,
+    ErrorCode,
 )
 from imumon.devices.vn100.stream_settings import (
     OFF,
@@ -200,7 +200,7 @@ class Configuration:
             text = output(self._kind, divisor, mode)
             if channel.write(register, text) and same(channel.read(register) or "", text):
                 return divisor
-            if channel.error_code != BAUD_TOO_LOW:
+            if channel.error_code != ErrorCode.BAUD_TOO_LOW:
                 break
         return None
 

@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from imumon.devices.vn100 import registers
 from imumon.devices.vn100.registers import REGISTERS
 from imumon.devices.vn100.stream_settings import OFF, Texts, alias_factors, parse_output, source
-from imumon.samples import DeviceInfo, Stream
+from imumon.samples import ALIASED, DeviceInfo, Stream
 
 DATA_REGISTERS = (23, 25, 26, 35, 43, 44, 82, 84, 85)
 """Registers that change what the samples mean: with another value they begin another record. The outputs are
 not among them: they make another stream, which the pipeline sees itself."""
-ALIASED = 1.001
-"""Alias factor above which N is called aliased: more than rounding."""
 
 
 def device_info(

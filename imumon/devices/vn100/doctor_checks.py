@@ -8,7 +8,7 @@ from typing import Any
 from imumon.devices.base import Check, Observation
 from imumon.devices.vn100.registers import DELTA_CONTROL, IMU_FILTER, LOOP_RATE
 from imumon.devices.vn100.stream_settings import divisors
-from imumon.samples import DeviceInfo
+from imumon.samples import ALIASED, DeviceInfo
 
 SLOW_HZ = 40.0
 """Hz, rate of the deltas below which a higher baud is recommended: the factory rate."""
@@ -20,9 +20,6 @@ MAX_LOAD = 0.955
 
 IMPOSSIBLE_LOAD = 1.05
 """Share of the baud rate that no serial line can transmit: the port is a pseudo-terminal, or ignores it."""
-
-ALIASED = 1.001
-"""Alias factor above which N counts as inflated: rounding errors lie below."""
 
 
 def checks(observation: Observation, settings: Any) -> Iterator[Check]:

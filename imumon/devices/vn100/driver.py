@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from imumon.config import FASTEST_HZ, SLOWEST_HZ
 from imumon.devices.base import (
     Check,
     Device,
@@ -18,8 +19,6 @@ from imumon.devices.base import (
 )
 
 STREAMS = ("deltas", "uncompensated", "compensated")
-SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
-"""Hz, lowest and highest sample rate that `--rate` accepts."""
 
 
 class Vn100Driver(DeviceDriver):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from typing import Literal, TypeAlias
 
 Generation: TypeAlias = Literal[2, 3]
@@ -46,8 +47,18 @@ DELTA_CONTROL, IMU_FILTER = 82, 85
 MAG_CALIBRATION, ACCEL_CALIBRATION, GYRO_CALIBRATION, ROTATION = 23, 25, 84, 26
 STARTUP_BIAS, IRON_CONTROL, IRON_RESULT = 43, 44, 47
 
-BAD_CHECKSUM, BAD_COMMAND, TOO_FEW, TOO_MANY = 0x03, 0x04, 0x05, 0x06
-BAD_PARAMETER, BAD_REGISTER, NOT_ALLOWED, BAUD_TOO_LOW = 0x07, 0x08, 0x09, 0x0C
+
+class ErrorCode(IntEnum):
+    """Why the sensor refuses a command, as it says itself."""
+
+    BAD_CHECKSUM = 0x03
+    BAD_COMMAND = 0x04
+    TOO_FEW = 0x05
+    TOO_MANY = 0x06
+    BAD_PARAMETER = 0x07
+    BAD_REGISTER = 0x08
+    NOT_ALLOWED = 0x09
+    BAUD_TOO_LOW = 0x0C
 
 
 class RegisterError(ValueError):
@@ -94,7 +105,7 @@ class RegisterField:
         except ValueError:
             number = math.nan
         if not math.isfinite(number) or (self.kind == "integer" and number != int(number)):
-            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}")
+            raise RegisterError(ErrorCode.BAD_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}")
         return number if self.kind == "real" else int(number)
 
     def normalise(self, text: str, generation: Generation) -> str:
@@ -102,11 +113,13 @@ class RegisterField:
         value = self.parse(text)
         if isinstance(value, str):
             if len(value) > self.high:
-                raise RegisterError(BAD_PARAMETER, f"{self.name}: longer than {self.high:.0f} characters")
+                raise RegisterError(
+                    ErrorCode.BAD_PARAMETER, f"{self.name}: longer than {self.high:.0f} characters"
+                )
             return value
         allowed = value in self.choices if self.choices else self.low <= value <= self.high
         if not allowed or self.only.get(int(value), generation) != generation:
-            raise RegisterError(BAD_PARAMETER, f"{self.name}: {text} is not allowed")
+            raise RegisterError(ErrorCode.BAD_PARAMETER, f"{self.name}: {text} is not allowed")
         return self.format(value)
 
     def format(self, value: Value) -> str:
@@ -169,7 +182,7 @@ class Register:
         RegisterError : 05 too few fields, 06 too many, 07 a value is not allowed, 09 read-only.
         """
         if self.access != "setting":
-            raise RegisterError(NOT_ALLOWED, f"register {self.id} cannot be written")
+            raise RegisterError(ErrorCode.NOT_ALLOWED, f"register {self.id} cannot be written")
         return tuple(entry.normalise(text, generation) for entry, text in self._pairs(values))
 
     def _pairs(self, values: Sequence[str]) -> Iterable[tuple[RegisterField, str]]:
@@ -181,10 +194,10 @@ class Register:
                 count = int(layout[2].parse(values[2])).bit_count()
                 if len(values) != 3 + count:
                     text = f"register {self.id} needs one field word for each set group"
-                    raise RegisterError(BAD_PARAMETER, text)
+                    raise RegisterError(ErrorCode.BAD_PARAMETER, text)
                 layout += [replace(word, name=f"word{i + 1}") for i in range(count)]
         if len(values) != len(layout):
-            code = TOO_FEW if len(values) < len(layout) else TOO_MANY
+            code = ErrorCode.TOO_FEW if len(values) < len(layout) else ErrorCode.TOO_MANY
             raise RegisterError(code, f"register {self.id} has {len(layout)} fields, not {len(values)}")
         return zip(layout, values, strict=True)
 

@@ -25,12 +25,11 @@ from imumon.devices.serial_port import (
 )
 from imumon.devices.vn100.commands import NotAVn100
 from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.devices.vn100.registers import FACTORY_BAUD
 from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
 from imumon.files import read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
 
-FIRST_BAUD = 115200
-"""bit/s, the factory value."""
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""
 SETTINGS_BYTES = 1 << 16
@@ -172,7 +171,7 @@ class Vn100Device(Device):
 
     def _open(self, path: str) -> DeviceInfo:
         limit = TIME_LAPSE_QUEUE_BYTES if self._time_lapse else QUEUE_BYTES
-        baud = self._request.baud or FIRST_BAUD
+        baud = self._request.baud or FACTORY_BAUD
         port = SerialPort(path, baud, queue_bytes=limit, lossless=self._time_lapse)
         try:
             session = Vn100Session(

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from imumon.devices.base import DeviceNotFound
+from imumon.devices.base import RATE_TOLERANCE, DeviceNotFound
 from imumon.devices.vn100.ascii import ERRORS, SensorError
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
@@ -29,7 +29,7 @@ __all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
 QUIET_S = 1.0
 """s without data after which the sensor is resumed; or four samples, if they take longer."""
 QUIET_UNKNOWN_S = 3.0
-"""The same in s for a stream of unknown rate."""
+"""The same in s for a stream of unknown rate. The comparison of the rate starts again after it, too."""
 RETRY_S = 5.0
 """s between two scans for a sensor that does not reply. A scan takes up to ten seconds."""
 RESTART_NS = 1_000_000_000
@@ -39,14 +39,10 @@ GARBAGE_BYTES = 64
 ERROR_NOTICE_S = 60.0
 """s between two notices of one error of the sensor, which may repeat a hundred times a second."""
 
-RATE_TOLERANCE = 0.02
-"""Relative error of a configured rate from which the user is warned."""
 RATE_SHORTEST_S = 5.0
 """s of samples before the rate is judged."""
 RATE_LONGEST_S = 120.0
 """s after which the comparison starts again, so that a change of the rate shows."""
-RATE_PAUSE_S = 3.0
-"""s without samples, or four samples, after which the comparison starts again."""
 RATE_SLACK_S, RATE_SLACK_SAMPLES = 0.2, 1.5
 """s and samples of error of a correct rate, because bytes wait in queues."""
 
@@ -91,7 +87,7 @@ class RateCheck:
 
     def update(self, count: int, now: float, nominal_hz: float) -> None:
         """Add `count` samples, lost ones included, that arrived at `now`, s monotonic."""
-        if self._start is None or now - self._last > max(RATE_PAUSE_S, 4.0 / nominal_hz):
+        if self._start is None or now - self._last > max(QUIET_UNKNOWN_S, 4.0 / nominal_hz):
             self._start, self._last, self._count = now, now, 0
             return
         self._last = now

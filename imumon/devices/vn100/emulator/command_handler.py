@@ -18,7 +18,7 @@ from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.output_streams import ChecksumKind, Message, OutputStreams, binary_layout
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
-from imumon.devices.vn100.registers import REGISTERS, Register, RegisterError
+from imumon.devices.vn100.registers import REGISTERS, ErrorCode, Register, RegisterError
 
 INPUT_BUFFER = 256
 """bytes of a command that the device buffers."""
@@ -135,15 +135,16 @@ class CommandHandler:
         kind: ChecksumKind = "crc" if len(checksum) == 4 else "xor"
         complete = star and _CHECKSUM.fullmatch(checksum) and _BODY.fullmatch(body)
         if not complete or (checksum[:1] not in b"Xx" and not ascii.intact(body, checksum)):
-            self._error(registers.BAD_CHECKSUM, kind)
+            self._error(ErrorCode.BAD_CHECKSUM, kind)
             return
         command, fields = ascii.split(body)
         try:
             if command not in self._commands:
-                raise RegisterError(registers.BAD_COMMAND, command)
+                raise RegisterError(ErrorCode.BAD_COMMAND, command)
             handler, least, most = self._commands[command]
             if not least <= len(fields) <= most:
-                raise RegisterError(registers.TOO_FEW if len(fields) < least else registers.TOO_MANY, command)
+                code = ErrorCode.TOO_FEW if len(fields) < least else ErrorCode.TOO_MANY
+                raise RegisterError(code, command)
             if command == "VNBOM":
                 self._replies.append(self._poll_binary(*fields))
             elif command == "VNWNV":
@@ -167,23 +168,23 @@ class CommandHandler:
 
     def _register(self, text: str) -> Register:
         if not text.isdigit():
-            raise RegisterError(registers.BAD_PARAMETER, "the register is not a number")
+            raise RegisterError(ErrorCode.BAD_PARAMETER, "the register is not a number")
         register = REGISTERS.get(int(text))
         if register is None or not register.in_generation(self.registers.generation):
-            raise RegisterError(registers.BAD_REGISTER, "no such register")
+            raise RegisterError(ErrorCode.BAD_REGISTER, "no such register")
         return register
 
     def _port_number(self, text: str) -> int:
         if text == "?":
             return self.registers.port
         if text not in ("1", "2"):
-            raise RegisterError(registers.BAD_PARAMETER, "choose port 1 or 2")
+            raise RegisterError(ErrorCode.BAD_PARAMETER, "choose port 1 or 2")
         return int(text)
 
     def _read_register(self, number: str, *ports: str) -> Sequence[str]:
         register = self._register(number)
         if len(ports) > register.ports:
-            raise RegisterError(registers.TOO_MANY, "no such parameter")
+            raise RegisterError(ErrorCode.TOO_MANY, "no such parameter")
         port = self._port_number(ports[0]) if ports else None
         echoed = () if port is None else (str(port),)
         return (f"{register.id:02d}", *self._values(register, port), *echoed)
@@ -206,7 +207,7 @@ class CommandHandler:
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
         register = self._register(number)
         if register.access != "setting":
-            raise RegisterError(registers.NOT_ALLOWED, "read only")
+            raise RegisterError(ErrorCode.NOT_ALLOWED, "read only")
         port, echoed = None, ""
         if register.ports and len(values) == 2:
             port = self._port_number(values[1])
@@ -218,7 +219,7 @@ class CommandHandler:
             trial = self.registers.with_values(register.id, stored, port)
             for each in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
                 if self.outputs.bytes_per_second(trial, each) > int(trial.read(registers.BAUD, each)[0]) / 10:
-                    raise RegisterError(registers.BAUD_TOO_LOW, "the output does not fit the baud")
+                    raise RegisterError(ErrorCode.BAUD_TOO_LOW, "the output does not fit the baud")
         self.registers.write(register.id, stored, port)
         if register.id == registers.SYNC_STATUS:
             self.outputs.set_sync_counts(*map(int, stored))
@@ -238,24 +239,24 @@ class CommandHandler:
 
     def _poll_binary(self, number: str) -> bytes:
         if not number.isdigit() or not 1 <= int(number) <= 3:
-            raise RegisterError(registers.BAD_PARAMETER, "choose binary output 1 to 3")
+            raise RegisterError(ErrorCode.BAD_PARAMETER, "choose binary output 1 to 3")
         words = self.registers.read(registers.BINARY_OUTPUTS[int(number) - 1])[2:]
         if not int(words[0], 16):
-            raise RegisterError(registers.BAD_PARAMETER, "this output has no fields")
+            raise RegisterError(ErrorCode.BAD_PARAMETER, "this output has no fields")
         return self.outputs.packet(words)
 
     def _tare(self) -> Sequence[str]:
         if self.registers.generation == 3:
-            raise RegisterError(registers.BAD_COMMAND, "firmware 3 has VNSIH instead")
+            raise RegisterError(ErrorCode.BAD_COMMAND, "firmware 3 has VNSIH instead")
         self.outputs.estimator.heading = 0.0
         self.outputs.estimator.reset_bias()
         return ()
 
     def _set_initial_heading(self, *angles: str) -> Sequence[str]:
         if self.registers.generation == 2:
-            raise RegisterError(registers.BAD_COMMAND, "firmware 2 has VNTAR instead")
+            raise RegisterError(ErrorCode.BAD_COMMAND, "firmware 2 has VNTAR instead")
         if len(angles) == 2:
-            raise RegisterError(registers.TOO_FEW, "give a heading, three angles or a quaternion")
+            raise RegisterError(ErrorCode.TOO_FEW, "give a heading, three angles or a quaternion")
         numbers = [_number(text) for text in angles]
         heading = numbers[0]
         if len(numbers) == 4:
@@ -306,7 +307,7 @@ class CommandHandler:
 
 def _flag(text: str) -> bool:
     if text not in ("0", "1"):
-        raise RegisterError(registers.BAD_PARAMETER, "give 0 or 1")
+        raise RegisterError(ErrorCode.BAD_PARAMETER, "give 0 or 1")
     return text == "1"
 
 
@@ -314,4 +315,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise RegisterError(registers.BAD_PARAMETER, f"{text!r} is not a number") from None
+        raise RegisterError(ErrorCode.BAD_PARAMETER, f"{text!r} is not a number") from None

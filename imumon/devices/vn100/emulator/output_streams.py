@@ -25,7 +25,6 @@ from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import ACCEL, GYRO, SensorModel
 from imumon.devices.vn100.measurements import WIDTHS
 from imumon.devices.vn100.registers import (
-    BAD_PARAMETER,
     BINARY_OUTPUTS,
     IRON_CONTROL,
     LOOP_RATE,
@@ -36,6 +35,7 @@ from imumon.devices.vn100.registers import (
     ROTATION,
     STARTUP_BIAS,
     SYNC_CONTROL,
+    ErrorCode,
     RegisterError,
 )
 from imumon.samples import Floats, Ints
@@ -263,4 +263,4 @@ def binary_layout(words: Sequence[str]) -> binary.BinaryLayout:
     try:
         return binary.BinaryLayout.of({g: int(word, 16) for g, word in zip(groups, words[1:], strict=True)})
     except ValueError as error:
-        raise RegisterError(BAD_PARAMETER, str(error)) from None
+        raise RegisterError(ErrorCode.BAD_PARAMETER, str(error)) from None
