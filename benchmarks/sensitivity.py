@@ -1,14 +1,14 @@
 """Sensitivity of the published numbers to every tuning constant, as Markdown.
 
-    python benchmarks/sensitivity.py                             all constants: about a quarter of an hour on two cores
-    python benchmarks/sensitivity.py noise.fit                   those of one package
+    python benchmarks/sensitivity.py | python benchmarks/document_tables.py -     all constants, into docs/ACCURACY.md
+    python benchmarks/sensitivity.py noise.fit                                    those of one package
 
 Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own,
 before the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short
 records that make every part of the pipeline work. The table has the constants that move a published number by more than
-1 % of itself, or let it appear or vanish. Limits and values of N, B and K, means, deviations, counters, events and
-grades count; what only draws (histogram, spectrum, envelope) does not. Exit code 1 where a run fails: a factor of two
-must never raise.
+`MOVED` of itself, or let it appear or vanish, the strongest first. Limits and values of N, B and K, means, deviations,
+counters, events and grades count; what only draws (histogram, spectrum, envelope) does not. A factor of two must never
+raise: where a run fails, the errors are printed, there is no table, and the exit code is 1.
 
 A constant whose name says what it is in nature or in a protocol (units, register numbers, formats) is no tuning
 constant: `NOT_TUNING` lists the modules that hold only such ones.
@@ -37,8 +37,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("noise", "pipeline", "timebase", "recordings")
 """Packages whose constants can move a published number. Elsewhere constants are timeouts and sizes of queues."""
 NOT_TUNING = {"column_names.py", "raw_capture.py", "recording_header.py"}
-MOVED = 0.01
-"""Relative change of a published number from which a constant is in the table."""
+MOVED = 0.1
+"""Relative change of a published number from which a constant is in the table: the limits of N are 1 % wide, those of B
+and K 20 % and more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,10 +260,8 @@ def measure(constant: Constant, factor: float) -> dict[str, Any] | str:
         return f"{type(error).__name__}: {error}"
 
 
-def difference(base: dict[str, Any], other: dict[str, Any] | str) -> tuple[float, str]:
+def difference(base: dict[str, Any], other: dict[str, Any]) -> tuple[float, str]:
     """Return the largest relative change of a published number, and which one that is."""
-    if isinstance(other, str):
-        return math.inf, other[:60]
     worst, which = 0.0, ""
     for record, before in base.items():
         after = other[record]
@@ -301,23 +300,37 @@ def main() -> int:
         (Constant("", "", 1.0), 1.0),
         *((constant, factor) for constant in found for factor in (0.5, 2.0)),
     ]
-    print(head("sensitivity", "constant", "value", "halved", "doubled", "largest change"), flush=True)
-    failed = moved = 0
+    rows: list[tuple[float, list[str]]] = []
+    errors: list[str] = []
     with multiprocessing.get_context("fork").Pool(words.processes, maxtasksperchild=1) as pool:
         made = pool.imap(_job, jobs)
         base = next(made)
-        assert not isinstance(base, str), base
+        if isinstance(base, str):
+            raise SystemExit(f"the records fail without a change: {base}")
         for each in found:
-            runs = [next(made) for _ in range(2)]
-            failed += sum(isinstance(run, str) for run in runs)
-            half, double = (difference(base, run) for run in runs)
-            if max(half[0], double[0]) > MOVED:
-                name = f"{each.module.removeprefix('imumon.')}.{each.name}"
-                which = max(half, double)[1]
-                moved += 1
-                print(row([name, f"{each.value:g}", f"{half[0]:.1%}", f"{double[0]:.1%}", which]), flush=True)
-    print(f"\n{moved} of {len(found)} constants move a number, {failed} runs fail", file=sys.stderr)
-    return int(failed > 0)
+            name = f"{each.module.removeprefix('imumon.')}.{each.name}"
+            changes = []
+            for factor in (0.5, 2.0):
+                run = next(made)
+                if isinstance(run, str):
+                    errors.append(f"{name} = {each.value * factor:g}: {run}")
+                    print(errors[-1], file=sys.stderr, flush=True)
+                else:
+                    changes.append(difference(base, run))
+            if len(changes) == 2 and max(changes)[0] > MOVED:
+                shown = [name, f"{each.value:g}", *(_percent(size) for size, _ in changes), max(changes)[1]]
+                rows.append((max(changes)[0], shown))
+    print(f"{len(rows)} of {len(found)} constants move a number, {len(errors)} runs fail", file=sys.stderr)
+    if errors:
+        return 1
+    print(head("sensitivity", "constant", "value", "halved", "doubled", "largest change"))
+    for _, shown in sorted(rows, key=lambda each: -each[0]):
+        print(row(shown))
+    return 0
+
+
+def _percent(size: float) -> str:
+    return "appears or vanishes" if math.isinf(size) else f"{size:.0%}"
 
 
 if __name__ == "__main__":
