@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from imumon.history import HistoryStore
-from imumon.history.store import SUFFIX, TimedPeriod
+from imumon.history.history_file import SUFFIX
+from imumon.history.store import TimedPeriod
 from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
 
 NAMES = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")

@@ -18,9 +18,10 @@ from functools import partial
 
 import zenoh
 
+from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import LastValues
 from imumon.bus.uplink import Uplink, open_local, open_uplink
-from imumon.bus.zenoh_session import RETRY_S, BusError, SessionOptions, Unreachable, check_endpoint, clean_id
+from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
 from imumon.report import Channel, Event, Report, Signal, to_json
 
 CURVES = ("allan", "histogram", "spectrum")

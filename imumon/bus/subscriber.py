@@ -1,15 +1,13 @@
 """Subscriber: the client side of the bus.
 
-It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself,
-and keeps the newest report of each device, its last events, which daemons are alive, and the signal of one
-selected channel. Reports are stored as bytes and parsed when they are read, so a display that reads twice a
-second parses twice a second.
+It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself, and keeps
+the newest report of each device, its last events, which daemons are alive, and the signal of one selected channel.
+Reports are stored as bytes and parsed when they are read, so a display that reads twice a second parses them so often.
 
 Any peer may publish on these keys. Messages that are invalid or too long, names that are no device names, and
 reports of another device than their key are counted and ignored; the number of devices and the bytes of their
-reports are bounded. If several sessions publish one device, the first with a valid report is shown until it
-ends or is silent for `GONE_S`; `rivals` names them. A session is known by its Zenoh id, which a hostile
-program can forge: this prevents mistakes, not attacks.
+reports are bounded (`device_states`). A session is known by its Zenoh id, which a hostile program can forge: this
+prevents mistakes, not attacks.
 """
 
 from __future__ import annotations
@@ -18,20 +16,20 @@ import atexit
 import json
 import threading
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
+from imumon.bus.bus_error import BusError
+from imumon.bus.device_states import DeviceState, DeviceStates
 from imumon.bus.queryable import EVENTS_KEPT
 from imumon.bus.zenoh_session import (
     MAX_MESSAGE_BYTES,
-    BusError,
     SessionOptions,
     local_endpoints,
     open_session,
@@ -39,13 +37,8 @@ from imumon.bus.zenoh_session import (
 )
 from imumon.report import Event, Report, Signal, from_json, is_device_name, plain
 
-GONE_S = 5.0
-"""Time without a report after which a daemon counts as ended, s; three periods if that is longer."""
-
-_MAX_DEVICES = 256  # devices; bounds the time that invented names can take
 _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
-_MAX_RIVALS = 8  # sessions that are named of one device
 _MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
 _SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal
@@ -54,30 +47,8 @@ KEPT_BYTES = 32_000_000
 """Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
 HISTORY_PERIOD_S = 30.0
 """s between two requests of the history that is shown."""
-_NO_ID = "a program that hides its session"
 
 T = TypeVar("T", Report, Event, Signal)
-
-
-@dataclass(slots=True)
-class _DeviceState:
-    """What is known of a device; `session` is the Zenoh id of the session whose reports are shown."""
-
-    seen_s: float  # s of the monotonic clock, last message
-    alive: bool = False
-    session: str | None = None
-    clock: str = ""  # id in the timestamps of that session: the same on all routes of a daemon
-    rivals: list[str] = field(default_factory=list)  # all sessions that publish it, if there are several
-    data: bytes | None = None  # newest report while it is not parsed
-    size: int = 0  # bytes of the newest report
-    report: tuple[Report, float] | None = None
-    arrived_s: float = 0.0  # s of the monotonic clock, newest report
-    events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
-
-    def silent(self, now: float) -> bool:
-        """Return whether its session counts as ended."""
-        period_s = self.report[0].period_s if self.report is not None else 0.0
-        return now - self.arrived_s > max(GONE_S, min(3.0 * period_s, 60.0))
 
 
 class Subscriber:
@@ -112,7 +83,7 @@ class Subscriber:
         self.malformed = 0
         self._root = f"imumon/{id or '*'}"
         self._changed = threading.Condition()
-        self._devices: dict[str, _DeviceState] = {}
+        self._devices = DeviceStates()
         self._selected: tuple[str, str] | None = None
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
@@ -310,27 +281,14 @@ class Subscriber:
         self.version += 1
         self._changed.notify_all()
 
-    def _device(self, sample: zenoh.Sample, most: int) -> tuple[str, _DeviceState] | None:
-        """Return the device of a message with its name; None if the message is to be ignored.
-
-        A name that is seen for the first time takes the place of the device that is gone for the longest
-        time if there are too many. Call it with the lock.
-        """
-        id, now = str(sample.key_expr).split("/")[1], time.monotonic()
-        if not is_device_name(id) or len(sample.payload) > most:
+    def _device(self, sample: zenoh.Sample, most: int) -> tuple[str, DeviceState] | None:
+        """Return the device of a message with its name; None if the message is to be ignored. Call it with the lock."""
+        id, device = str(sample.key_expr).split("/")[1], None
+        if is_device_name(id) and len(sample.payload) <= most:
+            device = self._devices.seen(id, time.monotonic())
+        if device is None:
             self.malformed += 1
             return None
-        device = self._devices.get(id)
-        if device is None:
-            if len(self._devices) >= _MAX_DEVICES:
-                gone = {name: each.seen_s for name, each in self._devices.items() if not each.alive}
-                oldest = min(gone, key=gone.__getitem__, default=None)
-                if oldest is None or now - gone[oldest] < GONE_S:
-                    self.malformed += 1
-                    return None
-                del self._devices[oldest]
-            device = self._devices[id] = _DeviceState(now)
-        device.seen_s = now
         return id, device
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
@@ -351,7 +309,7 @@ class Subscriber:
             session, clock, now = *_origin(sample), time.monotonic()
             claimed = device.session == session
             if not claimed and device.session is not None:
-                _add_rival(device, session, clock)
+                device.add_rival(session, clock)
                 if not device.silent(now):
                     return
         data = sample.payload.to_bytes()
@@ -431,15 +389,6 @@ def _refusal(data: bytes) -> BusError:
         return BusError(plain(str(error["code"])), plain(str(error["message"])), plain(str(error["cure"])))
     except (ValueError, LookupError, TypeError):  # such as Zenoh's own, without a reply in time
         return BusError("history_failed", "the daemon did not answer the question", "ask for less at once")
-
-
-def _add_rival(device: _DeviceState, session: str, clock: str) -> None:
-    """Record a second session of a device, unless it is another route of the same daemon."""
-    if clock and clock == device.clock:
-        return
-    for each in (device.session or _NO_ID, session or _NO_ID):
-        if each not in device.rivals and len(device.rivals) < _MAX_RIVALS:
-            device.rivals.append(each)
 
 
 def _loopback(endpoint: str) -> str:

@@ -14,15 +14,9 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import RingChannel
 
+from imumon.bus.bus_error import BusError
 from imumon.bus.queryable import EVENTS_KEPT, JSON
-from imumon.bus.zenoh_session import (
-    LEASE_S,
-    BusError,
-    SessionOptions,
-    local_endpoints,
-    open_session,
-    start_listener,
-)
+from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP

@@ -1,4 +1,4 @@
-"""Zenoh sessions with safe defaults, and Zenoh's errors as `BusError`.
+"""Zenoh sessions with safe defaults.
 
 A default Zenoh session listens on all interfaces, announces itself by multicast and accepts what any peer
 publishes. A session of imumon listens on the loopback interface only, uses neither multicast nor gossip nor
@@ -23,7 +23,7 @@ from typing import Any, Self, TypeVar
 
 import zenoh
 
-from imumon.errors import ImumonError
+from imumon.bus.bus_error import BusError, classify, readable
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
@@ -54,22 +54,6 @@ _NETWORK_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
 _ENCRYPTED = ("tls/", "quic/")
 
 T = TypeVar("T")
-
-
-class BusError(ImumonError):
-    """The bus cannot be used: a problem with an endpoint, a credential or a name.
-
-    `setting` is the dotted name of the setting whose value is invalid, such as ``zenoh.raw``. None: the error
-    may vanish without a change of the settings, or its value is not from the settings.
-    """
-
-    def __init__(self, code: str, message: str, cure: str = "", *, setting: str | None = None) -> None:
-        super().__init__(code, message, cure)
-        self.setting = setting
-
-
-class Unreachable(BusError):
-    """No connection to an endpoint. Zenoh does not say whether it is absent or refuses the credentials."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -298,7 +282,7 @@ def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:
     try:
         config.insert_json5(path, json.dumps(value))
     except (zenoh.ZError, TypeError) as error:
-        message = f'zenoh.raw: "{path}" = {json.dumps(value, default=str)}: {_readable(str(error))}'
+        message = f'zenoh.raw: "{path}" = {json.dumps(value, default=str)}: {readable(str(error))}'
         cure = "see the configuration of Zenoh"
         raise BusError("raw_invalid", message, cure, setting="zenoh.raw") from None
 
@@ -352,61 +336,3 @@ def _users_file(options: SessionOptions, listens: bool) -> Iterator[str]:
         file.write(lines)
         file.flush()
         yield file.name
-
-
-_KEY_INVALID = "zenoh.key is not the private key of zenoh.certificate in PEM format"
-_CERTIFICATE_INVALID = "zenoh.certificate or zenoh.ca is not a certificate in PEM format"
-_PRIVILEGE = "choose a port above 1023, or a directory that you may write to"
-_ANOTHER = "choose another with --listen"
-_UNREACHABLE = "check that a daemon or router listens there, and the password or certificate"
-_KNOWN_ERRORS = (
-    (
-        "unable to connect to any",
-        "unreachable",
-        "no answer, or a wrong password or certificate",
-        _UNREACHABLE,
-    ),
-    ("address already in use", "address_in_use", "in use by another daemon or program", _ANOTHER),
-    ("cannot assign requested address", "address_not_local", "not an address of this machine", _ANOTHER),
-    ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
-    ("no such file or directory", "path_not_found", "no such directory", "create the directory {directory}"),
-    ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
-    (
-        "usrpwd",
-        "users_file_invalid",
-        "the file of users {users_file} is invalid",
-        "write user:password on each line",
-    ),
-    ("keymismatch", "key_invalid", _KEY_INVALID, "check both files"),
-    ("private key", "key_invalid", _KEY_INVALID, "check both files"),
-    ("certificate", "certificate_invalid", _CERTIFICATE_INVALID, "check both files"),
-)
-"""Text in an error of Zenoh (lower case), code, message and cure. The first match counts."""
-
-
-def classify(error: zenoh.ZError, endpoints: Sequence[str], users_file: str = "") -> BusError:
-    """Return an error of Zenoh as a `BusError`; code ``session_failed`` if it is unknown.
-
-    This is the only place where the text of an error decides: `zenoh.ZError` has one type and no code for all
-    causes. An unknown text, also one that a new release of Zenoh changes, is shown as it is.
-    """
-    text = str(error)
-    where = next((e for e in endpoints if e in text), None) or (endpoints[0] if endpoints else "Zenoh")
-    for pattern, code, message, cure in _KNOWN_ERRORS:
-        if pattern in text.lower():
-            kind = Unreachable if code == "unreachable" else BusError
-            directory = os.path.dirname(where.partition("/")[2])
-            message, cure = (t.format(users_file=users_file, directory=directory) for t in (message, cure))
-            return kind(code, f"{where}: {message}", cure)
-    return BusError("session_failed", f"{where}: {_readable(text)}", "check the settings of [zenoh]")
-
-
-def _readable(text: str) -> str:
-    """Return the text of an error of Zenoh without the locations in its source code.
-
-    >>> _readable('Str("unknown key") at /home/x/.cargo/x/config.rs:86.')
-    'unknown key'
-    """
-    text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", text)
-    quoted = re.search(r'(?:Str\(|msg: )"((?:[^"\\]|\\.)*)"', text)
-    return " ".join((quoted[1] if quoted else text).split()).rstrip(".]")

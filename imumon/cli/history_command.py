@@ -99,8 +99,9 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
 
 def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
     """Yield the rows of a file."""
+    from imumon.history.history_file import SUFFIX, HistoryError, devices
     from imumon.history.rows import rows
-    from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
+    from imumon.history.store import HistoryStore
     from imumon.messages import matching
 
     known = devices(directory)
@@ -144,10 +145,11 @@ def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
 
 def stored_days(path: Path) -> list[dict[str, Any]]:
     """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
+    from imumon.history.history_file import HistoryError
     from imumon.history.repeatability import LEAST_DAYS
     from imumon.history.rows import rows
     from imumon.history.selection import selection
-    from imumon.history.store import HistoryError, HistoryStore
+    from imumon.history.store import HistoryStore
 
     name, found = path.name.partition(".state")[0], []
     if (file := _beside(path)) is None:
@@ -167,8 +169,9 @@ def stored_days(path: Path) -> list[dict[str, Any]]:
 
 def with_turn_on(report: Any, path: Path) -> Any:
     """Return the report of a saved state with the turn-on bias that the history in its directory shows."""
+    from imumon.history.history_file import HistoryError
     from imumon.history.power_ups import PowerUps
-    from imumon.history.store import HistoryError, HistoryStore
+    from imumon.history.store import HistoryStore
 
     if (file := _beside(path)) is None:
         return report
@@ -181,7 +184,7 @@ def with_turn_on(report: Any, path: Path) -> Any:
 
 def _beside(path: Path) -> Path | None:
     """Return the history beside a saved state; None if there is none, or it is no state."""
-    from imumon.history.store import SUFFIX
+    from imumon.history.history_file import SUFFIX
 
     file = path.with_name(f"{path.name.partition('.state')[0]}{SUFFIX}")
     return file if ".state" in path.name and file.exists() else None

@@ -157,7 +157,7 @@ def wait(arguments: argparse.Namespace) -> int:
 
 def _next_report(subscriber: Any, report: Any, end_s: float) -> Any:
     """Return the next report of the same device, or the same one at the end of the time (monotonic, s)."""
-    from imumon.bus.subscriber import GONE_S
+    from imumon.bus.device_states import GONE_S
 
     while (left_s := end_s - time.monotonic()) > 0:
         newest, arrived_s = subscriber.report(report.device.id) or (report, 0.0)

@@ -4,8 +4,7 @@ daemon         the loop
 connection     what is known of the device: identity, state, silence
 kept_record    the record with everything that keeps it: state, history, recording
 outputs        where reports and events go: log, bus, ROS 2, metrics, alert command
-run_options    what to run, and how it ended
-run_limits     what ends a run, how long a device may be silent, when a duty is due
+run_limits     what to run, what ends it, how long a device may be silent, when a duty is due
 persistence    the record on disk: restored, saved, set aside
 recorder       the raw bytes on disk
 alert_command  a command of the user that runs at warnings
@@ -15,6 +14,6 @@ sd_notify      the service manager
 """
 
 from imumon.daemon.daemon import Daemon
-from imumon.daemon.run_options import RunOptions, RunResult
+from imumon.daemon.run_limits import RunOptions, RunResult
 
 __all__ = ["Daemon", "RunOptions", "RunResult"]

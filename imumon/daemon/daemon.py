@@ -19,8 +19,7 @@ from imumon.daemon import metadata
 from imumon.daemon.connection import Connection
 from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.outputs import Outputs
-from imumon.daemon.run_limits import Shutdown, Timer
-from imumon.daemon.run_options import RunOptions, RunResult
+from imumon.daemon.run_limits import RunOptions, RunResult, Shutdown, Timer
 from imumon.daemon.sd_notify import ServiceNotifier, status_line
 from imumon.devices.base import DeviceError, DeviceOptions
 from imumon.devices.device_reader import (

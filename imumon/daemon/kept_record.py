@@ -17,8 +17,7 @@ from imumon.daemon import metadata
 from imumon.daemon.history_feed import HistoryFeed
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
-from imumon.daemon.run_limits import Timer
-from imumon.daemon.run_options import RunOptions
+from imumon.daemon.run_limits import RunOptions, Timer
 from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
 from imumon.report import SessionCounters, stamp
 from imumon.samples import DeviceCounters, DeviceInfo, Level, SampleBlock

@@ -15,7 +15,7 @@ from imumon.config import Settings
 from imumon.daemon.alert_command import CLOSE_S, AlertCommand
 from imumon.daemon.history_feed import HistoryFeed
 from imumon.daemon.log import LEVELS
-from imumon.daemon.run_options import RunOptions
+from imumon.daemon.run_limits import RunOptions
 from imumon.messages import EVENT_LEVELS
 from imumon.pipeline.events import DetectedEvent
 from imumon.report import Event, Report, Signal, stamp

@@ -1,4 +1,4 @@
-"""Limits of a run: what ends it, how long a device may be silent, and when a duty is due."""
+"""Run: what to run, what ends it, how long a device may be silent, and when a duty is due."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
+
+from imumon.evaluation import Provenance
+from imumon.report import Report
 
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end the run."""
@@ -25,6 +30,40 @@ TIMEOUT_SAMPLES = 5.0
 """Sample intervals without data that are needed as well, for slow streams."""
 START_TIMEOUT_S = 30.0
 """s in which bytes must become samples at the start; a service manager waits longer."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """What to run, beside the settings.
+
+    Attributes
+    ----------
+    url : of the device, see `imumon.devices.registry.driver_of`; empty: the only one that is found.
+    state_directory : of the accumulated statistics.
+    duration_s : s of the host clock; None: unlimited.
+    fresh : start a new record; the old state is kept under another name.
+    temporary : the state directory is deleted after the run.
+    speed : seconds of the sample clock per second of the host clock; not 1 for an emulator in time-lapse.
+    baseline : an earlier report of the same sensor, to compare with.
+    provenance : program and host, for the reports; None: they do not name them.
+    """
+
+    url: str
+    state_directory: Path
+    duration_s: float | None = None
+    fresh: bool = False
+    temporary: bool = False
+    speed: float = 1.0
+    baseline: Report | None = None
+    provenance: Provenance | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended: the final report, None if no device was ever there, and the signal that ended it."""
+
+    report: Report | None
+    signal: int | None
 
 
 class Shutdown:

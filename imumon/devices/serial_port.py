@@ -7,7 +7,6 @@ module that imports pyserial; it does not know what the bytes mean.
 
 from __future__ import annotations
 
-import array
 import contextlib
 import errno
 import fcntl
@@ -17,18 +16,17 @@ import os
 import re
 import select
 import stat
-import sys
 import termios
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import serial as _pyserial
 import serial.tools.list_ports
 
+from imumon.devices import linux_tty
 from imumon.devices.base import DeviceError, DeviceLost, DeviceNotFound
 
 pyserial: Any = _pyserial  # it has no types
@@ -48,9 +46,6 @@ READ_BYTES = 1 << 14
 PIECE_BYTES = 1 << 16
 """Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes."""
 
-PSEUDO_TERMINALS = "/dev/pts/"
-_TIOCGICOUNT = 0x545D
-_TCGETS2 = 0x802C542A
 # what drivers raise for a port that has vanished (termios.error is no OSError)
 _LOSS_ERRORS = (OSError, pyserial.SerialException, termios.error)
 
@@ -74,14 +69,6 @@ def find_ports() -> list[PortInfo]:
     return sorted(ports, key=lambda port: (port.usb is None, port.path))
 
 
-def pseudo_terminal(path: str) -> int | None:
-    """Return when a pseudo-terminal was made, ns; None for others. The next terminal of its number has another time."""
-    if os.path.abspath(path).startswith(PSEUDO_TERMINALS):
-        with contextlib.suppress(OSError):
-            return os.stat(path).st_ctime_ns
-    return None
-
-
 def find_again(
     path: str, before: list[PortInfo], now: list[PortInfo], terminal: int | None = None
 ) -> list[str]:
@@ -95,24 +82,12 @@ def find_again(
     ----------
     path : at which it was opened.
     before, now : `find_ports` before it vanished, and now.
-    terminal : `pseudo_terminal` of the path when it was opened.
+    terminal : `linux_tty.pseudo_terminal` of the path when it was opened.
     """
-    remains = os.path.exists(path) and pseudo_terminal(path) == terminal
+    remains = os.path.exists(path) and linux_tty.pseudo_terminal(path) == terminal
     paths = [path] if "://" in path or remains else []
     adapters = {p.usb for p in before if os.path.realpath(p.path) == os.path.realpath(path)} - {None}
     return paths + [p.path for p in now if p.usb in adapters and p.path not in paths]
-
-
-def holders(path: str) -> list[str]:
-    """Return other processes that have this file open, as ``name (pid)``, as far as permissions show them."""
-    target, programs = os.path.realpath(path), []
-    for process in Path("/proc").glob("[0-9]*"):
-        if int(process.name) == os.getpid():
-            continue
-        with contextlib.suppress(OSError):
-            if any(os.readlink(link) == target for link in (process / "fd").iterdir()):
-                programs.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
-    return programs
 
 
 class SerialPort:
@@ -179,7 +154,7 @@ class SerialPort:
     @property
     def kernel_overruns(self) -> int | None:
         """Overruns that the driver counted; None if it does not count, as for a pseudo-terminal."""
-        now = self._kernel_count()
+        now = linux_tty.overruns(self._fd)
         return self._kernel_before if now is None else (self._kernel_before or 0) + now - self._kernel_start
 
     def read(self, timeout: float) -> bytes:
@@ -243,7 +218,7 @@ class SerialPort:
             self._serial.baudrate = baud
         except (ValueError, OverflowError):
             return False
-        actual = _actual_baud(self._fd)
+        actual = linux_tty.actual_baud(self._fd)
         return actual is None or abs(actual - baud) <= 0.03 * baud
 
     def reopen(self) -> None:
@@ -283,7 +258,7 @@ class SerialPort:
             self._fd = self._serial.fileno()
         self._closing, self._loss, self._dropping, self._empty = False, None, False, 0
         try:
-            self._kernel_start = self._kernel_count() or 0
+            self._kernel_start = linux_tty.overruns(self._fd) or 0
             if not self.set_baud(self._baud):
                 text = f"the adapter of {self.name} cannot do {self._baud} baud"
                 raise DeviceError("baud_unsupported", text, "choose another --baud")
@@ -323,7 +298,7 @@ class SerialPort:
             return b""
         # Ready without data: Linux shows an unplugged adapter so, or a flush between the two calls.
         self._empty = 0 if data else self._empty + 1
-        if not data and (self.fixed_baud or self._empty > 100 or _hung_up(self._fd)):
+        if not data and (self.fixed_baud or self._empty > 100 or linux_tty.hung_up(self._fd)):
             raise OSError(errno.EIO, "hung up")
         return data
 
@@ -363,36 +338,6 @@ class SerialPort:
             self._changed.notify_all()
         return DeviceLost(*loss)
 
-    def _kernel_count(self) -> int | None:
-        """Return what the driver has counted since it was loaded; None if it does not count."""
-        if self._fd is None:
-            return None
-        counts = array.array("i", [0] * 20)  # struct serial_icounter_struct
-        try:
-            fcntl.ioctl(self._fd, _TIOCGICOUNT, counts)
-        except OSError:
-            return None
-        return counts[7] + counts[10]
-
-
-def _hung_up(fd: int) -> bool:
-    """Return whether the other side of a descriptor has hung up."""
-    poll = select.poll()
-    poll.register(fd, 0)
-    return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
-
-
-def _actual_baud(fd: int | None) -> int | None:
-    """Return the speed that the driver has really set; None if it cannot be asked."""
-    if fd is None or not sys.platform.startswith("linux"):
-        return None
-    settings = array.array("i", [0] * 64)  # struct termios2: the output speed is its eleventh word
-    try:
-        fcntl.ioctl(fd, _TCGETS2, settings)
-    except OSError:
-        return None
-    return settings[10]
-
 
 def _open_url(url: str, baud: int) -> Any:
     network = re.match(r"(socket|rfc2217)://", url)
@@ -425,9 +370,7 @@ def _open_tty(path: str, baud: int) -> Any:
         raise _open_error(path, error) from None
     with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pseudo-terminal has no such mode
         port.set_low_latency_mode(True)
-    if not os.path.realpath(path).startswith(
-        PSEUDO_TERMINALS
-    ):  # a pseudo-terminal would stay locked after a kill
+    if not os.path.realpath(path).startswith(linux_tty.PSEUDO_TERMINALS):  # it would stay locked after a kill
         with contextlib.suppress(OSError):
             fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
     return port
@@ -443,21 +386,13 @@ def _open_error(path: str, error: Exception) -> DeviceError:
         cure = f"sudo usermod -aG dialout {user}, then log in again"
         return DeviceError("port_permission_denied", f"no permission for {path}", cure)
     if number in (errno.EBUSY, errno.EAGAIN):
-        programs = ", ".join(holders(path))
+        programs = ", ".join(linux_tty.holders(path))
         used_by = f" by {programs}" if programs else ""
         return DeviceError("port_busy", f"{path} is in use{used_by}", "end that program first")
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
         text = f"{path} vanished while it was being opened"
         return DeviceNotFound("port_vanished", text, "plug the adapter in again, and check the cable")
-    if isinstance(error, termios.error) or number == errno.ENOTTY or _is_no_terminal(path):
+    if isinstance(error, termios.error) or number == errno.ENOTTY or linux_tty.is_no_terminal(path):
         return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
     cure = "unplug the adapter and plug it in again; dmesg shows what its driver reports"
     return DeviceError("port_unusable", f"cannot open {path} ({error})", cure)
-
-
-def _is_no_terminal(path: str) -> bool:
-    with contextlib.suppress(OSError):
-        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
-        with open(fd, "rb", buffering=0) as file:
-            return not file.isatty()
-    return False

@@ -13,7 +13,8 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from imumon.devices.serial_port import find_ports, holders
+from imumon.devices.linux_tty import holders
+from imumon.devices.serial_port import find_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
 
 SYSTEMCTL_S = 5.0  # s that systemctl may take

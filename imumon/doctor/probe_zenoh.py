@@ -7,7 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 from imumon.bus import BusError, SessionOptions, Subscriber
-from imumon.bus.zenoh_session import Unreachable, is_local, local_endpoints, open_session
+from imumon.bus.bus_error import Unreachable
+from imumon.bus.zenoh_session import is_local, local_endpoints, open_session
 from imumon.doctor.observed import ZenohObservation
 
 ANSWER_S = 1.0  # s to wait for the first daemon

@@ -2,8 +2,7 @@
 
 A period of 10 minutes, an hour or a day is one row of ``period``; each of its channels is one row of ``noise``. Nine
 channels take 80 MB in a year. The file is in WAL mode: readers never wait for the writer, and a killed writer leaves
-a whole file. ``PRAGMA user_version`` is the version of the schema; `MIGRATIONS` brings an older file up to date. A
-file that is damaged, foreign or of a later version is renamed to a name with the reason, like a state
+a whole file. A file that is damaged, foreign or of a later version is renamed to a name with the reason, like a state
 (`imumon.checkpoint`), and a new one begins.
 
 One process writes: the daemon that holds the lock of the state. A period is identified by its record and its number
@@ -13,22 +12,19 @@ in it, so one that is written again, as after a crash, replaces itself.
 from __future__ import annotations
 
 import itertools
-import os
-import re
 import sqlite3
-import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from imumon.errors import ImumonError
+from imumon.history.history_file import HistoryError, check_file, damaged
+from imumon.history.schema import MIGRATIONS, VERSION
 from imumon.history.selection import Selection
 from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel, PeriodCoefficient
 from imumon.report import Event, GradeName, Status
 
-SUFFIX = ".history.sqlite"
 _STATUSES = get_args(Status)
 _GRADES = get_args(GradeName)
 _BUSY_S = 5.0
@@ -36,70 +32,8 @@ _BUSY_S = 5.0
 _ROWS_AT_ONCE = 500
 """Rows that are read between two moments at which other threads may run."""
 
-MIGRATIONS = (
-    """
-    CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
-    CREATE TABLE period (
-        id INTEGER PRIMARY KEY,
-        step INTEGER NOT NULL,      -- s
-        record TEXT NOT NULL,       -- when the record began
-        number INTEGER NOT NULL,    -- of the period in its record
-        begin REAL NOT NULL,        -- s since 1970
-        end REAL NOT NULL,
-        complete INTEGER NOT NULL,
-        samples INTEGER NOT NULL,
-        missing INTEGER NOT NULL,
-        excluded_s REAL NOT NULL,
-        temperature REAL,           -- degC
-        warming_up INTEGER NOT NULL,
-        UNIQUE (step, record, number)
-    );
-    CREATE INDEX period_time ON period (step, begin);
-    CREATE INDEX period_open ON period (step) WHERE complete = 0;
-    CREATE TABLE noise (
-        period INTEGER NOT NULL,
-        channel INTEGER NOT NULL,
-        n REAL, n_low REAL, n_high REAL, n_status INTEGER,
-        b REAL, b_low REAL, b_high REAL, b_status INTEGER,
-        k REAL, k_low REAL, k_high REAL, k_status INTEGER,
-        mean REAL, std REAL, grade INTEGER,
-        PRIMARY KEY (period, channel)
-    ) WITHOUT ROWID;
-    """,
-    """
-    CREATE TABLE event (
-        id INTEGER PRIMARY KEY,
-        time REAL NOT NULL,         -- s since 1970, of the first
-        kind TEXT NOT NULL,
-        channel TEXT,
-        text TEXT NOT NULL,         -- of the first
-        count INTEGER NOT NULL      -- of this kind and channel within 10 minutes
-    );
-    CREATE INDEX event_time ON event (time);
-    CREATE TABLE power_up (
-        id INTEGER PRIMARY KEY,
-        time REAL NOT NULL,         -- s since 1970
-        clock_s REAL NOT NULL,      -- s since the power-up, when it was last seen
-        seen REAL NOT NULL,         -- s since 1970, when it was last seen
-        settled INTEGER NOT NULL    -- whether turn_on has its bias
-    );
-    CREATE TABLE turn_on (
-        power_up INTEGER NOT NULL,
-        channel INTEGER NOT NULL,
-        mean REAL NOT NULL,         -- channel unit, once settled
-        PRIMARY KEY (power_up, channel)
-    ) WITHOUT ROWID;
-    """,
-)
-"""Each brings the schema from one version to the next."""
-VERSION = len(MIGRATIONS)
-
 EVENT_S = 600.0
 """s in which events of one kind and channel are one row with a count."""
-
-
-class HistoryError(ImumonError):
-    """The history cannot be read or written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +85,7 @@ class HistoryStore:
 
     def __init__(self, path: Path, *, write: bool = False) -> None:
         self.path = path
-        _check_file(path, write)
+        check_file(path, write)
         name = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
         reason = ""
         # the last mode is for a directory in which no file may be created beside it
@@ -384,48 +318,6 @@ class _Transaction:
     def _rollback(self) -> None:
         with suppress(sqlite3.Error):
             self._connection.rollback()
-
-
-def damaged(path: Path) -> HistoryError:
-    """Return the error of a file that is no history of imumon, or of which parts are lost."""
-    message = f"history {path} is damaged, or not a history of imumon"
-    return HistoryError("history_damaged", message, "the daemon sets it aside and begins a new one")
-
-
-def set_aside(path: Path, reason: str) -> Path:
-    """Rename a file and what belongs to it; return its new path, ``DEVICE.REASON-N.history.sqlite``."""
-    stem = path.name.removesuffix(SUFFIX)
-    names = (path.with_name(f"{stem}.{reason}-{number}{SUFFIX}") for number in itertools.count(1))
-    aside = next(name for name in names if not os.path.lexists(name))
-    os.rename(path, aside)
-    for extra in ("-wal", "-shm"):
-        with suppress(OSError):
-            os.rename(f"{path}{extra}", f"{aside}{extra}")
-    return aside
-
-
-def _check_file(path: Path, write: bool) -> None:
-    """Raise an error if there is no file to read, or something that is no regular file."""
-    try:
-        mode = os.lstat(path).st_mode
-    except FileNotFoundError:
-        if write:
-            return
-        message = f"there is no history {path}"
-        raise HistoryError(
-            "no_history", message, "start a daemon, or name its directory with --state"
-        ) from None
-    if not stat.S_ISREG(mode):
-        raise damaged(path)
-
-
-def devices(directory: Path) -> list[str]:
-    """Return the names of the devices that have a history in a directory."""
-    pattern = re.compile(r"([a-z0-9_-]{1,64})" + re.escape(SUFFIX))
-    try:
-        return sorted(found[1] for name in os.listdir(directory) if (found := pattern.fullmatch(name)))
-    except OSError:
-        return []
 
 
 def _numbers(channel: PeriodChannel) -> list[float | int | None]:

@@ -1,6 +1,19 @@
-"""Pipeline: from sample blocks to a report."""
+"""Pipeline: from sample blocks to a report.
 
-from imumon.pipeline.monitor import Monitor, RecordMismatch
-from imumon.pipeline.record import MonitorOptions
+monitor         chooses the stream, keeps its record, makes the report
+record          the samples of one stream, and everything that follows from them
+gap_fill        steps of the sample clock to dense blocks, long gaps and breaks
+accumulators    every accumulator of a record
+analysis        fits, spectra and shapes, recomputed when the record has grown
+assessment      what the results mean: caveats, changes, grades
+report_builder  results as parts of the report
+events          what happened, each thing once
+exact_curve     Allan deviation of all samples, on request
+periods         10 minutes, hours and days, for the history
+loss            the share of samples that the link loses
+"""
+
+from imumon.pipeline.monitor import Monitor
+from imumon.pipeline.record import MonitorOptions, RecordMismatch
 
 __all__ = ["Monitor", "MonitorOptions", "RecordMismatch"]

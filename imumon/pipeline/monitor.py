@@ -1,20 +1,7 @@
 """Monitor: samples in, Report out.
 
-    monitor         chooses the stream, keeps its record, makes the report
-    record          the samples of one stream, and everything that follows from them
-    gap_fill        steps of the sample clock to dense blocks, long gaps and breaks
-    accumulators    every accumulator of a record
-    analysis        fits, spectra and shapes, recomputed when the record has grown
-    assessment      what the results mean: caveats, changes, grades
-    report_builder  results as parts of the report
-    events          what happened, each thing once
-    exact_curve     Allan deviation of all samples, on request
-    periods         10 minutes, hours and days, for the history
-    loss            the share of samples that the link loses
-
-The pipeline does no I/O and reads no clock: time is an argument. If several streams arrive, the best one is
-characterised: deltas, else uncompensated, else compensated. A better stream that appears later starts a new
-record, because streams must not be mixed.
+The monitor does no I/O and reads no clock: time is an argument. If several streams arrive, the best one is
+characterised: deltas, else uncompensated, else compensated. A better stream that appears later starts a new record.
 """
 
 from __future__ import annotations
@@ -27,12 +14,12 @@ from typing import Any
 
 import numpy.typing as npt
 
-from imumon.errors import ImumonError, RateRequired
+from imumon.errors import RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.exact_curve import exact_curves
-from imumon.pipeline.record import MonitorOptions, Record
+from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, mismatch_of
 from imumon.pipeline.report_builder import signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
 from imumon.samples import SampleBlock, Stream
@@ -50,13 +37,6 @@ SAME_INTERVAL = 1e-3
 
 STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 """Rank of a kind of stream: the highest is characterised."""
-
-
-class RecordMismatch(ImumonError):
-    """A record cannot be continued: ``other_guards``, ``other_stream`` or ``other_rate``.
-
-    The message completes "the record is ...".
-    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +65,8 @@ class _WithoutRate:
     seconds: float = 0.0  # by the host clock
 
     def error(self) -> RateRequired:
-        return RateRequired(
-            "rate_required", f"{self.source} has no clock", "give its sample rate with --rate"
-        )
+        text = f"{self.source} has no clock"
+        return RateRequired("rate_required", text, "give its sample rate with --rate")
 
 
 class Monitor:
@@ -250,11 +229,11 @@ class Monitor:
 
     def exact_curves(self, report: Report, *, octaves: bool = True) -> dict[str, ExactCurve]:
         """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
-        if self._record is None or self._record.accumulators.store is None:
+        own = self._record.accumulators if self._record is not None else None
+        if own is None or own.store is None:
             return {}
-        own, store = self._record.accumulators, self._record.accumulators.store
         channels = {name: report.channels[name] for name in own.channels[: own.allan_channels]}
-        return exact_curves(store, channels, own.interval_s, octaves=octaves)
+        return exact_curves(own.store, channels, own.interval_s, octaves=octaves)
 
     # ------------------------------------------------------------------ saved state
 
@@ -369,7 +348,7 @@ class Monitor:
         mismatch, own = None, None
         if self._record is not None and self._source is not None:
             own = self._record.accumulators
-            mismatch = _mismatch(code, self._source.stream, own.interval_s)
+            mismatch = mismatch_of(code, self._source.stream, own.interval_s)
             self.restarts += 1
             self._ended_periods += self._record.flush(self._events)
         self._events.add("restart", f"{cause}: a new record begins", own, code=code)
@@ -405,18 +384,11 @@ def _differs(restored: _Restored, stream: Stream, interval_s: float | None) -> R
     """Return why a restored record does not belong to a stream; None: it does."""
     known = restored.record.accumulators.interval_s
     if restored.source.stream != stream:
-        return _mismatch("other_stream", restored.source.stream, known)
+        return mismatch_of("other_stream", restored.source.stream, known)
     configured = interval_s if stream.clock == "none" else None
     if configured is not None and not math.isclose(configured, known):
-        return _mismatch("other_rate", stream, known)
+        return mismatch_of("other_rate", stream, known)
     return None
-
-
-def _mismatch(code: str, stream: Stream, interval_s: float) -> RecordMismatch:
-    """Return why a record of a stream and an interval, s, cannot be continued."""
-    rate = f"rate, {1.0 / interval_s:g} Hz"
-    other = rate if code == "other_rate" else f"stream, {stream.kind} from {stream.source}"
-    return RecordMismatch(code, f"of another {other}")
 
 
 def _rank(stream: Stream) -> tuple[int, int, int]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy.typing as npt
 
 from imumon.alarms import DEFAULT_LIMITS
+from imumon.errors import ImumonError
 from imumon.history_report import HistoryPeriod
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
@@ -27,6 +28,13 @@ from imumon.samples import Stream
 from imumon.timebase.sample_clock import PlacedSamples
 
 LIMIT_CURVES = limit_curves(LIMITS)
+
+
+class RecordMismatch(ImumonError):
+    """A record cannot be continued: ``other_guards``, ``other_stream`` or ``other_rate``.
+
+    The message completes "the record is ...".
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,3 +176,10 @@ class Record:
         self.accumulators.restore(meta["record"], dict(arrays))
         if self._periods is not None:
             self._periods.restore(meta.get("periods"))
+
+
+def mismatch_of(code: str, stream: Stream, interval_s: float) -> RecordMismatch:
+    """Return why a record of a stream and an interval, s, cannot be continued."""
+    rate = f"rate, {1.0 / interval_s:g} Hz"
+    other = rate if code == "other_rate" else f"stream, {stream.kind} from {stream.source}"
+    return RecordMismatch(code, f"of another {other}")

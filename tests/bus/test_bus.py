@@ -17,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id
+from imumon.bus.bus_error import classify
 from imumon.bus.queryable import LastValues
-from imumon.bus.zenoh_session import check_endpoint, classify, is_local
+from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
 from imumon.report import Event, Report, from_json, to_json
 

@@ -15,7 +15,7 @@ import zenoh
 from bus_actors import event, free_endpoint, free_port, report, stage, until
 from zenoh import ext
 
-from imumon.bus import Publisher, Subscriber
+from imumon.bus import Publisher, Subscriber, device_states
 from imumon.bus import subscriber as subscriber_module
 from imumon.report import to_json
 
@@ -140,7 +140,7 @@ def test_a_viewer_keeps_at_most_256_devices_and_32_mb(router: str, monkeypatch: 
         monkeypatch.setattr(subscriber_module, "KEPT_BYTES", 500_000)
         before = viewer.malformed
         until(lambda: put(20, " " * 500_000) or viewer.malformed >= before + 20, 30)
-        monkeypatch.setattr(subscriber_module, "GONE_S", 0.1)
+        monkeypatch.setattr(device_states, "GONE_S", 0.1)
         monkeypatch.setattr(subscriber_module, "KEPT_BYTES", 32_000_000)
         time.sleep(0.2)  # devices that are gone make room
         until(lambda: attacker.put("imumon/new/report", text.replace("NAME", "new")) or viewer.report("new"))
@@ -181,7 +181,7 @@ def test_wait_keeps_its_timeout_among_3000_devices(router: str) -> None:
 def test_of_two_programs_with_one_name_the_first_is_shown_until_it_ends(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(subscriber_module, "GONE_S", 1.0)
+    monkeypatch.setattr(device_states, "GONE_S", 1.0)
     first, second = free_endpoint(), free_endpoint()
     with (
         Publisher("a", listen=[first]) as one,

@@ -18,9 +18,11 @@ from pathlib import Path
 
 import pytest
 
+from imumon.devices import linux_tty
 from imumon.devices import serial_port as port_module
 from imumon.devices.base import DeviceError, DeviceLost
-from imumon.devices.serial_port import PortInfo, SerialPort, find_again, holders, pseudo_terminal
+from imumon.devices.linux_tty import holders, pseudo_terminal
+from imumon.devices.serial_port import PortInfo, SerialPort, find_again
 from imumon.devices.vn100.vn100_device import _other_readers
 
 
@@ -96,15 +98,15 @@ def test_baud_is_that_of_the_terminal(line: Line, baud: int) -> None:
         assert port.baud == baud
         speed = termios.tcgetattr(line.slave)[5]
         known = getattr(termios, f"B{baud}", None)
-        assert speed == known if known is not None else port_module._actual_baud(line.slave) == baud
+        assert speed == known if known is not None else linux_tty.actual_baud(line.slave) == baud
 
 
 def test_baud_that_the_adapter_rounds_is_refused_and_the_old_one_stays(
     line: Line, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with SerialPort(line.path, 115200) as port:
-        actual = port_module._actual_baud
-        monkeypatch.setattr(port_module, "_actual_baud", lambda fd: min(actual(fd) or 0, 460800))
+        actual = linux_tty.actual_baud
+        monkeypatch.setattr(linux_tty, "actual_baud", lambda fd: min(actual(fd) or 0, 460800))
         assert not port.set_baud(921600)
         assert port.baud == 115200
         assert actual(line.slave) == 115200

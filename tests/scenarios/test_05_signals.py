@@ -15,7 +15,7 @@ from bus_actors import until
 from laws import adds_up, is_kept
 from scene import ID, STOP_S, Scene, scene
 
-from imumon.devices.serial_port import holders
+from imumon.devices.linux_tty import holders
 from imumon.report import Report, from_json
 
 pytestmark = pytest.mark.slow

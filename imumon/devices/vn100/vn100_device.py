@@ -14,15 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, Interrupted
-from imumon.devices.serial_port import (
-    QUEUE_BYTES,
-    PortInfo,
-    SerialPort,
-    find_again,
-    find_ports,
-    holders,
-    pseudo_terminal,
-)
+from imumon.devices.linux_tty import holders, pseudo_terminal
+from imumon.devices.serial_port import QUEUE_BYTES, PortInfo, SerialPort, find_again, find_ports
 from imumon.devices.vn100.commands import NotAVn100
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import FACTORY_BAUD

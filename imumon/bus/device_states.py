@@ -1,0 +1,69 @@
+"""States of devices: what a subscriber knows of each device on the bus, and whose reports it shows.
+
+If several sessions publish one device, the first with a valid report is shown until it ends or is silent for `GONE_S`;
+`DeviceState.rivals` names them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from imumon.bus.queryable import EVENTS_KEPT
+from imumon.report import Event, Report
+
+GONE_S = 5.0
+"""s without a report after which a daemon counts as ended; three periods if that is longer."""
+_MAX_DEVICES = 256  # devices; bounds the time that invented names can take
+_MAX_RIVALS = 8  # sessions that are named of one device
+_NO_ID = "a program that hides its session"
+
+
+@dataclass(slots=True)
+class DeviceState:
+    """What is known of a device; `session` is the Zenoh id of the session whose reports are shown."""
+
+    seen_s: float  # s of the monotonic clock, last message
+    alive: bool = False
+    session: str | None = None
+    clock: str = ""  # id in the timestamps of that session: the same on all routes of a daemon
+    rivals: list[str] = field(default_factory=list)  # all sessions that publish it, if there are several
+    data: bytes | None = None  # newest report while it is not parsed
+    size: int = 0  # bytes of the newest report
+    report: tuple[Report, float] | None = None
+    arrived_s: float = 0.0  # s of the monotonic clock, newest report
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
+
+    def silent(self, now: float) -> bool:
+        """Return whether its session counts as ended."""
+        period_s = self.report[0].period_s if self.report is not None else 0.0
+        return now - self.arrived_s > max(GONE_S, min(3.0 * period_s, 60.0))
+
+    def add_rival(self, session: str, clock: str) -> None:
+        """Record a second session of the device, unless it is another route of the same daemon."""
+        if clock and clock == self.clock:
+            return
+        for each in (self.session or _NO_ID, session or _NO_ID):
+            if each not in self.rivals and len(self.rivals) < _MAX_RIVALS:
+                self.rivals.append(each)
+
+
+class DeviceStates(dict[str, DeviceState]):
+    """The devices that were seen, by name: at most `_MAX_DEVICES`."""
+
+    def seen(self, id: str, now: float) -> DeviceState | None:
+        """Return a device that has sent a message at `now`, s of the monotonic clock; None: there are too many.
+
+        A name that is seen for the first time takes the place of the device that is gone for the longest time.
+        """
+        device = self.get(id)
+        if device is None:
+            if len(self) >= _MAX_DEVICES:
+                gone = {name: each.seen_s for name, each in self.items() if not each.alive}
+                oldest = min(gone, key=gone.__getitem__, default=None)
+                if oldest is None or now - gone[oldest] < GONE_S:
+                    return None
+                del self[oldest]
+            device = self[id] = DeviceState(now)
+        device.seen_s = now
+        return device
