@@ -20,7 +20,7 @@ import zenoh
 
 from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import LastValues
-from imumon.bus.uplink import Uplink, open_local, open_uplink
+from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
 from imumon.report import Channel, Event, Report, Signal, to_json
 
@@ -58,7 +58,6 @@ class Publisher:
     Attributes
     ----------
     endpoints : where this session listens.
-    last_error : why the last message could not be sent; None if it was sent.
 
     Raises
     ------
@@ -78,26 +77,22 @@ class Publisher:
         connect = tuple(options.connect if connect is None else connect)
         self.id = clean_id(id)
         self._root = f"imumon/{self.id}"
-        self.last_error: str | None = None
         for endpoint in connect:
             check_endpoint(endpoint)
-        self._changed = threading.Condition()
+        self._changed = threading.Condition()  # of the next five fields
         self._newest: tuple[Report, Mapping[str, Signal] | None] | None = None
         self._events: deque[Event] = deque()
         self._closing = False
         self._counts = PublisherCounts()
-        self._last_grade: str | None = None
+        self._last_error: str | None = None
+        self._last_grade: str | None = None  # of the thread
         self._stop_connecting = threading.Event()
-        self._connect_errors: dict[str, str] = {}
-        self._uplinks: dict[str, Uplink] = {}
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_errors: set[str] = set()
         router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
         self._last_values = LastValues(self._root)
-        self._timestamp = self._session.new_timestamp
-        self._sending = threading.Lock()  # a new uplink gets every message exactly once
-        self._links = [Uplink(self._session, self._root, self._reply)]
+        self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
@@ -151,13 +146,15 @@ class Publisher:
         with self._changed:
             return replace(self._counts)
 
+    @property
+    def last_error(self) -> str | None:
+        """Why the last message could not be sent; None if it was sent."""
+        with self._changed:
+            return self._last_error
+
     def uplink_errors(self) -> dict[str, str | None]:
         """Return why there is no connection to a router, by its endpoint; None: there is one."""
-        connected = {
-            endpoint: None if link.session.info.transports() else f"{endpoint}: connection lost; trying again"
-            for endpoint, link in dict(self._uplinks).items()  # a copy: threads add to it
-        }
-        return {**self._connect_errors, **connected}
+        return self._links.errors()
 
     def status_changes(self) -> list[tuple[str, bool]]:
         """Return messages, and whether each ends a trouble: changed connections to routers, new send errors."""
@@ -187,12 +184,7 @@ class Publisher:
         closing.join(_CLOSE_S)
 
     def _close_links(self) -> None:
-        with self._sending:
-            links, self._links = self._links, []
-        for link in links:  # all tokens before the first session whose link may be congested
-            link.undeclare_token()
-        for link in links:
-            link.close()
+        self._links.close()
         self._last_values.close()
 
     def __enter__(self) -> Publisher:
@@ -217,13 +209,14 @@ class Publisher:
 
     def _attempt(self, send: Callable[[], None]) -> None:
         """Send; a message that cannot be sent must not end the thread."""
+        failure = None
         try:
             send()
-            self.last_error = None
         except Exception as error:
-            self.last_error = f"{type(error).__name__}: {error}"
-            with self._changed:
-                self._counts.errors += 1
+            failure = f"{type(error).__name__}: {error}"
+        with self._changed:
+            self._last_error = failure
+            self._counts.errors += failure is not None
 
     def _send_event(self, event: Event) -> None:
         self._put("event", to_json(event))
@@ -244,11 +237,7 @@ class Publisher:
             self._counts.reports += 1
 
     def _put(self, name: str, text: str) -> None:
-        timestamp = self._timestamp()
-        with self._sending:
-            self._last_values.store(name, text, timestamp)
-            for link in self._links:
-                link.put(name, text, timestamp)
+        self._links.put(name, text, self._session.new_timestamp())
 
     def _connect_uplink(self, options: SessionOptions, endpoint: str, first: Future[None]) -> None:
         """Connect to a router as soon as it is reachable. Zenoh itself restores a lost connection."""
@@ -256,32 +245,23 @@ class Publisher:
             try:
                 session = open_uplink(options, endpoint, self.id)
             except BusError as error:
-                self._connect_errors[endpoint] = str(error)
+                self._links.failed(endpoint, error)
                 if not first.done() and not isinstance(error, Unreachable):
                     first.set_exception(error)
                     return
+                if not first.done():
+                    first.set_result(None)
+                self._stop_connecting.wait(RETRY_S)
             else:
-                self._add_uplink(endpoint, Uplink(session, self._root, self._reply))
-            if not first.done():
-                first.set_result(None)
-            if endpoint in self._uplinks:
+                self._links.add(endpoint, Uplink(session, self._root, self._reply))
+                if not first.done():
+                    first.set_result(None)
                 return
-            self._stop_connecting.wait(RETRY_S)
-
-    def _add_uplink(self, endpoint: str, link: Uplink) -> None:
-        """Add a link and send it the last value of every key."""
-        with self._sending:
-            for name, text, timestamp in self._last_values.messages():
-                link.put(name, text, timestamp)
-            self._uplinks[endpoint] = link
-            if self._stop_connecting.is_set():
-                link.close()
-            else:
-                self._links.append(link)
 
     def _reply(self, query: zenoh.Query) -> None:
         """Reply to a query; one that fails must not end the thread."""
         try:
             self._last_values.reply(query)
         except Exception as error:
-            self.last_error = f"{type(error).__name__}: {error}"
+            with self._changed:
+                self._last_error = f"{type(error).__name__}: {error}"

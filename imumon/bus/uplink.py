@@ -6,6 +6,7 @@ router: a router does not forward between two of its peers, because it expects t
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
-from imumon.bus.queryable import EVENTS_KEPT, JSON
+from imumon.bus.queryable import EVENTS_KEPT, JSON, LastValues
 from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
@@ -27,6 +28,7 @@ the daemon's would get only one message."""
 _MAX_QUERIES = 16  # queries in the queue; the oldest gets no reply
 _FIND_S = 0.15  # s; time in which a liveliness token of a local daemon arrives
 _LEASE_MARGIN_S = 0.5  # s after the lease
+_LOST = "connection lost; trying again"
 
 
 class Uplink:
@@ -68,6 +70,69 @@ class Uplink:
         self._publishers.clear()  # Zenoh leaks an advanced publisher that outlives its session
         self.session.close()
         self._listener.join()
+
+
+class Links:
+    """The sessions of one daemon: that of this machine, and one for each router. Thread-safe.
+
+    Each message goes to every session exactly once, also to one that is added meanwhile.
+
+    Parameters
+    ----------
+    local : the session that listens.
+    last_values : the last message of each key, which a new session gets first.
+    """
+
+    def __init__(self, local: Uplink, last_values: LastValues) -> None:
+        self._last_values = last_values
+        self._sending = threading.Lock()  # of the next two fields
+        self._open = [local]
+        self._closed = False
+        self._knowing = threading.Lock()  # of the next two fields: who asks never waits for a session
+        self._routers: dict[str, Uplink] = {}  # by endpoint
+        self._errors: dict[str, str] = {}  # of the last attempt, by endpoint
+
+    def put(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
+        """Send a message below the root of the keys, and store it."""
+        with self._sending:
+            self._last_values.store(name, text, timestamp)
+            for link in self._open:
+                link.put(name, text, timestamp)
+
+    def add(self, endpoint: str, link: Uplink) -> None:
+        """Add the session of a router and send it the last value of every key; close it after `close`."""
+        with self._sending:
+            for name, text, timestamp in self._last_values.messages():
+                link.put(name, text, timestamp)
+            if self._closed:
+                link.close()
+                return
+            self._open.append(link)
+        with self._knowing:
+            self._routers[endpoint] = link
+
+    def failed(self, endpoint: str, error: BusError) -> None:
+        """Note why there is no session with a router."""
+        with self._knowing:
+            self._errors[endpoint] = str(error)
+
+    def errors(self) -> dict[str, str | None]:
+        """Return why there is no connection to a router, by its endpoint; None: there is one."""
+        with self._knowing:
+            errors: dict[str, str | None] = dict(self._errors)
+            routers = dict(self._routers)
+        for endpoint, link in routers.items():
+            errors[endpoint] = None if link.session.info.transports() else f"{endpoint}: {_LOST}"
+        return errors
+
+    def close(self) -> None:
+        """Close all sessions."""
+        with self._sending:
+            links, self._open, self._closed = self._open, [], True
+        for link in links:  # all tokens before the first session whose link may be congested
+            link.undeclare_token()
+        for link in links:
+            link.close()
 
 
 def open_local(
