@@ -92,6 +92,7 @@ class Publisher:
         router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
         self._last_values = LastValues(self._root)
+        self._timestamp = self._session.new_timestamp
         self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
@@ -237,7 +238,7 @@ class Publisher:
             self._counts.reports += 1
 
     def _put(self, name: str, text: str) -> None:
-        self._links.put(name, text, self._session.new_timestamp())
+        self._links.put(name, text, self._timestamp())
 
     def _connect_uplink(self, options: SessionOptions, endpoint: str, first: Future[None]) -> None:
         """Connect to a router as soon as it is reachable. Zenoh itself restores a lost connection."""

@@ -140,24 +140,24 @@ class Accumulators:
         """Add samples with their places on the grid; return what they show."""
         self.samples += len(placed.steps)
         self.gaps += int(np.count_nonzero(placed.steps != 1))
-        for segment in fill_gaps(placed):
+        for part in fill_gaps(placed):
             if self.store is not None:
-                if isinstance(segment, Break | LongGap):
+                if isinstance(part, Break | LongGap):
                     self.store.break_()
                 else:
-                    self.store.update(segment.values, segment.present)
-            if isinstance(segment, Break):
+                    self.store.update(part.values, part.present)
+            if isinstance(part, Break):
                 self._statistics.update(self.guard.break_())
-            elif isinstance(segment, LongGap):
-                self.span += segment.ticks
-                self.envelope.skip(segment.ticks)
-                self._statistics.update(self.guard.skip(segment.ticks))
+            elif isinstance(part, LongGap):
+                self.span += part.ticks
+                self.envelope.skip(part.ticks)
+                self._statistics.update(self.guard.skip(part.ticks))
             else:
-                self.span += len(segment.values)
-                present = segment.present
+                self.span += len(part.values)
+                present = part.present
                 valid = None if present is None else np.repeat(present[:, None], max(self.groups) + 1, axis=1)
-                self.envelope.update(segment.values, valid)
-                self._statistics.update(self.guard.update(segment.values, valid, segment.saturated))
+                self.envelope.update(part.values, valid)
+                self._statistics.update(self.guard.update(part.values, valid, part.saturated))
         self.missing = self.span - self.samples
         return self._happened()
 

@@ -49,10 +49,10 @@ class Break:
     """A gap of unknown length."""
 
 
-Segment: TypeAlias = DenseBlock | LongGap | Break
+Part: TypeAlias = DenseBlock | LongGap | Break
 
 
-def fill_gaps(placed: PlacedSamples) -> Iterator[Segment]:
+def fill_gaps(placed: PlacedSamples) -> Iterator[Part]:
     """Yield the grid of placed samples in order."""
     steps = placed.steps
     cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())

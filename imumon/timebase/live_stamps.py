@@ -62,7 +62,7 @@ MISSING = "its header.stamp is not set: the time of publication is used"
 UNUSABLE = "neither header.stamp nor the time of publication is usable: the time of arrival is used"
 
 
-class Column(IntEnum):
+class RowColumn(IntEnum):
     """Columns of the rows that wait; the first three are times, the best first."""
 
     STAMPS = 0
@@ -82,7 +82,7 @@ class LiveStamps:
     def __init__(self) -> None:
         self.remark: str | None = None
         self._steady: bool | None = None  # None: undecided
-        self._used = Column.STAMPS  # column of the times that are used
+        self._used = RowColumn.STAMPS  # column of the times that are used
         self._waiting = np.empty((0, 4), np.int64)  # not decided
         self._next_rows = FIRST_ROWS
         self._recent = np.empty(0, np.int64)  # stamps since the last check
@@ -129,26 +129,28 @@ class LiveStamps:
     def _decide(self, final: bool) -> None:
         """Decide what the stamps are, if the waiting rows show it."""
         count = len(self._waiting)
-        span_s = float(np.ptp(self._waiting[:, Column.ARRIVED])) * 1e-9 if count else 0.0
+        span_s = float(np.ptp(self._waiting[:, RowColumn.ARRIVED])) * 1e-9 if count else 0.0
         due = final or (span_s >= DECIDE_S and count >= DECIDE_ROWS) or span_s >= LATEST_S
         if not count or (not due and (count < FEW_ROWS or (count < self._next_rows and span_s < DECIDE_S))):
             return
         self._next_rows = max(self._next_rows, 2 * count)
-        stamps = self._waiting[:, Column.STAMPS]
+        stamps = self._waiting[:, RowColumn.STAMPS]
         found = _interval(stamps)
         if not due and not (found is not None and found[1]):
             return
-        times = (Column.STAMPS, Column.PUBLISHED, Column.ARRIVED)
+        times = (RowColumn.STAMPS, RowColumn.PUBLISHED, RowColumn.ARRIVED)
         usable = [each for each in times if _interval(self._waiting[:, each]) is not None]
-        self._used = usable[0] if usable else Column.STAMPS
+        self._used = usable[0] if usable else RowColumn.STAMPS
         self._origin = int(self._waiting[0, self._used])
         self._begin_grid(self._waiting[:, self._used])
 
     def _begin_grid(self, times: Ints) -> None:
         """Use stamps like (n,) `times` as they are, or begin an even grid for them."""
         found = _interval(times)
-        self._steady = found is None or (found[1] and self._used == Column.STAMPS)
-        self.remark = {Column.STAMPS: None, Column.PUBLISHED: MISSING, Column.ARRIVED: UNUSABLE}[self._used]
+        self._steady = found is None or (found[1] and self._used == RowColumn.STAMPS)
+        self.remark = {RowColumn.STAMPS: None, RowColumn.PUBLISHED: MISSING, RowColumn.ARRIVED: UNUSABLE}[
+            self._used
+        ]
         self._late, self._host, self._last, self._at = None, None, None, None
         if found is None:
             return
@@ -158,7 +160,7 @@ class LiveStamps:
         self._interval = found[0]
         self._host = HostStamps((times - self._origin).astype(np.float64), self._interval)
         self._lost, self._lost_before = 0, np.empty(0, np.int64)
-        if self._used == Column.STAMPS:
+        if self._used == RowColumn.STAMPS:
             self.remark = UNEVEN + (ROUGH_LOSSES if self._host.rough else "")
 
     def _contradicting(self, rows: Ints) -> Ints | None:
@@ -185,14 +187,14 @@ class LiveStamps:
         if self._host is not None:
             return self._even_times(self._host, rows, final)
         if self._late is not None:
-            return self._late.place(rows[:, Column.STAMPS], rows[:, Column.LOST], final=final)
-        return rows[:, Column.STAMPS]
+            return self._late.place(rows[:, RowColumn.STAMPS], rows[:, RowColumn.LOST], final=final)
+        return rows[:, RowColumn.STAMPS]
 
     def _even_times(self, host: HostStamps, rows: Ints, final: bool) -> Ints:
         """Return times on an even grid that follows the stamps, ns."""
-        lost = self._lost + np.cumsum(rows[:, Column.LOST])
+        lost = self._lost + np.cumsum(rows[:, RowColumn.LOST])
         self._lost = int(lost[-1]) if len(lost) else self._lost
-        self._lost_before = np.concatenate([self._lost_before, rows[:, Column.LOST]])
+        self._lost_before = np.concatenate([self._lost_before, rows[:, RowColumn.LOST]])
         missing = host.place(self._plausible(rows) - lost * self._interval)
         times = self._after(missing, follow=True)
         if final:  # no later row shows whether these are late or behind a loss
@@ -231,7 +233,7 @@ class LiveStamps:
     def _plausible(self, rows: Ints) -> Floats:
         """Return the times of rows, ns since the origin; those that are far off follow the arrival."""
         times = np.empty(len(rows))
-        for k, (stamp, arrived) in enumerate(rows[:, [self._used, Column.ARRIVED]].tolist()):
+        for k, (stamp, arrived) in enumerate(rows[:, [self._used, RowColumn.ARRIVED]].tolist()):
             if self._last is not None:
                 expected = self._last[0] + arrived - self._last[1]
                 far = abs(stamp - expected) > JUMP_NS

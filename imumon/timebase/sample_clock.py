@@ -59,8 +59,8 @@ LONGEST_GAP_S = 31 * 86400.0
 """s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
 
 RATE_CHANGE_STEPS = 64
-"""Equal steps in a row that are not one interval, after which the rate of the device has changed: so many that are
-all longer, or all shorter, are no jitter, be they whole intervals or not (from 100 Hz to 80 Hz they are 1.25)."""
+"""Equal steps in a row that are not one interval, after which the rate of the device has changed. Jitter
+does not make them all longer, or all shorter. They need not be whole intervals: from 100 Hz to 80 Hz they are 1.25."""
 
 
 BURST_STEP = 0.025

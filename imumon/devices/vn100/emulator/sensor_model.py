@@ -28,7 +28,7 @@ MAG_RATE = 250
 CONSTANT = np.array([0.0152, -0.0113, -0.0064, 0.012, -0.021, -9.793746, 0.21, 0.03, 0.44, 25.0, 101.2])
 """(11,) rad/s, m/s^2, gauss, degC, kPa: measurements without noise, level and at rest."""
 
-HISTORY = LOOP_RATE + 8
+PAST_TICKS = LOOP_RATE + 8
 """Ticks kept before the newest one: the longest window of register 85, and the taps of the filter."""
 
 JITTER_S = 4.7e-6
@@ -67,10 +67,10 @@ class SensorModel:
         self._mag = _stream(settings.mag, MAG_RATE, seeds[2])
         self._thermometer, self._barometer, self._clock = (np.random.default_rng(seed) for seed in seeds[3:])
         self._held_mag = np.zeros((3, 1))
-        self._sums = np.zeros((len(CONSTANT), HISTORY + 1))
-        self._jitter = np.zeros(HISTORY)
-        self._first, self.end = -2 * HISTORY, -HISTORY
-        self.extend(HISTORY)
+        self._sums = np.zeros((len(CONSTANT), PAST_TICKS + 1))
+        self._jitter = np.zeros(PAST_TICKS)
+        self._first, self.end = -2 * PAST_TICKS, -PAST_TICKS
+        self.extend(PAST_TICKS)
 
     def extend(self, ticks: int) -> None:
         """Compute `ticks` more ticks; drop those before the history."""
@@ -82,12 +82,12 @@ class SensorModel:
         new[MAG] = self._magnetic(at)
         new[TEMPERATURE] = warm + 0.02 * self._thermometer.standard_normal(ticks)
         new[PRESSURE] = 0.003 * self._barometer.standard_normal(ticks)
-        self._sums = np.concatenate((self._sums[:, -(HISTORY + 1) :], new), axis=1)
-        sums = self._sums[:, HISTORY:]
+        self._sums = np.concatenate((self._sums[:, -(PAST_TICKS + 1) :], new), axis=1)
+        sums = self._sums[:, PAST_TICKS:]
         np.cumsum(sums, axis=1, out=sums)
         jitter = JITTER_S * self._clock.standard_normal(ticks)
-        self._jitter = np.concatenate((self._jitter[-HISTORY:], jitter))
-        self._first = self.end - HISTORY
+        self._jitter = np.concatenate((self._jitter[-PAST_TICKS:], jitter))
+        self._first = self.end - PAST_TICKS
         self.end += ticks
 
     def _magnetic(self, at: Ints) -> Floats:
