@@ -16,14 +16,16 @@ import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from multiprocessing.connection import Pipe
 from pathlib import Path
-from subprocess import DEVNULL, PIPE, Popen
+from subprocess import DEVNULL, Popen
 from typing import Any
 
 import numpy as np
 
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.columns import LISTED, ColumnLayout, layout
+from imumon.recordings.log_process.base import Topic
 from imumon.recordings.table import Table, TableRows
 from imumon.report import plain
 from imumon.samples import SampleBlock
@@ -47,8 +49,10 @@ MAGIC = {
 """First bytes of the files of each kind."""
 
 IMU = "sensor_msgs/msg/Imu"
-LONGEST_LINE = 1 << 24
-"""Bytes of a line from the process that reads the log."""
+PROGRAM = (sys.executable, "-P", "-m", "imumon.recordings.log_process")
+"""The program that reads a log; its arguments are kind, path, and the descriptor of a connection."""
+LONGEST_MESSAGE = 1 << 24
+"""Bytes of a message from the process that reads the log: topics, or a block of rows."""
 
 
 def log_kind(path: str, head: bytes) -> str | None:
@@ -73,38 +77,42 @@ class LogFile(Table):
             text = f"{path} is a {NOUNS[kind]}, and the package {package} that reads it is not installed"
             raise RecordingError("package_missing", text, f"pip install 'imumon[{kind}]'")
         self._check_files()
-        self._process = Popen(
-            [sys.executable, "-P", "-m", "imumon.recordings.log_process", kind, path],
-            stdin=PIPE,
-            stdout=PIPE,
-            stderr=DEVNULL,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # a thread of it takes 64 MB of the limit
-            start_new_session=True,  # ^C is for the reader
-        )
+        self._pipe, other_end = Pipe()
+        with other_end:
+            self._process = Popen(
+                [*PROGRAM, kind, path, str(other_end.fileno())],
+                pass_fds=[other_end.fileno()],
+                stdin=DEVNULL,
+                stdout=DEVNULL,
+                stderr=DEVNULL,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # a thread of it takes 64 MB of the limit
+                start_new_session=True,  # ^C is for the reader
+            )
         try:
             received = self._receive()
-            self._topics: list[dict[str, Any]] = received.get("topics", [])
-            for topic in self._topics:
-                topic["shown"] = plain(topic["name"])
+            topics = (Topic(**fields) for fields in received["topics"])
+            self._topics = [
+                replace(topic, name=plain(topic.name), type=plain(topic.type)) for topic in topics
+            ]
             self._at = self._chosen(options)
             found = self._layout(options)
         except BaseException:
             self._close()
             raise
-        facts = {name: plain(value)[:100] for name, value in received.get("facts", {}).items()}
+        facts = {name: plain(value)[:100] for name, value in received["facts"].items()}
         self.header = facts or None
-        if received.get("problem"):
+        if received["problem"]:
             self.problem = f"{path} {received['problem']}"
-        unused = received.get("unused", ()) if options.topic is None else ()
-        notes = self._notes(options, [*unused, *received.get("remarks", ())])
+        unused = received["unused"] if options.topic is None else ()
+        notes = self._notes(options, [*unused, *received["remarks"]])
         found = replace(found, remarks=(*notes, *found.remarks))
         self._columns = [*found.columns, *found.times, *([found.interval] if found.interval else [])]
-        self._names = [self._topic["columns"][column.index] for column in self._columns]
-        source = f"{kind} {self._topic['shown']}"
+        self._names = [self._topic.columns[column.index] for column in self._columns]
+        source = f"{kind} {self._topic.name}"
         self._rows = TableRows(path, found, kind, options.rate_hz, source=source)
 
     @property
-    def _topic(self) -> dict[str, Any]:
+    def _topic(self) -> Topic:
         return self._topics[self._at]
 
     def _check_files(self) -> None:
@@ -123,33 +131,37 @@ class LogFile(Table):
         text = f"{self.path} cannot be read as a {NOUNS[self._kind]}: {why}"
         return RecordingError(code, text, CURES.get(self._kind, "copy it again from the autopilot"))
 
+    def _receive_bytes(self) -> bytes:
+        """Return the next message of the process; raise `RecordingError` if it has ended."""
+        try:
+            return self._pipe.recv_bytes(LONGEST_MESSAGE)
+        except (EOFError, OSError):
+            raise self._corrupt("it needs far more time or memory than its size allows") from None
+
     def _receive(self) -> dict[str, Any]:
-        """Return the next line of the process; raise `RecordingError` if it failed."""
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline(LONGEST_LINE)
-        if not line.endswith(b"\n"):
-            raise self._corrupt("it needs far more time or memory than its size allows")
-        fields: dict[str, Any] = json.loads(line)
+        """Return the next message as fields; raise `RecordingError` if the process failed."""
+        fields: dict[str, Any] = json.loads(self._receive_bytes())
         if "error" in fields:
             raise self._corrupt(fields["error"])
         return fields
 
     def _close(self) -> None:
         """End the process."""
+        self._pipe.close()
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
 
     def _imus(self) -> list[int]:
-        return [k for k, topic in enumerate(self._topics) if {"gyro/x", "accel/x"} & set(topic["map"])]
+        return [k for k, topic in enumerate(self._topics) if {"gyro/x", "accel/x"} & set(topic.map)]
 
     def _chosen(self, options: ReadOptions) -> int:
         """Return the index of the given topic, else of the best or only one with an IMU."""
         imus = self._imus()
-        names = sorted({self._topics[k]["shown"] for k in imus})
+        names = sorted({self._topics[k].name for k in imus})
         cure = f"choose --topic {' or '.join(names)}"
         if options.topic is not None:
             wanted = (options.topic, f"{options.topic}/0")
-            matching = [k for k, topic in enumerate(self._topics) if topic["shown"] in wanted]
+            matching = [k for k, topic in enumerate(self._topics) if topic.name in wanted]
             if not matching:
                 text = f"{self.path} has no topic {options.topic}"
                 raise RecordingError(
@@ -164,7 +176,7 @@ class LogFile(Table):
             )
             raise RecordingError("no_imu_topic", text, cure)
         if options.kind is not None and self._kind != "bag":
-            fitting = [k for k in imus if self._topics[k]["averaged"] == (options.kind == "deltas")]
+            fitting = [k for k in imus if self._topics[k].averaged == (options.kind == "deltas")]
             return (fitting or imus)[0]
         if self._kind == "bag" and len(names) > 1:
             text = f"{self.path} has several topics with {IMU}"
@@ -173,23 +185,21 @@ class LogFile(Table):
 
     def _listed(self) -> str:
         """Return the topics with their types."""
-        shown = dict.fromkeys(f"{topic['shown']} ({plain(topic['type'])})" for topic in self._topics)
+        shown = dict.fromkeys(f"{topic.name} ({topic.type})" for topic in self._topics)
         return ", ".join(sorted(shown)[:LISTED]) + (" ..." if len(shown) > LISTED else "")
 
     def _layout(self, options: ReadOptions) -> ColumnLayout:
         """Return the columns of the stream: the known ones, unless the user names others."""
         topic = self._topic
-        names = [plain(name) for name in topic["columns"]]
-        known = {channel: plain(text) for channel, text in topic["map"].items()}
+        names = [plain(name) for name in topic.columns]
+        known = {channel: plain(text) for channel, text in topic.map.items()}
         if not options.columns and self._at not in self._imus():
             fields = ", ".join(names) or "none that can be read"
-            text = (
-                f"the topic {topic['shown']} of {self.path} ({plain(topic['type'])}) is not known as an IMU"
-            )
+            text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
             cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
             raise RecordingError("unknown_fields", text, cure)
-        if options.kind == "deltas" and not topic["averaged"]:
-            text = f"{topic['shown']} of {self.path} has no averages over its interval"
+        if options.kind == "deltas" and not topic.averaged:
+            text = f"{topic.name} of {self.path} has no averages over its interval"
             raise RecordingError("no_stream", text, "leave --stream out")
         used = {text.rpartition(":")[0] or text for text in known.values()}
         shown = names if options.columns else [name if name in used else "" for name in names]
@@ -197,33 +207,27 @@ class LogFile(Table):
             found = layout(shown, None, {**known, **(options.columns or {})})
         except RecordingError as error:
             raise error.of(self.path) from None
-        return replace(found, kind="deltas" if topic["averaged"] else options.kind or "unknown")
+        return replace(found, kind="deltas" if topic.averaged else options.kind or "unknown")
 
     def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
         """Return remarks on the choice of the topic and on the log."""
         topic, notes = self._topic, [plain(text) for text in remarks]
         if self._kind != "bag":
-            rate = f" at {topic['rate_hz']:.4g} Hz" if topic["rate_hz"] else ""
-            what = "averages over the interval" if topic["averaged"] else "point samples"
-            others = [self._topics[k]["shown"] for k in self._imus() if k != self._at]
+            rate = f" at {topic.rate_hz:.4g} Hz" if topic.rate_hz else ""
+            what = "averages over the interval" if topic.averaged else "point samples"
+            others = [self._topics[k].name for k in self._imus() if k != self._at]
             more = f"; --topic selects another: {', '.join(others)}" if others and not options.topic else ""
-            notes.insert(0, f"{topic['shown']} is used: {what}{rate}{more}")
-        return [*notes, *([plain(topic["note"])] if topic["note"] else [])]
+            notes.insert(0, f"{topic.name} is used: {what}{rate}{more}")
+        return [*notes, *([plain(topic.note)] if topic.note else [])]
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        done, total = 0, self._topic["count"] or None
+        done, total = 0, self._topic.count or None
         try:
-            wanted = {"topic": self._at, "columns": self._names}
-            self._process.stdin.write(json.dumps(wanted).encode() + b"\n")
-            self._process.stdin.flush()
+            self._pipe.send_bytes(json.dumps({"topic": self._at, "columns": self._names}).encode())
             while not (received := self._receive()).get("end"):
-                count, width = received["rows"], len(self._names)
-                data = self._process.stdout.read(8 * count * width)
-                if len(data) < 8 * count * width:
-                    raise self._corrupt("it needs far more time or memory than its size allows")
-                rows = np.frombuffer(data, "<f8").reshape(count, width).astype(np.float64)
+                data = np.frombuffer(self._receive_bytes(), "<f8")
+                rows = data.reshape(-1, len(self._names)).astype(np.float64)
+                count = len(rows)
                 done += count
                 self.fed += received["bytes"]
                 self.progress = None if total is None else min(1.0, done / total)
@@ -235,5 +239,5 @@ class LogFile(Table):
         yield self._finish()
 
     def no_samples(self) -> RecordingError:
-        text = f"{self.path} has no message on {self._topic['shown']}"
+        text = f"{self.path} has no message on {self._topic.name}"
         return RecordingError("no_rows", text, "record it again")

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import threading
-from contextlib import suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -31,22 +31,20 @@ class InThread:
     """The log process as a thread: to start Python takes longer than most of these tests."""
 
     def __init__(self, command: list[str], **_: object) -> None:
-        (source, stdin), (stdout, sink) = os.pipe(), os.pipe()
-        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
+        *_, kind, path, end = command
+        pipe = Connection(os.dup(int(end)))
 
         def run() -> None:
-            with suppress(BrokenPipeError), open(source, "rb") as requests, open(sink, "wb") as answers:
-                serve(command[-2], Path(command[-1]), requests, answers)
+            with pipe:
+                serve(kind, Path(path), pipe)
 
         self._thread = threading.Thread(target=run)
         self._thread.start()
 
     def kill(self) -> None:
-        for stream in (self.stdin, self.stdout):
-            with suppress(BrokenPipeError):
-                stream.close()
+        pass
 
-    def communicate(self) -> None:
+    def wait(self) -> None:
         self._thread.join()
 
 

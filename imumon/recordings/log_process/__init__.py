@@ -11,7 +11,8 @@ The packages that read these files are not made for hostile ones: a kilobyte of 
 chunk may decompress to any size, a database may contain a view without an end. The program therefore runs as a
 process of its own, under limits that the kernel enforces. Whatever a file breaks is this process.
 
-Its standard output is one line of JSON with the topics of the log. Its standard input is one line of JSON, the topic
-and the columns, or null. It then sends, for each block, a line with the number of rows and of bytes read, and the
-rows: numbers of 64 bits, one for each column. A line with an error may take the place of each.
+A connection of `multiprocessing` joins it and its parent. It sends the topics of the log as JSON and receives the
+topic and the columns that are wanted. For each block it then sends the bytes read and the rows, numbers of 64 bits. An
+error may take the place of each. Nothing is pickled: the parent runs nothing that a file can have made. It is a program
+of its own and no `multiprocessing.Process`, which would import the main module again and leave a second process behind.
 """

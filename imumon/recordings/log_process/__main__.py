@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import resource
 import sys
+from contextlib import suppress
 from dataclasses import asdict
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
+from typing import Any
 
 from imumon.recordings.log_process.base import Log
 
@@ -53,37 +53,31 @@ def opened(kind: str, path: Path) -> Log:
     return BagLog(path)
 
 
-def serve(kind: str, path: Path, source: BinaryIO, sink: BinaryIO) -> None:
-    """Send the topics of a log, read which is wanted, and send its rows."""
+def serve(kind: str, path: Path, pipe: Connection) -> None:
+    """Send the topics of a log, receive which is wanted, and send its rows."""
 
     def send(fields: dict[str, Any]) -> None:
-        sink.write(json.dumps(fields).encode() + b"\n")
+        pipe.send_bytes(json.dumps(fields).encode())
 
-    try:
-        log = opened(kind, path)
-        topics = [asdict(topic) for topic in log.topics]
-        notes = {"unused": log.unused, "remarks": log.remarks, "problem": log.problem}
-        send({"topics": topics, "facts": log.facts, **notes})
-        sink.flush()
-        wanted = json.loads(source.readline() or b"null")
-        if wanted is None:
-            return
-        for rows, size in log.blocks(wanted["topic"], wanted["columns"]):
-            send({"rows": len(rows), "bytes": size})
-            sink.write(np.ascontiguousarray(rows, "<f8").tobytes())
-        send({"end": True})
-        sink.flush()
-    except BrokenPipeError:
-        pass
-    except Exception as error:  # the packages have many of their own
-        text = (
-            "it needs far more memory than its size allows" if isinstance(error, MemoryError) else str(error)
-        )
-        send({"error": text.replace("\n", " ")[:500] or type(error).__name__})
-        sink.flush()
+    with suppress(EOFError, OSError):  # the parent has enough
+        try:
+            log = opened(kind, path)
+            topics = [asdict(topic) for topic in log.topics]
+            notes = {"unused": log.unused, "remarks": log.remarks, "problem": log.problem}
+            send({"topics": topics, "facts": log.facts, **notes})
+            wanted = json.loads(pipe.recv_bytes())
+            for rows, size in log.blocks(wanted["topic"], wanted["columns"]):
+                send({"bytes": size})
+                pipe.send_bytes(rows.astype("<f8").tobytes())
+            send({"end": True})
+        except (BrokenPipeError, EOFError):
+            raise
+        except Exception as error:  # the packages have many of their own
+            greedy = isinstance(error, MemoryError)
+            text = "it needs far more memory than its size allows" if greedy else str(error)
+            send({"error": text.replace("\n", " ")[:500] or type(error).__name__})
 
 
 if __name__ == "__main__":
-    out, sys.stdout = sys.stdout.buffer, sys.stderr  # a package may print
     limit(Path(sys.argv[2]))
-    serve(sys.argv[1], Path(sys.argv[2]), sys.stdin.buffer, out)
+    serve(sys.argv[1], Path(sys.argv[2]), Connection(int(sys.argv[3])))
