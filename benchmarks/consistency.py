@@ -21,7 +21,7 @@ from document_tables import head, row
 from recordings import read
 
 from imumon.replay import ReplayOptions, replay
-from imumon.report import Coefficient, Report
+from imumon.report import Estimate, Report
 
 AXES = ("gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z")
 ADIS = ("adis16405_1", "adis16405_4")
@@ -48,7 +48,7 @@ def report_of(values: np.ndarray, rate: float) -> Report:
         return replay(ReplayOptions(path=path))
 
 
-def interval(part: Coefficient | None) -> tuple[float, float] | None:
+def interval(part: Estimate | None) -> tuple[float, float] | None:
     """Return the wider of limits and scatter; None while pending."""
     if part is None or part.high is None:
         return None
@@ -81,7 +81,9 @@ def main() -> None:
             disjoint = []
             for letter in "NBK":
                 for one, two in [(names[0], names[1]), *itertools.combinations(names[2:], 2)]:
-                    a, b = (interval(getattr(reports[part].channels[axis], letter)) for part in (one, two))
+                    a, b = (
+                        interval(reports[part].channels[axis].coefficients.get(letter)) for part in (one, two)
+                    )
                     if a is None or b is None:
                         pending[letter] += 1
                         continue
@@ -89,10 +91,10 @@ def main() -> None:
                     if pairs[letter][-1]:
                         disjoint.append(f"{letter}: {one}, {two}")
             channel = whole.channels[axis]
-            texts = [text(getattr(channel, letter)) for letter in "NBK"]
+            texts = [text(channel.coefficients.get(letter)) for letter in "NBK"]
             mark = ""
             if name in ADIS and axis.startswith("accel"):
-                n_value = channel.N.value if channel.N else None
+                n_value = channel.coefficients["N"].value
                 mark = "" if n_value is not None and ACCEL_N[0] <= n_value <= ACCEL_N[1] else " **!**"
             print(row([name, axis, ", ".join(texts) + mark, "; ".join(disjoint) or "–"]), flush=True)
     print("\n" + head("consistency-pairs", "", "pairs", "disjoint", "goal", "pending"))
@@ -103,7 +105,7 @@ def main() -> None:
         print(row([letter, len(found), shown, f"{100 * GOALS[letter]:.0f} %", pending[letter]]))
 
 
-def text(part: Coefficient | None) -> str:
+def text(part: Estimate | None) -> str:
     """Return value and limits, or the bound, in readable units."""
     if part is None or part.readable.high is None:
         return "pending"

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from imumon.cli.traceability import evaluated, with_provenance
+from imumon.coefficients import COEFFICIENTS
 from imumon.datasheet import document
 from imumon.datasheet.tables import coefficient_text
 from imumon.devices import registry
@@ -35,14 +36,13 @@ from imumon.pipeline import Monitor
 from imumon.report import (
     MAX_ITEMS,
     Channel,
-    Coefficient,
     DeviceDescription,
     Report,
     SessionCounters,
     from_json,
 )
 from imumon.samples import SampleBlock
-from imumon.units import READABLE, figures, pretty
+from imumon.units import figures, pretty
 
 RATE = 100
 OUTPUT = ("1", str(LOOP_RATE // RATE), "05", "0001", "00F2")
@@ -140,10 +140,13 @@ def compared_with_truth(report: Report, settings: EmulatorSettings) -> str:
         noise: Noise = getattr(settings, sensor)
         folded = (MAG_HZ / RATE) ** 0.5 if sensor == "mag" else 1.0
         for letter, truth in (("N", [n * folded for n in noise.n]), ("B", noise.b), ("K", noise.k)):
-            factor, unit = READABLE[sensor, letter].factor, pretty(READABLE[sensor, letter].unit)
+            factor, unit = (
+                COEFFICIENTS[letter].units[sensor].factor,
+                pretty(COEFFICIENTS[letter].units[sensor].unit),
+            )
             for axis, true in zip("xyz", truth, strict=True):
                 channel: Channel = report.channels[f"{sensor}/{axis}"]
-                found: Coefficient = getattr(channel, letter)
+                found = channel.coefficients[letter]
                 low, high = found.low or 0.0, found.high or float("inf")
                 total, contained = total + 1, contained + (low <= true <= high)
                 name = f"{sensor}/{axis} {letter}"

@@ -30,9 +30,9 @@ from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor, MonitorOptions
 from imumon.replay.replay import ReplayOptions, replay
-from imumon.report import Channel, Coefficient, DeviceDescription, Report, SessionCounters
+from imumon.report import COEFFICIENTS, Channel, DeviceDescription, Report, SessionCounters
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
-from imumon.units import READABLE, figures, pretty
+from imumon.units import figures, pretty
 
 NOISE = {"N": 6.1e-5, "B": 4.8e-6, "K": 1e-7}
 SENSORS = ("gyro",) * 3 + ("accel",) * 3 + ("mag",) * 3
@@ -247,7 +247,7 @@ def report_of(blocks: Iterable[SampleBlock], name: str, guarded: bool) -> Report
 
 def shown(channel: Channel, name: str) -> str:
     """N, B or K of a channel in readable units."""
-    known: Coefficient | None = getattr(channel, name)
+    known = channel.coefficients.get(name)
     if known is None or known.status == "pending":
         return "–"
     readable = known.readable
@@ -271,8 +271,10 @@ def slope_cells(report: Report, sensor: str) -> list[str]:
         values = []
         for axis in "xyz":
             readings = report.channels[f"{sensor}/{axis}"].readings
-            value = getattr(readings, name, None) if readings else None
-            values.append("–" if value is None else figures(value * READABLE[sensor, name].factor, 3))
+            value = (readings or {}).get(name)
+            values.append(
+                "–" if value is None else figures(value * COEFFICIENTS[name].units[sensor].factor, 3)
+            )
         out.append(" / ".join(values))
     return out
 
@@ -305,7 +307,7 @@ def recordings(folder: Path) -> None:
         session = pair[True].session
         print(row([name, session.samples, f"{session.elapsed_s:.3g}", *found_cells(pair[True])]))
     for sensor in ("gyro", "accel"):
-        n, b, k = (f"{name}, {pretty(READABLE[sensor, name].unit)}" for name in "NBK")
+        n, b, k = (f"{name}, {pretty(COEFFICIENTS[name].units[sensor].unit)}" for name in "NBK")
         reports = [
             (name, "on" if guarded else "off", each)
             for name, pair in _reports(folder).items()

@@ -19,7 +19,7 @@ import numpy as np
 
 from imumon.history.day_changes import DayChanges
 from imumon.history.store import TimedPeriod
-from imumon.history_report import PeriodChannel, PeriodCoefficient
+from imumon.history_report import PeriodChannel
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor, MonitorOptions
@@ -101,14 +101,13 @@ def alarms(days: list[TimedPeriod]) -> list[tuple[int, str, str]]:
 def stepped(days: list[TimedPeriod], name: str, factor: float) -> list[TimedPeriod]:
     """The same days with a step of N of one channel."""
 
-    def scaled(part: PeriodCoefficient | None) -> PeriodCoefficient | None:
-        return part and replace(part, value=part.value and part.value * factor)
-
     changed = []
     for number, day in enumerate(days):
         channels = dict(day.period.channels)
         if number >= STEP_DAY:
-            channels[name] = replace(channels[name], N=scaled(channels[name].N))
+            known = channels[name].coefficients
+            n = replace(known["N"], value=known["N"].value and known["N"].value * factor)
+            channels[name] = replace(channels[name], coefficients={**known, "N": n})
         changed.append(replace(day, period=replace(day.period, channels=channels)))
     return changed
 

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from document_tables import head, row
 
-from imumon.noise import AllanCurve, ChannelFit, Estimator, FittedCoefficient, OctaveCascade
-from imumon.units import READABLE, figures, pretty
+from imumon.coefficients import COEFFICIENTS, Estimate
+from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade
+from imumon.units import figures, pretty
 
 RATE = 40.0
 AXES = ("gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z")
@@ -40,9 +41,9 @@ def read(path: Path) -> np.ndarray:
     return np.array(rows)
 
 
-def formatted(axis: str, name: str, coefficient: FittedCoefficient) -> str:
+def formatted(axis: str, name: str, coefficient: Estimate) -> str:
     """Return a coefficient with its limits in readable units."""
-    shown = READABLE[axis.partition("/")[0], name]
+    shown = COEFFICIENTS[name].units[axis.partition("/")[0]]
     if coefficient.status == "pending":
         return "pending"
     high = figures(coefficient.high * shown.factor)

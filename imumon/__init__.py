@@ -26,9 +26,10 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   alarms.py      what of a report is too much, with its limit
   report.py      published data model; standard library only
   report_json.py  JSON of its messages, with bounds for what comes from outside
+  coefficients.py  table of N, B, K, Q and R, and the estimate of one
   evaluation.py  its part for documents: traceability, uncertainty, conformity, exact curve
   samples.py     what devices and recordings deliver
-  units.py       SI to readable units
+  units.py       factors of units, and numbers as text
   errors.py      errors with code, message and cure
   files.py       files that other users may have prepared
 """

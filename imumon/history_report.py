@@ -9,32 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from imumon.report import GradeName, Status
+from imumon.report import Estimate, GradeName
 
 STEPS = {"10m": 600, "1h": 3600, "1d": 86400}
 """s, lengths of the periods by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PeriodCoefficient:
-    """N, B or K of a period with its 95 % limits; `value` is None unless measured."""
-
-    value: float | None  # SI
-    low: float | None  # SI, lower 95 % limit
-    high: float | None  # SI, upper 95 % limit, or the upper bound
-    status: Status  # as in the report
-
-
-PENDING = PeriodCoefficient(value=None, low=None, high=None, status="pending")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PeriodChannel:
-    """One channel in one period; temperature and pressure have no N, B and K."""
+    """One channel in one period; temperature and pressure have no coefficients."""
 
-    N: PeriodCoefficient | None = None  # of this period alone
-    B: PeriodCoefficient | None = None  # of this period alone
-    K: PeriodCoefficient | None = None  # of this period alone
+    coefficients: Mapping[str, Estimate] = field(default_factory=dict)  # by letter, SI, of this period alone
     mean: float | None = None  # channel unit
     std: float | None = None  # channel unit, with n - 1
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
 from imumon.alarms import ALARMS
-from imumon.report import Coefficient, Drift, Report, SensorGrade
+from imumon.report import Drift, Estimate, Report, SensorGrade
 from imumon.samples import Level, sensor_of
 
 
@@ -157,7 +157,7 @@ _NO_VALUE = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY}
 FILTER_NOT_KNOWN = "filter not known"
 
 
-def no_value_text(coefficient: Coefficient) -> str | None:
+def no_value_text(coefficient: Estimate) -> str | None:
     """Return why a coefficient will never be known, in at most 14 cells; None if more data may show it."""
     return _NO_VALUE.get(coefficient.reason_code or "")
 
@@ -307,7 +307,7 @@ class CoefficientRatio(NamedTuple):
     differs: bool = False  # whether the 95 % limits rule out that both are equal
 
 
-def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRatio:
+def coefficient_ratio(first: Estimate, second: Estimate) -> CoefficientRatio:
     """Return the ratio of the second coefficient to the first, in SI, and whether they differ.
 
     Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. They
@@ -324,7 +324,7 @@ def coefficient_ratio(first: Coefficient, second: Coefficient) -> CoefficientRat
     return CoefficientRatio()
 
 
-def _differ(first: Coefficient, second: Coefficient) -> bool:
+def _differ(first: Estimate, second: Estimate) -> bool:
     """Return whether two values differ at 95 %."""
     small, large = sorted((first, second), key=lambda each: each.value or 0.0)
     if not (small.value and small.high and large.value and large.low):

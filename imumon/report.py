@@ -1,8 +1,8 @@
 """Report: the published data model as frozen dataclasses, with the rules of its JSON (`report_json`).
 
-Standard library only: any tool can read a report with this file, `report_json` and `evaluation`. The fields are the
-contract (docs/ZENOH.md): they are extended, but never changed. An unknown value is None with a reason, never 0 or NaN.
-SI units.
+Standard library only: any tool can read a report with this file, `coefficients`, `evaluation`, `report_json` and
+`units`. The fields are the contract (docs/ZENOH.md): they are extended, but never changed. An unknown value is None
+with a reason, never 0 or NaN. SI units.
 """
 
 from __future__ import annotations
@@ -13,22 +13,28 @@ from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from typing import Any, Literal, TypeAlias, TypeVar
 
+from imumon.coefficients import COEFFICIENTS as COEFFICIENTS
+from imumon.coefficients import GRADED as GRADED
+from imumon.coefficients import GRADES as GRADES
+from imumon.coefficients import LIMIT_95
+from imumon.coefficients import NOISE as NOISE
+from imumon.coefficients import Estimate as Estimate
+from imumon.coefficients import GradeName as GradeName
+from imumon.coefficients import Status as Status
 from imumon.evaluation import Evaluation, ExactCurve, UncertaintyBudget
 from imumon.report_json import MAX_BYTES as MAX_BYTES
 from imumon.report_json import MAX_ITEMS as MAX_ITEMS
 from imumon.report_json import MAX_NUMBER as MAX_NUMBER
-from imumon.report_json import JsonReader
+from imumon.report_json import JsonReader, entries
 from imumon.report_json import check as _check
+from imumon.report_json import members as members
 from imumon.report_json import plain as plain
 from imumon.report_json import to_json as to_json
 
 SCHEMA = "imumon.report/1"
 
 State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
-Status: TypeAlias = Literal["measured", "upper_bound", "pending"]
-GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer"]
 Axis: TypeAlias = Literal["x", "y", "z"]
-COEFFICIENTS = ("N", "B", "K")
 
 MAX_CHANNELS = 64  # channels of a report; a sensor has about 11
 
@@ -80,31 +86,6 @@ class SessionCounters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Readable:
-    """A coefficient in the unit that people read."""
-
-    value: float | None  # in `unit`; null unless measured
-    low: float | None  # in `unit`, lower 95 % limit
-    high: float | None  # in `unit`, upper 95 % limit
-    unit: str  # such as deg/sqrt(h)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Coefficient:
-    """A coefficient with its 95 % limits; `value` is None unless measured."""
-
-    value: float | None  # in `unit`
-    low: float | None  # in `unit`, lower 95 % limit; 0 of an upper bound, null while pending
-    high: float | None  # in `unit`, upper 95 % limit, or the upper bound; null while pending
-    status: Status  # "upper_bound": does not show, at most `high`; "pending": unknown so far
-    unit: str  # such as rad/s/sqrt(Hz)
-    readable: Readable  # the same in the readable unit
-    scatter: float | None = None  # in `unit`, standard deviation between the quarters of the record
-    reason: str | None = None  # why there is no value, or why there is no scatter
-    reason_code: str | None = None  # "constant" or "resolution": more data will not give a value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Grading:
     """Grade of one coefficient; None if there is none."""
 
@@ -116,8 +97,10 @@ class Grading:
 class ChannelGrade:
     """Grades of a channel's N and B, and the worse of them."""
 
-    N: Grading = Grading()  # of its value, or its bound
-    B: Grading = Grading()  # of its value, or its bound
+    # grade of its value, or its bound
+    coefficients: Mapping[str, Grading] = field(
+        default_factory=lambda: dict.fromkeys(GRADED, Grading()), metadata=entries(GRADED)
+    )
     nearest: GradeName | None = None  # worse of the two; a bound decides only if nothing is measured
     meets: GradeName | None = None  # worse of the two
 
@@ -139,24 +122,6 @@ class SensorGrade:
     decided_by: DecidedBy | None = None  # coefficient that decides the headline
     provisional: bool = True  # whether it may still change
     reason: str | None = None  # why there is no grade, or why it is provisional
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Readings:
-    """Classical slope readings of the curve; None if the curve has none."""
-
-    N: float | None = None  # unit of the channel's N, line of slope -1/2 read at 1 s
-    B: float | None = None  # channel unit, flat part over 0.664
-    K: float | None = None  # unit of the channel's K, line of slope +1/2 read at 3 s
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TimeTo:
-    """Seconds of the sample clock until the configured precision; None: not measured, or over a year."""
-
-    N: float | None = None  # s, until N has the configured precision; 0 once it has
-    B: float | None = None  # s, until B has it
-    K: float | None = None  # s, until K has it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,8 +225,18 @@ class ModelColumn:
     value: float  # in `unit`
     low: float  # in `unit`, lower 95 % limit
     high: float  # in `unit`, upper 95 % limit
-    unit: str  # such as rad/s/s, rad/s/degC or rad/s
+    unit: str = ""  # such as rad/s/s, rad/s/degC or rad/s
     time_constant_s: float | None = None  # s, of a settling
+
+    @property
+    def error(self) -> float:
+        """Standard error, in `unit`."""
+        return (self.high - self.low) / (2.0 * LIMIT_95)
+
+    @property
+    def sigma(self) -> float:
+        """Standard errors by which it differs from zero."""
+        return abs(self.value) / self.error if self.error > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -330,15 +305,14 @@ class Channel:
     skewness: float | None = None  # 1; null without spread
     excess_kurtosis: float | None = None  # 1; null without spread
     last: float | None = None  # channel unit, the newest of them
-    N: Coefficient | None = None  # white noise (random walk of the integral); null: no curve
-    B: Coefficient | None = None  # flicker (bias instability); null: no curve
-    K: Coefficient | None = None  # random walk of the rate; null: no curve
-    Q: Coefficient | None = None  # quantisation; null: does not show
-    R: Coefficient | None = None  # rate ramp: the drift of the model, as a size; null: not significant
+    # null: no curve, or it does not show
+    coefficients: Mapping[str, Estimate] = field(default_factory=dict, metadata=entries(COEFFICIENTS))
     model: NoiseModel | None = None  # what else describes the channel; null: no fit
     grade: ChannelGrade | None = None  # of N and B; null: neither gyro nor accel
-    readings: Readings | None = None  # N, B, K read off the curve, for comparison
-    time_to: TimeTo | None = None  # until N, B, K have the configured precision
+    # in the unit of each: classical slope readings of the curve, for comparison; null: the curve has none
+    readings: Mapping[str, float | None] | None = field(default=None, metadata={"keys": NOISE})
+    # s of the sample clock until each has the configured precision; null: not measured, or over a year
+    time_to: Mapping[str, float | None] | None = field(default=None, metadata={"keys": NOISE})
     fit: FitQuality | None = None  # how well the model describes the spectrum
     caveats: tuple[str, ...] = ()  # one word each, those of the record included; none without a curve
     allan: Allan | None = None  # Allan deviation; null: no curve
@@ -422,7 +396,7 @@ def _check_channels(names: Collection[str]) -> None:
     _check(all(map(_CHANNEL_NAME.fullmatch, names)), "a name that is no name of a channel")
 
 
-def _check_coefficient(part: Coefficient | Readable) -> None:
+def _check_estimate(part: Estimate) -> None:
     _check(all(size is None or size >= 0.0 for size in (part.value, part.low, part.high)), "a negative size")
 
 
@@ -450,8 +424,7 @@ _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     UncertaintyBudget: lambda part: _check(part.is_plausible(), "a budget of 0, or a negative uncertainty"),
     ExactCurve: lambda part: _check(all(tau > 0.0 for tau in part.tau_s), "a tau that is not positive"),
     SessionCounters: _check_session,
-    Coefficient: _check_coefficient,
-    Readable: _check_coefficient,
+    Estimate: _check_estimate,
     Allan: _check_curve,
     LimitCurve: _check_curve,
     Histogram: lambda histogram: _check(histogram.width > 0.0, "a bin without width"),

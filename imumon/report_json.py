@@ -39,12 +39,29 @@ def plain(text: str) -> str:
 def to_json(part: Any, *, indent: int | None = None) -> str:
     """Return a report or a part of one as JSON text; raise ValueError if a number is not finite."""
     form: Any = {"indent": indent, "separators": (",", ":") if indent is None else None}
-    return json.dumps(part, default=_members, allow_nan=False, ensure_ascii=False, **form)
+    return json.dumps(part, default=members, allow_nan=False, ensure_ascii=False, **form)
 
 
-def _members(part: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass, or the items of a mapping."""
-    return {f.name: getattr(part, f.name) for f in fields(part)} if is_dataclass(part) else dict(part)
+def entries(names: Collection[str]) -> dict[str, Any]:
+    """Return the metadata of a field, a mapping of which each of these entries is a member of the JSON, or null."""
+    return {"entries": tuple(names)}
+
+
+def members(part: Any) -> dict[str, Any]:
+    """Return the members of the JSON of a dataclass or a mapping.
+
+    A dataclass has its fields, the `entries` of some, and the properties that its `DERIVED` lists.
+    """
+    if not is_dataclass(part):
+        return dict(part)
+    out: dict[str, Any] = {}
+    for each in fields(part):
+        value = getattr(part, each.name)
+        names = each.metadata.get("entries")
+        out |= {each.name: value} if names is None else {name: value.get(name) for name in names}
+    for name, own in getattr(part, "DERIVED", {}).items():
+        out[name] = {key: getattr(getattr(part, name), key) for key in own}
+    return out
 
 
 class JsonReader:
@@ -103,7 +120,8 @@ class JsonReader:
 
         Arrays that a report of an earlier version does not have are unknown in every entry.
         """
-        hints = typing.get_type_hints(cls)
+        hints = {f.name: typing.get_type_hints(cls)[f.name] for f in fields(cls)}
+        own_entries = {f.name: names for f in fields(cls) if (names := f.metadata.get("entries"))}
         readers = {name: self._reader(hint) for name, hint in hints.items()}
         kinds = {
             name: typing.get_args(hint)[0] for name, hint in hints.items() if typing.get_origin(hint) is tuple
@@ -112,7 +130,10 @@ class JsonReader:
         own_check = self._checks.get(cls, lambda part: None)
 
         def read(data: Any) -> Any:
-            part = cls(**{name: readers[name](value) for name, value in data.items() if name in readers})
+            given = {name: value for name, value in data.items() if name not in own_entries}
+            for field, names in own_entries.items():
+                given[field] = {name: data[name] for name in names if data.get(name) is not None}
+            part = cls(**{name: readers[name](value) for name, value in given.items() if name in readers})
             count = max((len(getattr(part, name)) for name in arrays), default=0)
             absent = [name for name, kind in arrays.items() if name not in data and kind == float | None]
             if absent and count:

@@ -1,4 +1,4 @@
-"""Units: SI to readable units, and numbers to text.
+"""Units: factors from SI, and numbers to text.
 
 Factors are exact by definition: a degree is pi/180 rad, an hour 3600 s, a g 9.80665 m/s^2.
 JSON uses ASCII spellings, `pretty` returns those for a screen.
@@ -8,68 +8,12 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 DEG = math.degrees(1.0)
 HOUR, DAY = 3600.0, 86400.0
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Allan deviation of flicker noise over its B."""
 STANDARD_GRAVITY = 9.80665
-
-
-class ReadableUnit(NamedTuple):
-    """Readable unit of a quantity in SI: multiply by `factor` and write `unit`."""
-
-    factor: float
-    unit: str
-
-
-SI = {
-    ("gyro", "N"): "rad/s/sqrt(Hz)",
-    ("gyro", "B"): "rad/s",
-    ("gyro", "R"): "rad/s^2",
-    ("gyro", "Q"): "rad",
-    ("gyro", "K"): "rad/s*sqrt(Hz)",
-    ("accel", "N"): "m/s^2/sqrt(Hz)",
-    ("accel", "B"): "m/s^2",
-    ("accel", "R"): "m/s^3",
-    ("accel", "Q"): "m/s",
-    ("accel", "K"): "m/s^2*sqrt(Hz)",
-    ("mag", "N"): "gauss/sqrt(Hz)",
-    ("mag", "B"): "gauss",
-    ("mag", "R"): "gauss/s",
-    ("mag", "Q"): "gauss*s",
-    ("mag", "K"): "gauss*sqrt(Hz)",
-}
-"""SI spelling of a coefficient's unit by (sensor, coefficient)."""
-
-READABLE = {
-    ("gyro", "N"): ReadableUnit(DEG * 60.0, "deg/sqrt(h)"),
-    ("gyro", "B"): ReadableUnit(DEG * HOUR, "deg/h"),
-    ("gyro", "R"): ReadableUnit(DEG * HOUR * HOUR, "deg/h/h"),
-    ("gyro", "Q"): ReadableUnit(DEG * HOUR, "arcsec"),
-    ("gyro", "K"): ReadableUnit(DEG * HOUR * 60.0, "deg/h/sqrt(h)"),
-    ("accel", "N"): ReadableUnit(60.0, "m/s/sqrt(h)"),
-    ("accel", "B"): ReadableUnit(1000.0 / STANDARD_GRAVITY, "mg"),
-    ("accel", "R"): ReadableUnit(1000.0 / STANDARD_GRAVITY * HOUR, "mg/h"),
-    ("accel", "Q"): ReadableUnit(1.0, "m/s"),
-    ("accel", "K"): ReadableUnit(HOUR * 60.0, "m/s/h/sqrt(h)"),
-    ("mag", "N"): ReadableUnit(1000.0, "mG/sqrt(Hz)"),
-    ("mag", "B"): ReadableUnit(1000.0, "mG"),
-    ("mag", "R"): ReadableUnit(1000.0 * HOUR, "mG/h"),
-    ("mag", "Q"): ReadableUnit(1000.0, "mG*s"),
-    ("mag", "K"): ReadableUnit(1000.0, "mG*sqrt(Hz)"),
-}
-"""Readable unit of a coefficient by (sensor, coefficient)."""
-
-
-def readable_unit(sensor: str, letter: str, unit: str = "") -> ReadableUnit:
-    """Return the readable unit of a coefficient; for a sensor without one its SI unit.
-
-    >>> readable_unit("accel", "N"), readable_unit("other", "N", "V")
-    (ReadableUnit(factor=60.0, unit='m/s/sqrt(h)'), ReadableUnit(factor=1.0, unit='V'))
-    """
-    return READABLE.get((sensor, letter), ReadableUnit(1.0, unit))
 
 
 def pretty(unit: str) -> str:

@@ -22,10 +22,9 @@ from typing import Any
 from imumon.report import (
     Allan,
     Channel,
-    Coefficient,
     DeviceDescription,
+    Estimate,
     Event,
-    Readable,
     Report,
     SensorGrade,
     SessionCounters,
@@ -40,10 +39,7 @@ TIME = "2026-01-02T03:04:05.678Z"
 
 def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial") -> Report:
     """A report of the usual size; `number` is the count of samples, which identifies it."""
-    readable = Readable(value=0.2, low=0.1, high=0.3, unit="deg/sqrt(h)")
-    noise = Coefficient(
-        value=1e-4, low=9e-5, high=2e-4, status="measured", unit="rad/s/sqrt(Hz)", readable=readable
-    )
+    noise = Estimate(value=1e-4, low=9e-5, high=2e-4, status="measured", unit="rad/s/sqrt(Hz)")
     curve = Allan(
         tau_s=tuple(0.01 * 2.0**k for k in range(octaves)),
         sigma=(1e-3,) * octaves,
@@ -55,7 +51,9 @@ def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial"
         used=(True,) * octaves,
     )
     channels = {
-        name: Channel(unit=UNIT[name.partition("/")[0]], count=number, mean=0.5, N=noise, allan=curve)
+        name: Channel(
+            unit=UNIT[name.partition("/")[0]], count=number, mean=0.5, coefficients={"N": noise}, allan=curve
+        )
         for name in CHANNELS
     }
     channels["temperature"] = Channel(unit="degC", count=number, mean=25.0)

@@ -10,7 +10,8 @@ import numpy as np
 from imumon.history import HistoryStore
 from imumon.history.history_file import SUFFIX
 from imumon.history.store import TimedPeriod
-from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
+from imumon.history_report import HistoryPeriod, PeriodChannel
+from imumon.report import Estimate
 
 NAMES = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
 BEGIN = 1_767_225_600.0
@@ -18,8 +19,8 @@ BEGIN = 1_767_225_600.0
 RECORD = "2026-01-01T00:00:00.000Z"
 
 
-def coefficient(value: float) -> PeriodCoefficient:
-    return PeriodCoefficient(value=value, low=0.99 * value, high=1.01 * value, status="measured")
+def coefficient(value: float) -> Estimate:
+    return Estimate(value=value, low=0.99 * value, high=1.01 * value, status="measured")
 
 
 def period(
@@ -38,9 +39,11 @@ def period(
     """One period; `noise` is the factor of N."""
     channels = {
         name: PeriodChannel(
-            N=coefficient(1.234567e-4 * noise),
-            B=coefficient(2.345678e-5),
-            K=PeriodCoefficient(value=None, low=0.0, high=3.4e-6, status="upper_bound"),
+            coefficients={
+                "N": coefficient(1.234567e-4 * noise),
+                "B": coefficient(2.345678e-5),
+                "K": Estimate(low=0.0, high=3.4e-6, status="upper_bound"),
+            },
             mean=mean,
             std=1e-3,
         )

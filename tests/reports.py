@@ -24,7 +24,7 @@ from imumon.devices import registry
 from imumon.messages import EVENT_LEVELS
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, Event, Report, SessionCounters, Signal, stamp
+from imumon.report import Channel, DeviceDescription, Estimate, Event, Report, SessionCounters, Signal, stamp
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 
 ID = "vn100-0100056785"
@@ -154,6 +154,11 @@ class Run:
         # a full analysis: a report depends only on its time, not on earlier reports
         report = self.monitor.report(now, DEVICE, "stopped", session)
         return replace(report, state=state)  # type: ignore[arg-type]
+
+
+def with_coefficients(channel: Channel, **changed: Estimate) -> Channel:
+    """Return a channel with other estimates of some coefficients."""
+    return replace(channel, coefficients={**channel.coefficients, **changed})
 
 
 def _samples(

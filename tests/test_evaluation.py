@@ -16,7 +16,7 @@ import allantools
 import numpy as np
 import pytest
 from paths import RECORDINGS, needs_recordings
-from reports import RATE
+from reports import RATE, with_coefficients
 from reports import report as report_at
 
 from imumon.cli.main import main
@@ -28,8 +28,7 @@ from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overl
 from imumon.noise.synthesis import synthesise
 from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
 from imumon.references import SheetError, conformity, published, read_sheet, sheet_of_model
-from imumon.report import Coefficient, Report, from_json, to_json
-from imumon.units import READABLE
+from imumon.report import COEFFICIENTS, Report, from_json, to_json
 
 HZ = 40.0
 
@@ -261,7 +260,7 @@ def test_a_published_sheet_names_its_source_and_edition(name: str) -> None:
 def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
     """0.0035 °/s/√Hz is 0.21 °/√h; a one-sided density is √2 N; in-run stability is 0.664 B."""
     report = make_report()
-    n, b = report.channels["gyro/x"].N, report.channels["gyro/x"].B
+    n, b = report.channels["gyro/x"].coefficients["N"], report.channels["gyro/x"].coefficients["B"]
     assert n is not None
     assert n.value is not None
     checks = {(c.channel, c.quantity): c for c in conformity(report, published()["vn-100"]).checks}
@@ -306,7 +305,11 @@ def test_what_the_stream_does_not_show_is_undecided() -> None:
             if c.quantity == letter and c.channel[:4] == "gyro"
         }
 
-    high = {n: replace(c, N=_scaled(c.N, 10.0)) for n, c in report.channels.items() if n[:4] == "gyro"}
+    high = {
+        n: with_coefficients(c, N=c.coefficients["N"].scaled(10.0, "rad/s/sqrt(Hz)"))
+        for n, c in report.channels.items()
+        if n[:4] == "gyro"
+    }
     worse = replace(report, channels=report.channels | high)
     assert verdicts(replace(worse, device=replace(report.device, alias_factor=1.0)), "N") == {"fail"}
     assert verdicts(worse, "N") == {"undecided"}
@@ -314,14 +317,8 @@ def test_what_the_stream_does_not_show_is_undecided() -> None:
     assert "pass" not in verdicts(replace(report, caveats=("compensated",)), "floor")
 
 
-def _scaled(part: Coefficient | None, factor: float) -> Coefficient | None:
-    if part is None or part.value is None or part.low is None or part.high is None:
-        return part
-    return replace(part, value=part.value * factor, low=part.low * factor, high=part.high * factor)
-
-
 def test_a_data_sheet_on_the_command_line(recording: Path, tmp_path: Path) -> None:
-    n = 6e-5 * READABLE["gyro", "N"].factor
+    n = 6e-5 * COEFFICIENTS["N"].units["gyro"].factor
     for limit, expected in ((2.0 * n, "pass"), (0.5 * n, "fail")):
         sheet = sheet_file(tmp_path, gyro=limit)
         report = replayed(recording, "--datasheet", sheet, "--filter", "20")
@@ -382,11 +379,11 @@ def test_a_budget_adds_up() -> None:
         (name, letter)
         for name, channel in report.channels.items()
         for letter in "NBK"
-        if (part := getattr(channel, letter)) is not None and part.status == "measured"
+        if (part := channel.coefficients.get(letter)) is not None and part.status == "measured"
     }
     assert {(name, letter) for name, each in budgets.items() for letter in each} == measured
     for name, letter in measured:
-        budget, part = budgets[name][letter], getattr(report.channels[name], letter)
+        budget, part = budgets[name][letter], report.channels[name].coefficients.get(letter)
         known = [c.standard for c in budget.components if c.standard is not None]
         assert budget.combined == pytest.approx(np.sqrt(np.sum(np.square(known))))
         assert budget.expanded == pytest.approx(budget.coverage * budget.combined)
@@ -435,12 +432,12 @@ def test_the_alias_factor_of_deltas_is_not_that_of_the_magnetometer() -> None:
 def test_scatter_beyond_statistics_has_three_degrees_of_freedom() -> None:
     report = make_report()
     channel = report.channels["gyro/x"]
-    assert channel.N is not None
-    assert channel.N.value is not None
-    moved = replace(channel, N=replace(channel.N, scatter=0.1 * channel.N.value))
+    n = channel.coefficients["N"]
+    assert n.value is not None
+    moved = with_coefficients(channel, N=replace(n, scatter=0.1 * n.value))
     budget = uncertainty_budgets(replace(report, channels={"gyro/x": moved}))["gyro/x"]["N"]
     assert budget.coverage == pytest.approx(3.18, abs=0.01)  # Student's t, 3 degrees of freedom
-    assert budget.combined == pytest.approx(0.1 * channel.N.value, rel=0.05)
+    assert budget.combined == pytest.approx(0.1 * n.value, rel=0.05)
 
 
 def test_rounding_is_a_component_of_n() -> None:

@@ -16,6 +16,7 @@ import pytest
 from paths import ROOT
 
 from imumon import report
+from imumon.coefficients import COEFFICIENTS
 from imumon.filter_report import FILTER_SCHEMA, FilterReport
 from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_json
 
@@ -60,11 +61,29 @@ def define(cls: type, defs: dict[str, Any]) -> dict[str, Any]:
     if cls.__name__ not in defs:
         defs[cls.__name__] = {}  # keeps the order
         hints, notes = typing.get_type_hints(cls), comments(cls)
-        properties = {
-            name: shape(hint, defs) | ({"description": notes[name]} if name in notes else {})
-            for name, hint in hints.items()
-        }
-        required = [name for name in hints if not (cls is Channel and name in OMITTED)]
+        properties = {}
+        for field in fields(cls):
+            name, hint = field.name, hints[field.name]
+            note = {"description": notes[name]} if name in notes else {}
+            if entries := field.metadata.get("entries"):
+                always, inner = field.default_factory(), typing.get_args(hint)[1]
+                for letter in entries:
+                    known = shape(inner if letter in always else inner | None, defs)
+                    properties[letter] = known | {
+                        "description": f"{COEFFICIENTS[letter].about}; {notes[name]}"
+                    }
+            elif keys := field.metadata.get("keys"):
+                inner = shape(typing.get_args(typing.get_args(hint)[0])[1], defs)
+                own = {letter: inner | {"description": COEFFICIENTS[letter].about} for letter in keys}
+                kind = {"type": ["object", "null"], "properties": own, "required": list(keys)}
+                properties[name] = kind | note
+            else:
+                properties[name] = shape(hint, defs) | note
+        for name, members in getattr(cls, "DERIVED", {}).items():
+            own = {member: properties[member] for member in members}
+            note = {"description": inspect.getdoc(getattr(cls, name))}
+            properties[name] = {"type": "object", "properties": own, "required": list(own)} | note
+        required = [name for name in properties if not (cls is Channel and name in OMITTED)]
         about = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
         described = {"description": about} if not about.startswith(cls.__name__ + "(") else {}
         defs[cls.__name__] = {"type": "object", **described, "properties": properties, "required": required}
@@ -147,6 +166,13 @@ def filled(hint: Any, *, empty: bool) -> Any:
     if is_dataclass(hint):
         hints = typing.get_type_hints(hint)
         parts = {f.name: filled(hints[f.name], empty=empty) for f in fields(hint)}
+        for field in fields(hint):
+            if entries := field.metadata.get("entries"):
+                inner = typing.get_args(hints[field.name])[1]
+                full = {letter: filled(inner, empty=empty) for letter in entries}
+                parts[field.name] = field.default_factory() if empty else full
+            elif (keys := field.metadata.get("keys")) and not empty:
+                parts[field.name] = dict.fromkeys(keys, 0.1)
         if parts.get("channel"):
             parts["channel"] = "gyro/x"
         return hint(**parts)  # type: ignore[operator]

@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import zenoh
@@ -22,12 +22,11 @@ from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import LastValues
 from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
-from imumon.report import Channel, Event, Report, Signal, to_json
+from imumon.report import Event, Report, Signal, members, to_json
 
 CURVES = ("allan", "histogram", "spectrum")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
 
-_CHANNEL_FIELDS = tuple(field.name for field in fields(Channel) if field.name not in CURVES)
 _MAX_QUEUED_EVENTS = 1000  # events
 _FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets
 _MAX_REPORTED_ERRORS = 20  # different texts in `Publisher.status_changes`
@@ -229,7 +228,9 @@ class Publisher:
         self._last_values.set_signals(signals or {})
         self._put("report", whole)
         for name, channel in report.channels.items():
-            self._put(name, to_json({field: getattr(channel, field) for field in _CHANNEL_FIELDS}))
+            self._put(
+                name, to_json({key: part for key, part in members(channel).items() if key not in CURVES})
+            )
         grade = to_json(report.grade)
         if grade != self._last_grade:
             self._put("grade", grade)

@@ -19,6 +19,7 @@ from imumon.alarms import ALARMS, exceeded, known, labels
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
+from imumon.coefficients import GRADES
 from imumon.errors import ImumonError
 
 
@@ -52,7 +53,7 @@ def add_check(parser: Parser) -> None:
         text = f"warning if more {alarm.what}; default: the setting {alarm.setting} of the daemon"
         add(f"--max-{alarm.name}", type=options.positive, metavar="PERCENT", help=text)
     text = "critical if gyroscope or accelerometer is certainly worse than this grade"
-    add("--grade", choices=options.GRADES, help=text)
+    add("--grade", choices=GRADES, help=text)
     add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
 
 
@@ -105,7 +106,7 @@ def _print(code: Code, text: str, performance: Sequence[str]) -> int:
 def _worse(report: Any, grade: Any) -> Iterator[str]:
     """Yield the sensors that are certainly worse than a grade: by a final headline or a lower limit."""
     from imumon.messages import grade_text
-    from imumon.noise.grading import GRADES, grade_coefficient
+    from imumon.noise.grading import grade_coefficient
 
     def is_worse(nearest: Any) -> bool:
         return nearest is not None and GRADES.index(nearest) > GRADES.index(grade)
@@ -115,11 +116,10 @@ def _worse(report: Any, grade: Any) -> Iterator[str]:
             yield f"{sensor} {grade_text(headline)}"
             continue
         for name, channel in report.channels.items():
-            low = {letter: getattr(channel, letter) for letter in ("N", "B")}
             best = {
                 letter: grade_coefficient(sensor, letter, part.low).nearest
-                for letter, part in low.items()
-                if name.startswith(f"{sensor}/") and part is not None and part.status == "measured"
+                for letter, part in channel.coefficients.items()
+                if name.startswith(f"{sensor}/") and part.status == "measured"
             }
             if worse := [letter for letter, nearest in best.items() if is_worse(nearest)]:
                 yield f"{sensor} is {best[worse[0]]} at best, by {worse[0]} of {name}"
@@ -165,8 +165,9 @@ def _performance(report: Any, age_s: float, max_age_s: float) -> list[str]:
         data.append(f"temperature={_fixed(temperature.last)}")
     for name, channel in report.channels.items():
         sensor, _, axis = name.partition("/")
-        if sensor in ("gyro", "accel") and channel.N is not None and channel.N.readable.value is not None:
-            data.append(f"{sensor}_{axis}_N={_fixed(channel.N.readable.value)};;;0")
+        n = channel.coefficients.get("N")
+        if sensor in ("gyro", "accel") and n is not None and n.readable.value is not None:
+            data.append(f"{sensor}_{axis}_N={_fixed(n.readable.value)};;;0")
     return data
 
 

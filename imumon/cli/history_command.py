@@ -13,10 +13,13 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
+from imumon.coefficients import COEFFICIENTS, NOISE
 from imumon.history_report import STEPS
 
 ANSWER_S = 1.0
 """How long to wait for a daemon before its file is read, s."""
+ESTIMATE = 25
+"""Cells of a coefficient in the table."""
 
 
 def add_history(parser: Parser) -> None:
@@ -202,18 +205,18 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     for each in objects:
         if empty:
             empty = False
-            head = (
-                f"{'time':<17}{'channel':<12}{'N':<24}{'B':<24}{'K':<27}{'mean':>12}{'°C':>7}{'missing':>10}"
-            )
+            names = "".join(f"{letter:<{ESTIMATE}}" for letter in NOISE)
+            head = f"{'time':<17}{'channel':<12}{names}{'mean':>12}{'°C':>7}{'missing':>10}"
             yield f"{head}  step {each['step']}\n"
         sensor = each["channel"].partition("/")[0]
-        n, b, k = (_readable(sensor, letter, each[letter]) for letter in "NBK")
-        noise = f"{n:<24}{b:<24}{k:<27}"
+        noise = "".join(f"{_readable(sensor, letter, each[letter]):<{ESTIMATE}}" for letter in NOISE)
         mean = "–" if each["mean"] is None else number(each["mean"], 5)
         heat = "–" if each["temperature"] is None else f"{each['temperature']:.1f}"
         missing = f"{each['missing']:,}" if each["missing"] else "–"
         line = f"{each['time'][:16].replace('T', ' '):<17}{each['channel']:<12}{noise}{mean:>12}{heat:>7}{missing:>10}"
         notes = ["in progress"] * (not each["complete"])
+        others = [letter for letter in COEFFICIENTS if letter not in NOISE and each.get(letter)]
+        notes += [f"{letter} {_readable(sensor, letter, each[letter])}" for letter in others]
         notes += [f"{duration(each['excluded_s'])} excluded"] * (each["excluded_s"] >= 1.0)
         yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
     if empty:
@@ -222,11 +225,11 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
 
 def _readable(sensor: str, letter: str, part: dict[str, Any] | None) -> str:
     """Return a coefficient with its half-width in the readable unit."""
-    from imumon.units import READABLE, number, pretty
+    from imumon.units import number, pretty
 
-    if part is None or (sensor, letter) not in READABLE:
+    unit = COEFFICIENTS[letter].units.get(sensor)
+    if part is None or unit is None:
         return "–"
-    unit = READABLE[sensor, letter]
     name = pretty(unit.unit)
     if part["status"] == "upper_bound":
         return f"< {number(part['high'] * unit.factor, 3)} {name}"

@@ -13,7 +13,6 @@ from typing import Any, NoReturn
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
 
-GRADES = ("navigation", "tactical", "industrial", "consumer")
 STREAMS = ("deltas", "uncompensated", "compensated")
 GATHER_S = 0.3
 """How much longer to wait for other daemons, or others of the same name, after the last one has answered, s."""

@@ -13,6 +13,7 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_message, print_report, print_status
+from imumon.coefficients import GRADES, NOISE
 
 ANSWER_S = 2.0
 """How long to wait for a daemon, s."""
@@ -43,9 +44,9 @@ def add_wait(parser: Parser) -> None:
     options.add_id(parser)
     text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
     text += "from the settings"
-    add("--grade", choices=options.GRADES, help=text)
+    add("--grade", choices=GRADES, help=text)
     text = "wait until the precision of this coefficient is reached on every axis"
-    add("--coefficient", choices=("N", "B", "K"), help=text)
+    add("--coefficient", choices=NOISE, help=text)
     text = "half-width of the 95 %% limits as a share of the value, 0.05 or 5%%; default: from the settings"
     add("--precision", type=options.share, metavar="P", help=text)
     text = "consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel"
@@ -110,14 +111,13 @@ def wait(arguments: argparse.Namespace) -> int:
     from imumon.units import duration
 
     if arguments.precision is not None and arguments.coefficient is None:
-        message, cure = "--precision needs a coefficient", "add --coefficient N, B or K"
+        message, cure = "--precision needs a coefficient", f"add --coefficient {' or '.join(NOISE)}"
         raise CommandError("coefficient_required", message, cure, USAGE)
     configured = options.settings(arguments).report
-    precisions = {"N": configured.precision_n, "B": configured.precision_b, "K": configured.precision_k}
     condition = WaitCondition(
         grade=arguments.grade or (None if arguments.coefficient else configured.grade or None),
         coefficient=arguments.coefficient,
-        precision=arguments.precision or precisions.get(arguments.coefficient),
+        precision=arguments.precision or configured.precision.get(arguments.coefficient),
         channels=tuple(arguments.channel or ()),
     )
     end_s = time.monotonic() + arguments.timeout if arguments.timeout else float("inf")

@@ -95,7 +95,7 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
         rate_hz=arguments.rate or loaded.device.rate_hz or None,
         guarded=loaded.guards.enabled and not arguments.no_guards,
         alarm_limits=limits(loaded.alert),
-        precision={"N": required.precision_n, "B": required.precision_b, "K": required.precision_k},
+        precision=required.precision,
         kind=arguments.stream,
         columns=parse_map(arguments.map) if arguments.map else {},
         topic=arguments.topic,

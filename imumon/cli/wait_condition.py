@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from imumon.messages import grade_text
-from imumon.report import Channel, Coefficient, GradeName, Report
+from imumon.report import GRADED, GRADES, Channel, GradeName, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
@@ -64,10 +64,11 @@ class WaitCondition:
         chosen = self._chosen(report)
         parts = []
         if self.coefficient is not None and self.precision is not None:
-            halves = {n: _half_width(getattr(c, self.coefficient)) or 0.0 for n, c in chosen.items()}
+            known = {n: c.coefficients.get(self.coefficient) for n, c in chosen.items()}
+            halves = {n: (part and part.half_width) or 0.0 for n, part in known.items()}
             worst = max(halves, key=lambda name: halves[name])
-            known = f"{self.coefficient} known to {100 * halves[worst]:.2g} % ({worst}) or better"
-            parts.append(f"{known}, required {100 * self.precision:g} %")
+            reached = f"{self.coefficient} known to {100 * halves[worst]:.2g} % ({worst}) or better"
+            parts.append(f"{reached}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
             sensors = {sensor_of(name) for name in chosen}
             parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.nearest]
@@ -84,8 +85,6 @@ class WaitCondition:
 
     def unreachable_grade(self, report: Report) -> GradeName | None:
         """Return the final grade of a sensor that is worse than the required one; None while it may be reached."""
-        from imumon.noise.grading import GRADES
-
         sensors = {sensor_of(name) for name in self._chosen(report)}
         final = [
             g.nearest for s, g in report.grade.items() if s in sensors and g.nearest and not g.provisional
@@ -100,8 +99,6 @@ class WaitCondition:
         return {n: c for n, c in report.channels.items() if n in names or sensor_of(n) in names}
 
     def _unmet_grade(self, report: Report, chosen: dict[str, Channel]) -> str | None:
-        from imumon.noise.grading import GRADES
-
         assert self.grade is not None
         sensors = [s for s in GRADED_SENSORS if any(sensor_of(name) == s for name in chosen)]
         for sensor in sensors:
@@ -126,35 +123,28 @@ class WaitCondition:
         if self.coefficient is None or self.precision is None:
             return None
         for name, channel in chosen.items():
-            coefficient: Coefficient | None = getattr(channel, self.coefficient)
+            coefficient = channel.coefficients.get(self.coefficient)
             subject = f"{self.coefficient} of {name}"
             if coefficient is None or coefficient.status == "pending":
                 return f"{subject} is pending"
             if coefficient.status == "upper_bound" or not coefficient.value:
                 return f"{subject} is only bounded so far"
-            half = _half_width(coefficient)
+            half = coefficient.half_width
             if half is None:
                 return f"{subject} has no limits yet"
             if half > self.precision:
-                left = channel.time_to and getattr(channel.time_to, self.coefficient)
+                left = (channel.time_to or {}).get(self.coefficient)
                 ahead = f", about {duration(left)} to the precision of the settings" if left else ""
                 return f"{subject} is known to {half:.2g}, required {self.precision:g}{ahead}"
         return None
 
 
-def _half_width(coefficient: Coefficient | None) -> float | None:
-    """Return half of the 95 % interval as a share of the value; None if one of them is unknown."""
-    if coefficient is None or not coefficient.value or coefficient.low is None or coefficient.high is None:
-        return None
-    return (coefficient.high - coefficient.low) / (2.0 * coefficient.value)
-
-
 def _uncertain_grade(name: str, channel: Channel, grade: GradeName) -> str | None:
     """Return which coefficient may be worse than the grade, by its upper limit; None: none."""
-    from imumon.noise.grading import GRADES, grade_coefficient
+    from imumon.noise.grading import grade_coefficient
 
-    for letter in ("N", "B"):
-        coefficient: Coefficient | None = getattr(channel, letter)
+    for letter in GRADED:
+        coefficient = channel.coefficients.get(letter)
         if coefficient is None or coefficient.status == "pending":
             return f"{letter} of {name} is pending"
         worst = coefficient.high if coefficient.high is not None else coefficient.value

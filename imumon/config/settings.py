@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field
 
 from imumon.alarms import DEFAULT_LIMITS
+from imumon.coefficients import NOISE, GradeName
 
 Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
@@ -131,10 +132,15 @@ class ReportSettings(Section):
     """the same for B"""
     precision_k: float = Field(0.5, gt=0.0, lt=1.0)
     """the same for K"""
-    grade: Literal["", "navigation", "tactical", "industrial", "consumer"] = ""
+    grade: Literal["", GradeName] = ""
     """grade for imumon wait: navigation, tactical, industrial or consumer; empty: it ends at the first sample"""
     baseline: str = ""
     """earlier report of the sensor (JSON) to compare with, as --baseline; empty: none"""
+
+    @property
+    def precision(self) -> dict[str, float]:
+        """Required half-widths by letter."""
+        return {letter: getattr(self, f"precision_{letter.lower()}") for letter in NOISE}
 
 
 class Ros2Settings(Section):

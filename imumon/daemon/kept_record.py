@@ -38,7 +38,7 @@ class KeptRecord:
         self._options, precision = options, settings.report
         self._monitor_options = MonitorOptions(
             guarded=settings.guards.enabled,
-            precision={"N": precision.precision_n, "B": precision.precision_b, "K": precision.precision_k},
+            precision=precision.precision,
             period_s=precision.period_s,
             baseline=options.baseline,
             periods=settings.history.enabled,

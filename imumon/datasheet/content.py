@@ -47,6 +47,7 @@ from imumon.datasheet.tables import (
     record_title,
     sensor_axes,
     sensor_title,
+    shown_letters,
     significant_digits,
 )
 from imumon.filter_report import FilterReport
@@ -58,15 +59,19 @@ from imumon.messages import (
     exclusions,
     grade_text,
 )
-from imumon.report import COEFFICIENTS, Allan, Channel, DeviceDescription, Report, SensorGrade
+from imumon.report import (
+    COEFFICIENTS,
+    GRADED,
+    GRADES,
+    NOISE,
+    Allan,
+    Channel,
+    DeviceDescription,
+    Report,
+    SensorGrade,
+)
 from imumon.samples import sensor_of
-from imumon.units import READABLE, SI, counted, duration, figures, pretty
-
-COEFFICIENT_NAMES = {
-    "gyro": {"N": "angle random walk N", "B": "bias instability B", "K": "rate random walk K"},
-    "accel": {"N": "velocity random walk N", "B": "bias instability B", "K": "acceleration random walk K"},
-    "mag": {"N": "white noise N", "B": "bias instability B", "K": "random walk K"},
-}
+from imumon.units import counted, duration, figures, pretty
 
 MARKED = ("aliased", "compensated", "not_at_rest", "warming_up")
 """Caveats that are repeated below the table of coefficients."""
@@ -133,9 +138,14 @@ def _grade_reason(sensor: str, grade: SensorGrade) -> str:
     parts = [grade.reason] if grade.reason else []
     if grade.decided_by is not None:
         letter = grade.decided_by.coefficient
-        name = COEFFICIENT_NAMES.get(sensor, {}).get(letter, letter)
-        parts.insert(0, f"decided by {name} of axis {grade.decided_by.axis}")
+        parts.insert(0, f"decided by {_title(sensor, letter)} of axis {grade.decided_by.axis}")
     return "; ".join(parts or ["nothing is known yet"]) + "."
+
+
+def _title(sensor: str, letter: str) -> str:
+    """Return the name of a coefficient with its letter."""
+    unit = COEFFICIENTS[letter].units.get(sensor)
+    return letter if unit is None else f"{unit.name} {letter}"
 
 
 def _cautions(report: Report) -> Iterator[Block]:
@@ -156,17 +166,17 @@ def _cautions(report: Report) -> Iterator[Block]:
 
 def _axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
     """Yield the axes of a sensor that have coefficients."""
-    return ((axis, channel) for axis, channel in sensor_axes(report, sensor) if channel.N is not None)
+    return ((axis, channel) for axis, channel in sensor_axes(report, sensor) if channel.coefficients)
 
 
 def _coefficient_table(report: Report, sensor: str) -> DataTable:
     graded = sensor in report.grade
     rows = []
+    letters = shown_letters(channel for _, channel in _axes(report, sensor))
     for axis, channel in _axes(report, sensor):
-        cells = [coefficient_text(getattr(channel, letter)) for letter in COEFFICIENTS]
+        cells = [coefficient_text(channel.coefficients.get(letter)) or "–" for letter in letters]
         rows.append((axis, *cells, *((grade or "–" for grade in axis_grades(channel)) if graded else ())))
-    units = [pretty(READABLE[sensor, letter].unit) for letter in COEFFICIENTS]
-    names = [f"{COEFFICIENT_NAMES[sensor][c]}, {u}" for c, u in zip(COEFFICIENTS, units, strict=True)]
+    names = [f"{_title(sensor, letter)}, {_unit(sensor, letter)}" for letter in letters]
     # only the gyroscope is compensated
     marks = [c for c in MARKED if c in report.caveats and (c != "compensated" or sensor == "gyro")]
     caption = f"Caution: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
@@ -174,9 +184,12 @@ def _coefficient_table(report: Report, sensor: str) -> DataTable:
     return DataTable(head, tuple(rows), caption)
 
 
+def _unit(sensor: str, letter: str) -> str:
+    return pretty(COEFFICIENTS[letter].units[sensor].unit)
+
+
 def _figure_caption(report: Report, sensor: str) -> str:
-    unit = pretty(READABLE[sensor, "B"].unit)
-    return f"{SENSOR_TITLES[sensor]}, Allan deviation in {unit}; {record_line(report)}"
+    return f"{SENSOR_TITLES[sensor]}, Allan deviation in {_unit(sensor, 'B')}; {record_line(report)}"
 
 
 def _curve_table(report: Report, sensor: str) -> DataTable:
@@ -187,7 +200,7 @@ def _curve_table(report: Report, sensor: str) -> DataTable:
         (f"{tau:.4g}", *(_point_text(curve, j) for curve in curves.values()))
         for j, tau in enumerate(longest.tau_s)
     )
-    unit = pretty(READABLE[sensor, "B"].unit)
+    unit = _unit(sensor, "B")
     return DataTable((f"{SENSOR_TITLES[sensor]}: τ, s", *(f"{axis}, {unit}" for axis in curves)), rows)
 
 
@@ -208,13 +221,12 @@ def _point_text(curve: Allan, at: int) -> str:
 def _grade_limits(report: Report) -> Iterator[Block]:
     if not report.limits:
         return
-    order = ("navigation", "tactical", "industrial", "consumer")
-    columns = [(s, c) for s in ("gyro", "accel") for c in ("N", "B") if c in report.limits.get(s, {})]
-    rows = tuple((name, *(_limit_text(report, s, c, name) for s, c in columns)) for name in order)
-    units = (f"{SENSOR_TITLES[s].lower()} {c}, {pretty(READABLE[s, c].unit)}" for s, c in columns)
+    columns = [(s, c) for s in ("gyro", "accel") for c in GRADED if c in report.limits.get(s, {})]
+    rows = tuple((name, *(_limit_text(report, s, c, name) for s, c in columns)) for name in GRADES)
+    units = (f"{SENSOR_TITLES[s].lower()} {c}, {_unit(s, c)}" for s, c in columns)
     own = {grade.nearest for grade in report.grade.values()}
     yield Heading("Limits of the grades")
-    strong = frozenset(i for i, name in enumerate(order) if name in own)
+    strong = frozenset(i for i, name in enumerate(GRADES) if name in own)
     yield DataTable(("at most", *units), rows, strong=strong)
     yield Paragraph(
         "Limits of classes of sensors, not of a device: VectorNav Technologies, Inertial Navigation Primer, table 3.1. "
@@ -225,7 +237,7 @@ def _grade_limits(report: Report) -> Iterator[Block]:
 
 def _limit_text(report: Report, sensor: str, letter: str, grade: str) -> str:
     limit = report.limits[sensor][letter].get(grade)
-    return "–" if limit is None else figures(limit * READABLE[sensor, letter].factor, 2)
+    return "–" if limit is None else figures(limit * COEFFICIENTS[letter].units[sensor].factor, 2)
 
 
 # ---------------------------------------------------------------- filters
@@ -250,7 +262,7 @@ def _filters(filters: FilterReport) -> Iterator[Block]:
     for name, made in filters.channels.items():
         factor = figures(made.walk_factor, 2) if made.walk_factor is not None else "K is only bounded"
         nees = (max(made.nees.n_and_k), max(made.nees.white_walk))
-        white, walk = (pretty(SI[sensor_of(name), letter]) for letter in "NK")
+        white, walk = (pretty(COEFFICIENTS[letter].units[sensor_of(name)].si) for letter in "NK")
         values = (f"{made.white:.3e} {white}", f"{made.walk:.3e} {walk}")
         rows.append((name, *values, factor, *(figures(value, 3) for value in nees)))
     head = (
@@ -367,15 +379,16 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
                 quality = f"χ² {fit.chi2:.1f} for {fit.dof}"
                 quality += f", p {fit.p_value:.2g}" if fit.p_value is not None else ""
             cells = []
-            for letter in COEFFICIENTS:
-                value = getattr(readings, letter) if readings is not None else None
-                factor = READABLE[sensor, letter].factor
-                unit = pretty(READABLE[sensor, letter].unit)
+            for letter in NOISE:
+                value = (readings or {}).get(letter)
+                factor = COEFFICIENTS[letter].units[sensor].factor
+                unit = _unit(sensor, letter)
                 cells.append(f"{figures(value * factor)} {unit}" if value is not None else "none")
             texts = ", ".join(channel.caveats).replace("_", " ") or "–"
             rows.append((f"{sensor}/{axis}", quality, *cells, texts))
     yield Heading("The fit")
-    yield DataTable(("", "fit", "N read", "B read", "K read", "caveats"), tuple(rows))
+    read = (f"{letter} read" for letter in NOISE)
+    yield DataTable(("", "fit", *read, "caveats"), tuple(rows))
     yield Paragraph(
         "N, B and K above come from one likelihood of the spectrum and of the block means of the record, without "
         "drift, temperature, lines and oscillations. The model of the figure is σ²(τ) = N²/τ + (2 ln 2/π) B² + "

@@ -6,10 +6,10 @@ are unknown or do not apply.
 kind         name                      value
 record       counters of the session   seconds, bytes or counts
 statistic    mean, std, min, max       of the samples that count
-coefficient  N, B, K, Q, R             with 95 % limits; only `high` where it is an upper bound; Q and R where they show
+coefficient  its letter                with 95 % limits; only `high` where it is an upper bound; Q and R where they show
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
 exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
-uncertainty  N, B, K                   standard uncertainty by `source`; combined and expanded too
+uncertainty  its letter, bias          standard uncertainty by `source`; combined and expanded too
 check        N, B, K, floor            against `limit` of a data sheet, with verdict (`status`) and probability
 event        kind of the event         length in s at time_s
 """
@@ -23,7 +23,7 @@ from dataclasses import fields
 from typing import Any
 
 from imumon.messages import spreadsheet_cell
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
+from imumon.report import Channel, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
@@ -74,11 +74,9 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
     row: Row
     for name in STATISTICS:
         yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
-    for name in (*COEFFICIENTS, "Q", "R"):
-        part: Coefficient | None = getattr(channel, name)
-        if part is not None:
-            row = {"value": part.value, "low": part.low, "high": part.high, "status": part.status}
-            yield {"kind": "coefficient", "name": name, "unit": part.unit} | row
+    for name, part in channel.coefficients.items():
+        row = {"value": part.value, "low": part.low, "high": part.high, "status": part.status}
+        yield {"kind": "coefficient", "name": name, "unit": part.unit} | row
     if (curve := channel.allan) is not None:
         columns = ("tau_s", "value", "low", "high", "edf", "model", "noise", "used")
         points = zip(

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 
+from imumon.coefficients import COEFFICIENTS, unit_of
 from imumon.datasheet.blocks import Block, DataTable, Heading, Paragraph
 from imumon.datasheet.tables import significant_digits
 from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
 from imumon.report import Event, Report, stamp
 from imumon.samples import sensor_of
-from imumon.units import READABLE, figures, pretty, readable_unit
+from imumon.units import figures, pretty
 
 QUANTITIES = {"floor": "floor (0.664 B)", "density": "density (√2 N)"}
 """Names of quantities that are not N, B or K."""
@@ -119,7 +120,7 @@ def budget_blocks(report: Report) -> Iterator[Block]:
         (name, letter, budget)
         for name, budgets in made.budgets.items()
         for letter, budget in budgets.items()
-        if (sensor_of(name), letter) in READABLE
+        if letter in COEFFICIENTS and sensor_of(name) in COEFFICIENTS[letter].units
     ]
     if pairs:
         sources = [
@@ -147,7 +148,7 @@ def _bias_blocks(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Block]:
     """Yield the budget of the bias; nothing if no power-ups are known."""
     rows = []
     for name, budget in budgets.items():
-        own = readable_unit(sensor_of(name), "B", budget.unit)
+        own = unit_of(sensor_of(name), "B", budget.unit)
         parts = [_part(budget, source) for source in BIAS_SOURCES]
         sizes = [None if part is None or part.standard is None else part.standard for part in parts]
         rows.append(
@@ -169,7 +170,7 @@ def _bias_blocks(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Block]:
 
 
 def _budget_row(name: str, letter: str, budget: UncertaintyBudget, sources: Sequence[str]) -> tuple[str, ...]:
-    readable = READABLE[sensor_of(name), letter]
+    readable = COEFFICIENTS[letter].units[sensor_of(name)]
     parts = {each.source: each for each in budget.components}
     shares = (_share(parts[source], budget.value) if source in parts else "0" for source in sources)
     expanded = budget.expanded * readable.factor

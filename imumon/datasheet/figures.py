@@ -26,10 +26,11 @@ from imumon.datasheet.tables import (
     record_line,
     sensor_axes,
     sensor_title,
+    shown_letters,
 )
 from imumon.errors import ImumonError
-from imumon.report import COEFFICIENTS, Allan, Coefficient, LimitCurve, Report
-from imumon.units import READABLE, pretty
+from imumon.report import COEFFICIENTS, NOISE, Allan, LimitCurve, Report
+from imumon.units import pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,15 +109,19 @@ def figure_file(report: Report, form: str) -> bytes:
 
 
 def _write_values(values: Axes, report: Report, sensor: str) -> None:
-    """Write N, B and K of the axes with their limits below a panel."""
+    """Write the coefficients of the axes with their limits below a panel."""
     values.set_axis_off()
+    letters = shown_letters(channel for _, channel in sensor_axes(report, sensor))
+    places = [0.0, 0.025, 0.365, 0.665]
+    if len(letters) > len(NOISE):
+        places = [0.0, *(0.025 + 0.975 * k / len(letters) for k in range(len(letters)))]
     for k, (axis, channel) in enumerate(sensor_axes(report, sensor)):
         columns = [axis]
-        for letter in COEFFICIENTS:
-            part: Coefficient | None = getattr(channel, letter)
-            unit = f" {pretty(READABLE[sensor, letter].unit)}" if part and part.status != "pending" else ""
-            columns.append(f"{letter} {coefficient_text(part)}{unit}")
-        for at, text in zip((0.0, 0.025, 0.365, 0.665), columns, strict=True):
+        for letter in letters:
+            part = channel.coefficients.get(letter)
+            unit = f" {pretty(part.readable.unit)}" if part and part.status != "pending" else ""
+            columns.append(f"{letter} {coefficient_text(part)}{unit}" if part or letter in NOISE else "")
+        for at, text in zip(places, columns, strict=True):
             colour = PRINT.get(axis, PRINT["text"])
             values.text(
                 at, 1.0 - 0.36 * k, text, fontsize=7.2, va="top", color=colour, transform=values.transAxes
@@ -200,7 +205,7 @@ def _drawable(curves: Mapping[str, Allan]) -> bool:
 
 def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) -> None:
     curves = readable_curves(report, sensor)
-    scale = READABLE[sensor, "B"]
+    scale = COEFFICIENTS["B"].units[sensor]
     marks = list(_marks(report, sensor, curves))
     x, y = _extent(curves, [mark.value for mark in marks if mark.letter == "B" and mark.value])
     panel.set(xscale="log", yscale="log", xlim=x, ylim=y)
@@ -338,7 +343,7 @@ def _draw_exact(
     exact = report.evaluation.exact if report.evaluation is not None else {}
     for axis in curves:
         if (curve := exact.get(f"{sensor}/{axis}")) is not None:
-            sigma = [READABLE[sensor, "B"].factor * value or math.nan for value in curve.sigma]
+            sigma = [COEFFICIENTS["B"].units[sensor].factor * value or math.nan for value in curve.sigma]
             panel.plot(
                 curve.tau_s, sigma, color=colours[axis], linewidth=0.5, marker=".", markersize=2.2,
                 markeredgewidth=0.0, label="_", zorder=2.2,
@@ -347,13 +352,14 @@ def _draw_exact(
 
 MARK_SHIFT = 1.35  # factor of tau between the marks of two axes
 MARK_SPAN = 1.14  # factor of tau from the middle of a bar to its end
-MARK_PLACES = {"N": 1.0, "K": 0.4}
-"""Where N and K are marked: s, and as a share of the longest tau; B where the noise is lowest."""
+FALLING_S, RISING_SHARE = 1.0, 0.4
+"""Where a coefficient is marked whose asymptote falls, s, or rises, as a share of the longest tau; B where the noise
+is lowest."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Mark:
-    """N, B or K of an axis as a point of its asymptote, in the unit of the panel."""
+    """A coefficient of an axis as a point of its asymptote, in the unit of the panel."""
 
     axis: str
     letter: str
@@ -364,38 +370,33 @@ class _Mark:
 
 
 def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator[_Mark]:
-    """Yield where N, B and K lie on their asymptotes, IEEE Std 952: N/√τ, √(2 ln 2/π) B and K√(τ/3)."""
-    factor = READABLE[sensor, "B"].factor
+    """Yield where the coefficients lie on their asymptotes."""
+    factor = COEFFICIENTS["B"].units[sensor].factor
     for k, (axis, curve) in enumerate(curves.items()):
         channel = report.channels[f"{sensor}/{axis}"]
         first, last = curve.tau_s[0], curve.tau_s[-1]
         noise = [(value, tau) for value, tau in zip(curve.noise, curve.tau_s, strict=True) if value]
-        places = {
-            "N": MARK_PLACES["N"],
-            "B": min(noise)[1] if noise else math.sqrt(first * last),
-            "K": MARK_PLACES["K"] * last,
-        }
-        for letter in COEFFICIENTS:
-            part: Coefficient | None = getattr(channel, letter)
-            if part is None or part.status == "pending" or part.high is None:
+        lowest = min(noise)[1] if noise else math.sqrt(first * last)
+        for letter, part in channel.coefficients.items():
+            if part.status == "pending" or part.high is None:
                 continue
-            tau = places[letter] * MARK_SHIFT ** (k - 1)
+            row = COEFFICIENTS[letter]
+            place = FALLING_S if row.slope < 0.0 else RISING_SHARE * last if row.slope > 0.0 else lowest
+            tau = place * MARK_SHIFT ** (k - 1)
             tau = min(max(tau, first * MARK_SPAN), last / MARK_SPAN)
-            scale = factor * {
-                "N": tau**-0.5, "B": math.sqrt(2.0 * math.log(2.0) / math.pi), "K": math.sqrt(tau / 3.0),
-            }[letter]  # fmt: skip
+            scale = factor * row.deviation(tau)
             value = part.value * scale if part.value is not None and part.status == "measured" else None
             yield _Mark(axis, letter, tau, value, (part.low or 0.0) * scale, part.high * scale)
 
 
 def _draw_marks(panel: Axes, marks: Sequence[_Mark], colours: Mapping[str, str]) -> None:
-    """Draw N, B and K as bars over their 95 % limits, upper bounds as arrows, with one letter for the axes."""
+    """Draw the coefficients as bars over their 95 % limits, upper bounds as arrows, with one letter for the axes."""
     bottom, top = panel.get_ylim()
     for mark in marks:
         colour, tau, high = colours[mark.axis], mark.tau_s, mark.high
         if not bottom < high < top:
             continue
-        slope = {"N": -0.5, "B": 0.0, "K": 0.5}[mark.letter]
+        slope = COEFFICIENTS[mark.letter].slope
         wide = [tau / MARK_SPAN**4, tau * MARK_SPAN**4]
         level = mark.value if mark.value is not None else high
         line = [level * (t / tau) ** slope for t in wide]

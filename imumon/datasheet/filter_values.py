@@ -21,7 +21,7 @@ from imumon.messages import (
     line,
     no_value_text,
 )
-from imumon.report import Coefficient, Report
+from imumon.report import NOISE, Estimate, Report
 from imumon.units import duration, figures
 
 NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
@@ -59,7 +59,8 @@ def axis_values(report: Report, filters: FilterReport, sensor: str, letter: str)
         if letter == "K":
             size = made.walk if made is not None else None
         else:
-            size = _size(channel.N)
+            n = channel.coefficients.get("N")
+            size = n.size if n is not None else None
         if size is not None:
             values[axis] = size
     return values
@@ -67,8 +68,10 @@ def axis_values(report: Report, filters: FilterReport, sensor: str, letter: str)
 
 def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) -> FilterValue:
     """Return the white noise ("N") or walk ("K") of a sensor for a setting that takes one number."""
-    parts: dict[str, Coefficient] = {
-        axis: part for axis, channel in sensor_axes(report, sensor) if (part := getattr(channel, letter))
+    parts = {
+        axis: channel.coefficients[letter]
+        for axis, channel in sensor_axes(report, sensor)
+        if letter in channel.coefficients
     }
     values = axis_values(report, filters, sensor, letter)
     title = f"{NAMES[sensor]} {'N' if letter == 'N' else 'walk'}, {MEANINGS[letter]}"
@@ -88,9 +91,9 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
 
 def walk_text(report: Report, filters: FilterReport, name: str) -> str:
     """Return the walk of a channel, its factor against K, and K."""
-    part, made = report.channels[name].K, filters.channels.get(name)
+    part, made = report.channels[name].coefficients.get("K"), filters.channels.get(name)
     if made is None or part is None:
-        return "not known: N, B or K is unknown"
+        return f"not known: {' or '.join(NOISE)} is unknown"
     if made.walk_factor is None:
         share = f"{figures(made.walk / made.assumed.K, 2)} times" if made.assumed.K > 0.0 else "made for"
         return f"{made.walk:.4e}, {share} K {made.assumed.K:.3e}: half its bound, K {value_text(part)}"
@@ -113,7 +116,7 @@ def _rests_on(report: Report) -> str:
     return f"{length}, {duration(excluded)} of them excluded" if excluded else length
 
 
-def _unknown(sensor: str, parts: Mapping[str, Coefficient]) -> str:
+def _unknown(sensor: str, parts: Mapping[str, Estimate]) -> str:
     """Return why no axis has even a bound, and what to do."""
     if not parts:
         return f"the record holds no {NAMES[sensor]}; make one that does"
@@ -124,13 +127,7 @@ def _unknown(sensor: str, parts: Mapping[str, Coefficient]) -> str:
     return f"not known yet ({reason}); record longer"
 
 
-def _size(part: Coefficient | None) -> float | None:
-    if part is None or part.status == "measured":
-        return part.value if part is not None else None
-    return part.high / 2.0 if part.status == "upper_bound" and part.high is not None else None
-
-
-def value_text(part: Coefficient) -> str:
+def value_text(part: Estimate) -> str:
     """Return a coefficient with its 95 % limits."""
     if part.status == "measured" and part.value is not None:
         known = part.low is not None and part.high is not None
@@ -167,7 +164,7 @@ def short_record_text(report: Report) -> str | None:
     """Return a warning about a short record, with what it shows of N, B and K; None if it is long enough."""
     if report.session.elapsed_s >= RECOMMENDED_RECORD_S:
         return None
-    known = ", ".join(_precision(report, letter) for letter in ("N", "B", "K"))
+    known = ", ".join(_precision(report, letter) for letter in NOISE)
     length = duration(report.session.elapsed_s)
     return f"recorded {length}: {known}; record at least {RECOMMENDED_RECORD_S / 3600.0:.0f} h"
 
@@ -175,14 +172,14 @@ def short_record_text(report: Report) -> str | None:
 def _precision(report: Report, letter: str) -> str:
     """Return how well a coefficient is known on the worst axis of gyroscope and accelerometer."""
     parts = [
-        part
+        channel.coefficients[letter]
         for sensor in NAMES
         for _, channel in sensor_axes(report, sensor)
-        if (part := getattr(channel, letter)) is not None
+        if letter in channel.coefficients
     ]
     if not parts or any(part.status == "pending" for part in parts):
         return f"{letter} not known yet"
     if any(part.status == "upper_bound" for part in parts):
         return f"{letter} only bounded"
-    widths = [50.0 * (p.high - p.low) / p.value for p in parts if p.value and p.high and p.low is not None]
+    widths = [100.0 * part.half_width for part in parts if part.half_width is not None]
     return f"{letter} ±{figures(max(widths), 2)} %" if widths else f"{letter} measured"

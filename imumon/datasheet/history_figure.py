@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
+from imumon.coefficients import unit_of
 from imumon.datasheet.blocks import DataTable
 from imumon.datasheet.figures import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
 from imumon.report import MAX_NUMBER
-from imumon.units import figures, pretty, readable_unit
+from imumon.units import figures, pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +43,7 @@ def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, flo
 def history_table(rows: HistoryRows, sensor: str) -> DataTable:
     """Return N of each axis by time."""
     shown = series(rows, sensor)
-    unit = readable_unit(sensor, "N")
+    unit = unit_of(sensor, "N")
     by_time: dict[datetime, dict[str, float]] = {}
     for axis, points in shown.items():
         for when, value, *_ in points:
@@ -64,7 +65,7 @@ def history_svg(rows: HistoryRows, sensor: str) -> str:
     shown = series(rows, sensor)
     if not shown:
         return ""
-    unit = readable_unit(sensor, "N")
+    unit = unit_of(sensor, "N")
     # the page keeps two decimals of a number, also of a label
     small = max(high for points in shown.values() for *_, high in points) * unit.factor < 1.0
     factor, prefix = (1000.0 * unit.factor, "10⁻³ ") if small else (unit.factor, "")

@@ -206,7 +206,7 @@ def _sample_covariance(context: TemplateContext, words: str) -> list[str]:
     sensor, field, unit = words.split()
     lines, diagonal = [], []
     for axis, channel in sensor_axes(context.report, sensor):
-        part = channel.N
+        part = channel.coefficients.get("N")
         if part is not None and part.status == "measured" and part.value is not None and context.rate:
             diagonal.append(part.value**2 * context.rate)
             text = f"N {value_text(part)} {part.unit}, squared times {context.rate:g} Hz"

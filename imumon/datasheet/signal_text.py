@@ -10,10 +10,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
+from imumon.coefficients import unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import Channel, Report
+from imumon.report import GRADED, Channel, Report
 from imumon.samples import sensor_of
-from imumon.units import duration, figures, pretty, readable_unit
+from imumon.units import duration, figures, pretty
 
 MOST_LINES = 4  # spectral lines shown per channel, the strongest
 CORRELATED = 0.3  # correlation from which two axes are reported as moving together
@@ -84,7 +85,7 @@ def turn_on_text(name: str, channel: Channel) -> str:
     shape = channel.distribution
     if shape is None or shape.turn_on_std is None:
         return ""
-    own = readable_unit(sensor_of(name), "B", channel.unit)
+    own = unit_of(sensor_of(name), "B", channel.unit)
     numbers = (shape.turn_on_std, shape.turn_on_low or 0.0, shape.turn_on_high or 0.0)
     std, low, high = (figures(number * own.factor) for number in numbers)
     return f"{std} {pretty(own.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
@@ -114,7 +115,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:
-        scale = readable_unit(sensor_of(name), change.quantity, channel.unit)
+        scale = unit_of(sensor_of(name), change.quantity, channel.unit)
         before, now = (figures(value * scale.factor) for value in (change.before, change.now))
         against = f"against the {change.against}"
         if change.since is not None and change.p_value is not None:
@@ -127,12 +128,13 @@ def baseline_summary(report: Report, baseline: Report) -> str | None:
     changes = (change for channel in report.channels.values() for change in channel.changes)
     if any(change.against == "baseline" for change in changes):
         return None
-    pairs = (
-        [getattr(one.channels.get(name), letter, None) for one in (report, baseline)]
-        for name in report.channels
-        for letter in ("N", "B")
-    )
-    if any(all(part is not None and part.status == "measured" for part in pair) for pair in pairs):
+    pairs = [
+        [one.channels[name].coefficients[letter].status for one in (report, baseline)]
+        for name in report.channels.keys() & baseline.channels.keys()
+        for letter in GRADED
+        if letter in report.channels[name].coefficients and letter in baseline.channels[name].coefficients
+    ]
+    if ["measured", "measured"] in pairs:
         return "nothing changed against the baseline"
     return "nothing to compare with the baseline: no N or B is measured in both"
 

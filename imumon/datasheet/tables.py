@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from imumon.alarms import known
@@ -19,9 +19,9 @@ from imumon.messages import (
     no_value_text,
     uncertainty,
 )
-from imumon.report import COEFFICIENTS, Allan, Channel, Coefficient, DeviceDescription, Report
+from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, DeviceDescription, Estimate, Report
 from imumon.samples import AXES, sensor_of
-from imumon.units import READABLE, counted, duration, figures, measured, pretty
+from imumon.units import counted, duration, figures, measured, pretty
 
 SHOWN_EVENTS = 30
 """Most events in the text for a terminal."""
@@ -75,7 +75,7 @@ def axis_grades(channel: Channel) -> tuple[str, str]:
 
 def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
     """Return the Allan deviations of a sensor by axis, in readable units, those that have points."""
-    factor = READABLE[sensor, "B"].factor
+    factor = COEFFICIENTS["B"].units[sensor].factor
 
     def scaled(values: Sequence[float | None]) -> tuple[float | None, ...]:
         return tuple(None if v is None else v * factor for v in values)
@@ -100,11 +100,10 @@ class TableLayout:
     limits: bool  # whether to show 95 % limits and both grades; else half-width or factor, and one grade
     std: bool  # whether to show the standard deviation
 
-    @property
-    def width(self) -> int:
-        """Width of the whole row in cells."""
+    def width(self, letters: int) -> int:
+        """Return the width of a row with this number of coefficients, in cells."""
         numbers, grades = 1 + self.std, 1 + self.limits
-        return NAME + (NUMBER + 1) * numbers + (self.cell + 1) * len(COEFFICIENTS) + (GRADE + 1) * grades
+        return NAME + (NUMBER + 1) * numbers + (self.cell + 1) * letters + (GRADE + 1) * grades
 
 
 NAME, NUMBER, GRADE = 12, 11, 10  # widths of columns in cells
@@ -120,16 +119,33 @@ def report_table(report: Report, width: int | None = None) -> str:
     ----------
     width : cells of the terminal; None if the output is no terminal: nothing is abbreviated.
     """
-    fitting = (layout for layout in LAYOUTS if width is None or layout.width <= width)
+    letters = shown_letters(report.channels.values())
+    if width is not None and LAYOUTS[-1].width(len(letters)) > width:
+        letters = NOISE
+    fitting = (layout for layout in LAYOUTS if width is None or layout.width(len(letters)) <= width)
     layout = next(fitting, LAYOUTS[-1])
     legend = [uncertainty()] if report.channels and not layout.limits else []
-    parts = [*_header(report), "", *_rows(report, layout), *legend, "", *_grades(report), *_goals(report)]
+    parts = [
+        *_header(report),
+        "",
+        *_rows(report, layout, letters),
+        *legend,
+        "",
+        *_grades(report),
+        *_goals(report),
+    ]
     parts += [*_caveats(report), *_events(report)]
     return "\n".join(parts)
 
 
-def coefficient_text(coefficient: Coefficient | None) -> str:
-    """Return N, B or K with its limits in readable units: ``0.358 (0.353 to 0.364)``, ``< 8.72``."""
+def shown_letters(channels: Iterable[Channel]) -> tuple[str, ...]:
+    """Return the coefficients to show of channels: those that each has, and others where one has them."""
+    known = {letter for channel in channels for letter in channel.coefficients}
+    return tuple(letter for letter in COEFFICIENTS if letter in NOISE or letter in known)
+
+
+def coefficient_text(coefficient: Estimate | None) -> str:
+    """Return a coefficient with its limits in readable units: ``0.358 (0.353 to 0.364)``, ``< 8.72``."""
     if coefficient is None:
         return ""
     shown = coefficient.readable
@@ -183,15 +199,16 @@ def invalid_noun(device: DeviceDescription) -> str:
     return "invalid row" if table else "bad checksum"
 
 
-def _rows(report: Report, layout: TableLayout) -> list[str]:
+def _rows(report: Report, layout: TableLayout, letters: Sequence[str]) -> list[str]:
     lines, before = [], ""
     for name, channel in report.channels.items():
         if (sensor := sensor_of(name)) != before:
             before = sensor
-            lines.append(_heading(channel, layout))
+            axes = [c for n, c in report.channels.items() if sensor_of(n) == sensor]
+            lines.append(_heading(axes, layout, letters))
         cells = [f"{name:<{NAME}}", _number(channel.mean), *([_number(channel.std)] if layout.std else [])]
-        for letter in COEFFICIENTS:
-            coefficient: Coefficient | None = getattr(channel, letter)
+        for letter in letters:
+            coefficient = channel.coefficients.get(letter)
             text = coefficient_text(coefficient) if layout.limits else _abbreviated(coefficient)
             cells.append(f"{text:<{layout.cell}}")
         meets, nearest = axis_grades(channel)
@@ -201,20 +218,21 @@ def _rows(report: Report, layout: TableLayout) -> list[str]:
     return lines
 
 
-def _abbreviated(coefficient: Coefficient | None) -> str:
-    """Return N, B or K with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
+def _abbreviated(coefficient: Estimate | None) -> str:
+    """Return a coefficient with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
     if coefficient is None or coefficient.status != "measured" or coefficient.readable.value is None:
         return coefficient_text(coefficient)
     return measured(coefficient.readable.value, coefficient.readable.low, coefficient.readable.high)
 
 
-def _heading(channel: Channel, layout: TableLayout) -> str:
+def _heading(axes: Sequence[Channel], layout: TableLayout, letters: Sequence[str]) -> str:
+    channel = axes[0]
     cells = [f"{f'in {pretty(channel.unit)}':<{NAME}}", f"{'mean':>{NUMBER}}"]
     cells += [f"{'std':>{NUMBER}}"] if layout.std else []
-    for letter in COEFFICIENTS:
-        coefficient: Coefficient | None = getattr(channel, letter)
+    for letter in letters:
+        known = next((each.coefficients[letter] for each in axes if letter in each.coefficients), None)
         name = f"{letter} in " if layout.limits else f"{letter} "
-        title = f"{name}{pretty(coefficient.readable.unit)}" if coefficient else ""
+        title = f"{name}{pretty(known.readable.unit)}" if known else ""
         cells.append(f"{title:<{layout.cell}}")
     if channel.grade:
         cells += [f"{'meets':<{GRADE}}"] if layout.limits else []
@@ -239,7 +257,7 @@ def _goals(report: Report) -> list[str]:
     """Return how long N, B and K of each axis take until the configured precision, of a record that grows."""
     lines = []
     for letter, share in report.precision.items() if report.state == "running" else ():
-        times = {name: getattr(c.time_to, letter, None) for name, c in report.channels.items() if c.grade}
+        times = {name: (c.time_to or {}).get(letter) for name, c in report.channels.items() if c.grade}
         ahead = [f"{name} in {duration(seconds)}" for name, seconds in times.items() if seconds]
         if ahead:
             lines.append(f"{letter} within ±{100.0 * share:g}%: {', '.join(ahead)}")

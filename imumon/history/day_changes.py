@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from imumon.history.store import TimedPeriod
+from imumon.noise.stretches.change import LEAST_CHANGE
 from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
 from imumon.report import Change, stamp
 from imumon.samples import sensor_of
@@ -20,8 +21,6 @@ from imumon.units import DAY
 
 AGAINST = "history"
 """What such a change is a change against, in the report."""
-LEAST_CHANGE = {"N": 0.05, "B": 0.5}
-"""Relative changes below which a step does not matter to a user, as for hours (`noise.stretches.change`)."""
 LEAST_S = 3600.0
 """s of samples that a day must have: B needs an hour."""
 
@@ -75,7 +74,7 @@ def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | Non
     known = []
     for each in days:
         channel = each.period.channels.get(name)
-        part = getattr(channel, letter) if channel is not None else None
+        part = channel.coefficients.get(letter) if channel is not None else None
         if part is not None and part.value:
             known.append((each, part.value))
     values = np.array([value for _, value in known], dtype=np.float64)

@@ -10,12 +10,12 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from imumon.alarms import known
 from imumon.errors import ImumonError
 from imumon.messages import EVENT_LEVELS
-from imumon.report import COEFFICIENTS, Coefficient, Event, GradeName, Report
+from imumon.report import GRADES, Event, Report
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
@@ -24,8 +24,6 @@ PORTS = 16
 """Ports that are tried, from the configured one on: other daemons on this machine have the first."""
 REQUEST_S = 5.0
 """s that a client may take for its request."""
-
-GRADES = get_args(GradeName)
 
 
 class MetricsError(ImumonError):
@@ -146,7 +144,7 @@ class MetricsServer:
     def _noise(self, report: Report, device: str, gauge: Any) -> Iterator[Metric]:
         noise = gauge(
             "imumon_noise",
-            "Noise coefficients N, B and K in SI units with their 95 percent limits; an upper bound has no value",
+            "Noise coefficients in SI units with their 95 percent limits; an upper bound has no value",
             "channel",
             "coefficient",
             "limit",
@@ -155,9 +153,8 @@ class MetricsServer:
         for name, channel in report.channels.items():
             if channel.mean is not None:
                 mean.add_metric([device, name], channel.mean)
-            for letter in COEFFICIENTS:
-                part: Coefficient | None = getattr(channel, letter)
-                for limit in ("value", "low", "high") if part is not None else ():
+            for letter, part in channel.coefficients.items():
+                for limit in ("value", "low", "high"):
                     if (value := getattr(part, limit)) is not None:
                         noise.add_metric([device, name, letter, limit], value)
         yield noise

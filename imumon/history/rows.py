@@ -11,8 +11,8 @@ from typing import Any
 
 from imumon.history.selection import Selection
 from imumon.history.store import TimedPeriod
-from imumon.history_report import STEPS, PeriodCoefficient
-from imumon.report import COEFFICIENTS, stamp
+from imumon.history_report import STEPS
+from imumon.report import COEFFICIENTS, Estimate, stamp
 from imumon.samples import UNITS, sensor_of
 
 DIGITS = 7
@@ -43,7 +43,7 @@ def rows(timed: TimedPeriod, device: str, selected: Selection | None = None) -> 
             "channel": name,
             "step": _STEP_NAMES[period.step_s],
             "unit": UNITS.get(sensor_of(name), ""),
-            **{letter: _limits(getattr(channel, letter)) for letter in COEFFICIENTS},
+            **{letter: _limits(channel.coefficients.get(letter)) for letter in COEFFICIENTS},
             "mean": _rounded(channel.mean),
             "std": _rounded(channel.std),
             "grade": period.grades.get(sensor_of(name)),
@@ -88,7 +88,7 @@ def iso(time: float) -> str:
     return stamp(datetime.fromtimestamp(time, UTC))
 
 
-def _limits(part: PeriodCoefficient | None) -> dict[str, Any] | None:
+def _limits(part: Estimate | None) -> dict[str, Any] | None:
     if part is None:
         return None
     return {

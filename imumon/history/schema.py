@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from imumon.coefficients import COEFFICIENTS
+
 MIGRATIONS = (
     """
     CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
@@ -28,9 +30,6 @@ MIGRATIONS = (
     CREATE TABLE noise (
         period INTEGER NOT NULL,
         channel INTEGER NOT NULL,
-        n REAL, n_low REAL, n_high REAL, n_status INTEGER,
-        b REAL, b_low REAL, b_high REAL, b_status INTEGER,
-        k REAL, k_low REAL, k_high REAL, k_status INTEGER,
         mean REAL, std REAL, grade INTEGER,
         PRIMARY KEY (period, channel)
     ) WITHOUT ROWID;
@@ -62,3 +61,9 @@ MIGRATIONS = (
 )
 """Each brings the schema from one version to the next."""
 VERSION = len(MIGRATIONS)
+
+ESTIMATE_COLUMNS = {
+    letter: tuple(f"{letter.lower()}{part}" for part in ("", "_low", "_high", "_status"))
+    for letter in COEFFICIENTS
+}
+"""Columns of ``noise`` by letter. A file that does not have some of them gets them when it is opened for writing."""

@@ -17,16 +17,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 from imumon.history.history_file import HistoryError, check_file, damaged
-from imumon.history.schema import MIGRATIONS, VERSION
+from imumon.history.schema import ESTIMATE_COLUMNS, MIGRATIONS, VERSION
 from imumon.history.selection import Selection
-from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel, PeriodCoefficient
-from imumon.report import Event, GradeName, Status
+from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
+from imumon.report import GRADES, Estimate, Event, GradeName, Status
 
-_STATUSES = get_args(Status)
-_GRADES = get_args(GradeName)
+_STATUSES: tuple[Status, ...] = get_args(Status)
 _BUSY_S = 5.0
 """s that a reader waits for a file that is being cleaned up."""
 _ROWS_AT_ONCE = 500
@@ -130,8 +129,13 @@ class HistoryStore:
             connection.executescript(
                 f"BEGIN; {MIGRATIONS[number]}; PRAGMA user_version = {number + 1}; COMMIT;"
             )
+        for name in sorted(set(itertools.chain(*ESTIMATE_COLUMNS.values())) - self._noise_columns()):
+            connection.execute(f"ALTER TABLE noise ADD COLUMN {name}")
         if connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
             raise damaged(self.path)
+
+    def _noise_columns(self) -> set[str]:
+        return {name for _, name, *_ in self._connection.execute("PRAGMA table_info(noise)")}
 
     def close(self) -> None:
         with suppress(sqlite3.Error, AttributeError):  # without a connection: it could not be opened
@@ -174,13 +178,21 @@ class HistoryStore:
                 *(period.samples, period.missing, period.excluded_s, period.temperature, period.warming_up),
             ),
         ).fetchone()
-        values = [
-            (row, self._channel(cursor, name), *_numbers(channel), _grade_number(period, name))
-            for name, channel in period.channels.items()
-        ]
-        cursor.executemany(
-            "INSERT OR REPLACE INTO noise VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", values
-        )
+        for name, channel in period.channels.items():
+            values = {
+                "period": row,
+                "channel": self._channel(cursor, name),
+                "mean": channel.mean,
+                "std": channel.std,
+                "grade": _grade_number(period, name),
+            }
+            for letter, each in channel.coefficients.items():
+                own = (each.value, each.low, each.high, _STATUSES.index(each.status))
+                values |= dict(zip(ESTIMATE_COLUMNS[letter], own, strict=True))
+            marks = ", ".join("?" * len(values))
+            cursor.execute(
+                f"INSERT OR REPLACE INTO noise ({', '.join(values)}) VALUES ({marks})", tuple(values.values())
+            )
 
     def _channel(self, cursor: sqlite3.Cursor, name: str) -> int:
         cursor.execute("INSERT OR IGNORE INTO channel (name) VALUES (?)", (name,))
@@ -238,10 +250,13 @@ class HistoryStore:
             names = dict(self._connection.execute("SELECT id, name FROM channel"))
             wanted = [number for number, name in names.items() if selected.wants(name)]
             marks = ", ".join("?" * len(wanted))
+            known = self._noise_columns()
+            estimates = {letter: own for letter, own in ESTIMATE_COLUMNS.items() if known.issuperset(own)}
+            columns = ("channel", "mean", "std", "grade", *itertools.chain(*estimates.values()))
             with closing(
                 self._connection.execute(
                     f"""SELECT p.id, p.step, p.record, p.number, p.begin, p.end, p.complete, p.samples, p.missing,
-                               p.excluded_s, p.temperature, p.warming_up, n.*
+                               p.excluded_s, p.temperature, p.warming_up, {", ".join(f"n.{name}" for name in columns)}
                         FROM period p JOIN noise n ON n.period = p.id
                         WHERE p.step = ? AND p.begin <= ? AND p.begin > ? AND p.end >= ? AND n.channel IN ({marks})
                         ORDER BY p.begin, p.id, n.channel""",
@@ -259,7 +274,7 @@ class HistoryStore:
                 for _, group in itertools.groupby(
                     itertools.chain.from_iterable(rows), key=lambda row: row[0]
                 ):
-                    yield _timed_period(list(group), names)
+                    yield _timed_period(list(group), names, tuple(estimates))
         except sqlite3.DatabaseError:
             raise damaged(self.path) from None
 
@@ -320,41 +335,30 @@ class _Transaction:
             self._connection.rollback()
 
 
-def _numbers(channel: PeriodChannel) -> list[float | int | None]:
-    """Return the columns of a channel from ``n`` to ``std``."""
-    numbers: list[float | int | None] = []
-    for part in (channel.N, channel.B, channel.K):
-        if part is None:
-            numbers += [None] * 4
-        else:
-            numbers += [part.value, part.low, part.high, _STATUSES.index(part.status)]
-    return [*numbers, channel.mean, channel.std]
-
-
 def _grade_number(period: HistoryPeriod, channel: str) -> int | None:
     grade = period.grades.get(channel.partition("/")[0])
-    return None if grade is None else _GRADES.index(grade)
+    return None if grade is None else GRADES.index(grade)
 
 
-def _coefficient(columns: Sequence[Any]) -> PeriodCoefficient | None:
-    value, low, high, status = columns
-    if status is None:
-        return None
-    return PeriodCoefficient(value=value, low=low, high=high, status=cast(Status, _STATUSES[status]))
-
-
-def _timed_period(rows: Sequence[Sequence[Any]], names: Mapping[int, str]) -> TimedPeriod:
+def _timed_period(
+    rows: Sequence[Sequence[Any]], names: Mapping[int, str], letters: Sequence[str]
+) -> TimedPeriod:
     _, step, record, number, begin, end, complete, samples, missing, excluded_s, temperature, warming = rows[
         0
     ][:12]
-    channels, grades = {}, {}
+    channels: dict[str, PeriodChannel] = {}
+    grades: dict[str, GradeName] = {}
     for row in rows:
-        _, channel, *columns = row[12:]
+        channel, mean, std, grade, *numbers = row[12:]
         name = names[channel]
-        n, b, k = (_coefficient(columns[i : i + 4]) for i in (0, 4, 8))
-        channels[name] = PeriodChannel(N=n, B=b, K=k, mean=columns[12], std=columns[13])
-        if columns[14] is not None:
-            grades[name.partition("/")[0]] = cast(GradeName, _GRADES[columns[14]])
+        known = {}
+        for k, letter in enumerate(letters):
+            value, low, high, status = numbers[4 * k : 4 * k + 4]
+            if status is not None:
+                known[letter] = Estimate(value=value, low=low, high=high, status=_STATUSES[status])
+        channels[name] = PeriodChannel(coefficients=known, mean=mean, std=std)
+        if grade is not None:
+            grades[name.partition("/")[0]] = GRADES[grade]
     period = HistoryPeriod(
         step_s=step,
         number=number,

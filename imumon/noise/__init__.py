@@ -56,14 +56,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imumon.noise.allan import AllanCurve, OctaveCascade
-    from imumon.noise.fit import ChannelFit, Estimator, FittedCoefficient, fit_curve, read_slopes
+    from imumon.noise.fit import ChannelFit, Estimator, fit_curve, read_slopes
     from imumon.noise.synthesis import NoiseStream, synthesise
 
 __all__ = [
     "AllanCurve",
     "ChannelFit",
     "Estimator",
-    "FittedCoefficient",
     "NoiseStream",
     "OctaveCascade",
     "fit_curve",

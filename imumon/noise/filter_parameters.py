@@ -26,7 +26,7 @@ from imumon.filter_report import (
     GaussMarkovTerm,
 )
 from imumon.noise.filter_consistency import FIX_STD, STEP_S, ChannelTruths, Consistency, FilterModels, predict
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
+from imumon.report import Channel, Estimate, Report
 from imumon.samples import Floats
 
 MOST_NEES = 1.25
@@ -91,19 +91,11 @@ def assumed_noise(channel: Channel) -> AssumedNoise | None:
 
     A coefficient that is only bounded counts with half its bound, where it is about as likely above as below.
     """
-    sizes = [_size(getattr(channel, letter)) for letter in COEFFICIENTS]
-    n, b, k = sizes
+    known = channel.coefficients
+    n, b, k = (known[letter].size if letter in known else None for letter in "NBK")
     if n is None or b is None or k is None or n < LEAST_N or max(n, b, k) > MOST_SIZE:
         return None
     return AssumedNoise(N=n, B=b, K=k)
-
-
-def _size(part: Coefficient | None) -> float | None:
-    if part is None:
-        return None
-    if part.status == "measured":
-        return part.value
-    return part.high / 2.0 if part.status == "upper_bound" and part.high is not None else None
 
 
 def horizons(horizon_s: float) -> Floats:
@@ -168,7 +160,7 @@ def gauss_markov(truths: ChannelTruths, horizon_s: Floats) -> tuple[FilterModels
 def _channels(report: Report, assumed: dict[str, AssumedNoise], horizon_s: float) -> dict[str, FilterChannel]:
     """Return the parameters of the channels whose truth is known."""
     fix = np.array([FIX_STD[name.partition("/")[0]] for name in assumed])
-    n, b, k = (np.array([getattr(noise, letter) for noise in assumed.values()]) for letter in COEFFICIENTS)
+    n, b, k = np.array([(noise.N, noise.B, noise.K) for noise in assumed.values()]).T
     truths, at = ChannelTruths(n, b, k, fix), horizons(horizon_s)
     walk = smallest_walk(truths, at)
     plain = predict(FilterModels.without_terms(truths.N, truths.K), truths, at)
@@ -189,7 +181,7 @@ def _channels(report: Report, assumed: dict[str, AssumedNoise], horizon_s: float
             assumed=noise,
             white=noise.N,
             walk=float(walk[c]),
-            walk_factor=_factor(report.channels[name].K, float(walk[c])),
+            walk_factor=_factor(report.channels[name].coefficients["K"], float(walk[c])),
             white_gm=noise.N,
             walk_gm=noise.K,
             gauss_markov=tuple(
@@ -205,11 +197,10 @@ def _channels(report: Report, assumed: dict[str, AssumedNoise], horizon_s: float
     }
 
 
-def _factor(k: Coefficient | None, walk: float) -> float | None:
-    measured = k is not None and k.status == "measured" and k.value
-    return walk / measured if measured else None
+def _factor(k: Estimate, walk: float) -> float | None:
+    return walk / k.value if k.status == "measured" and k.value else None
 
 
 def _bounded(channel: Channel) -> list[str]:
     """Return a caveat for each coefficient of which only a bound is known."""
-    return [f"bounded_{c}" for c in COEFFICIENTS if getattr(channel, c).status == "upper_bound"]
+    return [f"bounded_{c}" for c, each in channel.coefficients.items() if each.status == "upper_bound"]

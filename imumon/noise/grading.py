@@ -1,7 +1,7 @@
 """Grade of a sensor: navigation, tactical, industrial or consumer, from N and B.
 
 The limits are table 3.1 of the VectorNav inertial navigation primer, kept in the units it prints and
-converted to SI by the exact factors of `units`. There are two grades:
+converted to SI by the exact factors of `coefficients`. There are two grades:
 
 - ``meets``: the best grade whose limit is not exceeded; None if worse than consumer.
 - ``nearest``: the grade whose limit is nearest on a logarithmic scale. This is the headline.
@@ -24,13 +24,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
-from imumon.report import ChannelGrade, DecidedBy, GradeName, Grading, SensorGrade, Status
-from imumon.units import READABLE
-
-GRADES: tuple[GradeName, ...] = ("navigation", "tactical", "industrial", "consumer")
-"""From the best to the worst."""
+from imumon.report import (
+    COEFFICIENTS,
+    GRADED,
+    GRADES,
+    ChannelGrade,
+    DecidedBy,
+    Estimate,
+    GradeName,
+    Grading,
+    SensorGrade,
+)
 
 READABLE_LIMITS: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = {
     "gyro": {"N": (0.01, 0.05, 0.2, 2.0), "B": (0.01, 1.0, 10.0, 100.0)},  # deg/sqrt(h), deg/h
@@ -39,23 +45,13 @@ READABLE_LIMITS: Mapping[str, Mapping[str, tuple[float, float, float, float]]] =
 """Table 3.1 by sensor and coefficient, one limit for each of `GRADES`, in readable units."""
 
 
-class GradedCoefficient(Protocol):
-    """A coefficient with its 95 % limits in SI."""
-
-    @property
-    def value(self) -> float | None: ...
-    @property
-    def low(self) -> float | None: ...
-    @property
-    def high(self) -> float | None: ...
-    @property
-    def status(self) -> Status: ...
-
-
 LIMITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     sensor: {
-        name: {grade: row / READABLE[sensor, name].factor for grade, row in zip(GRADES, rows, strict=True)}
-        for name, rows in coefficients.items()
+        letter: {
+            grade: row / COEFFICIENTS[letter].units[sensor].factor
+            for grade, row in zip(GRADES, coefficients[letter], strict=True)
+        }
+        for letter in GRADED
     }
     for sensor, coefficients in READABLE_LIMITS.items()
 }
@@ -80,27 +76,24 @@ def grade_coefficient(sensor: str, coefficient: str, value: float | None) -> Gra
     return Grading(nearest=_nearest(table, value), meets=_meets(table, value))
 
 
-def grade_channel(
-    sensor: str, *, N: GradedCoefficient | None = None, B: GradedCoefficient | None = None
-) -> ChannelGrade:
-    """Return the grades of a channel's N and B."""
-    candidates = _candidates(sensor, "", {"N": N, "B": B})
+def grade_channel(sensor: str, coefficients: Mapping[str, Estimate]) -> ChannelGrade:
+    """Return the grades of a channel's coefficients, by letter and together."""
+    candidates = _candidates(sensor, "", coefficients)
     gradings = {each.coefficient: Grading(nearest=each.nearest, meets=each.meets) for each in candidates}
     return ChannelGrade(
-        N=gradings.get("N", Grading()),
-        B=gradings.get("B", Grading()),
+        coefficients=dict.fromkeys(GRADED, Grading()) | gradings,
         nearest=_deciding(candidates).nearest if candidates else None,
         meets=_worst_meets(candidates),
     )
 
 
-def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, GradedCoefficient | None]]) -> SensorGrade:
+def grade_sensor(sensor: str, axes: Mapping[str, Mapping[str, Estimate]]) -> SensorGrade:
     """Return the headline grade of a sensor.
 
     Parameters
     ----------
     sensor : ``gyro`` or ``accel``.
-    axes : N and B by axis; `decided_by` uses the same names of the axes.
+    axes : coefficients by axis and letter; `decided_by` uses the same names of the axes.
     """
     if sensor not in LIMITS:
         return SensorGrade(provisional=False, reason=f"the table has no grades for {sensor}")
@@ -149,9 +142,7 @@ class _Candidate:
     at_high: GradeName
 
 
-def _candidates(
-    sensor: str, axis: str, coefficients: Mapping[str, GradedCoefficient | None]
-) -> list[_Candidate]:
+def _candidates(sensor: str, axis: str, coefficients: Mapping[str, Estimate]) -> list[_Candidate]:
     """Return the coefficients of an axis that have a limit and are not pending."""
     candidates = []
     for name, table in LIMITS.get(sensor, {}).items():

@@ -36,7 +36,7 @@ from scipy.special import ndtr, stdtrit
 
 from imumon.evaluation import UncertaintyBudget, UncertaintyComponent, Verdict
 from imumon.history_report import DayScatter
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
+from imumon.report import COEFFICIENTS, Channel, Estimate, Report
 from imumon.samples import sensor_of
 
 HALF_WIDTH = 1.959964
@@ -52,8 +52,6 @@ crystal."""
 DITHERED = 0.5
 """Steps, least standard deviation at which rounding acts as white noise (Widrow and Kollar, Quantization Noise,
 2008, section 4: exact to 3 % there)."""
-TIME_EXPONENTS = {"N": 0.5, "B": 0.0, "K": -0.5}
-"""Power of the interval by which a coefficient changes: N = sigma sqrt(tau), K = sigma sqrt(3/tau)."""
 
 NOT_COVERED = (
     "the scale factor of the sensor: values are taken as the sensor reports them, not compared with a standard",
@@ -97,10 +95,9 @@ def uncertainty_budgets(
     """
     budgets: dict[str, dict[str, UncertaintyBudget]] = {}
     for name, channel in report.channels.items():
-        for letter in COEFFICIENTS:
-            part: Coefficient | None = getattr(channel, letter)
+        for letter, part in channel.coefficients.items():
             days = (history or {}).get(name, {}).get(letter)
-            if part is not None and (made := _budget(report, name, channel, letter, part, days)) is not None:
+            if (made := _budget(report, name, channel, letter, part, days)) is not None:
                 budgets.setdefault(name, {})[letter] = made
     return budgets
 
@@ -160,7 +157,7 @@ def bias_budgets(report: Report) -> dict[str, UncertaintyBudget]:
 
 
 def _budget(
-    report: Report, name: str, channel: Channel, letter: str, part: Coefficient, days: DayScatter | None
+    report: Report, name: str, channel: Channel, letter: str, part: Estimate, days: DayScatter | None
 ) -> UncertaintyBudget | None:
     value = part.value
     if part.status != "measured" or not value or part.low is None or part.high is None:
@@ -198,7 +195,7 @@ def _combined(unit: str, value: float, components: tuple[UncertaintyComponent, .
     )
 
 
-def _scatter(part: Coefficient, statistics: float) -> UncertaintyComponent:
+def _scatter(part: Estimate, statistics: float) -> UncertaintyComponent:
     """Return how much the coefficient moves between the quarters beyond what statistics explain."""
     if part.scatter is None:
         reason = (part.reason or "the quarters do not show it").removeprefix("scatter: ")
@@ -255,7 +252,8 @@ def _time_base(report: Report, name: str, letter: str, value: float) -> Uncertai
     own = report.device.clock in ("startup", "counter", "dt")
     tolerance = CRYSTAL_TOLERANCE if own else GIVEN_RATE_TOLERANCE
     averaged = report.device.stream == "deltas" and sensor_of(name) in ("gyro", "accel")
-    exponent = TIME_EXPONENTS[letter] - (1.0 if averaged else 0.0)
+    # N = sigma sqrt(tau), K = sigma sqrt(3 / tau)
+    exponent = -COEFFICIENTS[letter].slope - (1.0 if averaged else 0.0)
     clock = "clock of the sensor" if own else "configured or mean rate"
     return UncertaintyComponent(
         source="time base",

@@ -14,14 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit import ChannelFit, Estimator, FittedCoefficient
-from imumon.noise.grading import LIMITS, GradedCoefficient, grade_sensor
+from imumon.noise.fit import ChannelFit, Estimator
+from imumon.noise.grading import LIMITS, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.histogram import DistributionShape
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
-from imumon.report import Channel, SensorGrade
+from imumon.report import NOISE, Channel, Estimate, SensorGrade
 from imumon.samples import UNITS, Floats, sensor_of
 
 YOUNG_GROWTH = 0.1
@@ -110,15 +110,17 @@ class Analysis:
         self.heats_up = record.guarded and noise.is_warming_up(curve)
         self.warming_up = self.heats_up or (record.guarded and settles)
         if self.warming_up:
-            fits = tuple(replace(fit, K=_bounded(fit.K)) for fit in fits)
+            fits = tuple(
+                replace(fit, coefficients={**fit.coefficients, "K": _bounded(fit.K)}) for fit in fits
+            )
         robust = record.robust_deviations(steps)
         self.robust = dict(zip(record.channels, robust, strict=False))
         self.fits = dict(zip(record.channels, fits, strict=False))
         self._update_scatter(force=force)
         spectrum = None if curve.sums is None else curve.sums.spectrum
-        graded: dict[str, dict[str, dict[str, GradedCoefficient]]] = {}  # N and B by sensor and axis
+        graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
         for name, each in self.fits.items():
-            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = {"N": each.N, "B": each.B}
+            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = each.coefficients
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
         for column, name in enumerate(record.channels):
             sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
@@ -137,7 +139,7 @@ class Analysis:
             self.channels[name] = channel
 
     def _update_scatter(self, *, force: bool) -> None:
-        """Compute the standard deviations of N, B and K between the quarters, when the record has grown enough."""
+        """Compute the standard deviations between the quarters, when the record has grown enough."""
         record = self._record
         if not force and record.elapsed_s < self._scatter_due_s:
             return
@@ -150,23 +152,22 @@ class Analysis:
             self._quarters.fit_sums(sums, span, self.resolution, like=self._estimator)
             for sums, span in quarters
         ]
-        values = [[[getattr(fit, name).value for name in "NBK"] for fit in part] for part in parts]
+        values = [[[fit.coefficients[letter].value for letter in NOISE] for fit in part] for part in parts]
         self._scatter = np.std(np.array(values, dtype=np.float64), axis=0, ddof=1)
 
-    def _scatter_of(self, column: int) -> tuple[float | None, ...]:
-        """Return the standard deviations of N, B and K of a channel between quarters; None: unknown."""
+    def _scatter_of(self, column: int) -> dict[str, float | None]:
+        """Return the standard deviations of a channel between quarters, by letter; None: unknown."""
         if self._scatter is None:
-            return (None, None, None)
-        return tuple(float(value) if np.isfinite(value) else None for value in self._scatter[column])
+            return {}
+        known = zip(NOISE, self._scatter[column].tolist(), strict=True)
+        return {letter: value if np.isfinite(value) else None for letter, value in known}
 
 
-def _bounded(walk: FittedCoefficient) -> FittedCoefficient:
+def _bounded(walk: Estimate) -> Estimate:
     """Return K as an upper bound: what settles may look like it."""
     if walk.status != "measured":
         return walk
-    return FittedCoefficient(
-        low=0.0, high=walk.high, status="upper_bound", reason="the sensor is still warming up"
-    )
+    return Estimate(low=0.0, high=walk.high, status="upper_bound", reason="the sensor is still warming up")
 
 
 def _range(curve: AllanCurve) -> tuple[float, float] | None:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from imumon.history_report import HistoryPeriod, PeriodChannel, PeriodCoefficient
-from imumon.noise.fit import Estimator, FittedCoefficient
+from imumon.history_report import HistoryPeriod, PeriodChannel
+from imumon.noise.fit import Estimator
 from imumon.noise.stretches.stretches import STEPS_S, Stretch
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import LONGEST_PAUSE_S, Analysis
@@ -122,14 +122,6 @@ class Periods:
         channels = {}
         for column, name in enumerate(record.channels):
             own = moments[column]
-            if column < len(fits):
-                fit = fits[column]
-                noise = {letter: _coefficient(getattr(fit, letter)) for letter in "NBK"}
-            else:
-                noise = {}
-            channels[name] = PeriodChannel(mean=own.mean, std=own.std, **noise)
+            known = fits[column].coefficients if column < len(fits) else {}
+            channels[name] = PeriodChannel(mean=own.mean, std=own.std, coefficients=known)
         return channels
-
-
-def _coefficient(fitted: FittedCoefficient) -> PeriodCoefficient:
-    return PeriodCoefficient(value=fitted.value, low=fitted.low, high=fitted.high, status=fitted.status)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy.typing as npt
 
 from imumon.alarms import DEFAULT_LIMITS
+from imumon.coefficients import default_precision
 from imumon.errors import ImumonError
 from imumon.history_report import HistoryPeriod
 from imumon.noise.grading import LIMITS
@@ -53,7 +54,7 @@ class MonitorOptions:
     """
 
     guarded: bool = True
-    precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
+    precision: Mapping[str, float] = field(default_factory=default_precision)
     period_s: float = 1.0
     baseline: Report | None = None
     stored: bool = False

@@ -13,16 +13,17 @@ from dataclasses import replace
 import numpy as np
 
 from imumon import report
+from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
-from imumon.noise.fit.results import LIMIT_95, FittedCoefficient
+from imumon.noise.fit.results import SIGNIFICANT
 from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
 from imumon.noise.statistics.histogram import DistributionShape
 from imumon.samples import UNITS, Floats, sensor_of
-from imumon.units import HOUR, READABLE, SI, STANDARD_GRAVITY
+from imumon.units import FLICKER, HOUR, STANDARD_GRAVITY
 
 NEARLY_VERTICAL = 0.95
 """Share of gravity that an axis must measure to have a bias: the excess of the vector's length says nothing
@@ -52,22 +53,19 @@ CURVE_DIGITS = 5
 """Significant digits of a spectrum, for the size of the message."""
 
 
-def coefficient(
-    sensor: str, name: str, estimate: FittedCoefficient, scatter: float | None = None
-) -> report.Coefficient:
-    """Return N, B or K of a channel in SI and in readable units."""
-    readable = READABLE[sensor, name]
-    limits = {key: getattr(estimate, key) for key in ("value", "low", "high")}
-    scaled = {key: None if value is None else value * readable.factor for key, value in limits.items()}
-    return report.Coefficient(
-        **limits,
-        status=estimate.status,
-        unit=SI[sensor, name],
-        scatter=scatter,
-        reason=estimate.reason or (NO_SCATTER if scatter is None else None),
-        reason_code=estimate.reason_code,
-        readable=report.Readable(**scaled, unit=readable.unit),
-    )
+def coefficients(
+    sensor: str, fit: ChannelFit, scatter: Mapping[str, float | None]
+) -> dict[str, report.Estimate]:
+    """Return the coefficients of a channel by letter, with their units and their scatter."""
+    return {
+        letter: replace(
+            each,
+            unit=COEFFICIENTS[letter].units[sensor].si,
+            scatter=scatter.get(letter),
+            reason=each.reason or (NO_SCATTER if letter in NOISE and scatter.get(letter) is None else None),
+        )
+        for letter, each in fit.coefficients.items()
+    }
 
 
 def allan(curve: AllanCurve, column: int, fit: ChannelFit) -> report.Allan:
@@ -91,23 +89,19 @@ def with_fit(
     curve: AllanCurve,
     column: int,
     fit: ChannelFit,
-    scatter: Sequence[float | None] = (None, None, None),
+    scatter: Mapping[str, float | None],
 ) -> report.Channel:
     """Return the channel with curve, coefficients and grade.
 
     Parameters
     ----------
-    scatter : (3,) SI, standard deviations of N, B and K between the quarters of the record.
+    scatter : SI by letter, standard deviation between the quarters of the record; None: unknown.
     """
     return replace(
         channel,
-        N=coefficient(sensor, "N", fit.N, scatter[0]),
-        B=coefficient(sensor, "B", fit.B, scatter[1]),
-        K=coefficient(sensor, "K", fit.K, scatter[2]),
-        Q=None if fit.Q is None else replace(coefficient(sensor, "Q", fit.Q), reason=None),
-        R=None if fit.R is None else replace(coefficient(sensor, "R", fit.R), reason=None),
+        coefficients=coefficients(sensor, fit, scatter),
         model=noise_model(sensor, fit),
-        grade=grade_channel(sensor, N=fit.N, B=fit.B) if sensor in LIMITS else None,
+        grade=grade_channel(sensor, fit.coefficients) if sensor in LIMITS else None,
         readings=fit.readings,
         time_to=fit.time_to,
         fit=report.FitQuality(chi2=fit.chi2, dof=fit.dof, p_value=fit.p_value),
@@ -172,7 +166,7 @@ def limit_curves(
     curves: dict[str, dict[str, report.LimitCurve]] = {}
     for sensor, of in limits.items():
         for grade, white in of["N"].items():
-            floor = 2.0 * math.log(2.0) / math.pi * of["B"][grade] ** 2
+            floor = (FLICKER * of["B"][grade]) ** 2
             tau = white**2 / floor * 10.0**KNEE_DECADES
             sigma = np.sqrt(white**2 / tau + floor)
             curve = report.LimitCurve(tau_s=_rounded(tau), sigma=_rounded(sigma))
@@ -202,9 +196,9 @@ def with_bias(
     length_s : s, of the record.
     """
     mean = means[name]
-    noise = None if fit is None else _largest(fit)
+    noise = None if fit is None or length_s <= 0.0 else _deviation(fit, length_s)
     sensor, extra = sensor_of(name), 0.0
-    if mean is None or noise is None or length_s <= 0.0 or sensor not in ("gyro", "accel"):
+    if mean is None or noise is None or sensor not in ("gyro", "accel"):
         return distribution
     if sensor == "accel":
         axes = [axis for channel, axis in means.items() if sensor_of(channel) == sensor]
@@ -216,16 +210,20 @@ def with_bias(
             return replace(distribution, bias_reason="not separable from tilt")
         mean = (length - STANDARD_GRAVITY) / cosine
         extra = GRAVITY_SPREAD + HORIZONTAL_BIAS * math.sqrt(1.0 - cosine**2)
-    flicker = 2.0 * math.log(2.0) / math.pi
-    variance = noise[0] ** 2 / length_s + flicker * noise[1] ** 2 + noise[2] ** 2 * length_s / 3.0
-    half = LIMIT_95 * math.sqrt(variance) + extra
+    half = LIMIT_95 * noise + extra
     return replace(distribution, bias=mean, bias_low=mean - half, bias_high=mean + half)
 
 
-def _largest(fit: ChannelFit) -> tuple[float, float, float] | None:
-    """Return N, B and K, at the upper limit where there is no value; None while one is pending."""
-    n, b, k = (c.value if c.value is not None else c.high for c in (fit.N, fit.B, fit.K))
-    return None if n is None or b is None or k is None else (n, b, k)
+def _deviation(fit: ChannelFit, tau_s: float) -> float | None:
+    """Return the Allan deviation of the noise, with upper limits where there is no value; None: one is pending."""
+    variance = 0.0
+    for letter in NOISE:
+        each = fit.coefficients[letter]
+        size = each.value if each.value is not None else each.high
+        if size is None:
+            return None
+        variance += (size * COEFFICIENTS[letter].deviation(tau_s)) ** 2
+    return math.sqrt(variance)
 
 
 def noise_model(sensor: str, fit: ChannelFit) -> report.NoiseModel | None:
@@ -235,17 +233,7 @@ def noise_model(sensor: str, fit: ChannelFit) -> report.NoiseModel | None:
     unit = UNITS[sensor]
     units = {"drift": f"{unit}/s", "temperature": f"{unit}/degC"}
     return report.NoiseModel(
-        columns=tuple(
-            report.ModelColumn(
-                name=each.name,
-                value=each.value,
-                low=each.value - LIMIT_95 * each.error,
-                high=each.value + LIMIT_95 * each.error,
-                unit=units.get(each.name, unit),
-                time_constant_s=each.at_s if each.name == "settling" else None,
-            )
-            for each in fit.columns
-        ),
+        columns=tuple(replace(each, unit=units.get(each.name, unit)) for each in fit.columns),
         lines_hz=fit.lines_hz,
         oscillations_s=fit.oscillations_s,
         highest_hz=fit.highest_hz,
@@ -257,20 +245,18 @@ def drift(fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None) 
     time, temperature = fit.column("drift"), fit.column("temperature")
     if time is None:
         return None
-    half = LIMIT_95 * time.error
-    slope = None if temperature is None else LIMIT_95 * temperature.error
     return report.Drift(
         per_hour=time.value * HOUR,
-        per_hour_low=(time.value - half) * HOUR,
-        per_hour_high=(time.value + half) * HOUR,
-        significant=None if fit.no_slope == "collinear" else time.significant,
+        per_hour_low=time.low * HOUR,
+        per_hour_high=time.high * HOUR,
+        significant=None if fit.no_slope == "collinear" else time.sigma > SIGNIFICANT,
         begin_s=begin_s,
         reason=fit.no_slope or None,
         temperature_min=covered[0] if covered else None,
         temperature_max=covered[1] if covered else None,
         per_degC=temperature.value if temperature else None,
-        per_degC_low=temperature.value - slope if temperature and slope is not None else None,
-        per_degC_high=temperature.value + slope if temperature and slope is not None else None,
+        per_degC_low=temperature.low if temperature else None,
+        per_degC_high=temperature.high if temperature else None,
         explained=fit.explained if temperature else None,
     )
 

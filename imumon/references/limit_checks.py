@@ -13,7 +13,7 @@ from imumon.evaluation import Conformity, LimitCheck, Verdict
 from imumon.messages import filter_not_known
 from imumon.noise.uncertainty import probability_at_most, verdict
 from imumon.references.reference_sheet import QUANTITIES, UNITS, Limit, ReferenceSheet
-from imumon.report import Channel, Coefficient, Report
+from imumon.report import Channel, Estimate, Report
 from imumon.samples import ALIASED, sensor_of
 
 
@@ -23,7 +23,7 @@ def conformity(report: Report, sheet: ReferenceSheet) -> Conformity:
         _check(report, name, report.channels[name], limit)
         for limit in sheet.limits
         for name in limit.channels
-        if name in report.channels and report.channels[name].N is not None
+        if name in report.channels and QUANTITIES[limit.quantity][0] in report.channels[name].coefficients
     ]
     return Conformity(
         title=sheet.title,
@@ -38,11 +38,10 @@ def conformity(report: Report, sheet: ReferenceSheet) -> Conformity:
 def _check(report: Report, name: str, channel: Channel, limit: Limit) -> LimitCheck:
     letter, ratio = QUANTITIES[limit.quantity]
     factor = ratio * UNITS[sensor_of(name), letter][limit.unit]
-    part: Coefficient = getattr(channel, letter)
+    part = channel.coefficients[letter]
     known = part.status != "pending"
-    value, low, high = (
-        None if size is None or not known else size * factor for size in (part.value, part.low, part.high)
-    )
+    shown = part.scaled(factor) if known else Estimate()
+    value, low, high = shown.value, shown.low, shown.high
     found: Verdict = verdict(limit.at_most, low if part.status == "measured" else None, high)
     chance = None
     reason = None if known else part.reason or "not known"

@@ -16,41 +16,37 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from imumon.coefficients import COEFFICIENTS, MG
 from imumon.errors import ImumonError
 from imumon.files import open_regular
 from imumon.report import plain
 from imumon.samples import AXES, sensor_of
-from imumon.units import DEG, FLICKER, HOUR, STANDARD_GRAVITY
+from imumon.units import DEG, FLICKER, HOUR
 
 MAX_BYTES = 1 << 18
 """Bytes of a file that is read."""
 SENSORS = ("gyro", "accel", "mag")
 BASES = ("maximum", "typical")
 QUANTITIES = {
-    "N": ("N", 1.0),
+    **{letter: (letter, 1.0) for letter in COEFFICIENTS},
     "density": ("N", math.sqrt(2.0)),
-    "B": ("B", 1.0),
     "floor": ("B", FLICKER),
-    "K": ("K", 1.0),
 }
 """Coefficient of each quantity, and the factor from it."""
 
-_MG = 1e3 / STANDARD_GRAVITY
+_OTHER_UNITS: Mapping[tuple[str, str], Mapping[str, float]] = {
+    ("gyro", "N"): {"deg/s/sqrt(Hz)": DEG, "deg/h/sqrt(Hz)": DEG * HOUR},
+    ("gyro", "B"): {"deg/s": DEG},
+    ("accel", "N"): {"mg/sqrt(Hz)": MG, "ug/sqrt(Hz)": 1e3 * MG},
+    ("accel", "B"): {"ug": 1e3 * MG},
+    ("mag", "N"): {"uG/sqrt(Hz)": 1e6, "nT/sqrt(Hz)": 1e5},
+    ("mag", "B"): {"nT": 1e5},
+}
 UNITS: Mapping[tuple[str, str], Mapping[str, float]] = {
-    ("gyro", "N"): {
-        "rad/s/sqrt(Hz)": 1.0, "deg/s/sqrt(Hz)": DEG, "deg/h/sqrt(Hz)": DEG * HOUR, "deg/sqrt(h)": DEG * 60.0,
-    },
-    ("gyro", "B"): {"rad/s": 1.0, "deg/s": DEG, "deg/h": DEG * HOUR},
-    ("gyro", "K"): {"rad/s*sqrt(Hz)": 1.0, "deg/h/sqrt(h)": DEG * HOUR * 60.0},
-    ("accel", "N"): {
-        "m/s^2/sqrt(Hz)": 1.0, "m/s/sqrt(h)": 60.0, "mg/sqrt(Hz)": _MG, "ug/sqrt(Hz)": 1e3 * _MG,
-    },
-    ("accel", "B"): {"m/s^2": 1.0, "mg": _MG, "ug": 1e3 * _MG},
-    ("accel", "K"): {"m/s^2*sqrt(Hz)": 1.0, "m/s/h/sqrt(h)": HOUR * 60.0},
-    ("mag", "N"): {"gauss/sqrt(Hz)": 1.0, "mG/sqrt(Hz)": 1e3, "uG/sqrt(Hz)": 1e6, "nT/sqrt(Hz)": 1e5},
-    ("mag", "B"): {"gauss": 1.0, "mG": 1e3, "nT": 1e5},
-    ("mag", "K"): {"gauss*sqrt(Hz)": 1.0, "mG*sqrt(Hz)": 1e3},
-}  # fmt: skip
+    (sensor, letter): {unit.si: 1.0, unit.unit: unit.factor, **_OTHER_UNITS.get((sensor, letter), {})}
+    for letter, row in COEFFICIENTS.items()
+    for sensor, unit in row.units.items()
+}
 """Factor from SI to each unit that a file may use, by sensor and coefficient."""
 
 

@@ -17,6 +17,7 @@ from typing import Literal, TypeAlias
 from imumon import pipeline, report
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.bus import Publisher
+from imumon.coefficients import default_precision
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
 from imumon.errors import ImumonError
@@ -104,8 +105,8 @@ class ReplayOptions:
     rate_hz: float | None = None
     speed: float | None = None
     guarded: bool = True
-    precision: Mapping[str, float] = field(default_factory=lambda: {"N": 0.01, "B": 0.2, "K": 0.5})
     alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
+    precision: Mapping[str, float] = field(default_factory=default_precision)
     baseline: report.Report | None = None
     kind: Kind | None = None
     columns: Mapping[str, str] = field(default_factory=dict)

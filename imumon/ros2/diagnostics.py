@@ -8,11 +8,10 @@ the numbers mean, such as an unknown compensation, leaves the level at OK and is
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 from imumon.alarms import exceeded
 from imumon.messages import grade_text, line
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
+from imumon.report import Channel, Estimate, Report, SensorGrade
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
 from imumon.samples import AXES, sensor_of
 from imumon.units import figures
@@ -114,16 +113,14 @@ def _axes(axes: Mapping[str, Channel]) -> Iterator[tuple[str, str]]:
     """Yield the coefficients and the drift of each axis."""
     for name, channel in axes.items():
         axis = name.rpartition("/")[2]
-        for letter in COEFFICIENTS:
-            coefficient: Coefficient | None = getattr(channel, letter)
-            if coefficient is not None:
-                yield f"{letter} {axis}", _coefficient(coefficient)
+        for letter, coefficient in channel.coefficients.items():
+            yield f"{letter} {axis}", _coefficient(coefficient)
         drift = channel.drift
         if drift is not None and drift.per_hour is not None:
             yield f"drift {axis}", f"{figures(drift.per_hour)} {channel.unit}/h"
 
 
-def _coefficient(coefficient: Coefficient) -> str:
+def _coefficient(coefficient: Estimate) -> str:
     """Return a coefficient with its 95 % limits, in the readable unit."""
     shown = coefficient.readable
     if coefficient.status == "measured" and shown.value is not None:
@@ -144,7 +141,7 @@ def sample_variances(report: Report, sensor: str) -> Sequence[float] | None:
     found: list[float] = []
     for axis in AXES:
         channel = report.channels.get(f"{sensor}/{axis}")
-        n: Any = None if channel is None else channel.N
+        n = None if channel is None else channel.coefficients.get("N")
         if rate is None or n is None or n.status != "measured" or n.value is None:
             return None
         found.append(n.value**2 * rate)

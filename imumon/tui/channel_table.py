@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.report import COEFFICIENTS, Channel
+from imumon.report import NOISE, Channel
 from imumon.samples import sensor_of
 from imumon.tui.formatting import CELL, Line, Notation, fitted, padded, with_background
 from imumon.tui.view_state import ViewState
@@ -17,7 +17,7 @@ from imumon.units import number, short
 TABLE = 80
 """Cells of the whole table."""
 GRADED = ("gyro", "accel")
-COLUMNS = {"mean": 10, "std": 8, "N": CELL + 1, "B": CELL + 1, "K": CELL + 1, "nearest": 11}
+COLUMNS = {"mean": 10, "std": 8, **dict.fromkeys(NOISE, CELL + 1), "nearest": 11}
 """Cells of each column, including the gap before it."""
 LABEL = 6
 
@@ -25,7 +25,7 @@ LABEL = 6
 def columns(width: int) -> list[str]:
     """Return the columns that fit."""
     kept = dict(COLUMNS)
-    for name in ("std", "mean", "nearest", "K", "B"):
+    for name in ("std", "mean", "nearest", *reversed(NOISE[1:])):
         if LABEL + sum(kept.values()) <= width:
             break
         del kept[name]
@@ -76,8 +76,8 @@ def _heading(notation: Notation, sensor: str, shown: Sequence[str]) -> Line:
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
         "nearest": [(" nearest" if sensor in GRADED else "", "muted")],
     }
-    for name in COEFFICIENTS:
-        text = f"{name} {notation.coefficient_unit(sensor, name)}"
+    for name in NOISE:
+        text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
         cells[name] = [(" " * (COLUMNS[name] - len(text)), "text"), (name, name), (text[1:], "muted")]
     return [(f" {sensor:<5}", "title"), *(span for name in shown for span in cells[name])]
 
@@ -93,8 +93,9 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
         "std": ("–" if channel.std is None else short(channel.std * factor), "text"),
         "nearest": (f" {nearest or blank:<10}", f"grade-{nearest}" if nearest else "faint"),
     }
-    for part in COEFFICIENTS:
-        cells[part] = state.notation.coefficient(getattr(channel, part), getattr(channel.time_to, part, None))
+    for part in NOISE:
+        seconds = (channel.time_to or {}).get(part)
+        cells[part] = state.notation.coefficient(channel.coefficients.get(part), seconds)
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
     return line + [(cells[c][0].rjust(COLUMNS[c]), cells[c][1]) for c in shown]
 

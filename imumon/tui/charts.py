@@ -1,8 +1,8 @@
 """Charts of a report on the canvas of `imumon.tui.braille_canvas`.
 
-The report has the curves as points; here they are only placed. The three asymptotes of an Allan deviation are
-straight lines on a log-log chart: N / sqrt(tau), sqrt(2 ln2 / pi) B and K sqrt(tau / 3) (IEEE Std 952,
-annex C), so N is read at tau = 1 s and K at tau = 3 s.
+The report has the curves as points; here they are only placed. The asymptotes of an Allan deviation are straight
+lines on a log-log chart. A coefficient is marked where its asymptote has its value: N at 1 s, K at 3 s. B has no such
+place, and its line is at 0.664 B (IEEE Std 952, annex C).
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.report import COEFFICIENTS, Allan, Channel, Histogram, Spectrum, Strip
+from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, Histogram, Spectrum, Strip
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
 from imumon.tui.formatting import Line, Notation, approximate_duration, length, padded
 from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import ViewState
-from imumon.units import FLICKER, number
+from imumon.units import number
 
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""
@@ -75,8 +75,8 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
 
 
 def _goals(state: ViewState) -> Line:
-    """Return the time until N, B and K of the channel have their configured precision."""
-    goals = [(letter, precision_goal(state, letter)) for letter in COEFFICIENTS]
+    """Return the time until the coefficients of the channel have their configured precision."""
+    goals = [(letter, precision_goal(state, letter)) for letter in NOISE]
     return [part for letter, goal in goals if goal for part in ((f"   {letter} ", letter), (goal, "muted"))]
 
 
@@ -140,8 +140,14 @@ def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
 
 def _marks(channel: Channel | None) -> list[float]:
     """Return the heights at which measured coefficients are marked, SI."""
-    parts = () if channel is None else ((channel.N, 1.0), (channel.B, FLICKER), (channel.K, 1.0))
-    return [part.value * height for part, height in parts if part is not None and part.value is not None]
+    known = channel.coefficients if channel is not None else {}
+    return [part.value * _height(letter) for letter, part in known.items() if part.value is not None]
+
+
+def _height(letter: str) -> float:
+    """Return the Allan deviation at the place of a mark, over the coefficient."""
+    row = COEFFICIENTS[letter]
+    return row.level if row.read_s is None else 1.0
 
 
 def _decades(frame: PlotFrame, notation: Notation, x_unit: str) -> None:
@@ -199,38 +205,32 @@ def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
 
 
 def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, factor: float) -> None:
-    """Draw points with their band, the model, its noise where it differs, and the measured ones of N, B and K."""
+    """Draw points with their band, the model, its noise where it differs, and the measured coefficients."""
     allan = channel.allan or Allan()
     tau, sigma = numbers(allan.tau_s), numbers(allan.sigma, factor)
     frame.band(tau, numbers(allan.low, factor), numbers(allan.high, factor), "band")
     ends = np.array([frame.x.low, frame.x.high])
-    lines = (
-        ("N", channel.N, ends**-0.5, 1.0, 1.0),
-        ("B", channel.B, FLICKER * ends**0.0, _lowest(allan), FLICKER),
-        ("K", channel.K, np.sqrt(ends / 3.0), 3.0, 1.0),
-    )
-    for name, part, slope, _, _ in lines:
-        if part is not None and part.value is not None:
-            frame.curve(ends, slope * part.value * factor, name, (3, 3))
+    known = {letter: part for letter, part in channel.coefficients.items() if part.value}
+    for letter, part in known.items():
+        slope = np.array([COEFFICIENTS[letter].deviation(tau_s) for tau_s in ends.tolist()])
+        frame.curve(ends, slope * (part.value or 0.0) * factor, letter, (3, 3))
     model, noise = numbers(allan.model, factor), numbers(allan.noise, factor)
     if (np.abs(model / noise - 1.0) > VISIBLE).any():
         frame.curve(tau, noise, "model", (1, 2))
     frame.curve(tau, model, "model")
     used = np.array(allan.used, dtype=np.bool_) if allan.used else np.ones(len(tau), dtype=np.bool_)
-    letter = "o" if notation.ascii else None
-    frame.points(tau[used], sigma[used], "point", letter)
-    frame.points(tau[~used], sigma[~used], "unused", letter)
-    for name, part, _, at, height in lines:
-        if part is None or part.value is None:
-            continue
-        value = notation.limits(part)[0]
-        text = name
+    character = "o" if notation.ascii else None
+    frame.points(tau[used], sigma[used], "point", character)
+    frame.points(tau[~used], sigma[~used], "unused", character)
+    for letter, part in known.items():
+        at, height, value = COEFFICIENTS[letter].read_s, _height(letter), notation.limits(part)[0]
+        text = letter
         if frame.width >= 48 and value is not None:
-            unit = notation.coefficient_unit(sensor, name)
+            unit = notation.coefficient_scale(sensor, letter)[1]
             # the axis is in the unit of B, and the line is at 0.664 B
-            axis = f"{height:.3f} {name} = {number(height * value, 3)}"
-            text = axis if name == "B" else f"{name} {number(value, 3)} {unit}"
-        frame.label(at, part.value * height * factor, text, name)
+            axis = f"{height:.3f} {letter} = {number(height * value, 3)}"
+            text = axis if at is None else f"{letter} {number(value, 3)} {unit}"
+        frame.label(at or _lowest(allan), (part.value or 0.0) * height * factor, text, letter)
 
 
 def _lowest(allan: Allan) -> float:

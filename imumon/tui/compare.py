@@ -1,9 +1,9 @@
-"""N, B and K of two sensors, channel by channel, and whether they differ."""
+"""Coefficients of two sensors, channel by channel, and whether they differ."""
 
 from __future__ import annotations
 
 from imumon.messages import coefficient_ratio
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report
+from imumon.report import NOISE, Channel, Estimate, Report
 from imumon.samples import sensor_of
 from imumon.tui.formatting import CELL, Line, Notation, Span
 from imumon.tui.view_state import ViewState
@@ -46,8 +46,8 @@ def _legend(own: Report, other: Report) -> list[Line]:
 
 def _heading(notation: Notation, sensor: str) -> Line:
     head: Line = [(f" {sensor:<{NAME + 5}}", "title")]
-    for name in COEFFICIENTS:
-        text = f"{name} {notation.coefficient_unit(sensor, name)}"
+    for name in NOISE:
+        text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
         head += [(" " * (CELL + 1 - len(text)), "text"), (name, name), (text[1:], "muted")]
     return head
 
@@ -55,21 +55,21 @@ def _heading(notation: Notation, sensor: str) -> Line:
 def _row(axis: str, id: str, channel: Channel, notation: Notation) -> Line:
     shown = id if len(id) <= NAME - 2 else f"{id[: NAME - 3]}…"
     line: Line = [(f"   {axis:<3}", "strong"), (f"{shown:<{NAME}}", "text" if axis else "muted")]
-    for name in COEFFICIENTS:
-        text, role = notation.coefficient(getattr(channel, name), None)
+    for name in NOISE:
+        text, role = notation.coefficient(channel.coefficients.get(name), None)
         line.append((text.rjust(CELL + 1), role))
     return line
 
 
 def _ratios(channel: Channel, match: Channel) -> Line:
     line: Line = [(f"{'':<6}{'ratio':<{NAME}}", "faint")]
-    for name in COEFFICIENTS:
-        text, role = ratio_text(getattr(channel, name), getattr(match, name))
+    for name in NOISE:
+        text, role = ratio_text(channel.coefficients.get(name), match.coefficients.get(name))
         line.append((text.rjust(CELL + 1), role))
     return line
 
 
-def ratio_text(first: Coefficient | None, second: Coefficient | None) -> Span:
+def ratio_text(first: Estimate | None, second: Estimate | None) -> Span:
     """Return the ratio of the second to the first, and whether they differ beyond their 95 % limits."""
     if first is None or second is None:
         return "", "faint"

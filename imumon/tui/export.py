@@ -97,10 +97,8 @@ def _curves(state: ViewState) -> list[Iterable[object]]:
             out += [(name, channel.unit, *column) for column in columns]
     out += [(), ("channel", "coefficient", "unit", "value", "low", "high", "status")]
     for name, channel in channels:
-        for part in ("N", "B", "K", "Q", "R"):
-            c = getattr(channel, part)
-            if c is not None:
-                out.append((name, part, c.unit, c.value, c.low, c.high, c.status))
+        for letter, c in channel.coefficients.items():
+            out.append((name, letter, c.unit, c.value, c.low, c.high, c.status))
     return out
 
 

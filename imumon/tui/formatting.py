@@ -10,10 +10,11 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from imumon.coefficients import unit_of
 from imumon.messages import no_value_text
-from imumon.report import Coefficient
+from imumon.report import Estimate
 from imumon.samples import UNITS, sensor_of
-from imumon.units import DEG, READABLE, SI, measured, number, pretty
+from imumon.units import DEG, measured, number, pretty
 
 Span = tuple[str, str]
 """Text and its role; the widget knows the colour of the role."""
@@ -98,16 +99,14 @@ class Notation:
 
     def deviation(self, channel: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which an Allan deviation is shown: those of B."""
-        key = (sensor_of(channel), "B")
-        if self.si or key not in READABLE:
-            return 1.0, self.unit(UNITS.get(key[0], ""))
-        return READABLE[key].factor, self.unit(READABLE[key].unit)
+        return self.coefficient_scale(sensor_of(channel), "B")
 
-    def coefficient_unit(self, sensor: str, name: str) -> str:
-        key = (sensor, name)
-        return self.unit(SI.get(key, "") if self.si else READABLE[key].unit if key in READABLE else "")
+    def coefficient_scale(self, sensor: str, name: str) -> tuple[float, str]:
+        """Return the factor from SI and the unit in which a coefficient is shown."""
+        known = unit_of(sensor, name, UNITS.get(sensor, ""))
+        return (1.0, self.unit(known.si)) if self.si else (known.factor, self.unit(known.unit))
 
-    def limits(self, part: Coefficient) -> tuple[float | None, float | None, float | None]:
+    def limits(self, part: Estimate) -> tuple[float | None, float | None, float | None]:
         """Return value and 95 % limits in the unit shown."""
         shown = part if self.si else part.readable
         return shown.value, shown.low, shown.high
@@ -118,10 +117,9 @@ class Notation:
         >>> Notation().limit("gyro", "N", 5.8178e-5), Notation(si=True).limit("gyro", "N", 5.8178e-5)
         ('0.2', '5.82e-05')
         """
-        scale = READABLE.get((sensor, name))
-        return f"{value * (1.0 if self.si or scale is None else scale.factor):.3g}"
+        return f"{value * self.coefficient_scale(sensor, name)[0]:.3g}"
 
-    def coefficient(self, part: Coefficient | None, seconds: float | None) -> Span:
+    def coefficient(self, part: Estimate | None, seconds: float | None) -> Span:
         """Return a coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or remaining time.
 
         Parameters

@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from imumon.report import MAX_NUMBER, plain
+from imumon.report import GRADED, MAX_NUMBER, plain
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
 from imumon.tui.charts import EXTREME_VALUES, centred_text
 from imumon.tui.formatting import Line, padded
 from imumon.tui.view_state import SPANS, HistorySeries, ViewState
-from imumon.units import READABLE, number
+from imumon.units import number
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""
 MOST_ROWS = 5000
 """Rows that are drawn; a year of days has 366, two months of hours 1488."""
-QUANTITIES = ("N", "B", "mean", "temperature")
+QUANTITIES = (*GRADED, "mean", "temperature")
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
-_ROLES = {"N": "N", "B": "B", "mean": "signal", "temperature": "point"}
+_ROLES = {"mean": "signal", "temperature": "point"}
 
 
 def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
@@ -54,7 +54,7 @@ def _row(channel: str, each: dict[str, Any]) -> tuple[float, ...] | None:
     begin, end = _time(each), _time(each, "end")
     if each.get("channel") != channel or begin is None or end is None:
         return None
-    parts = [each.get(name) for name in ("N", "B")]
+    parts = [each.get(name) for name in GRADED]
     noise = [part.get("value") if isinstance(part, dict) else None for part in parts]
     return (0.5 * (begin + end), *map(_number, (*noise, each.get("mean"), each.get("temperature"))))
 
@@ -116,7 +116,7 @@ def _panel(
         at = frame.cell(when, 0.5 * (scale.low + scale.high))
         for row in range(frame.top, frame.top + frame.height) if at is not None else ():
             canvas.put(at[0], row, "▏", "bad" if kind == "change" else "warn")  # type: ignore[index]
-    frame.points(series.time[inside], y, _ROLES[name], "o" if state.notation.ascii else None)
+    frame.points(series.time[inside], y, _ROLES.get(name, name), "o" if state.notation.ascii else None)
     canvas.text(GUTTER, 0, f"{name} [{unit}]", "muted")
     return canvas.rows()
 
@@ -127,9 +127,7 @@ def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
         return 1.0, state.notation.unit("degC")
     if name == "mean":
         return state.notation.scale(channel)
-    key = (sensor_of(channel), name)
-    factor = 1.0 if state.notation.si or key not in READABLE else READABLE[key].factor
-    return factor, state.notation.coefficient_unit(*key)
+    return state.notation.coefficient_scale(sensor_of(channel), name)
 
 
 def _time_axis(times: tuple[float, float], width: int) -> Line:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imumon.alarms import known
 from imumon.messages import caveat_lines, caveats, grade_text
-from imumon.report import COEFFICIENTS, Channel, Coefficient, Report, SensorGrade
+from imumon.report import Channel, Estimate, Report, SensorGrade
 from imumon.samples import sensor_of
 from imumon.tui.channel_table import GRADED
 from imumon.tui.formatting import (
@@ -106,11 +106,12 @@ def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) 
         return [[(grade.reason or "no coefficient is known well enough", "faint")]]
     axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
     parts: list[Line] = [[("by ", "faint"), (f"{name} of {axis}", "text")]]
-    part: Coefficient | None = getattr(report.channels.get(f"{sensor}/{axis}"), name, None)
+    channel = report.channels.get(f"{sensor}/{axis}")
+    part = channel.coefficients.get(name) if channel is not None else None
     value, _, high = notation.limits(part) if part is not None else (None, None, None)
     if value is not None or high is not None:
         text = number(value, 3) if value is not None else f"< {number(high or 0.0, 2)}"
-        parts.append([(f", {text} {notation.coefficient_unit(sensor, name)}", "text")])
+        parts.append([(f", {text} {notation.coefficient_scale(sensor, name)[1]}", "text")])
     limit = report.limits.get(sensor, {}).get(name, {}).get(grade.nearest)
     if limit is not None:
         parts.append([(f", {grade.nearest} limit {notation.limit(sensor, name, limit)}", "faint")])
@@ -129,13 +130,11 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
     factor, unit = notation.scale(name)
     title: Line = [(f" {name.replace('/', ' ')}", "title")]
     lines = [fitted([title, *_mean(channel, notation, factor, unit)], width)]
-    for letter in COEFFICIENTS:
-        part = getattr(channel, letter)
-        if part is not None:
-            line = _limits(notation, sensor_of(name), letter, part)
-            if goal := precision_goal(state, letter):
-                line = [*padded(line, 56), (goal, "muted")]
-            lines.append(line)
+    for letter, part in channel.coefficients.items():
+        line = _limits(notation, sensor_of(name), letter, part)
+        if goal := precision_goal(state, letter):
+            line = [*padded(line, 56), (goal, "muted")]
+        lines.append(line)
     if (grade := channel.grade) is not None:
         text = grade_text(SensorGrade(nearest=grade.nearest, meets=grade.meets, provisional=False))
         lines.append([("   grade ", "muted"), (text, "text" if grade.nearest else "faint")])
@@ -176,17 +175,17 @@ def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> lis
 
 def precision_goal(state: ViewState, letter: str) -> str:
     """Return the time until a coefficient of the selected channel has its configured precision; empty: none."""
-    seconds = getattr(state.selected.time_to, letter, None) if state.selected is not None else None
+    seconds = (state.selected.time_to or {}).get(letter) if state.selected is not None else None
     share = state.report.precision.get(letter) if state.report is not None else None
     if not seconds or share is None:
         return ""
     return f"{state.notation.symbol('±')}{100.0 * share:g}% in {approximate_duration(seconds)}"
 
 
-def _limits(notation: Notation, sensor: str, name: str, part: Coefficient) -> Line:
+def _limits(notation: Notation, sensor: str, name: str, part: Estimate) -> Line:
     """Return a coefficient with its unit and limits."""
     value, low, high = notation.limits(part)
-    unit = notation.coefficient_unit(sensor, name)
+    unit = notation.coefficient_scale(sensor, name)[1]
     line: Line = [(f"   {name} ", f"{name}-strong")]
     if part.status == "measured" and value is not None:
         line.append((f"{number(value, 4):>9} {unit:<12}", "text"))

@@ -18,7 +18,7 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
 
-from imumon.report import plain
+from imumon.report import COEFFICIENTS, GRADES, plain
 from imumon.tui.formatting import Line, to_ascii
 from imumon.tui.view_state import ViewState
 
@@ -29,9 +29,9 @@ ROLES = (
     *("text", "strong", "title", "muted", "faint", "accent", "key", "tab", "chip", "bound", "page"),
     *("band", "bandkey", "bar", "signal", "grid", "axis", "limit", "model", "point", "unused", "baseline"),
     *("good", "warn", "bad", "good-strong", "warn-strong", "bad-strong", "muted-strong"),
-    *("N", "B", "K", "N-strong", "B-strong", "K-strong", "axis-x", "axis-y", "axis-z"),
-    *("grade-navigation", "grade-tactical", "grade-industrial", "grade-consumer"),
-    *("grade-navigation-strong", "grade-tactical-strong", "grade-industrial-strong", "grade-consumer-strong"),
+    *("axis-x", "axis-y", "axis-z"),
+    *(f"{letter}{strong}" for letter in COEFFICIENTS for strong in ("", "-strong")),
+    *(f"grade-{grade}{strong}" for grade in GRADES for strong in ("", "-strong")),
 )
 BACKGROUNDS = ("band", "bar", "selected", "status", "alarm", "footer")
 

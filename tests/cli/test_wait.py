@@ -14,6 +14,7 @@ import pytest
 import reports
 from commands import run_inside
 from daemons import Daemon, free_endpoint
+from reports import with_coefficients
 from test_check import measured, published
 
 from imumon.cli.daemon_state import current_trouble
@@ -21,23 +22,22 @@ from imumon.cli.options import seconds, share
 from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Event, Report, SensorGrade, SessionCounters
-from imumon.samples import sensor_of
-from imumon.units import READABLE
 
 
 def changed(report: Report, name: str, **coefficients: float | None) -> Report:
     """The report with another upper limit, SI, of some coefficients of a channel; None: pending."""
     channel = report.channels[name]
-    parts = {}
-    for letter, high in coefficients.items():
-        found, factor = getattr(channel, letter), READABLE[sensor_of(name), letter].factor
-        shown = replace(found.readable, value=None, low=None, high=None if high is None else high * factor)
-        parts[letter] = (
-            replace(found, value=None, low=None, high=None, status="pending")
-            if high is None
-            else replace(found, value=None, low=None, high=high, status="upper_bound", readable=shown)
+    parts = {
+        letter: replace(
+            channel.coefficients[letter],
+            value=None,
+            low=None,
+            high=high,
+            status="pending" if high is None else "upper_bound",
         )
-    return replace(report, channels={**report.channels, name: replace(channel, **parts)})
+        for letter, high in coefficients.items()
+    }
+    return replace(report, channels={**report.channels, name: with_coefficients(channel, **parts)})
 
 
 def graded(report: Report, provisional: bool) -> Report:
@@ -102,7 +102,11 @@ def test_the_description_names_what_the_condition_asks_for(long: Report) -> None
     halves = {
         name: (n.high - n.low) / (2.0 * n.value)
         for name, channel in long.channels.items()
-        if name[:4] in ("gyro", "acce") and (n := channel.N) and n.value and n.high and n.low
+        if name[:4] in ("gyro", "acce")
+        and (n := channel.coefficients.get("N"))
+        and n.value
+        and n.high
+        and n.low
     }
     worst = max(halves, key=lambda name: halves[name])
     text = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, required 5 %"

@@ -37,7 +37,7 @@ def adds_up(report: Report) -> None:
 
 
 def measured(report: Report, channel: str) -> bool:
-    n = report.channels[channel].N
+    n = report.channels[channel].coefficients["N"]
     return n is not None and n.status == "measured"
 
 
@@ -52,7 +52,7 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
         assert report.device.serial == "0100056785"
         assert report.session.missing == 0
         adds_up(report)
-        n = report.channels["gyro/x"].N
+        n = report.channels["gyro/x"].coefficients["N"]
         assert n is not None
         assert n.status == "measured"
         assert n.low is not None

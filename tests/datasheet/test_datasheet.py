@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from commands import imumon
 from daemons import Daemon
-from reports import LENGTH_S, LONG_RATE, LONG_S, RATE, nothing_yet
+from reports import LENGTH_S, LONG_RATE, LONG_S, RATE, nothing_yet, with_coefficients
 from reports import report as make_report
 
 from imumon.datasheet import FORMS, NoCurve, document, short_record_text
@@ -34,15 +34,15 @@ from imumon.datasheet.figures import _draw as draw
 from imumon.datasheet.filter_figure import filter_svg
 from imumon.datasheet.filter_values import FilterValue, worst_axis
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
-from imumon.datasheet.tables import FULL, coefficient_text, report_table
+from imumon.datasheet.tables import FULL, coefficient_text, report_table, shown_letters
 from imumon.filter_report import FilterReport
 from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
 from imumon.noise.filter_parameters import filter_parameters
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline.report_builder import effective_samples
-from imumon.report import COEFFICIENTS, Allan, Coefficient, Readable, Report, TimeTo, from_json, to_json
+from imumon.report import COEFFICIENTS, Allan, Estimate, Report, from_json, to_json
 from imumon.tui.formatting import Notation
-from imumon.units import READABLE, duration, figures, pretty
+from imumon.units import duration, figures, pretty
 
 AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
 
@@ -56,7 +56,8 @@ _FILTERS: dict[object, FilterReport] = {}
 
 def filters(report: Report, horizon_s: float = 600.0) -> FilterReport:
     """Return the parameters for filters; those of a noise that was seen before are not computed again."""
-    key = (horizon_s, tuple((name, c.N, c.B, c.K, c.caveats) for name, c in report.channels.items()))
+    seen = [(name, tuple(c.coefficients.items()), c.caveats) for name, c in report.channels.items()]
+    key = (horizon_s, tuple(seen))
     if key not in _FILTERS:
         _FILTERS[key] = filter_parameters(report, horizon_s)
     return replace(_FILTERS[key], time=report.time, device=report.device, elapsed_s=report.session.elapsed_s)
@@ -118,9 +119,9 @@ def test_a_figure_names_the_device_the_record_and_every_value() -> None:
         assert text_ in shown
     for sensor in ("gyro", "accel", "mag"):
         for axis in "xyz":
-            for letter in COEFFICIENTS:
-                part = getattr(report.channels[f"{sensor}/{axis}"], letter)
-                assert f"{letter} {coefficient_text(part)} {pretty(READABLE[sensor, letter].unit)}" in shown
+            for letter, part in report.channels[f"{sensor}/{axis}"].coefficients.items():
+                unit = pretty(COEFFICIENTS[letter].units[sensor].unit)
+                assert f"{letter} {coefficient_text(part)} {unit}" in shown
 
 
 def test_the_figure_of_the_page_marks_n_b_and_k() -> None:
@@ -139,7 +140,7 @@ def test_pdftotext_finds_the_numbers(tmp_path: Path) -> None:
         timeout=30,
     )
     for axis in "xyz":
-        assert coefficient_text(make_report().channels[f"gyro/{axis}"].N) in done.stdout
+        assert coefficient_text(make_report().channels[f"gyro/{axis}"].coefficients["N"]) in done.stdout
 
 
 @pytest.mark.skipif(shutil.which("rsvg-convert") is None, reason="rsvg-convert is not installed")
@@ -195,10 +196,10 @@ def with_bounded_k(report: Report) -> Report:
     """Return the report with gyroscopes of whose K only a bound is known."""
     channels = dict(report.channels)
     for name in ("gyro/x", "gyro/y", "gyro/z"):
-        k = channels[name].K
+        k = channels[name].coefficients["K"]
         assert k is not None
         bounded = replace(k, status="upper_bound", value=None, low=0.0)
-        channels[name] = replace(channels[name], K=bounded)
+        channels[name] = with_coefficients(channels[name], K=bounded)
     return replace(report, channels=channels)
 
 
@@ -234,11 +235,8 @@ def test_an_unknown_coefficient_is_never_a_number(age: str) -> None:
 def with_k(report: Report, code: str | None, *, gyro: bool) -> Report:
     """Return the report with gyroscopes whose K is unknown for the reason of this code, or without gyroscopes."""
     some = {n: c for n, c in report.channels.items() if not n.startswith("gyro") or gyro}
-    none = Readable(value=None, low=None, high=None, unit="")
-    unknown = Coefficient(
-        value=None, low=None, high=None, status="pending", unit="", readable=none, reason_code=code
-    )
-    changed = {n: replace(c, K=unknown) if n.startswith("gyro") else c for n, c in some.items()}
+    unknown = Estimate(reason_code=code)
+    changed = {n: with_coefficients(c, K=unknown) if n.startswith("gyro") else c for n, c in some.items()}
     return replace(report, channels=changed)
 
 
@@ -283,7 +281,7 @@ def test_ros_covariance_is_the_variance_of_a_sample() -> None:
         row = re.search(rf"^{field}_covariance: \[(.*)\]", text(report, "ros"), re.MULTILINE)
         assert row
         matrix = np.array([float(v) for v in row[1].split(",")]).reshape(3, 3)
-        n = [report.channels[f"{sensor}/{axis}"].N for axis in "xyz"]
+        n = [report.channels[f"{sensor}/{axis}"].coefficients["N"] for axis in "xyz"]
         np.testing.assert_allclose(np.diag(matrix), [(p.value or 0) ** 2 * RATE for p in n if p], rtol=1e-4)
         assert np.count_nonzero(matrix) == 3
 
@@ -291,7 +289,7 @@ def test_ros_covariance_is_the_variance_of_a_sample() -> None:
 def test_ros_covariance_of_a_constant_sensor_is_unknown() -> None:
     report = make_report()
     dead = {
-        name: replace(report.channels[name], N=None, std=0.0)
+        name: replace(report.channels[name], coefficients={}, std=0.0)
         for name in report.channels
         if name[:4] == "gyro"
     }
@@ -377,7 +375,7 @@ def test_kfgins_drives_its_bias_by_the_walk() -> None:
         for axis, std in zip("xyz", row[1].split(","), strict=True):
             walk = filters(report).channels[f"{sensor}/{axis}"].walk
             assert 2.0 * (float(std) * unit) ** 2 / seconds == pytest.approx(walk**2, rel=1e-4)
-    n = report.channels["gyro/x"].N
+    n = report.channels["gyro/x"].coefficients["N"]
     assert n is not None
     assert float(re.search(r"^  arw: \[([^,]*),", shown, re.MULTILINE)[1]) == pytest.approx(  # type: ignore[index]
         n.readable.value, rel=1e-5
@@ -628,7 +626,7 @@ def test_csv_is_one_tidy_table(age: str) -> None:
     assert len(points) == sum(len(c.allan.tau_s) for c in report.channels.values() if c.allan)
     parts = [row for row in table if row["kind"] == "coefficient"]
     shown_parts = [(row["channel"], row["name"]) for row in parts]
-    assert shown_parts == [(n, k) for n, c in report.channels.items() for k in "NBKQR" if getattr(c, k)]
+    assert shown_parts == [(n, k) for n, c in report.channels.items() for k in c.coefficients]
     assert not [row for row in table if row["value"] and not row["unit"]]
     counters = {row["name"]: row["unit"] for row in table if row["kind"] == "record"}
     assert [counters[name] for name in ("elapsed_s", "discarded_bytes", "samples")] == ["s", "byte", "1"]
@@ -638,7 +636,7 @@ def test_csv_is_one_tidy_table(age: str) -> None:
         noise = report.channels["gyro/x"].allan.noise[at]  # type: ignore[union-attr]
         assert row["noise"] == ("" if noise is None else str(noise))
     for row in parts:
-        part = getattr(report.channels[row["channel"]], row["name"])
+        part = report.channels[row["channel"]].coefficients[row["name"]]
         assert (row["value"] or None) == (None if part.value is None else str(part.value))
         assert (row["unit"], row["status"]) == (part.unit, part.status)
 
@@ -647,7 +645,7 @@ def test_pandas_reads_the_csv() -> None:
     pandas = pytest.importorskip("pandas", reason="pandas is not installed")
     table = pandas.read_csv(io.StringIO(text(make_report(), "csv")))
     n = table[(table.kind == "coefficient") & (table.name == "N") & (table.channel == "gyro/x")]
-    assert n.value.iloc[0] == make_report().channels["gyro/x"].N.value  # type: ignore[union-attr]
+    assert n.value.iloc[0] == make_report().channels["gyro/x"].coefficients["N"].value  # type: ignore[union-attr]
     assert table[table.kind == "allan"].tau_s.notna().all()
 
 
@@ -680,7 +678,7 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path
     saved = tmp_path / "saved.json"
     assert imumon("report", recording, "-o", saved) == ""
     report = from_json(Report, saved.read_text())
-    n = report.channels["gyro/x"].N
+    n = report.channels["gyro/x"].coefficients["N"]
     assert n is not None
     assert (n.low or 0.0) < 6e-5 < (n.high or 0.0)
     page = tmp_path / "sheet.html"
@@ -693,12 +691,12 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, tmp_path
     assert printed.endswith("\nnothing changed against the baseline\n")
     half = replace(n, value=6e-5 / 2, low=2.9e-5, high=3.1e-5)
     before = replace(
-        report, channels=report.channels | {"gyro/x": replace(report.channels["gyro/x"], N=half)}
+        report, channels=report.channels | {"gyro/x": with_coefficients(report.channels["gyro/x"], N=half)}
     )
     saved.write_text(to_json(before))
     printed = imumon("replay", recording, "--baseline", saved)
     now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", printed, re.M)[1])  # type: ignore[index]
-    assert now == pytest.approx(READABLE["gyro", "N"].factor * (n.value or 0.0), rel=0.01)
+    assert now == pytest.approx(COEFFICIENTS["N"].units["gyro"].factor * (n.value or 0.0), rel=0.01)
     assert "nothing changed" not in printed
 
 
@@ -770,8 +768,8 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     assert report.session.samples >= 3000
     assert report.device.model == live.device.model
     assert report.device.stream == "deltas"
-    assert report.channels["gyro/x"].N is not None
-    assert report.channels["gyro/x"].N.status == "measured"
+    assert report.channels["gyro/x"].coefficients["N"] is not None
+    assert report.channels["gyro/x"].coefficients["N"].status == "measured"
     data = state.read_bytes()
     state.write_bytes(data[:-100])
     assert "damaged" in imumon("report", state, code=1)
@@ -839,12 +837,13 @@ def test_the_extension_of_the_output_selects_the_form_or_is_refused(recording: P
 def test_the_table_fits_the_terminal_without_truncation(age: str) -> None:
     """A narrow table has uncertainties in percent instead of limits; a pipe gets the full table."""
     report = aged(age)
-    for width in (80, 95, 100, FULL.width):
+    full = FULL.width(len(shown_letters(report.channels.values())))
+    for width in (80, 95, 100, full):
         lines = report_table(report, width).splitlines()
         rows = lines[lines.index("") : len(lines) - lines[::-1].index("")]
         assert max((len(line) for line in rows), default=0) <= width
         assert "…" not in "".join(lines)
-    assert report_table(report) == report_table(report, FULL.width)
+    assert report_table(report) == report_table(report, full)
 
 
 def test_the_table_explains_its_caveats_and_counts_in_the_singular() -> None:
@@ -903,7 +902,7 @@ def test_excluded_seconds_add_up() -> None:
 def test_the_text_has_the_time_to_the_configured_precision_and_the_loss() -> None:
     report = replace(make_report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
     gyro = report.channels["gyro/z"]
-    channels = {**report.channels, "gyro/z": replace(gyro, time_to=TimeTo(N=0.0, B=7200.0, K=259_200.0))}
+    channels = {**report.channels, "gyro/z": replace(gyro, time_to={"N": 0.0, "B": 7200.0, "K": 259_200.0})}
     lossy = replace(report.session, recent_loss=0.201)
     lines = report_table(replace(report, channels=channels, session=lossy)).splitlines()
     assert next(line for line in lines if line.startswith("B within ±15%: ")).count("gyro/z in 2 h") == 1
@@ -947,9 +946,11 @@ def test_both_tables_name_their_units() -> None:
 
 def test_wide_limits_are_a_factor() -> None:
     report = make_report()
-    k = replace(report.channels["gyro/x"].K, status="measured", value=1.0)  # type: ignore[type-var]
-    k = replace(k, readable=Readable(value=3.5, low=1.0, high=9.0, unit="deg/h/sqrt(h)"))
-    shown = report_table(replace(report, channels={"gyro/x": replace(report.channels["gyro/x"], K=k)}), 100)
+    k = replace(report.channels["gyro/x"].coefficients["K"], status="measured")
+    si = 1.0 / COEFFICIENTS["K"].units["gyro"].factor
+    k = replace(k, value=3.5 * si, low=1.0 * si, high=9.0 * si)
+    one = with_coefficients(report.channels["gyro/x"], K=k)
+    shown = report_table(replace(report, channels={"gyro/x": one}), 100)
     assert "3.5 ×÷3.0" in shown
     assert uncertainty() in shown
     assert Notation(ascii=True).coefficient(k, None) == ("3.5 x/3.0", "text")

@@ -45,7 +45,7 @@ def test_every_number_of_the_report_is_there(server: MetricsServer) -> None:
     assert found["imumon_temperature_celsius",] == made.channels["temperature"].last
     for name, channel in made.channels.items():
         for letter in "NBK":
-            part = getattr(channel, letter)
+            part = channel.coefficients.get(letter)
             for limit in ("value", "low", "high"):
                 known = getattr(part, limit) if part is not None else None
                 assert found.get(("imumon_noise", name, letter, limit)) == known

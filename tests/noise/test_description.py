@@ -113,8 +113,8 @@ def test_quantisation_of_the_integral_is_no_white_noise() -> None:
     assert missed(fits, "N", N) <= 1
     for fit in fits:
         assert "quantised" in fit.caveats
-        assert fit.Q is not None
-        assert fit.Q.value == pytest.approx(step / math.sqrt(12.0), rel=0.05)
+        assert "Q" in fit.coefficients
+        assert fit.coefficients["Q"].value == pytest.approx(step / math.sqrt(12.0), rel=0.05)
 
 
 # --- lines and oscillations --------------------------------------------------------------------------------

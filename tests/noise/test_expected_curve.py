@@ -172,7 +172,7 @@ def test_the_stated_limits_of_a_curve_hold_its_expectation() -> None:
 def test_slopes_are_read_off_the_curve() -> None:
     tau = 2.0 ** np.arange(-5, 16)
     readings = read_slopes(tau, np.sqrt(0.01**2 / tau + (0.664 * 3e-3) ** 2 + 1e-4**2 * tau / 3))
-    assert pytest.approx(0.01, rel=0.02) == readings.N
-    assert pytest.approx(1e-4, rel=0.1) == readings.K
+    assert pytest.approx(0.01, rel=0.02) == readings["N"]
+    assert pytest.approx(1e-4, rel=0.1) == readings["K"]
     assert read_slopes(tau, tau**0.0) == read_slopes(tau * 2.0, tau**0.0)
-    assert read_slopes(tau[:2], tau[:2]).N is None
+    assert read_slopes(tau[:2], tau[:2])["N"] is None

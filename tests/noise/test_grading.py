@@ -1,11 +1,10 @@
 """Grades: the table, nearest and met grades, and the deciding coefficient."""
 
-from dataclasses import dataclass
-
 import pytest
 
-from imumon.noise.grading import GRADES, LIMITS, grade_channel, grade_coefficient, grade_sensor
-from imumon.report import DecidedBy, Status
+from imumon.coefficients import GRADES, Estimate
+from imumon.noise.grading import LIMITS, grade_channel, grade_coefficient, grade_sensor
+from imumon.report import DecidedBy
 
 # SI values of one VN-100, as printed in its static characterisation report
 GYRO = {
@@ -20,23 +19,12 @@ ACCEL = {
 }
 
 
-@dataclass(frozen=True)
-class Coefficient:
-    value: float | None
-    low: float | None
-    high: float | None
-    status: Status
+def measured(value: float, width: float = 0.0) -> Estimate:
+    return Estimate(value=value, low=value * (1 - width), high=value * (1 + width), status="measured")
 
 
-def measured(value: float, width: float = 0.0) -> Coefficient:
-    return Coefficient(value, value * (1 - width), value * (1 + width), "measured")
-
-
-def bounded(high: float) -> Coefficient:
-    return Coefficient(None, 0.0, high, "upper_bound")
-
-
-PENDING = Coefficient(None, None, None, "pending")
+def bounded(high: float) -> Estimate:
+    return Estimate(low=0.0, high=high, status="upper_bound")
 
 
 def axes(values):
@@ -56,11 +44,11 @@ def test_limits_agree_with_the_primer():
 
 
 def test_grades_agree_with_a_published_report():
-    channels = {axis: grade_channel("gyro", N=measured(n), B=measured(b)) for axis, (n, b) in GYRO.items()}
-    assert [channels[a].N.meets for a in "xyz"] == ["consumer"] * 3
-    assert [channels[a].N.nearest for a in "xyz"] == ["industrial"] * 3
-    assert [channels[a].B.meets for a in "xyz"] == ["tactical", "industrial", "tactical"]
-    assert [channels[a].B.nearest for a in "xyz"] == ["tactical", "industrial", "tactical"]
+    channels = {axis: grade_channel("gyro", known).coefficients for axis, known in axes(GYRO).items()}
+    assert [channels[a]["N"].meets for a in "xyz"] == ["consumer"] * 3
+    assert [channels[a]["N"].nearest for a in "xyz"] == ["industrial"] * 3
+    assert [channels[a]["B"].meets for a in "xyz"] == ["tactical", "industrial", "tactical"]
+    assert [channels[a]["B"].nearest for a in "xyz"] == ["tactical", "industrial", "tactical"]
     gyro, accel = grade_sensor("gyro", axes(GYRO)), grade_sensor("accel", axes(ACCEL))
     assert gyro.nearest == accel.nearest == "industrial"
     assert gyro.meets == accel.meets == "consumer"
@@ -83,14 +71,14 @@ def test_a_limit_itself_meets_its_grade(sensor, coefficient):
 
 def test_a_bound_decides_only_where_nothing_is_measured():
     loose = bounded(LIMITS["gyro"]["B"]["consumer"])
-    channel = grade_channel("gyro", N=measured(8.9e-5), B=loose)
+    channel = grade_channel("gyro", {"N": measured(8.9e-5), "B": loose})
     assert channel.nearest == "industrial"
     assert channel.meets == "consumer"
     headline = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": loose}})
     assert headline.nearest == "industrial"
     assert headline.provisional
     assert headline.reason
-    assert channel.B.nearest == "consumer"
+    assert channel.coefficients["B"].nearest == "consumer"
     assert grade_sensor("gyro", {"x": {"B": loose}}).nearest == "consumer"
     tight = bounded(LIMITS["gyro"]["B"]["tactical"])
     assert not grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": tight}}).provisional
@@ -99,7 +87,7 @@ def test_a_bound_decides_only_where_nothing_is_measured():
 def test_the_headline_is_provisional_while_it_can_change():
     wide = measured(LIMITS["gyro"]["N"]["industrial"] * 2, 0.9)
     assert grade_sensor("gyro", {"x": {"N": wide, "B": measured(1e-6)}}).provisional
-    half = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": PENDING}})
+    half = grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": Estimate()}})
     assert half.provisional
     assert half.nearest == "industrial"
     assert half.reason
@@ -108,11 +96,11 @@ def test_the_headline_is_provisional_while_it_can_change():
 def test_no_known_coefficient_gives_no_grade_with_a_reason():
     for sensor, coefficients in (
         ("gyro", {}),
-        ("gyro", {"x": {"N": PENDING}}),
+        ("gyro", {"x": {"N": Estimate()}}),
         ("mag", {"x": {"N": measured(1.0)}}),
     ):
         headline = grade_sensor(sensor, coefficients)
         assert headline.nearest is headline.meets is headline.decided_by is None
         assert headline.reason
     assert grade_coefficient("gyro", "K", 1e-6) == grade_coefficient("mag", "N", 1.0)
-    assert grade_channel("mag", N=measured(1.0)).nearest is None
+    assert grade_channel("mag", {"N": measured(1.0)}).nearest is None

@@ -286,7 +286,7 @@ def check_sound(fit: ChannelFit) -> None:
             assert c.value is None or c.low < c.value < c.high
     for array in (fit.model, fit.noise, fit.low, fit.high, fit.edf):
         assert np.isfinite(array).all()
-    numbers = [value for item in (fit.time_to, fit.readings) for value in (item.N, item.B, item.K)]
+    numbers = [value for item in (fit.time_to, fit.readings) for value in item.values()]
     for number in (*numbers, fit.chi2, fit.p_value, fit.explained, fit.highest_hz):
         assert number is None or math.isfinite(number)
 

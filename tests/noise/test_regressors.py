@@ -95,9 +95,9 @@ def test_a_drift_is_stated_with_its_limits(quiet: Floats, walk: Floats, slope: f
         if k:
             continue
         assert "ramp" in fit.caveats
-        assert fit.R is not None
-        assert fit.R.value == pytest.approx(abs(slope), rel=0.1)
-        assert fit.R.low < abs(slope) * 1.1  # type: ignore[operator]
+        assert "R" in fit.coefficients
+        assert fit.coefficients["R"].value == pytest.approx(abs(slope), rel=0.1)
+        assert fit.coefficients["R"].low < abs(slope) * 1.1  # type: ignore[operator]
     assert missed(fits, "N", N) <= MOST_MISSED
 
 
@@ -106,7 +106,7 @@ def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
     ratios = []
     for values in (quiet, quiet + walk, quiet + 10.0 * walk):
         fits = fitted(values)
-        assert all(fit.R is None for fit in fits)
+        assert all("R" not in fit.coefficients for fit in fits)
         for fit in fits:
             column = fit.column("drift")
             assert column is not None
@@ -182,7 +182,7 @@ def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: fl
     for fit in fits:
         settling = fit.column("settling")
         assert settling is not None
-        assert settling.at_s == pytest.approx(time_s, rel=0.5)
+        assert settling.time_constant_s == pytest.approx(time_s, rel=0.5)
         assert fit.step is None
 
 
@@ -205,13 +205,16 @@ def test_a_step_of_any_size_hides_no_noise(quiet: Floats, size: float) -> None:
 def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Floats, at: float) -> None:
     values = quiet.copy()
     values[round(at * LENGTH) :, ::2] += 1e-4
-    fits = fitted(values + 9.8)
+    estimator = Estimator(averaged=True, time_to=False)
+    fits = estimator.fit(curve_of(values + 9.8))
     check_noise(fits)
     for c, fit in enumerate(fits):
         column = fit.column("step")
         assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
         if column is not None and fit.step is not None:
-            assert column.at_s == pytest.approx(at * LENGTH / RATE, abs=60.0)
+            found = estimator._known[c].found
+            (place,) = (each.at for each in found.regressors if each.name == "step")
+            assert place * found.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
             assert column.value == pytest.approx(1e-4, abs=4.0 * column.error)
             assert column.error < 1e-5
             assert fit.step.now - fit.step.before == pytest.approx(column.value)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from imumon.coefficients import Estimate
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.allan.windows import WindowedCascade
-from imumon.noise.fit.results import FittedCoefficient, pending_fit
+from imumon.noise.fit.results import pending_fit
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.stretches.change import detect_changes
 from imumon.noise.stretches.quarters import Quarters
@@ -206,11 +209,8 @@ def test_an_hour_with_another_n_is_a_change() -> None:
 
 def limited(n: float) -> ChannelFit:
     fit = pending_fit(0, "too short")
-    N = FittedCoefficient(value=n, low=0.99 * n, high=1.01 * n, status="measured")
-    return ChannelFit(
-        **{name: getattr(fit, name) for name in ("B", "K", "model", "noise", "used", "low", "high", "edf")},
-        N=N,
-    )
+    known = Estimate(value=n, low=0.99 * n, high=1.01 * n, status="measured")
+    return replace(fit, coefficients={**fit.coefficients, "N": known})
 
 
 def test_a_change_is_beyond_chance_and_large() -> None:

@@ -109,7 +109,9 @@ def test_a_daemon_reads_a_topic_over_dds_and_publishes_diagnostics(
             daemon.samples(400)
             measured = {f"accel/{axis}" for axis in "xyz"}
             made = daemon.wait(
-                lambda r: all((n := r.channels[name].N) and n.status == "measured" for name in measured)
+                lambda r: all(
+                    (n := r.channels[name].coefficients["N"]) and n.status == "measured" for name in measured
+                )
             )
             outputs: list[dict[str, Any]] = []
             arrays: list[Received] = []

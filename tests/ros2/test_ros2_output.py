@@ -11,7 +11,7 @@ import pytest
 import ros2_actors
 from bus_actors import until
 from daemons import Daemon
-from reports import Run, nothing_yet
+from reports import Run, nothing_yet, with_coefficients
 from ros2_actors import free_router
 from ros2_messages import decode
 
@@ -49,7 +49,7 @@ def test_each_sensor_and_the_stream_have_a_status() -> None:
     assert gyro["hardware_id"] == made.device.serial
     assert gyro["values"]["grade"] == made.grade["gyro"].nearest
     assert gyro["values"]["provisional"] == str(made.grade["gyro"].provisional).lower()
-    n = made.channels["gyro/x"].N
+    n = made.channels["gyro/x"].coefficients["N"]
     assert n is not None
     assert gyro["values"]["N x"].startswith(f"{n.readable.value:.3g}"[:4])
     assert "deg/sqrt(h)" in gyro["values"]["N x"]
@@ -88,7 +88,7 @@ def test_variances_are_those_of_measured_coefficients_only() -> None:
     made = report()
     found = sample_variances(made, "gyro")
     assert found is not None
-    n, rate = made.channels["gyro/y"].N, made.device.sample_rate_hz
+    n, rate = made.channels["gyro/y"].coefficients["N"], made.device.sample_rate_hz
     assert n is not None
     assert n.value is not None
     assert rate is not None
@@ -96,7 +96,7 @@ def test_variances_are_those_of_measured_coefficients_only() -> None:
     std = made.channels["gyro/y"].std
     assert std is not None
     bounded = replace(n, value=None, status="upper_bound")
-    channels = {**made.channels, "gyro/y": replace(made.channels["gyro/y"], N=bounded)}
+    channels = {**made.channels, "gyro/y": with_coefficients(made.channels["gyro/y"], N=bounded)}
     assert sample_variances(replace(made, channels=channels), "gyro") is None
     assert sample_variances(nothing_yet(), "gyro") is None
 
@@ -124,7 +124,10 @@ def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
         ) as daemon,
     ):
         daemon.wait(
-            lambda r: bool(r.channels) and all(c.N and c.N.status == "measured" for c in r.channels.values())
+            lambda r: (
+                bool(r.channels)
+                and all(c.coefficients["N"].status == "measured" for c in r.channels.values())
+            )
         )
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
         given, out, shown = (

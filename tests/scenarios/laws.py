@@ -128,7 +128,7 @@ def _is_the_noise(name: str, channel: Channel, rate: float) -> None:
         std = N[name.partition("/")[0]] * math.sqrt(rate)
         assert abs(channel.std / std - 1.0) < SIGMAS / math.sqrt(2 * n), (name, channel.std, std)
         assert abs(channel.mean - MEAN[name]) < SIGMAS * std / math.sqrt(n), (name, channel.mean)
-        told = channel.N
+        told = channel.coefficients.get("N")
         if told is not None and told.value is not None:
             assert told.low is not None
             assert told.high is not None
@@ -141,7 +141,7 @@ def _is_the_noise(name: str, channel: Channel, rate: float) -> None:
 
 
 def _claims(channel: Channel | None, letter: str) -> bool:
-    coefficient = getattr(channel, letter, None)
+    coefficient = channel.coefficients.get(letter) if channel is not None else None
     return coefficient is not None and coefficient.status == "measured"
 
 

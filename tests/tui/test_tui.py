@@ -55,7 +55,7 @@ def status(app: ImumonApp) -> str:
 
 def _number(report: Report, channel: str, letter: str) -> str:
     """Return N, B or K as the table shows it."""
-    return Notation().coefficient(getattr(report.channels[channel], letter), None)[0]
+    return Notation().coefficient(report.channels[channel].coefficients.get(letter), None)[0]
 
 
 # ---------------------------------------------------------------------------- keys
@@ -409,9 +409,8 @@ def test_every_mode_shows_the_key_that_ends_it() -> None:
 @pytest.mark.parametrize("size", [(80, 24), (150, 40)])
 def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) -> None:
     report = replace(reports.report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
-    to = report.channels["gyro/z"].time_to
-    assert to is not None
-    channel = replace(report.channels["gyro/z"], time_to=replace(to, N=0.0, B=7200.0, K=259_200.0))
+    times = {"N": 0.0, "B": 7200.0, "K": 259_200.0}
+    channel = replace(report.channels["gyro/z"], time_to=times)
     report = replace(report, channels={**report.channels, "gyro/z": channel})
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,30 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.messages import coefficient_ratio
-from imumon.pipeline.report_builder import coefficient
-from imumon.report import Coefficient, Status
+from imumon.report import Estimate
 from imumon.tui.compare import ratio_text
 
 
-@dataclass(frozen=True)
-class Estimate:
-    value: float | None
-    low: float | None
-    high: float | None
-    status: Status
-    reason: str | None = None
-    reason_code: str | None = None
-
-
-def known(value: float, spread: float) -> Coefficient:
+def known(value: float, spread: float) -> Estimate:
     """Return a coefficient with a relative half-width of `spread`: measured, bounded or pending."""
     if spread < 0.9:
-        estimate = Estimate(value, value * (1 - 0.95 * spread), value * (1 + 1.05 * spread), "measured")
-    elif spread < 6.0:
-        estimate = Estimate(None, 0.0, value * (1 + spread), "upper_bound")
-    else:
-        estimate = Estimate(None, None, None, "pending")
-    return coefficient("gyro", "N", estimate)
+        low, high = value * (1 - 0.95 * spread), value * (1 + 1.05 * spread)
+        return Estimate(value=value, low=low, high=high, status="measured")
+    return Estimate(low=0.0, high=value * (1 + spread), status="upper_bound") if spread < 6.0 else Estimate()
 
 
 def test_a_ratio_differs_beyond_the_limits_of_both() -> None:
@@ -91,7 +77,7 @@ def test_equal_sensors_differ_in_one_pair_of_twenty() -> None:
     assert abs(wrong / pairs - 0.05) < 3 * math.sqrt(0.05 * 0.95 / pairs)
 
 
-def _estimate(spread: float, deviation: float) -> Coefficient:
+def _estimate(spread: float, deviation: float) -> Estimate:
     value = math.exp(spread * deviation)
     wide = math.exp(1.96 * spread)
     return replace(known(1.0, 0.1), value=value, low=value / wide, high=value * wide)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon import units
-from imumon.report import Coefficient, Distribution, Readable
+from imumon.report import Distribution, Estimate
 from imumon.tui import (
     braille_canvas,
     channel_table,
@@ -99,14 +99,11 @@ def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
 def test_a_coefficient_fits_its_column(
     value: float, low: float, high: float, status: str, seconds: float | None, si: bool, ascii: bool
 ) -> None:
-    shown = Readable(value=value, low=low, high=high, unit="deg/h")
-    part = Coefficient(
+    part = Estimate(
         value=value if status == "measured" else None,
         low=low,
         high=high,
         status=status,  # type: ignore[arg-type]
-        unit="rad/s",
-        readable=replace(shown, value=value if status == "measured" else None),
     )
     text, _ = Notation(si=si, ascii=ascii).coefficient(part, seconds)
     assert len(text) <= CELL
@@ -144,7 +141,7 @@ def test_headings_fit_their_columns(si: bool, ascii: bool) -> None:
     notation = Notation(si=si, ascii=ascii)
     for sensor in ("gyro", "accel", "mag"):
         for name in ("N", "B", "K"):
-            assert len(f"{name} {notation.coefficient_unit(sensor, name)}") <= CELL
+            assert len(f"{name} {notation.coefficient_scale(sensor, name)[1]}") <= CELL
         assert len(f"mean {notation.scale(sensor)[1]}") <= channel_table.COLUMNS["mean"]
 
 
@@ -249,7 +246,7 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
             charts.allan_chart(running().updated(reports={reports.ID: report}, channel=channel), 100, 40)
         )
         for letter in "NBK":
-            part = getattr(report.channels[channel], letter)
+            part = report.channels[channel].coefficients.get(letter)
             assert (part.status == "measured") == (letter in letters)
             if letter in letters:
                 height = FLICKER if letter == "B" else 1.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from imumon.coefficients import LIMIT_95
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.description import Description
 from imumon.noise.fit.expected_curve import (
@@ -21,11 +22,11 @@ from imumon.noise.fit.likelihood import averaged as average_over
 from imumon.noise.fit.likelihood import evidence, normal_matrix, quantiles
 from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.regressors import COLLINEAR, OSCILLATION
-from imumon.noise.fit.results import LIMIT_95, ChannelFit, FittedCoefficient, FittedColumn, read_slopes
+from imumon.noise.fit.results import SIGNIFICANT, ChannelFit, read_slopes
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.expectation import window_power
-from imumon.report import Change, TimeTo
+from imumon.report import COEFFICIENTS, NOISE, Change, Estimate, ModelColumn
 from imumon.samples import Floats, Ints
 
 LEAST_B_K_S = 10.0
@@ -78,19 +79,18 @@ def channel_fit(
     """
     tau0, series = curve.tau0, found.slow.series
     samples = float(series.count.sum() * series.length)
-    unit = np.sqrt(np.array([tau0, 1.0, 1.0 / tau0]))
-    coefficients = _coefficients(found, kurtosis / samples, samples * tau0)
-    N, B, K = (_scaled(each, size) for each, size in zip(coefficients, unit.tolist(), strict=True))
+    coefficients = {
+        letter: each.scaled(math.pow(tau0, -COEFFICIENTS[letter].slope))
+        for letter, each in _coefficients(found, kurtosis / samples, samples * tau0).items()
+    }
     columns, collinear = _columns(found, tau0)
     drift = next((each for each in reversed(columns) if each.name == "drift"), None)
+    if drift is not None and drift.sigma > SIGNIFICANT and not collinear:
+        coefficients["R"] = _ramp(drift)
     highest = float(found.likelihood.powers.top.max())
     none, lines = np.zeros(0), _lines(curve, channel)
     fit = ChannelFit(
-        N=N,
-        B=B,
-        K=K,
-        Q=_quantised(found, tau0) if found.likelihood.shape == "quantised" else None,
-        R=_ramp(drift) if drift is not None and drift.significant and not collinear else None,
+        coefficients=coefficients,
         chi2=found.misfit,
         dof=round(found.dof),
         p_value=found.p_value,
@@ -109,16 +109,16 @@ def channel_fit(
         highest_hz=highest / tau0,
     )
     if precision is not None:
-        widths = np.array([_relative_width(each) for each in (N, B, K)])
+        widths = np.array([coefficients[letter].half_width or math.inf for letter in NOISE])
         seconds = seconds_to(found.surface.powers, widths, samples, tau0, highest, precision)
-        fit = replace(fit, time_to=TimeTo(N=seconds[0], B=seconds[1], K=seconds[2]))
+        fit = replace(fit, time_to=dict(zip(NOISE, seconds, strict=True)))
     if len(curve.m):
         fit = _with_curve(fit, curve, channel, found, averaged)
     return _with_caveats(fit, found, curve, channel)
 
 
-def _coefficients(found: Description, kurtosis: float, length_s: float) -> list[FittedCoefficient]:
-    """Return N, B and K in units of tau0.
+def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[str, Estimate]:
+    """Return N, B and K, and Q where it shows, in units of tau0.
 
     Noise of independent samples with excess kurtosis g has powers whose relative covariances all gain g over the
     number of samples (the fourth cumulant of a sum of squares), as if N^2 itself varied.
@@ -133,18 +133,20 @@ def _coefficients(found: Description, kurtosis: float, length_s: float) -> list[
     if mean > N_ERRORS * error:
         half = math.exp(0.5 * LIMIT_95 * error / mean)  # a variance is nearly log-normal
         value = root(0.0)
-        white = FittedCoefficient(value=value, low=value / half, high=value * half, status="measured")
+        white = Estimate(value=value, low=value / half, high=value * half, status="measured")
     else:
         white = _bound(root(BOUND_95))
-    out = [white]
-    for axis in (0, 1):
+    out = {"N": white}
+    for axis, letter in enumerate("BK"):
         value, low, high, bound = quantiles(surface, axis, np.array([0.5, 0.025, 0.975, 0.95])).tolist()
         if length_s < LEAST_B_K_S:
-            out.append(FittedCoefficient(reason=TOO_SHORT))
+            out[letter] = Estimate(reason=TOO_SHORT)
         elif evidence(surface, axis) > EVIDENCE and low < value < high:
-            out.append(FittedCoefficient(value=value, low=low, high=high, status="measured"))
+            out[letter] = Estimate(value=value, low=low, high=high, status="measured")
         else:
-            out.append(_bound(bound))
+            out[letter] = _bound(bound)
+    if found.likelihood.shape == "quantised" and (quantised := _quantised(found)) is not None:
+        out["Q"] = quantised
     return out
 
 
@@ -178,26 +180,11 @@ def _with_curve(
     )
 
 
-def _relative_width(each: FittedCoefficient) -> float:
-    """Return the half-width of the limits over the value; inf where nothing is measured."""
-    if each.value is None or each.low is None or each.high is None:
-        return math.inf
-    return 0.5 * (each.high - each.low) / each.value
+def _bound(high: float) -> Estimate:
+    return Estimate(low=0.0, high=high, status="upper_bound", reason=NOT_SHOWN)
 
 
-def _bound(high: float) -> FittedCoefficient:
-    return FittedCoefficient(low=0.0, high=high, status="upper_bound", reason=NOT_SHOWN)
-
-
-def _scaled(each: FittedCoefficient, unit: float) -> FittedCoefficient:
-    """Return a coefficient in SI."""
-    value, low, high = (None if v is None else v * unit for v in (each.value, each.low, each.high))
-    return FittedCoefficient(
-        value=value, low=low, high=high, status=each.status, reason=each.reason, reason_code=each.reason_code
-    )
-
-
-def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...], bool]:
+def _columns(found: Description, tau0: float) -> tuple[tuple[ModelColumn, ...], bool]:
     """Return the regressors with their coefficients, and whether time and temperature are not separable."""
     mean, error = average_over(found.surface, found.surface.beta, found.surface.beta_variance)
     length_s = found.slow.series.length * tau0
@@ -206,7 +193,13 @@ def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...],
         if each.name == "settling_time" or each.name in OSCILLATION:
             continue
         scale = each.scale / length_s if each.name == "drift" else each.scale
-        out.append(FittedColumn(each.name, value * scale, deviation * scale, each.at * length_s))
+        size, half = value * scale, LIMIT_95 * (deviation * scale)
+        settles_s = each.at * length_s if each.name == "settling" else None
+        out.append(
+            ModelColumn(
+                name=each.name, value=size, low=size - half, high=size + half, time_constant_s=settles_s
+            )
+        )
     collinear = False
     names = [each.name for each in found.slow.regressors]
     if "temperature" in names:
@@ -220,7 +213,7 @@ def _columns(found: Description, tau0: float) -> tuple[tuple[FittedColumn, ...],
     return tuple(out), bool(collinear)
 
 
-def _step(found: Description, columns: tuple[FittedColumn, ...]) -> Change | None:
+def _step(found: Description, columns: tuple[ModelColumn, ...]) -> Change | None:
     """Return the step of a description as a change of the bias, with the means before and after it."""
     column = next((each for each in columns if each.name == "step"), None)
     if column is None:
@@ -256,13 +249,13 @@ def _lines(curve: AllanCurve, channel: int) -> Floats:
     return np.array(scaled).reshape(-1, 3)
 
 
-def _ramp(drift: FittedColumn) -> FittedCoefficient:
+def _ramp(drift: ModelColumn) -> Estimate:
     """Return R, the size of the drift."""
-    value, half = abs(drift.value), LIMIT_95 * drift.error
-    return FittedCoefficient(value=value, low=max(value - half, 0.0), high=value + half, status="measured")
+    low, high = sorted((abs(drift.low), abs(drift.high)))  # a significant drift excludes 0
+    return Estimate(value=abs(drift.value), low=low, high=high, status="measured")
 
 
-def _quantised(found: Description, tau0: float) -> FittedCoefficient | None:
+def _quantised(found: Description) -> Estimate | None:
     """Return Q of the term c 4 sin^2(pi f) = Q^2 (2 pi f)^2 in units of tau0, with the error of c."""
     likelihood, surface = found.likelihood, found.surface
     c = float(surface.c[surface.best])
@@ -270,8 +263,8 @@ def _quantised(found: Description, tau0: float) -> FittedCoefficient | None:
     error = math.sqrt(np.linalg.pinv((0.5 * likelihood.dof[:, None] * own).T @ own)[1, 1])
     if c < N_ERRORS * error:
         return None
-    low, high = (math.sqrt(max(c + sign * LIMIT_95 * error, 0.0)) * tau0 for sign in (-1, 1))
-    return FittedCoefficient(value=math.sqrt(c) * tau0, low=low, high=high, status="measured")
+    low, high = (math.sqrt(max(c + sign * LIMIT_95 * error, 0.0)) for sign in (-1, 1))
+    return Estimate(value=math.sqrt(c), low=low, high=high, status="measured")
 
 
 def _oscillations(found: Description, lines: Floats) -> list[Ints]:
@@ -396,13 +389,13 @@ def _with_caveats(fit: ChannelFit, found: Description, curve: AllanCurve, channe
         model = fit.model**2
         bends = bool((_line_shares(curve, channel) > BENDS * model).any())
         drift = fit.column("drift")
-        if fit.R is not None and drift is not None:
+        if "R" in fit.coefficients and drift is not None:
             ramps = bool((0.5 * (drift.value * curve.tau) ** 2 > BENDS * model).any())
     holds = {
         "misfit": found.p_value < MISFIT_P,
         "vibration": bends,
         "correlated": found.window > 1 or found.likelihood.shape == "filtered",
-        "quantised": fit.Q is not None,
+        "quantised": "Q" in fit.coefficients,
         "ramp": ramps,
         "oscillation": bool(fit.oscillations_s),
     }

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.coefficients import NOISE, default_precision
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.channel_results import TOO_SHORT, channel_fit
 from imumon.noise.fit.description import Choice, Describer, Description
@@ -21,8 +22,6 @@ from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
 from imumon.samples import Floats
 
-PRECISION = {"N": 0.01, "B": 0.2, "K": 0.5}
-"""1, requested 95 % half-widths relative to the value, as in datasheets."""
 RENEWAL_GROWTH = 1.02
 """1, growth of the record after which a fit is computed again: limits shrink by 1 % meanwhile."""
 LEAST_VARIANCE = 1e-100
@@ -51,7 +50,7 @@ class Estimator:
     ----------
     averaged : the samples are true averages over their interval (delta angles), else point samples; one value
         for all channels, or (c,) one for each. A curve may consist of the first few of them.
-    precision : requested 95 % half-widths by coefficient, for `time_to`; default `PRECISION`.
+    precision : requested 95 % half-widths by coefficient, for `time_to`; default `default_precision`.
     time_to : compute `time_to`.
     """
 
@@ -63,7 +62,7 @@ class Estimator:
         time_to: bool = True,
     ) -> None:
         self.averaged, self._time_to = averaged, time_to
-        self.precision = PRECISION | (precision or {})
+        self.precision = default_precision() | (precision or {})
         self._record: Hashable = None
         self._known: dict[int, _Known] = {}
         self._parts: dict[int, _Known] = {}  # of the part in progress
@@ -151,7 +150,7 @@ class Estimator:
         return tuple(out)
 
     def _stated(self, curve: AllanCurve, channel: int, found: Description, kurtosis: float) -> ChannelFit:
-        precision = np.array([self.precision[name] for name in "NBK"]) if self._time_to else None
+        precision = np.array([self.precision[name] for name in NOISE]) if self._time_to else None
         return channel_fit(curve, channel, found, self._flag(channel), kurtosis, precision)
 
     def _flag(self, channel: int) -> bool:

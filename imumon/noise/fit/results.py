@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from imumon.report import Change, Readings, Status, TimeTo
+from imumon.report import COEFFICIENTS, NOISE, Change, Estimate, ModelColumn
 from imumon.samples import Bools, Floats
 
 SLOPE_TOLERANCE = 0.2
@@ -16,50 +16,6 @@ SLOPE_TOLERANCE = 0.2
 SIGNIFICANT = 3.9
 """Standard errors from which a drift or a temperature slope is significant: 10^-4, because many channels are tested."""
 
-LIMIT_95 = 1.96
-"""Standard errors, half-width of a 95 % interval."""
-
-_FLICKER_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FittedCoefficient:
-    """A coefficient in SI with its 95 % limits; `value` is None unless measured."""
-
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
-    status: Status = "pending"
-    reason: str | None = None
-    reason_code: str | None = None  # see `imumon.report.Coefficient`
-
-
-@dataclass(frozen=True, slots=True)
-class FittedColumn:
-    """A regressor in use.
-
-    Attributes
-    ----------
-    name : ``drift``, ``temperature``, ``settling`` or ``step``.
-    value, error : channel unit per s, per degC, or channel unit; estimate and its standard error.
-    at_s : s, time constant of the settling; place of the step since the beginning of the blocks; 0.0 of others.
-    """
-
-    name: str
-    value: float
-    error: float
-    at_s: float = 0.0
-
-    @property
-    def sigma(self) -> float:
-        """Standard errors by which it differs from zero."""
-        return abs(self.value) / self.error if self.error > 0.0 else 0.0
-
-    @property
-    def significant(self) -> bool:
-        """Whether it differs from zero beyond `SIGNIFICANT`."""
-        return self.sigma > SIGNIFICANT
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChannelFit:
@@ -67,16 +23,15 @@ class ChannelFit:
 
     Attributes
     ----------
-    N, B, K : channel unit times sqrt(s), 1, 1/sqrt(s).
-    Q, R : channel unit times s, and per s; None unless the data show them.
+    coefficients : by letter: N, B and K always; others where the data show them. In SI, without a unit.
     chi2, dof, p_value : of the misfit; None while there is nothing to test.
     model : (k,) channel unit, Allan deviation of everything that the fit states; 0.0 where there is no fit.
     noise : (k,) channel unit, Allan deviation of N, B and K alone.
     used : (k,) octaves in the range of frequencies that the fit uses.
     low, high : (k,) channel unit, 95 % limits of the Allan deviation; 0.0 where there is no difference.
     edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
-    time_to : s, still to record until N, B and K are as precise as requested.
-    readings : classical slope readings.
+    time_to : s by letter, still to record until a coefficient is as precise as requested; None: unknown.
+    readings : classical slope readings by letter; None: the curve has none.
     caveats : ``misfit``, ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``quantised``, ``ramp``,
         ``oscillation``.
     columns : regressors in use.
@@ -88,11 +43,7 @@ class ChannelFit:
     highest_hz : Hz, highest frequency in use; None without a fit.
     """
 
-    N: FittedCoefficient
-    B: FittedCoefficient
-    K: FittedCoefficient
-    Q: FittedCoefficient | None = None
-    R: FittedCoefficient | None = None
+    coefficients: Mapping[str, Estimate]
     chi2: float | None = None
     dof: int | None = None
     p_value: float | None = None
@@ -102,10 +53,10 @@ class ChannelFit:
     low: Floats
     high: Floats
     edf: Floats
-    time_to: TimeTo = field(default_factory=TimeTo)
-    readings: Readings = field(default_factory=Readings)
+    time_to: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE))
+    readings: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE))
     caveats: tuple[str, ...] = ()
-    columns: tuple[FittedColumn, ...] = ()
+    columns: tuple[ModelColumn, ...] = ()
     no_slope: str = "no_temperature"
     explained: float | None = None
     step: Change | None = None
@@ -114,25 +65,41 @@ class ChannelFit:
     highest_hz: float | None = None
 
     @property
+    def N(self) -> Estimate:
+        """White noise, channel unit times sqrt(s)."""
+        return self.coefficients["N"]
+
+    @property
+    def B(self) -> Estimate:
+        """Flicker, channel unit."""
+        return self.coefficients["B"]
+
+    @property
+    def K(self) -> Estimate:
+        """Random walk, channel unit over sqrt(s)."""
+        return self.coefficients["K"]
+
+    @property
     def follows_temperature(self) -> bool:
         """Whether the mean follows the temperature significantly."""
         slope = self.column("temperature")
-        return slope is not None and slope.significant
+        return slope is not None and slope.sigma > SIGNIFICANT
 
-    def column(self, name: str) -> FittedColumn | None:
+    def column(self, name: str) -> ModelColumn | None:
         """Return the last regressor of a name; None if it is not in use."""
         return next((each for each in reversed(self.columns) if each.name == name), None)
 
 
 def pending_fit(octaves: int, reason: str, reason_code: str | None = None) -> ChannelFit:
     """Return the fit of a channel with too little data."""
-    c, zeros = FittedCoefficient(reason=reason, reason_code=reason_code), np.zeros(octaves)
+    pending = dict.fromkeys(NOISE, Estimate(reason=reason, reason_code=reason_code))
+    zeros = np.zeros(octaves)
     return ChannelFit(
-        N=c, B=c, K=c, model=zeros, noise=zeros, used=zeros > 0.0, low=zeros, high=zeros, edf=zeros
+        coefficients=pending, model=zeros, noise=zeros, used=zeros > 0.0, low=zeros, high=zeros, edf=zeros
     )
 
 
-def read_slopes(tau: Floats, sigma: Floats) -> Readings:
+def read_slopes(tau: Floats, sigma: Floats) -> dict[str, float | None]:
     """Return N, B and K read off a curve in the classical way, for comparison with papers and other tools.
 
     N is the line of slope -1/2 read at 1 s, K the line of slope +1/2 read at 3 s, B the flat part divided by
@@ -147,19 +114,14 @@ def read_slopes(tau: Floats, sigma: Floats) -> Readings:
 
     >>> tau = 2.0 ** np.arange(-5, 16)
     >>> readings = read_slopes(tau, np.sqrt(0.01**2 / tau + (0.664 * 3e-3) ** 2 + 1e-4**2 * tau / 3))
-    >>> print(f"{readings.N:.4f} {readings.B:.4f} {readings.K:.2e}")
+    >>> print(f"{readings['N']:.4f} {readings['B']:.4f} {readings['K']:.2e}")
     0.0100 0.0034 1.04e-04
     """
-    if sigma.size < 3:
-        return Readings()
-    x, y = np.log(tau), np.log(sigma)
-    slope = np.diff(y) / np.diff(x)
-
-    def line(nominal: float, at: float) -> float | None:
-        nearest = int(np.argmin(np.abs(slope - nominal)))
-        if abs(slope[nearest] - nominal) > SLOPE_TOLERANCE:
-            return None
-        return float(np.exp(y[nearest] + nominal * (math.log(at) - x[nearest])))
-
-    floor = line(0.0, 1.0)
-    return Readings(N=line(-0.5, 1.0), B=None if floor is None else floor / _FLICKER_FACTOR, K=line(0.5, 3.0))
+    readings: dict[str, float | None] = dict.fromkeys(NOISE)
+    slope = np.diff(np.log(sigma)) / np.diff(np.log(tau))
+    for letter in NOISE if slope.size > 1 else ():
+        row = COEFFICIENTS[letter]
+        at = int(np.argmin(np.abs(slope - row.slope)))
+        if abs(slope[at] - row.slope) <= SLOPE_TOLERANCE:
+            readings[letter] = float(sigma[at]) / row.deviation(float(tau[at]))
+    return readings

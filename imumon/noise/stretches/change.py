@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 
-from imumon.noise.fit import ChannelFit, FittedCoefficient
-from imumon.noise.fit.results import LIMIT_95
-from imumon.report import Change, Channel, Coefficient, Report
+from imumon.coefficients import LIMIT_95
+from imumon.noise.fit import ChannelFit
+from imumon.report import Change, Channel, Estimate, Report
 
 CHANGE_SIGMA = 5.0
 """Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
-LEAST_CHANGE_N = 0.05
-"""Relative change of N below which it does not matter to a user."""
-LEAST_CHANGE_B = 0.5
-"""Relative change of B below which it does not matter: B of the same sensor varies by as much."""
+LEAST_CHANGE = {"N": 0.05, "B": 0.5}
+"""Relative change below which it does not matter to a user: B of the same sensor varies by as much."""
 
 _LEAST_ERROR = 1e-12
 """Relative, least divisor."""
@@ -33,8 +31,9 @@ def detect_changes(before: ChannelFit | Channel, now: ChannelFit | Channel, agai
     """
     compared = [
         _compare(against, name, one, two, least)
-        for name, least in (("N", LEAST_CHANGE_N), ("B", LEAST_CHANGE_B))
-        if (one := getattr(before, name)) is not None and (two := getattr(now, name)) is not None
+        for name, least in LEAST_CHANGE.items()
+        if (one := before.coefficients.get(name)) is not None
+        and (two := now.coefficients.get(name)) is not None
     ]
     return [change for change in compared if change is not None]
 
@@ -48,8 +47,8 @@ def compare_with_report(baseline: Report, name: str, now: ChannelFit | Channel) 
 def _compare(
     against: str,
     quantity: str,
-    before: FittedCoefficient | Coefficient,
-    now: FittedCoefficient | Coefficient,
+    before: Estimate,
+    now: Estimate,
     least: float,
 ) -> Change | None:
     """Return the change of a coefficient, compared on a logarithmic scale; None if there is none."""

@@ -40,14 +40,20 @@ temperature is no warm-up."""
 
 def is_over(fits: Iterable[ChannelFit], candidate_s: float) -> bool:
     """Return whether some channel settles along an exponential that is over at a candidate, s."""
-    settling = (fit.column("settling") for fit in fits)
-    return any(each is not None and each.at_s <= OVER * candidate_s for each in settling)
+    return any(time_s <= OVER * candidate_s for time_s in _time_constants_s(fits))
 
 
 def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
     """Return whether some channel settles along an exponential that is not over after a record of this length, s."""
-    settling = (fit.column("settling") for fit in fits)
-    return any(each is not None and each.at_s > STILL * length_s for each in settling)
+    return any(time_s > STILL * length_s for time_s in _time_constants_s(fits))
+
+
+def _time_constants_s(fits: Iterable[ChannelFit]) -> list[float]:
+    """Return the time constants of the channels that settle."""
+    settling = [fit.column("settling") for fit in fits]
+    return [
+        each.time_constant_s for each in settling if each is not None and each.time_constant_s is not None
+    ]
 
 
 def is_warming_up(degrees: Floats, block_s: float) -> bool:
