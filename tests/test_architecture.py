@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -118,6 +119,13 @@ def imports(module: list[ast.AST]) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_no_modules_import_one_another_in_a_circle() -> None:
+    """Also not by imports in functions; what a package re-exports is left to the layers."""
+    names = {path: ".".join(("imumon", *path.with_suffix("").parts)) for path in nodes()}
+    graph = {names[path]: {*imports(module)} & {*names.values()} for path, module in nodes().items()}
+    TopologicalSorter(graph).prepare()
 
 
 def test_only_a_device_package_imports_itself() -> None:
