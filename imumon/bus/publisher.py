@@ -38,7 +38,6 @@ class PublisherCounts:
     """Messages of a publisher."""
 
     reports: int = 0  # sent
-    replaced: int = 0  # reports that a newer one replaced before they were sent
     events: int = 0  # sent
     events_dropped: int = 0  # did not fit into the queue
     errors: int = 0  # messages that could not be serialised or sent
@@ -115,7 +114,6 @@ class Publisher:
     def publish(self, report: Report, signals: Mapping[str, Signal] | None = None) -> None:
         """Send the newest report, and reply with the signals by channel where requested; return at once."""
         with self._changed:
-            self._counts.replaced += self._newest is not None
             self._newest = (report, signals)
             self._changed.notify()
 
