@@ -215,7 +215,6 @@ def _zenoh_config(
     most_bytes: int,
 ) -> zenoh.Config:
     """Return the configuration of a session; `users` is the path of the file of users."""
-    tls = "transport/link/tls/"
     sockets_only = bool(connect) and all(endpoint.startswith(_LOCAL_PROTOCOLS) for endpoint in connect)
     local_only = bool(connect) and all(map(is_local, connect))
     retry_s = _RETRY_SOCKET_S if sockets_only else _RETRY_FIRST_S
@@ -243,20 +242,8 @@ def _zenoh_config(
         "transport/unicast/accept_pending": _within_files(_ACCEPT_PENDING),
         "transport/unicast/max_sessions": _within_files(_MAX_SESSIONS),
         "timestamping/enabled": True,
-        tls + "enable_mtls": bool(options.ca and options.certificate),
-        tls + "verify_name_on_connect": options.verify_name,
     }
-    if options.user:
-        values["transport/auth/usrpwd/user"] = options.user
-        values["transport/auth/usrpwd/password"] = options.password
-    if users:
-        values["transport/auth/usrpwd/dictionary_file"] = users
-    if options.ca:
-        values[tls + "root_ca_certificate"] = options.ca
-    if options.certificate:
-        for side in ("listen", "connect"):
-            values[f"{tls}{side}_certificate"] = options.certificate
-            values[f"{tls}{side}_private_key"] = options.key
+    values |= _credentials(options, users)
     if access_control and (options.read_only or options.allow):
         values["access_control"] = _access_rules(options)
     config = zenoh.Config()
@@ -265,6 +252,24 @@ def _zenoh_config(
     for path, value in options.raw.items():
         _insert_raw(config, path, value)
     return config
+
+
+def _credentials(options: SessionOptions, users: str) -> dict[str, Any]:
+    """Return the settings of passwords and certificates; `users` is the path of the file of users."""
+    password, tls = "transport/auth/usrpwd/", "transport/link/tls/"
+    given: dict[str, Any] = {
+        tls + "enable_mtls": bool(options.ca and options.certificate),
+        tls + "verify_name_on_connect": options.verify_name,
+    }
+    if options.user:
+        given |= {password + "user": options.user, password + "password": options.password}
+    if users:
+        given[password + "dictionary_file"] = users
+    if options.ca:
+        given[tls + "root_ca_certificate"] = options.ca
+    for side in ("listen", "connect") if options.certificate else ():
+        given |= {f"{tls}{side}_certificate": options.certificate, f"{tls}{side}_private_key": options.key}
+    return given
 
 
 def _within_files(count: int) -> int:

@@ -104,22 +104,28 @@ def status(arguments: argparse.Namespace) -> int:
     return SUCCESS
 
 
-def wait(arguments: argparse.Namespace) -> int:
-    """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
-    from imumon.cli.daemon_state import EVENTS_S, current_trouble
+def _condition(arguments: argparse.Namespace) -> Any:
+    """Return what to wait for, by the options and the settings."""
     from imumon.cli.wait_condition import WaitCondition
-    from imumon.units import duration
 
     if arguments.precision is not None and arguments.coefficient is None:
         message, cure = "--precision needs a coefficient", f"add --coefficient {' or '.join(NOISE)}"
         raise CommandError("coefficient_required", message, cure, USAGE)
     configured = options.settings(arguments).report
-    condition = WaitCondition(
+    return WaitCondition(
         grade=arguments.grade or (None if arguments.coefficient else configured.grade or None),
         coefficient=arguments.coefficient,
         precision=arguments.precision or configured.precision.get(arguments.coefficient),
         channels=tuple(arguments.channel or ()),
     )
+
+
+def wait(arguments: argparse.Namespace) -> int:
+    """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
+    from imumon.cli.daemon_state import EVENTS_S, current_trouble
+    from imumon.units import duration
+
+    condition = _condition(arguments)
     end_s = time.monotonic() + arguments.timeout if arguments.timeout else float("inf")
     with options.subscriber(arguments) as subscriber:
         report = options.first_report(

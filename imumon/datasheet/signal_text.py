@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from imumon.coefficients import unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import GRADED, Channel, Report
+from imumon.report import GRADED, Channel, Drift, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
@@ -91,6 +91,16 @@ def turn_on_text(name: str, channel: Channel) -> str:
     return f"{std} {pretty(own.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
 
 
+def _slope(drift: Drift, unit: str) -> str:
+    """Return how a mean follows the temperature, as a sentence."""
+    slope = drift.per_degC or 0.0
+    half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - slope:.1e}"
+    share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
+    if drift.temperature_min is not None and drift.temperature_max is not None:
+        share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
+    return f"follows the temperature by {slope:.2e}{half} {unit} per degree{share}; N, B and K are without this effect"
+
+
 def _notes(name: str, channel: Channel) -> Iterator[str]:
     """Yield the properties that only some channels have, one sentence each."""
     unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
@@ -105,13 +115,8 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield "the drift exceeds what the noise explains"
     if drifts_with_temperature(drift):
         yield "time and temperature are not separable: the drift includes the effect of the temperature"
-    if drift is not None and drift.per_degC is not None and follows_temperature(drift):
-        half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - drift.per_degC:.1e}"
-        share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
-        if drift.temperature_min is not None and drift.temperature_max is not None:
-            share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
-        slope = f"follows the temperature by {drift.per_degC:.2e}{half} {unit} per degree{share}"
-        yield f"{slope}; N, B and K are without this effect"
+    if drift is not None and follows_temperature(drift):
+        yield _slope(drift, unit)
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:

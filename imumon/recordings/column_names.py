@@ -238,29 +238,34 @@ def _suffix(words: list[str]) -> tuple[list[str], str | None]:
     return words, None
 
 
+def _meaning_without_axis(words: set[str]) -> tuple[str | None, Kind | None, int]:
+    """Return quantity, kind and rank of a time, an interval, a temperature, a pressure, or a sensor without axis."""
+    if any(name <= words for name in _INTERVALS):
+        return "dt", None, 0
+    if words & NANOSECONDS:
+        return "t", None, _NO_TIME_RANK
+    for name in ("temperature", "pressure"):
+        if words & _SENSORS[name]:
+            return name, None, len(words - _SENSORS[name] - _NEUTRAL)
+    if at := words & set(_TIMES):
+        rest = words - set(_TIMES) - _NEUTRAL - {"header", "startup"}
+        return "t", None, max(min(_TIMES[word] for word in at) + 3 * len(rest) + 2, 0)
+    if words & _WITHOUT_AXIS:
+        return ("gyro" if words & _WITHOUT_AXIS & _SENSORS["gyro"] else "accel"), None, len(words)
+    return None, None, 0
+
+
 def _meaning(words: set[str], axis: str | None) -> tuple[str | None, Kind | None, int]:
     """Return quantity, kind and rank of the words of a name."""
     if words & _EXCLUDED:
         return None, None, 0
-    if axis is not None and words & {"delta", "dtheta", "dvel", "dv"}:
+    if axis is None:
+        return _meaning_without_axis(words)
+    if words & {"delta", "dtheta", "dvel", "dv"}:
         if words & {"theta", "angle", "dtheta"}:
             return "angle", "deltas", 0
         if words & {"vel", "velocity", "v", "dvel", "dv"}:
             return "velocity", "deltas", 0
-        return None, None, 0
-    if axis is None:
-        if any(name <= words for name in _INTERVALS):
-            return "dt", None, 0
-        if words & NANOSECONDS:
-            return "t", None, _NO_TIME_RANK
-        for name in ("temperature", "pressure"):
-            if words & _SENSORS[name]:
-                return name, None, len(words - _SENSORS[name] - _NEUTRAL)
-        if at := words & set(_TIMES):
-            rest = words - set(_TIMES) - _NEUTRAL - {"header", "startup"}
-            return "t", None, max(min(_TIMES[word] for word in at) + 3 * len(rest) + 2, 0)
-        if words & _WITHOUT_AXIS:
-            return ("gyro" if words & _WITHOUT_AXIS & _SENSORS["gyro"] else "accel"), None, len(words)
         return None, None, 0
     kind: Kind | None = None
     if words & {"uncomp", "uncompensated", "raw"}:

@@ -74,36 +74,38 @@ def check_magnitudes(path: str, what: str, found: ColumnLayout, rows: Floats) ->
     ------
     RecordingError : they cannot, or no row has all axes of a sensor.
     """
-    for sensor, (most, si, likely) in MAX_AT_REST.items():
+    for sensor in MAX_AT_REST:
         indices = [k for k, column in enumerate(found.columns) if column.quantity == sensor]
-        if not indices:
-            continue
         columns = [found.columns[k] for k in indices]
-        names = ", ".join(column.name for column in columns)
         valid = rows[np.isfinite(rows[:, indices]).all(axis=1)][:, indices]
-        if not len(valid):
-            raise RecordingError(
-                "no_complete_row",
-                f"{path}: no row has numbers for all of {names}",
-                "check that it is complete",
-            )
-        # the median: a few wrong numbers say nothing of the unit
-        size = float(np.median(np.linalg.norm(valid * [column.factor for column in columns], axis=1)))
-        bare = [column for column in columns if column.unit is None]
-        fits = [u for u, g in (("g", 1.0), ("mg", 1e3)) if sensor == "accel" and _within(size / g, ONE_G)]
-        if size <= most and not (bare and fits):
-            continue
-        unit = (fits or [likely])[0]
-        wrong = bare or columns
-        given = f"is in {wrong[0].unit}" if not bare else f"has no unit, which means {si}"
-        if sensor == "accel" and not fits:
-            code = "raw_counts"
-            cure = "that is one g in none of m/s2, g, mg: if these are raw counts, divide them by the counts "
-            cure += f"per g of the data sheet, then {unit_cure(what, wrong, 'g')}"
-        else:
-            code, cure = "wrong_unit", f"if it is {unit}, {unit_cure(what, wrong, unit)}"
-            cure += "; if these are raw counts, scale them first" if sensor == "gyro" else ""
-        raise RecordingError(code, f"{path}: {wrong[0].name} {given}, but its size is {size:.3g}", cure)
+        if columns and not len(valid):
+            names = ", ".join(column.name for column in columns)
+            text = f"{path}: no row has numbers for all of {names}"
+            raise RecordingError("no_complete_row", text, "check that it is complete")
+        if columns:
+            # the median: a few wrong numbers say nothing of the unit
+            size = float(np.median(np.linalg.norm(valid * [column.factor for column in columns], axis=1)))
+            _check_size(path, what, sensor, columns, size)
+
+
+def _check_size(path: str, what: str, sensor: str, columns: Sequence[Column], size: float) -> None:
+    """Check that a sensor at rest can have this size, SI unit."""
+    most, si, likely = MAX_AT_REST[sensor]
+    bare = [column for column in columns if column.unit is None]
+    fits = [u for u, g in (("g", 1.0), ("mg", 1e3)) if sensor == "accel" and _within(size / g, ONE_G)]
+    if size <= most and not (bare and fits):
+        return
+    unit = (fits or [likely])[0]
+    wrong = bare or columns
+    given = f"is in {wrong[0].unit}" if not bare else f"has no unit, which means {si}"
+    if sensor == "accel" and not fits:
+        code = "raw_counts"
+        cure = "that is one g in none of m/s2, g, mg: if these are raw counts, divide them by the counts "
+        cure += f"per g of the data sheet, then {unit_cure(what, wrong, 'g')}"
+    else:
+        code, cure = "wrong_unit", f"if it is {unit}, {unit_cure(what, wrong, unit)}"
+        cure += "; if these are raw counts, scale them first" if sensor == "gyro" else ""
+    raise RecordingError(code, f"{path}: {wrong[0].name} {given}, but its size is {size:.3g}", cure)
 
 
 def time_unit(

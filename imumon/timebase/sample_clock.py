@@ -344,16 +344,20 @@ class SampleClock:
         if not keep.all():
             time, steps, values = time[keep], steps[keep], values[keep]
             saturated = None if saturated is None else saturated[keep]
+        self._note_placed(time, steps)
+        return PlacedSamples(values, steps, saturated)
+
+    def _note_placed(self, time: Ints, steps: Ints) -> None:
+        """Keep the last samples, and the host time that samples and gaps do not account for."""
         if len(time):
             self._last = int(time[-1])
             if len(time) >= REFERENCE_SAMPLES:
                 self._recent.clear()
             self._recent.append(np.stack([time[-REFERENCE_SAMPLES:], steps[-REFERENCE_SAMPLES:]]))
-        if self._open_s is not None:  # samples and gaps account for some of the host time
+        if self._open_s is not None:
             known = int(steps.min(initial=0)) != BREAK
-            filled = (1.0 + GAP_SLACK_SHARE) * int(steps.sum()) * self.interval_s
+            filled = (1.0 + GAP_SLACK_SHARE) * int(steps.sum()) * float(self.interval_s or 0.0)
             self._open_s = max(0.0, self._open_s - filled) if known else 0.0
-        return PlacedSamples(values, steps, saturated)
 
     def _clock_restarted(self, time: int) -> bool:
         """Return whether the first sample behind a gap is not where the host clock expects it."""

@@ -19,6 +19,7 @@ from blocks_at_rest import DELTAS, LEVEL, NOW, block
 from commands import run_inside
 from daemons import Daemon, free_endpoint
 
+from imumon.alarms import ALARMS
 from imumon.bus import Publisher
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.pipeline import Monitor
@@ -122,7 +123,8 @@ def test_the_worst_state_decides(
         returned, said, data = plugin("--connect", place)
     assert (returned, bool(re.fullmatch(f"{report.device.id}: {text}", said))) == (code, True), said
     names = [value.partition("=")[0] for value in data]
-    assert names[:5] == ["age", "loss", "samples", "missing", "temperature"]
+    alarms = [alarm.name for alarm in ALARMS]
+    assert names[: 4 + len(alarms)] == ["age", *alarms, "samples", "missing", "temperature"]
     assert {"gyro_x_N", "accel_z_N"} <= set(names)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 
 from imumon.devices.vn100 import registers
 from imumon.devices.vn100.registers import REGISTERS
@@ -37,24 +36,20 @@ def device_info(
     """
     kind = None if stream is None else stream.kind
     rate = nominal_rate(settings, stream) or rate_hz
-    factors: Mapping[str, float | None] = {"gyro": None, "accel": None}
-    if stream is not None:
-        factors = {
-            s: alias_factors(stream.kind_of(s), rate, settings.get(registers.IMU_FILTER))[s] for s in factors
-        }
+    factors = _alias_factors(settings, stream, rate)
     known = [factor for factor in factors.values() if factor is not None]
     worst = max(known) if len(known) == len(factors) else None
     model, serial = identity.get(1), identity.get(3)
-    all_remarks = list(remarks)
-    if not identity:
-        all_remarks.append("listen-only: model, serial number and settings are unknown")
-    if kind is not None and worst is None:
-        all_remarks.append("the filter or the rate of the sensor is unknown: aliasing may inflate N")
-    if model and not model.upper().startswith("VN-100"):
-        all_remarks.append(f"the sensor is a {model}: it is treated like a VN-100")
     control = settings.get(registers.DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
-    if control is None:
-        all_remarks.append(f"register {registers.DELTA_CONTROL} is unknown: the deltas may be compensated")
+    unknown = {
+        "listen-only: model, serial number and settings are unknown": not identity,
+        "the filter or the rate of the sensor is unknown: aliasing may inflate N": kind is not None
+        and worst is None,
+        f"the sensor is a {model}: it is treated like a VN-100": not (model or "VN-100")
+        .upper()
+        .startswith("VN-100"),
+        f"register {registers.DELTA_CONTROL} is unknown: the deltas may be compensated": control is None,
+    }
     caveats = {
         "compensated": kind == "compensated" or (control is not None and control.strip("0,") != ""),
         "unknown_compensation": control is None,
@@ -78,8 +73,18 @@ def device_info(
         settings={name: settings[r] for r, name in names.items()},
         data_settings=tuple(name for r, name in names.items() if r in DATA_REGISTERS),
         caveats=tuple(name for name, holds in caveats.items() if holds),
-        remarks=tuple(all_remarks),
+        remarks=(*remarks, *(remark for remark, holds in unknown.items() if holds)),
     )
+
+
+def _alias_factors(settings: Texts, stream: Stream | None, rate_hz: float | None) -> dict[str, float | None]:
+    """Return the factor by which aliasing inflates N, by sensor; None: unknown."""
+    if stream is None:
+        return {"gyro": None, "accel": None}
+    window = settings.get(registers.IMU_FILTER)
+    return {
+        sensor: alias_factors(stream.kind_of(sensor), rate_hz, window)[sensor] for sensor in ("gyro", "accel")
+    }
 
 
 def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
