@@ -32,7 +32,7 @@ CHUNK = 65536
 def packets(count: int) -> bytes:
     """TimeStartup, UncompMag, Temp, DeltaTheta, DeltaVel: 60 bytes each."""
     rng = np.random.default_rng(1)
-    layout = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x00D2})
+    layout = binary.BinaryLayout.of({binary.Group.TIME: 0x0001, binary.Group.IMU: 0x00D2})
     theta = rng.normal(0.0, 1e-2, (count, 4))
     theta[:, 0] = 0.01
     return layout.encode(

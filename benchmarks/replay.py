@@ -35,7 +35,7 @@ from imumon.devices.vn100 import ascii, binary
 from imumon.noise.synthesis import NoiseStream
 
 RATE = 800.0
-LAYOUT = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x003F})
+LAYOUT = binary.BinaryLayout.of({binary.Group.TIME: 0x0001, binary.Group.IMU: 0x003F})
 BLOCK = 80_000
 N = np.array([6.1e-5] * 3 + [1.37e-3] * 3 + [1.4e-4] * 3)
 IMU_BYTES = 4 + 12 + 308

@@ -25,6 +25,9 @@ GYRO = ("gyro/x", "gyro/y", "gyro/z")
 ACCEL = ("accel/x", "accel/y", "accel/z")
 MAG = ("mag/x", "mag/y", "mag/z")
 
+SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
+"""Limits of a sample rate, Hz: no inertial sensor is slower or faster."""
+
 ALIASED = 1.001
 """Alias factor above which N counts as raised, beyond rounding errors."""
 

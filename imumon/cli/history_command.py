@@ -13,11 +13,10 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
+from imumon.cli.query import ANSWER_S
 from imumon.coefficients import COEFFICIENTS, NOISE
 from imumon.history_report import STEPS
 
-ANSWER_S = 1.0
-"""How long to wait for a daemon before its file is read, s."""
 ESTIMATE = 25
 """Cells of a coefficient in the table."""
 

@@ -76,7 +76,7 @@ def speed(text: str) -> float:
 
 def rate(text: str) -> float:
     """Return a sample rate, Hz, within the limits of the settings."""
-    from imumon.config import FASTEST_HZ, SLOWEST_HZ
+    from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
     value = positive(text)
     if not SLOWEST_HZ <= value <= FASTEST_HZ:

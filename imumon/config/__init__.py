@@ -7,10 +7,8 @@ toml_file  lines and places of a TOML file, faults
 
 from imumon.config.loading import load, origin_lines, render, search
 from imumon.config.settings import (
-    FASTEST_HZ,
     NAMES,
     SECTIONS,
-    SLOWEST_HZ,
     AlertSettings,
     DeviceSettings,
     GuardSettings,
@@ -24,10 +22,8 @@ from imumon.config.settings import (
 from imumon.config.toml_file import ConfigError, ConfigFault
 
 __all__ = [
-    "FASTEST_HZ",
     "NAMES",
     "SECTIONS",
-    "SLOWEST_HZ",
     "AlertSettings",
     "ConfigError",
     "ConfigFault",

@@ -18,10 +18,8 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
 
 from imumon.config.settings import (
-    FASTEST_HZ,
     NAMES,
     SECTIONS,
-    SLOWEST_HZ,
     DeviceSettings,
     MetricsSettings,
     Section,
@@ -38,6 +36,7 @@ from imumon.config.toml_file import (
     tables,
     toml_text,
 )
+from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 MOST_FAULTS = 100
 """Faults that are reported of a file."""

@@ -15,14 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import NOISE, GradeName
+from imumon.samples import FASTEST_HZ
 
 Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 TextList: TypeAlias = Annotated[tuple[str, ...], Field(strict=False)]
 """A TOML list of texts; not strict, because a list is not a tuple."""
-
-SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
-"""Limits of a sample rate, Hz."""
 
 
 class Section(BaseModel):

@@ -26,6 +26,8 @@ from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
 RATE_TOLERANCE = 0.02
 """Relative difference of a rate, or of a sample clock, from the host clock without a warning."""
+ARRIVAL_S, ARRIVAL_SAMPLES = 0.2, 3.0
+"""s and samples by which the same may differ in addition, because samples arrive in batches."""
 
 
 class DeviceError(ImumonError):

@@ -10,14 +10,20 @@ import os
 from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
-from imumon.devices.base import RATE_TOLERANCE, Check, CheckStatus, DeviceError, Observation
+from imumon.devices.base import (
+    ARRIVAL_S,
+    ARRIVAL_SAMPLES,
+    RATE_TOLERANCE,
+    Check,
+    CheckStatus,
+    DeviceError,
+    Observation,
+)
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.samples import ALIASED
 
 MAX_DAMAGED = 0.01  # share of damaged messages, or of unrelated bytes, above which a line is unusable
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
-RATE_TOLERANCE_SAMPLES = 3.0  # samples by which the ends of the observation change a correct rate
-CLOCK_TOLERANCE_S = 0.1  # s by which the sample clock may be off because data arrive in batches
 MAX_PAUSE_S = 1.0  # s without data that need no warning
 MAX_LATENCY_MS = 2  # ms, latency timer of an adapter that needs no warning
 MIN_FREE_BYTES = 10_000_000  # bytes on the file system of the state directory: ten states
@@ -228,7 +234,7 @@ def _rate(observation: Observation) -> Check:
         return Check("rate", "warning", f"{text}, the configured rate is unknown", cure)
     if rate is None:
         return Check("rate", "ok", f"{text}, {nominal:g} Hz configured")
-    excess, tolerance = rate / nominal - 1.0, RATE_TOLERANCE + RATE_TOLERANCE_SAMPLES / samples
+    excess, tolerance = rate / nominal - 1.0, RATE_TOLERANCE + ARRIVAL_SAMPLES / samples
     text += f" of {nominal:g} Hz configured"
     if excess > tolerance:
         return Check(
@@ -247,7 +253,7 @@ def _clock(observation: Observation) -> Iterator[Check]:
         yield Check("clock", "failed", text, "the sensor restarted: check its power supply")
     elif ratio is not None:
         text = f"one second of the sample clock takes {1.0 / ratio:.3f} s of the host clock"
-        if abs(ratio - 1.0) <= RATE_TOLERANCE + CLOCK_TOLERANCE_S / observation.seconds:
+        if abs(ratio - 1.0) <= RATE_TOLERANCE + ARRIVAL_S / observation.seconds:
             yield Check("clock", "ok", text)
         else:
             cure = "N, B and K use the sample clock: check it against an independent clock"

@@ -20,10 +20,10 @@ from enum import IntEnum
 
 import numpy as np
 
-from imumon.samples import Floats, Ints
+from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
-from imumon.timebase.timestamps import AHEAD_S, HostStamps, rate_obstacle, stamp_interval
+from imumon.timebase.timestamps import AHEAD_S, LONG_WINDOW, HostStamps, rate_obstacle, stamp_interval
 
 FIRST_ROWS = 128
 """Rows whose stamps are assessed first; the number doubles while they are uneven."""
@@ -33,9 +33,6 @@ FEW_ROWS = 8
 
 DECIDE_S = 10.0
 """s of rows after which a decision is due."""
-
-DECIDE_ROWS = 256
-"""Rows that stamps of a host need for it: enough for their rate."""
 
 LATEST_S = 60.0
 """s after which it is made with however many rows."""
@@ -49,9 +46,6 @@ FOLLOW = 0.01
 JUMP_NS = 10e9
 """ns by which a stamp may differ from the time of arrival, compared with the stamp before: beyond it, the stamp is
 wrong, or the clock was set."""
-
-SHORTEST_NS, LONGEST_NS = 1e4, 1e13
-"""ns; no inertial sensor has an interval outside these limits, and a window of a second must not fill the memory."""
 
 WRONG_STAMPS = 8
 """Such stamps in a row after which the clock was set."""
@@ -130,7 +124,7 @@ class LiveStamps:
         """Decide what the stamps are, if the waiting rows show it."""
         count = len(self._waiting)
         span_s = float(np.ptp(self._waiting[:, RowColumn.ARRIVED])) * 1e-9 if count else 0.0
-        due = final or (span_s >= DECIDE_S and count >= DECIDE_ROWS) or span_s >= LATEST_S
+        due = final or (span_s >= DECIDE_S and count >= LONG_WINDOW) or span_s >= LATEST_S
         if not count or (not due and (count < FEW_ROWS or (count < self._next_rows and span_s < DECIDE_S))):
             return
         self._next_rows = max(self._next_rows, 2 * count)
@@ -250,4 +244,4 @@ def _interval(stamps: Ints) -> tuple[float, bool] | None:
     """Return the interval of stamps, ns, and whether they are those of a sample clock; None: they show none."""
     relative = (stamps - stamps[0]).astype(np.float64)
     found = None if rate_obstacle(relative) is not None else stamp_interval(relative)
-    return found if found is not None and SHORTEST_NS <= found[0] <= LONGEST_NS else None
+    return found if found is not None and SLOWEST_HZ <= 1e9 / found[0] <= FASTEST_HZ else None

@@ -23,7 +23,7 @@ from imumon.samples import SampleBlock
 
 RATE = 10.0
 SAMPLES = 100_000
-LAYOUT = binary.BinaryLayout.of({binary.TIME: 0x0001, binary.IMU: 0x000C})
+LAYOUT = binary.BinaryLayout.of({binary.Group.TIME: 0x0001, binary.Group.IMU: 0x000C})
 FOUND_BY_REPORTS = ("grade", "constant", "against the time before", "differ from the time before")
 """Kinds of events, or part of their texts, that reports note: in a replay, that is the last one."""
 

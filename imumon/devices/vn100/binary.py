@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 from struct import iter_unpack
 from typing import Any
@@ -27,7 +28,14 @@ SYNC = 0xFA
 _MIN_ARRAY = 128
 """Packets; the first ones are checked one by one, the following ones as arrays. Sets the speed only."""
 
-COMMON, TIME, IMU, ATTITUDE = 1, 2, 3, 5
+
+class Group(IntEnum):
+    """Groups of fields of binary packets."""
+
+    COMMON = 1
+    TIME = 2
+    IMU = 3
+    ATTITUDE = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,20 +83,20 @@ _GNSS = _group(
 )
 
 GROUPS: dict[int, dict[int, BinaryField]] = {
-    COMMON: _group(
+    Group.COMMON: _group(
         "timeStartup:u8:1 timeGps:u8:1 timeSyncIn:u8:1 ypr quat:f4:4 angularRate posLla:f8:3 velNed accel "
         "imu:f4:6 magPres:f4:5 deltas:f4:7 vpeStatus:u2:1 syncInCnt:u4:1 timeGpsPps:u8:1"
     ),
-    TIME: _group(
+    Group.TIME: _group(
         "timeStartup:u8:1 timeGps:u8:1 gpsTow:u8:1 gpsWeek:u2:1 timeSyncIn:u8:1 gpsPps:u8:1 utc:u1:8 "
         "syncInCnt:u4:1 syncOutCnt:u4:1 timeStatus:u1:1"
     ),
-    IMU: _group(
+    Group.IMU: _group(
         "imuStatus:u2:1 uncompMag uncompAccel uncompGyro temp:f4:1 pres:f4:1 deltaTheta:f4:4 deltaVel mag "
         "accel angularRate sensSat:u2:1"
     ),
     4: _GNSS,
-    ATTITUDE: _group(
+    Group.ATTITUDE: _group(
         "vpeStatus:u2:1 ypr quat:f4:4 dcm:f4:9 magNed accelNed linAccelBody linAccelNed yprU - - - heave "
         "attU:f4:1"
     ),
@@ -129,7 +137,7 @@ class BinaryLayout:
         ------
         ValueError : a group or a field of unknown size, or no field.
 
-        >>> BinaryLayout.of({TIME: 0x0001, IMU: 0x00C0}).length
+        >>> BinaryLayout.of({Group.TIME: 0x0001, Group.IMU: 0x00C0}).length
         44
         """
         if any(word & ~_KNOWN_BITS.get(group, 0) for group, word in words.items()):

@@ -16,15 +16,7 @@ from imumon.devices.base import DeviceNotFound
 from imumon.devices.vn100.ascii import Response
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, baud_unsupported
 from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.registers import (
-    BAUD,
-    BINARY_OUTPUTS,
-    DELTA_CONTROL,
-    IMU_FILTER,
-    LOOP_RATE,
-    OUTPUT_TYPE,
-    ErrorCode,
-)
+from imumon.devices.vn100.registers import BINARY_OUTPUTS, LOOP_RATE, ErrorCode, RegisterNumber
 from imumon.devices.vn100.stream_settings import (
     OFF,
     UNCOMPENSATED_DELTAS,
@@ -41,7 +33,12 @@ from imumon.samples import Kind, SampleBlock, Stream
 FIRST_PACKET_S = 0.5
 """s, and two output intervals, to wait for the first packet of a new stream."""
 
-_CHANGED = (*BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER, OUTPUT_TYPE)
+_CHANGED = (
+    *BINARY_OUTPUTS,
+    RegisterNumber.DELTA_CONTROL,
+    RegisterNumber.IMU_FILTER,
+    RegisterNumber.OUTPUT_TYPE,
+)
 """Registers that may be changed, in the order in which they are restored; the baud rate comes last."""
 _NEW_BAUD = "new baud"
 """Key of the baud rate that will be set, in the saved settings."""
@@ -133,15 +130,17 @@ class Configuration:
         if not changed and not self._paused:
             return True
         done = channel.request("VNASY,0", tries=3) is not None
-        if not done and BAUD in channel.written:  # interrupted while the baud rate was being changed
-            for baud in (int(before[BAUD]), self._baud or self._port.baud):
+        if (
+            not done and RegisterNumber.BAUD in channel.written
+        ):  # interrupted while the baud rate was being changed
+            for baud in (int(before[RegisterNumber.BAUD]), self._baud or self._port.baud):
                 if not done and self._port.set_baud(baud) and channel.is_present():
                     done = channel.request("VNASY,0") is not None
         for register in _CHANGED:
             if done and register in changed:
                 done = channel.write(register, before[register])
-        if done and BAUD in changed:
-            done = self._change_baud(int(before[BAUD]))
+        if done and RegisterNumber.BAUD in changed:
+            done = self._change_baud(int(before[RegisterNumber.BAUD]))
         if done:
             done = channel.request("VNASY,1") is not None
         if done:
@@ -156,7 +155,7 @@ class Configuration:
             return baud == before
         if not (self._port.set_baud(baud) and self._port.set_baud(before)):
             raise baud_unsupported(self._port.name, baud)
-        if not channel.write(BAUD, str(baud)) and channel.error_code is not None:
+        if not channel.write(RegisterNumber.BAUD, str(baud)) and channel.error_code is not None:
             return False
         self._port.read(0.05)  # it replies at the old baud rate, then switches; the reply may be lost
         self._port.set_baud(baud)
@@ -164,13 +163,13 @@ class Configuration:
         if channel.read(1) is None:
             channel.find_baud(dict.fromkeys((baud, before, *BAUD_RATES)))
             channel.request("VNASY,0")
-        channel.settings[BAUD] = str(self._port.baud)
+        channel.settings[RegisterNumber.BAUD] = str(self._port.baud)
         return self._port.baud == baud
 
     def _start_binary(self) -> ConfiguredStream | None:
         """Start the requested stream; None if the sensor does not send it."""
         channel = self._channel
-        if not channel.write(OUTPUT_TYPE, "0"):
+        if not channel.write(RegisterNumber.OUTPUT_TYPE, "0"):
             return None
         for mode in self._output_ports():
             for register in BINARY_OUTPUTS[1:]:
@@ -188,7 +187,7 @@ class Configuration:
         """Return the ports of the sensor, the more likely one first: its ASCII output is off now."""
         off = []
         for port in (1, 2):
-            reply = self._channel.request(f"VNRRG,{OUTPUT_TYPE:02d},{port}")
+            reply = self._channel.request(f"VNRRG,{RegisterNumber.OUTPUT_TYPE:02d},{port}")
             if isinstance(reply, Response) and reply.fields[1:2] == ("0",):
                 off.append(port)
         return sorted((1, 2), key=lambda port: port not in off)
@@ -208,10 +207,12 @@ class Configuration:
         """Make samples true averages: deltas uncompensated, readings over their own interval."""
         channel = self._channel
         if self._kind == "deltas":
-            if not channel.write(DELTA_CONTROL, UNCOMPENSATED_DELTAS):
+            if not channel.write(RegisterNumber.DELTA_CONTROL, UNCOMPENSATED_DELTAS):
                 self.remarks.append("register 82 cannot be set: the deltas may be compensated")
-        elif (text := windowed(channel.settings.get(IMU_FILTER, ""), divisor, self._kind)) is not None:
-            channel.write(IMU_FILTER, text)
+        elif (
+            text := windowed(channel.settings.get(RegisterNumber.IMU_FILTER, ""), divisor, self._kind)
+        ) is not None:
+            channel.write(RegisterNumber.IMU_FILTER, text)
 
     def _first_samples(self, divisor: int) -> ConfiguredStream | None:
         """Resume output and wait for the first samples; None if they do not arrive."""
@@ -234,6 +235,8 @@ class Configuration:
         for register in _CHANGED:
             if register in before:
                 channel.write(register, before[register])
-        if before.get(OUTPUT_TYPE) == "0" and all(same(before.get(r, OFF), OFF) for r in BINARY_OUTPUTS):
-            channel.write(OUTPUT_TYPE, "19")
+        if before.get(RegisterNumber.OUTPUT_TYPE) == "0" and all(
+            same(before.get(r, OFF), OFF) for r in BINARY_OUTPUTS
+        ):
+            channel.write(RegisterNumber.OUTPUT_TYPE, "19")
         channel.request("VNASY,1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from imumon.devices.vn100 import registers
-from imumon.devices.vn100.registers import REGISTERS
+from imumon.devices.vn100.registers import REGISTERS, RegisterNumber
 from imumon.devices.vn100.stream_settings import OFF, Texts, alias_factors, parse_output, source
 from imumon.samples import ALIASED, DeviceInfo, Stream
 
@@ -40,7 +40,9 @@ def device_info(
     known = [factor for factor in factors.values() if factor is not None]
     worst = max(known) if len(known) == len(factors) else None
     model, serial = identity.get(1), identity.get(3)
-    control = settings.get(registers.DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
+    control = (
+        settings.get(RegisterNumber.DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
+    )
     unknown = {
         "listen-only: model, serial number and settings are unknown": not identity,
         "the filter or the rate of the sensor is unknown: aliasing may inflate N": kind is not None
@@ -48,7 +50,7 @@ def device_info(
         f"the sensor is a {model}: it is treated like a VN-100": not (model or "VN-100")
         .upper()
         .startswith("VN-100"),
-        f"register {registers.DELTA_CONTROL} is unknown: the deltas may be compensated": control is None,
+        f"register {RegisterNumber.DELTA_CONTROL} is unknown: the deltas may be compensated": control is None,
     }
     caveats = {
         "compensated": kind == "compensated" or (control is not None and control.strip("0,") != ""),
@@ -81,7 +83,7 @@ def _alias_factors(settings: Texts, stream: Stream | None, rate_hz: float | None
     """Return the factor by which aliasing inflates N, by sensor; None: unknown."""
     if stream is None:
         return {"gyro": None, "accel": None}
-    window = settings.get(registers.IMU_FILTER)
+    window = settings.get(RegisterNumber.IMU_FILTER)
     return {
         sensor: alias_factors(stream.kind_of(sensor), rate_hz, window)[sensor] for sensor in ("gyro", "accel")
     }
@@ -92,7 +94,7 @@ def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
     if stream is None:
         return None
     if stream.source.startswith("$"):
-        text = settings.get(registers.OUTPUT_RATE, "")
+        text = settings.get(RegisterNumber.OUTPUT_RATE, "")
         return float(text) or None if text.isdigit() else None
     for register in registers.BINARY_OUTPUTS:
         text = settings.get(register, OFF)

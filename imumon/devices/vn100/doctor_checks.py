@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from imumon.devices.base import Check, Observation
-from imumon.devices.vn100.registers import DELTA_CONTROL, IMU_FILTER, LOOP_RATE
+from imumon.devices.vn100.registers import LOOP_RATE, RegisterNumber
 from imumon.devices.vn100.stream_settings import divisors
 from imumon.samples import ALIASED, DeviceInfo
 
@@ -68,8 +68,8 @@ def _register(info: DeviceInfo, number: int) -> str | None:
 
 
 def _aliasing(info: DeviceInfo) -> Check:
-    windows = _register(info, IMU_FILTER)
-    register = f", register {IMU_FILTER} is {windows}" if windows else ""
+    windows = _register(info, RegisterNumber.IMU_FILTER)
+    register = f", register {RegisterNumber.IMU_FILTER} is {windows}" if windows else ""
     if info.alias_factor is None:
         text = "unknown: the filter or the rate of the sensor could not be read"
         return Check(
@@ -83,9 +83,9 @@ def _aliasing(info: DeviceInfo) -> Check:
 
 
 def _compensation(info: DeviceInfo) -> Iterator[Check]:
-    control = _register(info, DELTA_CONTROL) or ""
+    control = _register(info, RegisterNumber.DELTA_CONTROL) or ""
     if info.stream == "deltas" and any(field.strip("0") for field in control.split(",")[1:3]):
-        text = f"the deltas are compensated, register {DELTA_CONTROL} is {control}"
+        text = f"the deltas are compensated, register {RegisterNumber.DELTA_CONTROL} is {control}"
         yield Check("compensation", "warning", text, "imumon run sets it to 0 while it runs")
     elif info.stream == "compensated":
         text = f"the onboard filter removes the bias from {info.source}: B and K would be those of the filter"

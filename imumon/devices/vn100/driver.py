@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from imumon.config import FASTEST_HZ, SLOWEST_HZ
 from imumon.devices.base import (
     Check,
     Device,
@@ -17,6 +16,7 @@ from imumon.devices.base import (
     Observation,
     RawDecoder,
 )
+from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 STREAMS = ("deltas", "uncompensated", "compensated")
 

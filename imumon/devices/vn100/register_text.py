@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from imumon.devices.vn100 import registers
-from imumon.devices.vn100.registers import REGISTERS, RegisterError, Value
+from imumon.devices.vn100.registers import REGISTERS, RegisterError, RegisterNumber, Value
 
 Values = dict[str, Value]
 _IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
@@ -125,17 +125,17 @@ def _type(values: Values) -> str:
 
 
 _DESCRIPTIONS: dict[int, Callable[[Values], str]] = {
-    registers.BAUD: lambda values: f"{values['baud']:,}",
-    registers.OUTPUT_TYPE: _type,
-    registers.OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
+    RegisterNumber.BAUD: lambda values: f"{values['baud']:,}",
+    RegisterNumber.OUTPUT_TYPE: _type,
+    RegisterNumber.OUTPUT_RATE: lambda values: f"{values['rate']} Hz",
     **dict.fromkeys((23, 25, 84), _calibration),
-    registers.ROTATION: _rotation,
-    registers.PROTOCOL: _protocol,
-    registers.SYNC_CONTROL: _sync,
+    RegisterNumber.ROTATION: _rotation,
+    RegisterNumber.PROTOCOL: _protocol,
+    RegisterNumber.SYNC_CONTROL: _sync,
     35: _vpe,
-    registers.STARTUP_BIAS: _bias,
-    registers.IRON_CONTROL: _iron,
-    registers.DELTA_CONTROL: _delta,
-    registers.IMU_FILTER: _filter,
+    RegisterNumber.STARTUP_BIAS: _bias,
+    RegisterNumber.IRON_CONTROL: _iron,
+    RegisterNumber.DELTA_CONTROL: _delta,
+    RegisterNumber.IMU_FILTER: _filter,
     **dict.fromkeys(registers.BINARY_OUTPUTS, _output),
 }

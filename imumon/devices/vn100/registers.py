@@ -40,12 +40,27 @@ MEASUREMENTS = {
 }  # fmt: skip
 """Message with the same fields as the response of a measurement register."""
 
-BAUD, OUTPUT_TYPE, OUTPUT_RATE = 5, 6, 7
-PROTOCOL, SYNC_CONTROL, SYNC_STATUS = 30, 32, 33
 BINARY_OUTPUTS = (75, 76, 77)
-DELTA_CONTROL, IMU_FILTER = 82, 85
-MAG_CALIBRATION, ACCEL_CALIBRATION, GYRO_CALIBRATION, ROTATION = 23, 25, 84, 26
-STARTUP_BIAS, IRON_CONTROL, IRON_RESULT = 43, 44, 47
+
+
+class RegisterNumber(IntEnum):
+    """Numbers of the registers that have a meaning for the session."""
+
+    BAUD = 5
+    OUTPUT_TYPE = 6
+    OUTPUT_RATE = 7
+    MAG_CALIBRATION = 23
+    ACCEL_CALIBRATION = 25
+    ROTATION = 26
+    PROTOCOL = 30
+    SYNC_CONTROL = 32
+    SYNC_STATUS = 33
+    STARTUP_BIAS = 43
+    IRON_CONTROL = 44
+    IRON_RESULT = 47
+    DELTA_CONTROL = 82
+    GYRO_CALIBRATION = 84
+    IMU_FILTER = 85
 
 
 class ErrorCode(IntEnum):
@@ -261,21 +276,31 @@ _PROTOCOL = (
 def _settings() -> Iterable[Register]:
     yield Register(0, "user tag", (RegisterField("tag", "text", high=20),), _both(""))
     baud = RegisterField("baud", choices=BAUDS)
-    yield Register(BAUD, "serial baud rate", (baud,), _both("115200"), ports=True)
+    yield Register(RegisterNumber.BAUD, "serial baud rate", (baud,), _both("115200"), ports=True)
     kinds = RegisterField("type", choices=(0, *OUTPUT_TYPES), only={9: 2, 34: 3})
-    yield Register(OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
+    yield Register(RegisterNumber.OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
     rates = RegisterField("rate", choices=(0, *ASCII_RATES), only={0: 3})
-    yield Register(OUTPUT_RATE, "async data output frequency", (rates,), _both("40"), ports=True)
+    yield Register(
+        RegisterNumber.OUTPUT_RATE, "async data output frequency", (rates,), _both("40"), ports=True
+    )
     vectors = _reals("mag_n mag_e mag_d gravity_n gravity_e gravity_d")
     yield Register(21, "magnetic and gravity reference vectors", vectors, _both("1,0,1.8,0,0,-9.793746"))
     calibration = _reals(f"{_MATRIX} b0 b1 b2")
-    for number, what in ((MAG_CALIBRATION, "magnetometer"), (ACCEL_CALIBRATION, "accelerometer")):
+    sensors: dict[int, str] = {
+        RegisterNumber.MAG_CALIBRATION: "magnetometer",
+        RegisterNumber.ACCEL_CALIBRATION: "accelerometer",
+    }
+    for number, what in sensors.items():
         yield Register(number, f"{what} compensation", calibration, _both(f"{_IDENTITY},0,0,0"))
-    yield Register(ROTATION, "reference frame rotation", _reals(_MATRIX), _both(_IDENTITY))
-    yield Register(PROTOCOL, "communication protocol control", _PROTOCOL, _both("0,0,0,0,1,0,1"))
-    yield Register(SYNC_CONTROL, "synchronization control", _SYNC, _both("3,0,0,0,6,1,0,100000000,0"))
+    yield Register(RegisterNumber.ROTATION, "reference frame rotation", _reals(_MATRIX), _both(_IDENTITY))
+    yield Register(
+        RegisterNumber.PROTOCOL, "communication protocol control", _PROTOCOL, _both("0,0,0,0,1,0,1")
+    )
+    yield Register(
+        RegisterNumber.SYNC_CONTROL, "synchronization control", _SYNC, _both("3,0,0,0,6,1,0,100000000,0")
+    )
     counts = _integers("sync_in_count sync_in_time sync_out_count", 0, 2**32 - 1)
-    yield Register(SYNC_STATUS, "synchronization status", counts, _both("0,0,0"))
+    yield Register(RegisterNumber.SYNC_STATUS, "synchronization status", counts, _both("0,0,0"))
     basic = (*_integers("enable", 0, 1), *_integers("heading filtering tuning", 0, 2))
     yield Register(35, "VPE basic control", basic, _both("1,1,1,1"))
     yield Register(36, "VPE magnetometer tuning", _reals(_TUNING), _both("4,4,4,5,5,5,5.5,5.5,5.5"))
@@ -283,9 +308,11 @@ def _settings() -> Iterable[Register]:
     yield Register(40, "VPE gyro tuning", _reals(_TUNING), _both("8,8,8,4,4,4,0,0,0"))
     zero = "+00.000000,+00.000000,+00.000000"
     bias = _reals("bias_x bias_y bias_z", "%+010.6f")
-    yield Register(STARTUP_BIAS, "startup gyro bias", bias, _both(zero))
+    yield Register(RegisterNumber.STARTUP_BIAS, "startup gyro bias", bias, _both(zero))
     iron = (*_integers("mode", 0, 2), *_integers("output", 1, 3), *_integers("converge_rate", 1, 5))
-    yield Register(IRON_CONTROL, "magnetometer calibration control", iron, {2: "1,3,5", 3: "0,1,5"})
+    yield Register(
+        RegisterNumber.IRON_CONTROL, "magnetometer calibration control", iron, {2: "1,3,5", 3: "0,1,5"}
+    )
     yield Register(50, "velocity aiding measurement", _reals("v_x v_y v_z"), _both("0,0,0"))
     aiding = (*_integers("mode", 0, 1), *_reals("uncertainty_tuning filter_tuning"))
     yield Register(51, "velocity aiding control", aiding, _both("1,0.1,0.01"))
@@ -295,15 +322,17 @@ def _settings() -> Iterable[Register]:
         yield Register(number, f"binary output {number - 74}", _BINARY, _both("0,0,00"))
     delta = (*_integers("frame", 0, 1), *_integers("gyro_compensation accel_compensation", 0, 3))
     delta = (*delta, *_integers("reserved_1 reserved_2", 0, 65535))
-    yield Register(DELTA_CONTROL, "delta theta and delta velocity", delta, _both("0,0,0,0,0"))
+    yield Register(RegisterNumber.DELTA_CONTROL, "delta theta and delta velocity", delta, _both("0,0,0,0,0"))
     models = (*_integers("mag_model gravity_model", 0, 1), *_integers("reserved_1 reserved_2", 0, 65535))
     models += (*_integers("recalculation", 0, 2**32 - 1), *_reals("year", "%.3f"))
     models += (*_reals("latitude", "%+012.8f"), *_reals("longitude", "%+013.8f"))
     models += _reals("altitude", "%+010.3f")
     place = "1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000"
     yield Register(83, "reference model configuration", models, _both(place))
-    yield Register(GYRO_CALIBRATION, "gyro compensation", calibration, _both(f"{_IDENTITY},0,0,0"))
-    yield Register(IMU_FILTER, "IMU filtering", _FILTER, _both("0,4,4,4,0,0,3,3,3,0"))
+    yield Register(
+        RegisterNumber.GYRO_CALIBRATION, "gyro compensation", calibration, _both(f"{_IDENTITY},0,0,0")
+    )
+    yield Register(RegisterNumber.IMU_FILTER, "IMU filtering", _FILTER, _both("0,4,4,4,0,0,3,3,3,0"))
     yield Register(101, "NMEA output 1", _NMEA, {3: "0,0,0,0,00000000"})
     yield Register(102, "NMEA output 2", _NMEA, {3: "0,0,0,0,00000000"})
     legacy = _integers("ins_legacy gnss_legacy imu_legacy hardware_legacy")
@@ -317,7 +346,13 @@ def _readings() -> Iterable[Register]:
     yield Register(3, "serial number", (text,), _both("0100056785"), "fixed")
     yield Register(4, "firmware version", (text,), {2: "2.1.0.0", 3: "3.1.0.0"}, "fixed")
     iron = _reals(f"{_MATRIX} b0 b1 b2")
-    yield Register(IRON_RESULT, "magnetometer calibration result", iron, _both(f"{_IDENTITY},0,0,0"), "fixed")
+    yield Register(
+        RegisterNumber.IRON_RESULT,
+        "magnetometer calibration result",
+        iron,
+        _both(f"{_IDENTITY},0,0,0"),
+        "fixed",
+    )
     ypr, quaternion = "yaw pitch roll", "q_x q_y q_z q_w"
     mag, accel, gyro = "mag_x mag_y mag_z", "accel_x accel_y accel_z", "gyro_x gyro_y gyro_z"
     measured = {

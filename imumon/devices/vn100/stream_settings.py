@@ -12,15 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import TypeAlias
 
-from imumon.devices.vn100.registers import (
-    BAUD,
-    BINARY_OUTPUTS,
-    DELTA_CONTROL,
-    IMU_FILTER,
-    LOOP_RATE,
-    OUTPUT_TYPE,
-    REGISTERS,
-)
+from imumon.devices.vn100.registers import BINARY_OUTPUTS, LOOP_RATE, REGISTERS, RegisterNumber
 from imumon.samples import Kind
 
 Texts: TypeAlias = Mapping[int, str]
@@ -174,7 +166,8 @@ def filter_advice(rate_hz: float | None) -> Mapping[str, str]:
     here = f", here {factor:.2f}" if factor > 1.0 else ""
     folds_below = LOOP_RATE // FACTORY_WINDOW
     return {
-        "aliased": f"The filter of a VN-100 is register {IMU_FILTER}: set it to {LOOP_RATE} Hz divided by the rate.",
+        "aliased": f"The filter of a VN-100 is register {RegisterNumber.IMU_FILTER}: "
+        f"set it to {LOOP_RATE} Hz divided by the rate.",
         "unknown": f"If it is a VN-100 with factory settings, N of point samples below {folds_below} Hz is too high by "
         f"√({folds_below} Hz / rate){here}.",
     }
@@ -192,18 +185,27 @@ def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) 
     saved : originals of an earlier process that did not restore them; None: there are none.
     new_baud : baud rate that this process may have set.
     """
-    changeable = (BAUD, OUTPUT_TYPE, *BINARY_OUTPUTS, DELTA_CONTROL, IMU_FILTER)
+    changeable = (
+        RegisterNumber.BAUD,
+        RegisterNumber.OUTPUT_TYPE,
+        *BINARY_OUTPUTS,
+        RegisterNumber.DELTA_CONTROL,
+        RegisterNumber.IMU_FILTER,
+    )
     values = {r: current[r] for r in changeable if r in current}
     requested = [r for r in BINARY_OUTPUTS if is_ours(values.get(r, OFF))]
     if saved is None:
         if not requested:
             return values
-        saved = {r: REGISTERS[r].factory[2] for r in (OUTPUT_TYPE, *BINARY_OUTPUTS, IMU_FILTER)}
+        saved = {
+            r: REGISTERS[r].factory[2]
+            for r in (RegisterNumber.OUTPUT_TYPE, *BINARY_OUTPUTS, RegisterNumber.IMU_FILTER)
+        }
     changed = {
-        OUTPUT_TYPE: values.get(OUTPUT_TYPE) == "0",
-        DELTA_CONTROL: values.get(DELTA_CONTROL) == UNCOMPENSATED_DELTAS,
-        IMU_FILTER: _is_windowed(values.get(IMU_FILTER, "")),
-        BAUD: values.get(BAUD) == new_baud,
+        RegisterNumber.OUTPUT_TYPE: values.get(RegisterNumber.OUTPUT_TYPE) == "0",
+        RegisterNumber.DELTA_CONTROL: values.get(RegisterNumber.DELTA_CONTROL) == UNCOMPENSATED_DELTAS,
+        RegisterNumber.IMU_FILTER: _is_windowed(values.get(RegisterNumber.IMU_FILTER, "")),
+        RegisterNumber.BAUD: values.get(RegisterNumber.BAUD) == new_baud,
     } | {r: r in requested or _is_off_port(values.get(r, OFF), saved.get(r, OFF)) for r in BINARY_OUTPUTS}
     return {r: saved[r] if changed[r] and r in saved else text for r, text in values.items()}
 

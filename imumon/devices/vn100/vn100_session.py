@@ -15,13 +15,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from imumon.devices.base import RATE_TOLERANCE, DeviceNotFound
+from imumon.devices.base import ARRIVAL_S, ARRIVAL_SAMPLES, RATE_TOLERANCE, DeviceNotFound
 from imumon.devices.vn100.ascii import ERRORS, SensorError
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.device_info import device_info, nominal_rate
-from imumon.devices.vn100.registers import BAUD, CHANGE_THE_DATA, LOOP_RATE, OUTPUT_TYPE
+from imumon.devices.vn100.registers import CHANGE_THE_DATA, LOOP_RATE, RegisterNumber
 from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
 
 __all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
@@ -43,8 +43,6 @@ RATE_SHORTEST_S = 5.0
 """s of samples before the rate is judged."""
 RATE_LONGEST_S = 120.0
 """s after which the comparison starts again, so that a change of the rate shows."""
-RATE_SLACK_S, RATE_SLACK_SAMPLES = 0.2, 1.5
-"""s and samples of error of a correct rate, because bytes wait in queues."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
@@ -96,7 +94,7 @@ class RateCheck:
         if span < RATE_SHORTEST_S:
             return
         error_s = abs(self._count / nominal_hz - span)
-        if error_s > RATE_TOLERANCE * span + RATE_SLACK_S + RATE_SLACK_SAMPLES / nominal_hz:
+        if error_s > RATE_TOLERANCE * span + ARRIVAL_S + ARRIVAL_SAMPLES / nominal_hz:
             rate = self._count / span
             if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
                 self._rate_hz = rate
@@ -304,14 +302,14 @@ class Vn100Session:
         self._identity.clear()
         settings.clear()
         # the output type is read early: a sensor may be configured to switch its output off at an error
-        for register in dict.fromkeys((1, 3, 4, OUTPUT_TYPE, *CHANGE_THE_DATA)):
+        for register in dict.fromkeys((1, 3, 4, RegisterNumber.OUTPUT_TYPE, *CHANGE_THE_DATA)):
             text = self._channel.read(register)
             if text is None and register == 1:
                 message = f"{self._port.name} sends valid messages but does not reply"
                 cure = "connect the wire to the receiver of the sensor, or use --listen-only"
                 raise NotAVn100("device_receives_nothing", message, cure)
             if text is not None:
-                (self._identity if register < BAUD else settings)[register] = text
+                (self._identity if register < RegisterNumber.BAUD else settings)[register] = text
         serial = self._identity.get(3)
         if self._serial is not None and serial is not None and serial != self._serial:
             message = f"the sensor on {self._port.name} is {serial}, not {self._serial}"

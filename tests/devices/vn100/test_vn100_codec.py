@@ -15,7 +15,7 @@ from paths import RECORDINGS, TESTS, needs_recordings
 
 from imumon.devices.vn100 import ascii, binary, checksum
 from imumon.devices.vn100.ascii import Response, SensorError
-from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
+from imumon.devices.vn100.binary import BinaryLayout, Group
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.samples import SampleBlock, Stream, concatenated
 
@@ -232,27 +232,27 @@ def test_a_recording_of_vnacc_has_the_documented_messages() -> None:
 @pytest.mark.parametrize(
     ("words", "kind", "clock", "sensors"),
     [
-        ({TIME: 0x0001, IMU: 0x00F2}, "deltas", "startup", "gyro accel mag temperature pressure"),
-        ({IMU: 0x00C0}, "deltas", "dt", "gyro accel"),
-        ({COMMON: 0x0801}, "deltas", "startup", "gyro accel"),
-        ({COMMON: 0x0F21}, "deltas", "startup", "gyro accel mag temperature pressure"),
-        ({COMMON: 0x0739}, "uncompensated", "startup", "gyro accel mag temperature pressure"),
-        ({IMU: 0x000C}, "uncompensated", "none", "gyro accel"),
-        ({COMMON: 0x0120}, "compensated", "none", "gyro accel"),
-        ({IMU: 0x0700}, "compensated", "none", "gyro accel mag"),
-        ({IMU: 0x070E}, "uncompensated", "none", "gyro accel mag"),
-        ({IMU: 0x0608}, "compensated", "none", "gyro accel"),
-        ({IMU: 0x0208}, "compensated", "none", "gyro accel"),
-        ({IMU: 0x0044}, "uncompensated", "dt", "gyro accel"),
-        ({IMU: 0x0240}, "compensated", "dt", "gyro accel"),
-        ({IMU: 0x0480}, "compensated", "none", "gyro"),
-        ({IMU: 0x0080}, None, "none", ""),
-        ({IMU: 0x0040}, "deltas", "dt", "gyro"),
-        ({IMU: 0x0004}, "uncompensated", "none", "accel"),
-        ({IMU: 0x0100}, "compensated", "none", "mag"),
-        ({TIME: 0x0191}, None, "none", ""),
-        ({ATTITUDE: 0x01FE}, None, "none", ""),
-        ({IMU: 0x0030}, None, "none", ""),
+        ({Group.TIME: 0x0001, Group.IMU: 0x00F2}, "deltas", "startup", "gyro accel mag temperature pressure"),
+        ({Group.IMU: 0x00C0}, "deltas", "dt", "gyro accel"),
+        ({Group.COMMON: 0x0801}, "deltas", "startup", "gyro accel"),
+        ({Group.COMMON: 0x0F21}, "deltas", "startup", "gyro accel mag temperature pressure"),
+        ({Group.COMMON: 0x0739}, "uncompensated", "startup", "gyro accel mag temperature pressure"),
+        ({Group.IMU: 0x000C}, "uncompensated", "none", "gyro accel"),
+        ({Group.COMMON: 0x0120}, "compensated", "none", "gyro accel"),
+        ({Group.IMU: 0x0700}, "compensated", "none", "gyro accel mag"),
+        ({Group.IMU: 0x070E}, "uncompensated", "none", "gyro accel mag"),
+        ({Group.IMU: 0x0608}, "compensated", "none", "gyro accel"),
+        ({Group.IMU: 0x0208}, "compensated", "none", "gyro accel"),
+        ({Group.IMU: 0x0044}, "uncompensated", "dt", "gyro accel"),
+        ({Group.IMU: 0x0240}, "compensated", "dt", "gyro accel"),
+        ({Group.IMU: 0x0480}, "compensated", "none", "gyro"),
+        ({Group.IMU: 0x0080}, None, "none", ""),
+        ({Group.IMU: 0x0040}, "deltas", "dt", "gyro"),
+        ({Group.IMU: 0x0004}, "uncompensated", "none", "accel"),
+        ({Group.IMU: 0x0100}, "compensated", "none", "mag"),
+        ({Group.TIME: 0x0191}, None, "none", ""),
+        ({Group.ATTITUDE: 0x01FE}, None, "none", ""),
+        ({Group.IMU: 0x0030}, None, "none", ""),
     ],
 )
 def test_the_stream_of_a_layout_uses_its_best_quantities(
@@ -269,8 +269,8 @@ def test_the_stream_of_a_layout_uses_its_best_quantities(
 
 
 def test_a_mixed_message_has_the_worse_kind_and_the_kind_of_each_sensor() -> None:
-    both = BinaryLayout.of({IMU: 0x00C0 | 0x0100}).converter
-    mixed = BinaryLayout.of({IMU: 0x0044 | 0x0100}).converter
+    both = BinaryLayout.of({Group.IMU: 0x00C0 | 0x0100}).converter
+    mixed = BinaryLayout.of({Group.IMU: 0x0044 | 0x0100}).converter
     assert both is not None
     assert mixed is not None
     assert both.stream.averaged == (True,) * 6 + (False,) * 3, "the magnetometer has no increments"
@@ -289,7 +289,7 @@ def test_merged_blocks_keep_the_saturation_flags_of_their_samples() -> None:
 
 
 def test_increments_are_converted_to_rates() -> None:
-    layout = BinaryLayout.of({IMU: 0x00C0})
+    layout = BinaryLayout.of({Group.IMU: 0x00C0})
     block = only(layout.encode({"deltaTheta": [[0.01, 1.0, -2.0, 3.0]], "deltaVel": [[0.5, 0.25, -0.0981]]}))
     dt = float(np.float32(0.01))
     want = [math.pi / 180 / dt, -2 * math.pi / 180 / dt, 3 * math.pi / 180 / dt, 0.5 / dt, 0.25 / dt]
@@ -299,7 +299,7 @@ def test_increments_are_converted_to_rates() -> None:
 
 
 def test_the_status_words_of_the_sensor_report_saturation() -> None:
-    layout = BinaryLayout.of({IMU: 0x080C, ATTITUDE: 0x0001})
+    layout = BinaryLayout.of({Group.IMU: 0x080C, Group.ATTITUDE: 0x0001})
     status = np.array([0, 0x0004, 0x0200, 0x0FFF & ~0x0204, 0])
     block = only(layout.encode({"vpeStatus": status, "sensSat": [0, 0, 0, 0, 1]}))
     assert block.saturated is not None
@@ -307,7 +307,7 @@ def test_the_status_words_of_the_sensor_report_saturation() -> None:
 
 
 def test_a_message_with_a_number_that_is_not_finite_is_not_a_sample() -> None:
-    layout = BinaryLayout.of({IMU: 0x00C0})
+    layout = BinaryLayout.of({Group.IMU: 0x00C0})
     theta = np.full((6, 4), 0.01)
     theta[0, 1], theta[2, 2], theta[3, 0], theta[5, 0] = np.nan, np.inf, 0.0, -0.01
     decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((6, 3))}))
@@ -316,7 +316,7 @@ def test_a_message_with_a_number_that_is_not_finite_is_not_a_sample() -> None:
 
 
 def test_a_message_with_an_implausible_number_is_not_a_sample() -> None:
-    layout = BinaryLayout.of({IMU: 0x00C0})
+    layout = BinaryLayout.of({Group.IMU: 0x00C0})
     theta = np.full((5, 4), 0.01)
     theta[1, 2], theta[2, 1], theta[3, 0] = 3e38, -3e38, 1e-40  # the last one is an interval
     decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((5, 3))}))
@@ -333,7 +333,7 @@ def _row(n: int) -> bytes:
 
 
 def test_damaged_messages_count_before_the_next_sample_of_their_stream() -> None:
-    layout = BinaryLayout.of({IMU: 0x000E})
+    layout = BinaryLayout.of({Group.IMU: 0x000E})
     packets = [layout.encode({"uncompGyro": [[n, 0, 0]]}) for n in range(8)]
     bad = bytes(packets[0][:20]) + b"\x55" + packets[0][21:]
     flipped = _row(0).replace(b"0", b"1", 1)
@@ -353,7 +353,7 @@ def test_truncated_messages_count_as_lost() -> None:
 
 @pytest.mark.parametrize("kind", ["packets", "sentences", "both"])
 def test_samples_and_lost_messages_add_up_to_the_messages_sent(kind: str) -> None:
-    layout = BinaryLayout.of({TIME: 0x0001, IMU: 0x00C0})
+    layout = BinaryLayout.of({Group.TIME: 0x0001, Group.IMU: 0x00C0})
     theta = np.full((1500, 4), 0.1)
     packets = layout.encode({"timeStartup": np.arange(1500), "deltaTheta": theta})
     sent = [packets[at : at + layout.length] for at in range(0, len(packets), layout.length)]

@@ -14,15 +14,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from imumon.devices.vn100 import ascii, checksum
-from imumon.devices.vn100.binary import ATTITUDE, COMMON, IMU, TIME, BinaryLayout
+from imumon.devices.vn100.binary import BinaryLayout, Group
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.samples import SampleBlock
 
 LAYOUTS = (
-    BinaryLayout.of({TIME: 0x0001, IMU: 0x00D2}),
-    BinaryLayout.of({COMMON: 0x0739}),
-    BinaryLayout.of({IMU: 0x0008}),
-    BinaryLayout.of({COMMON: 0x0020, ATTITUDE: 0x0002}),
+    BinaryLayout.of({Group.TIME: 0x0001, Group.IMU: 0x00D2}),
+    BinaryLayout.of({Group.COMMON: 0x0739}),
+    BinaryLayout.of({Group.IMU: 0x0008}),
+    BinaryLayout.of({Group.COMMON: 0x0020, Group.ATTITUDE: 0x0002}),
 )
 MESSAGES = ("VNYMR", "VNIMU", "VNGYR", "VNDTV", "VNQMR")
 laws = settings(derandomize=True, deadline=None, max_examples=150)

@@ -18,7 +18,7 @@ from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.output_streams import ChecksumKind, Message, OutputStreams, binary_layout
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
-from imumon.devices.vn100.registers import REGISTERS, ErrorCode, Register, RegisterError
+from imumon.devices.vn100.registers import REGISTERS, ErrorCode, Register, RegisterError, RegisterNumber
 
 INPUT_BUFFER = 256
 """bytes of a command that the device buffers."""
@@ -31,7 +31,12 @@ BOOTING_S = 0.7
 
 _CHECKSUM = re.compile(rb"(?i:[0-9a-f]{2}|[0-9a-f]{4}|XX|XXXX)")
 _BODY = re.compile(rb"[ -#%-)+-~]{5,}")
-_AFFECT_LOAD = (registers.BAUD, registers.OUTPUT_TYPE, registers.OUTPUT_RATE, *registers.BINARY_OUTPUTS)
+_AFFECT_LOAD = (
+    RegisterNumber.BAUD,
+    RegisterNumber.OUTPUT_TYPE,
+    RegisterNumber.OUTPUT_RATE,
+    *registers.BINARY_OUTPUTS,
+)
 _INPUT_OVERFLOW = 0x02
 _STARTUP_FILTER_BIAS = 74
 _MAGNETIC_DISTURBANCE, _ACCELERATION_DISTURBANCE = 1 << 11, 1 << 12
@@ -82,7 +87,7 @@ class CommandHandler:
 
     @property
     def baud(self) -> int:
-        return int(self.registers.read(registers.BAUD)[0])
+        return int(self.registers.read(RegisterNumber.BAUD)[0])
 
     def set_register(self, register: int, *values: str) -> None:
         """Write a register of the active port and save it."""
@@ -157,11 +162,11 @@ class CommandHandler:
             self._error(error.code, kind)
 
     def _error(self, code: int, kind: ChecksumKind) -> None:
-        mode = self.registers.parse(registers.PROTOCOL)["error_mode"]
+        mode = self.registers.parse(RegisterNumber.PROTOCOL)["error_mode"]
         if mode:
             self._replies.append(ascii.encode(f"VNERR,{code:02X}", kind))
         if mode == 2:
-            self.registers.write(registers.OUTPUT_TYPE, ("0",))
+            self.registers.write(RegisterNumber.OUTPUT_TYPE, ("0",))
             self.outputs.update()
 
     # ------------------------------------------------------------------ registers
@@ -197,7 +202,7 @@ class CommandHandler:
             message = registers.MEASUREMENTS[register.id]
             measurements = self.outputs.latest(message == "VNDTV")
             return ascii.numbers(message, self.outputs.columns(message, measurements)[0].tolist())
-        if register.id == registers.SYNC_STATUS:
+        if register.id == RegisterNumber.SYNC_STATUS:
             counts = self.outputs.latest()
             return [str(counts[name][0, 0]) for name in ("syncInCnt", "syncInTime", "syncOutCnt")]
         if register.access == "fixed":
@@ -218,12 +223,15 @@ class CommandHandler:
         if register.id in _AFFECT_LOAD:
             trial = self.registers.with_values(register.id, stored, port)
             for each in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
-                if self.outputs.bytes_per_second(trial, each) > int(trial.read(registers.BAUD, each)[0]) / 10:
+                if (
+                    self.outputs.bytes_per_second(trial, each)
+                    > int(trial.read(RegisterNumber.BAUD, each)[0]) / 10
+                ):
                     raise RegisterError(ErrorCode.BAUD_TOO_LOW, "the output does not fit the baud")
         self.registers.write(register.id, stored, port)
-        if register.id == registers.SYNC_STATUS:
+        if register.id == RegisterNumber.SYNC_STATUS:
             self.outputs.set_sync_counts(*map(int, stored))
-        elif register.id == registers.SYNC_CONTROL:
+        elif register.id == RegisterNumber.SYNC_CONTROL:
             self.outputs.set_sync_counts(0, 0, 0)
         self.outputs.update()
         return (f"{register.id:02d}", ",".join(stored) + echoed)
@@ -266,9 +274,9 @@ class CommandHandler:
         return angles
 
     def _set_startup_bias(self) -> Sequence[str]:
-        form = REGISTERS[registers.STARTUP_BIAS].fields[0].format
+        form = REGISTERS[RegisterNumber.STARTUP_BIAS].fields[0].format
         bias = [form(float(value)) for value in self.outputs.estimator.bias[-1]]
-        self.registers.write(registers.STARTUP_BIAS, bias)
+        self.registers.write(RegisterNumber.STARTUP_BIAS, bias)
         if _STARTUP_FILTER_BIAS in self.registers:
             rest = self.registers.read(_STARTUP_FILTER_BIAS)[3:]
             self.registers.write(_STARTUP_FILTER_BIAS, (*bias, *rest))

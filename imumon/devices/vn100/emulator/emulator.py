@@ -18,6 +18,7 @@ from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.faults import Faults, ForeignDevice
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.emulator.uart import PseudoTerminal, Uart
+from imumon.devices.vn100.registers import RegisterNumber
 
 TIME_AND_DELTAS = ("06", "0001", "00C0")
 """Groups and field words of TimeStartup, DeltaTheta and DeltaVel: 44 bytes."""
@@ -46,17 +47,17 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
         else [b for b in registers.BAUDS if b >= registers.FACTORY_BAUD and b != 128000]
     )
     for baud in candidates:
-        device.set_register(registers.BAUD, str(baud))
+        device.set_register(RegisterNumber.BAUD, str(baud))
         if settings.rate in registers.ASCII_RATES:
-            device.set_register(registers.OUTPUT_RATE, str(int(settings.rate)))
+            device.set_register(RegisterNumber.OUTPUT_RATE, str(int(settings.rate)))
         elif settings.rate:
-            device.set_register(registers.OUTPUT_TYPE, "0")
+            device.set_register(RegisterNumber.OUTPUT_TYPE, "0")
             divisor = str(round(registers.LOOP_RATE / settings.rate))
             device.set_register(
                 registers.BINARY_OUTPUTS[0], str(settings.serial_port), divisor, *TIME_AND_DELTAS
             )
         else:
-            device.set_register(registers.OUTPUT_TYPE, "0")
+            device.set_register(RegisterNumber.OUTPUT_TYPE, "0")
         if device.outputs.bytes_per_second() <= baud / 10:
             return device
     text = f"--rate {settings.rate:g} does not fit --baud {candidates[-1]}"

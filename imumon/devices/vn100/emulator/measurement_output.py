@@ -24,15 +24,7 @@ from imumon.devices.vn100.emulator.sensor_model import (
     TEMPERATURE,
     SensorModel,
 )
-from imumon.devices.vn100.registers import (
-    ACCEL_CALIBRATION,
-    DELTA_CONTROL,
-    GYRO_CALIBRATION,
-    IMU_FILTER,
-    LOOP_RATE,
-    MAG_CALIBRATION,
-    REGISTERS,
-)
+from imumon.devices.vn100.registers import LOOP_RATE, REGISTERS, RegisterNumber
 from imumon.samples import Floats, Ints
 
 STEP = 80
@@ -88,14 +80,18 @@ class OutputConfiguration:
     @staticmethod
     def of(read: Callable[[int], tuple[str, ...]], rotation: Floats, hard_iron: bool) -> OutputConfiguration:
         """Return the configuration of the fields of the registers."""
-        filters = REGISTERS[IMU_FILTER].parse(read(IMU_FILTER))
+        filters = REGISTERS[RegisterNumber.IMU_FILTER].parse(read(RegisterNumber.IMU_FILTER))
 
         def calibration(number: int) -> tuple[Floats, Floats]:
             values = np.array(read(number), float)
             return rotation @ values[:9].reshape(3, 3), values[9:]
 
-        numbers = {"gyro": GYRO_CALIBRATION, "accel": ACCEL_CALIBRATION, "mag": MAG_CALIBRATION}
-        frame, gyro, accel = (int(text) for text in read(DELTA_CONTROL)[:3])
+        numbers = {
+            "gyro": RegisterNumber.GYRO_CALIBRATION,
+            "accel": RegisterNumber.ACCEL_CALIBRATION,
+            "mag": RegisterNumber.MAG_CALIBRATION,
+        }
+        frame, gyro, accel = (int(text) for text in read(RegisterNumber.DELTA_CONTROL)[:3])
         return OutputConfiguration(
             windows={sensor: int(filters[f"{sensor}_window"]) for sensor in _COLUMNS},
             modes={sensor: int(filters[f"{sensor}_mode"]) for sensor in _COLUMNS},

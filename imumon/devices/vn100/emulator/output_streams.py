@@ -26,17 +26,11 @@ from imumon.devices.vn100.emulator.sensor_model import ACCEL, GYRO, SensorModel
 from imumon.devices.vn100.measurements import WIDTHS
 from imumon.devices.vn100.registers import (
     BINARY_OUTPUTS,
-    IRON_CONTROL,
     LOOP_RATE,
-    OUTPUT_RATE,
-    OUTPUT_TYPE,
     OUTPUT_TYPES,
-    PROTOCOL,
-    ROTATION,
-    STARTUP_BIAS,
-    SYNC_CONTROL,
     ErrorCode,
     RegisterError,
+    RegisterNumber,
 )
 from imumon.samples import Floats, Ints
 
@@ -87,8 +81,10 @@ class OutputStreams:
 
     def start(self) -> None:
         """Set the state after power-up or a reset."""
-        self._rotation: Floats = np.array(self._registers.read(ROTATION), float).reshape(3, 3)
-        self.estimator = AttitudeEstimator(np.array(self._registers.read(STARTUP_BIAS), float), self.tick)
+        self._rotation: Floats = np.array(self._registers.read(RegisterNumber.ROTATION), float).reshape(3, 3)
+        self.estimator = AttitudeEstimator(
+            np.array(self._registers.read(RegisterNumber.STARTUP_BIAS), float), self.tick
+        )
         self._start_tick, self._clock_shift_ns = self.tick, 0
         self._paused: set[int] = set()
         self.vpe_status = 0
@@ -97,7 +93,7 @@ class OutputStreams:
 
     def update(self) -> None:
         """Derive the configuration and the streams from the registers."""
-        iron = self._registers.read(IRON_CONTROL)
+        iron = self._registers.read(RegisterNumber.IRON_CONTROL)
         hard_iron = iron[:2] == ("1", "3")
         self._configuration = OutputConfiguration.of(self._registers.read, self._rotation, hard_iron)
         self._streams = self._make_streams(self._registers, self._registers.port)
@@ -119,8 +115,8 @@ class OutputStreams:
     def _make_streams(self, registers: RegisterFile, port: int) -> list[OutputStream]:
         """Return the streams of one port, ASCII first."""
         streams = []
-        kind = int(registers.read(OUTPUT_TYPE, port)[0])
-        rate = int(registers.read(OUTPUT_RATE, port)[0])
+        kind = int(registers.read(RegisterNumber.OUTPUT_TYPE, port)[0])
+        rate = int(registers.read(RegisterNumber.OUTPUT_RATE, port)[0])
         if kind and rate:
             message = OUTPUT_TYPES[kind]
             length = len(self._sentences(message, None)[0])
@@ -146,7 +142,7 @@ class OutputStreams:
 
     def _sentences(self, message: str, measurements: MeasurementOutput | None) -> list[bytes]:
         """Return one sentence per row of `measurements`; one of zeros without them."""
-        protocol = self._registers.parse(PROTOCOL)
+        protocol = self._registers.parse(RegisterNumber.PROTOCOL)
         kind: ChecksumKind = "crc" if protocol["serial_checksum"] == 3 else "xor"
         columns = self.columns(message, measurements)
 
@@ -222,7 +218,7 @@ class OutputStreams:
         age = (ticks - self._start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
         time_ns = np.rint(age * 1e6).astype(np.int64) * 1000 + self._clock_shift_ns
         rows = len(ticks)
-        sync = self._registers.parse(SYNC_CONTROL)
+        sync = self._registers.parse(RegisterNumber.SYNC_CONTROL)
         # one pulse per loop: at its start, when its data are ready, or with the attitude at half the rate
         divisor = {1: 1, 2: 1, 3: 2}.get(int(sync["out_mode"]), 0) * (int(sync["out_skip"]) + 1)
         pulses = ticks // divisor - (self._sync_tick - 1) // divisor if divisor else np.zeros(rows, np.int64)
