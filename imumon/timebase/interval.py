@@ -23,8 +23,8 @@ neighbouring output rates of any device."""
 SIGNIFICANT = 3.0
 """Standard errors by which a learned interval differs from a nominal one, or from whole Hz."""
 
-SINGLE_STEP = 1.5
-"""Shortest steps by which a step may differ from the shortest ones and still be of one interval."""
+SINGLE_EXCESS = 0.5
+"""Share by which a step may exceed the shortest ones and still be of one interval."""
 
 SHORTEST_STEP = 0.9
 """Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
@@ -68,7 +68,7 @@ def estimate_interval(
     """
     positive = steps[steps > 0.0]
     shortest = _shortest(positive)
-    single = float(np.mean(positive[positive < SINGLE_STEP * shortest]))
+    single = float(np.mean(positive[positive < (1.0 + SINGLE_EXCESS) * shortest]))
     guess = nominal_s if nominal_s is not None and _is_multiple(positive, nominal_s) else None
     if tick_s is not None:
         return guess or nearest_multiple(single, tick_s)

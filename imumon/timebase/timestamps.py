@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from imumon.samples import Floats, Ints
-from imumon.timebase.interval import RATE_PRECISION, SINGLE_STEP, WHOLE, round_to_hertz
+from imumon.timebase.interval import RATE_PRECISION, SINGLE_EXCESS, WHOLE, round_to_hertz
 
 RateObstacle: TypeAlias = Literal["single_row", "time_descending", "time_constant", "time_too_coarse"]
 """Why time stamps show no rate."""
@@ -111,7 +111,7 @@ def stamp_interval(times: Floats) -> tuple[float, bool]:
     steps = np.diff(times)
     ahead = steps[steps > 0.0]
     shortest = float(np.quantile(ahead, 0.1, method="lower"))
-    interval = float(ahead[ahead < SINGLE_STEP * shortest].mean())
+    interval = float(ahead[ahead < (1.0 + SINGLE_EXCESS) * shortest].mean())
     counts = steps / interval
     steady = float(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5))) >= STEADY_SHARE
     if steady and not _in_bursts(counts):
@@ -130,8 +130,8 @@ def stamp_interval(times: Floats) -> tuple[float, bool]:
 
 def _in_bursts(counts: Floats) -> bool:
     """Return whether single steps are only those between rows that arrive at once."""
-    single = float(counts[(counts > 0.0) & (counts < SINGLE_STEP)].sum())
-    return float(np.sort(counts[counts >= SINGLE_STEP])[:-BURST_GAPS].sum()) > BURST_RATIO * single
+    single = float(counts[(counts > 0.0) & (counts < 1.0 + SINGLE_EXCESS)].sum())
+    return float(np.sort(counts[counts >= 1.0 + SINGLE_EXCESS])[:-BURST_GAPS].sum()) > BURST_RATIO * single
 
 
 def _lossless_interval(times: Floats) -> float:
