@@ -10,7 +10,8 @@ from imumon.devices.registry import DEFAULT_SCHEME, driver
 from imumon.files import open_regular
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
-from imumon.recordings.csv import CsvFile, header_line, is_number, separator_of, split
+from imumon.recordings.csv import CsvFile, header_line
+from imumon.recordings.csv_rows import is_number, separator_of, split
 from imumon.recordings.log_file import LogFile, log_kind
 from imumon.recordings.npz import NpzFile
 from imumon.recordings.raw_capture import RawCapture

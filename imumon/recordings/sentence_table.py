@@ -19,7 +19,7 @@ from imumon.devices.base import RawDecoder, sample_blocks
 from imumon.recordings.base import LONGEST_LINE, ReadOptions, RecordingError
 from imumon.recordings.column_names import Column, parse_name
 from imumon.recordings.columns import ColumnLayout
-from imumon.recordings.csv import DateReader, decoded, separator_of, split
+from imumon.recordings.csv_rows import DateReader, decoded, separator_of, split
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.report import plain

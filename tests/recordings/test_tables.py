@@ -315,7 +315,7 @@ def test_the_dialect_does_not_change_the_numbers(
     tmp_path: Path, text: str, reader: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if reader == "numpy":
-        monkeypatch.setattr("imumon.recordings.csv._arrow", lambda: None)
+        monkeypatch.setattr("imumon.recordings.csv_rows._arrow", lambda: None)
     path = tmp_path / "a.csv"
     path.write_bytes(text.encode("latin-1"))
     found = read(path)
@@ -342,7 +342,7 @@ def test_the_fast_reader_is_used_and_gives_the_same_numbers(
     monkeypatch.setattr(csv_reader, "read_csv", lambda *a, **k: calls.append(1) or original(*a, **k))
     fast = read(path)
     assert calls
-    monkeypatch.setattr("imumon.recordings.csv._arrow", lambda: None)
+    monkeypatch.setattr("imumon.recordings.csv_rows._arrow", lambda: None)
     plain = read(path)
     np.testing.assert_array_equal(fast.values, plain.values)
     np.testing.assert_array_equal(fast.lost, plain.lost)
