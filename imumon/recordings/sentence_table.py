@@ -161,25 +161,27 @@ def sentence_table(
     ]
     if not blocks or blocks[0].stream.clock != "none":
         return None
-    header = cells_of(decoded(lines[first - 1])) if first else []
-    names = [plain(header[k]) if k < len(header) else f"column {k + 1}" for k in range(len(beside[0]))]
-    columns = [replace(parse_name(k, name), index=k) for k, name in enumerate(names)]
-    dates = DateReader()
-    readable = [k for k in range(len(names)) if _is_time([cell_time(cells, k, dates) for cells in beside])]
-    times = [c for c in columns if c.quantity == "t" and c.index in readable] or [
-        columns[k] for k in readable
-    ]
-    if not times:
+    time = _time_column(cells_of(decoded(lines[first - 1])) if first else [], beside)
+    if time is None:
         bare = all(
             match is None or not (match[0].endswith(b'"') or line[match.end() :].strip())
             for line, match in zip(lines, matches, strict=True)
         )
         return None if bare else SentenceTable(capture, options, decoder, scheme, blocks[0].stream, None)
-    best = min(times, key=lambda column: column.rank)
-    text = beside[0][best.index]
-    unit = "s" if ":" in text else best.unit
-    time = Column(best.index, best.name, "t", unit=unit)
     return SentenceTable(capture, options, decoder, scheme, blocks[0].stream, time)
+
+
+def _time_column(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Column | None:
+    """Return the best column of time beside the sentences; None: there is none."""
+    names = [plain(header[k]) if k < len(header) else f"column {k + 1}" for k in range(len(rows[0]))]
+    columns = [replace(parse_name(k, name), index=k) for k, name in enumerate(names)]
+    dates = DateReader()
+    readable = [k for k in range(len(names)) if _is_time([cell_time(cells, k, dates) for cells in rows])]
+    times = [column for column in columns if column.quantity == "t" and column.index in readable]
+    best = min(times or [columns[k] for k in readable], key=lambda column: column.rank, default=None)
+    if best is None:
+        return None
+    return Column(best.index, best.name, "t", unit="s" if ":" in rows[0][best.index] else best.unit)
 
 
 def cells_of(text: str) -> list[str]:

@@ -174,7 +174,6 @@ class TableRows:
             return
         if self._doubled:
             rows, places = self._without_copies(rows, places)
-        columns, width = self._layout, len(self._layout.columns)
         good = _present(rows).all(axis=1)
         kept = np.flatnonzero(good)
         if len(kept) < len(rows):
@@ -188,10 +187,7 @@ class TableRows:
             return
         rows = rows[kept]
         assert self._stream is not None
-        values = rows[:, :width] * [column.factor for column in columns.columns]
-        values[:, [column.unit == "k" for column in columns.columns]] -= ZERO_CELSIUS
-        if columns.kind == "deltas":
-            values = self._over_interval(values, rows)
+        values = self._in_si(rows)
         if self._host is None:
             times = self._times(rows)
             if times is not None and self._stream.clock == "startup":
@@ -204,8 +200,16 @@ class TableRows:
             yield from self._in_time(self._late.place(times, lost))
             return
         self._waiting.append(values)
-        stamps = rows[:, width : width + len(columns.times)]
+        width = len(self._layout.columns)
+        stamps = rows[:, width : width + len(self._layout.times)]
         yield from self._placed(self._host.place(self._nanoseconds(stamps).astype(np.float64)))
+
+    def _in_si(self, rows: Floats) -> Floats:
+        """Return the values of complete rows, channel unit."""
+        columns = self._layout.columns
+        values: Floats = rows[:, : len(columns)] * [column.factor for column in columns]
+        values[:, [column.unit == "k" for column in columns]] -= ZERO_CELSIUS
+        return self._over_interval(values, rows) if self._layout.kind == "deltas" else values
 
     def _without_copies(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
         """Return the rows that differ from the row before."""

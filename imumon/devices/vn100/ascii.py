@@ -259,12 +259,17 @@ def _format_of_pattern(body: bytes) -> SentenceFormat | None:
     if b"T" in marks:
         columns["counter"] = slice(expected, expected + 1)
         starts.append(body.index(b",T") + 2)
-    place = np.zeros(len(body))
-    divisor = np.ones(len(starts))
+    place, divisor = _places(body, starts)
+    converter = sample_converter(frozenset(columns), "$" + message)
+    return SentenceFormat(body, place, np.array(starts), divisor, columns, converter)
+
+
+def _places(body: bytes, starts: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return the value of a one at each byte of a pattern, (n,), and the divisor of each number, (k,)."""
+    place, divisor = np.zeros(len(body)), np.ones(len(starts))
     for number, start in enumerate(starts):
         text = body[start:].partition(b",")[0]
         digits = [start + i for i, byte in enumerate(text) if byte == ord("0")]
         place[digits] = [float(10**power) for power in reversed(range(len(digits)))]
         divisor[number] = float(10 ** len(text.partition(b".")[2]))
-    converter = sample_converter(frozenset(columns), "$" + message)
-    return SentenceFormat(body, place, np.array(starts), divisor, columns, converter)
+    return place, divisor

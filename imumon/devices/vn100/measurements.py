@@ -154,35 +154,34 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     True
     """
     available = {q for q in quantities if q not in _OVER_DT or "dt" in quantities}
-    kinds = [entry for entry in _KINDS if entry[1] in available and entry[2] in available]
-    gyro = kinds[:1] or [entry for entry in _KINDS if entry[1] in available]
-    accel = kinds[:1] or [entry for entry in _KINDS if entry[2] in available]
-    mag = [q for q in ("umag", "mag") if q in available]
-    sensor_kinds: dict[str, Kind] = {"gyro": gyro[0][0]} if gyro else {}
-    sensor_kinds |= {"accel": accel[0][0]} if accel else {}
-    if sensor_kinds:
-        kind = max(sensor_kinds.values(), key=[entry[0] for entry in _KINDS].index)
-    elif mag:
-        kind = "uncompensated" if mag[0] == "umag" else "compensated"
+    both = next((entry for entry in _KINDS if {entry[1], entry[2]} <= available), None)
+    gyro = both or next((entry for entry in _KINDS if entry[1] in available), None)
+    accel = both or next((entry for entry in _KINDS if entry[2] in available), None)
+    mag = next((q for q in ("umag", "mag") if q in available), None)
+    kinds = {sensor: entry[0] for sensor, entry in (("gyro", gyro), ("accel", accel)) if entry is not None}
+    if kinds:
+        kind = max(kinds.values(), key=[entry[0] for entry in _KINDS].index)
+    elif mag is not None:
+        kind = "uncompensated" if mag == "umag" else "compensated"
     else:
         return None
     parts: list[tuple[str, slice]] = []
     channels: tuple[str, ...] = ()
-    for names, candidates in (
-        (GYRO, [entry[1] for entry in gyro]),
-        (ACCEL, [entry[2] for entry in accel]),
+    for names, quantity in (
+        (GYRO, gyro and gyro[1]),
+        (ACCEL, accel and accel[2]),
         (MAG, mag),
-        (("temperature",), [q for q in ("temp",) if q in available]),
-        (("pressure",), [q for q in ("pres",) if q in available]),
+        (("temperature",), "temp"),
+        (("pressure",), "pres"),
     ):
-        if candidates:
-            parts.append((candidates[0], slice(len(channels), len(channels) + len(names))))
+        if quantity in available:
+            parts.append((str(quantity), slice(len(channels), len(channels) + len(names))))
             channels += names
     clocks: tuple[Clock, ...] = ("startup", "counter", "dt")
     clock: Clock = next((c for c in clocks if c in available), "none")
     uses_dt = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in available)
-    differing = {sensor: own for sensor, own in sensor_kinds.items() if own != kind}
+    differing = {sensor: own for sensor, own in kinds.items() if own != kind}
     gyro_kind, accel_kind = differing.get("gyro"), differing.get("accel")
     stream = Stream(kind, channels, source, clock, gyro=gyro_kind, accel=accel_kind, tick_s=TICK_S)
     return SampleConverter(stream, tuple(parts), uses_dt, flags)
