@@ -74,7 +74,7 @@ def constants(prefix: str = "") -> Iterator[Constant]:
                 if target is None or not target.lstrip("_").isupper():
                     continue
                 value = _number(node.value)  # type: ignore[union-attr,attr-defined]
-                if value is None:
+                if value is None or value <= 0.0:  # a negative number is a mark, such as `BREAK`
                     continue
                 yield Constant(module, target, value)
 
