@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -41,6 +42,9 @@ LEAST_ROWS = 4
 STEP_SHARE = 0.003
 """Share of a band of the spectrum that steps may have where it counts: it depends on their place in a segment."""
 
+Grids: TypeAlias = tuple[Floats, Floats]
+"""Values of B and of K."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
@@ -50,7 +54,7 @@ class Choice:
     first: int
     window: int
     shape: str
-    grids: tuple[Floats, Floats] | None
+    grids: tuple[Grids | None, Grids | None]  # of the whole likelihood, and of the block means
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,10 +116,11 @@ class Describer:
         slow_terms: bool = True,
     ) -> None:
         self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
-        self._grids = None if previous is None else previous.grids
-        search = SlowTermSearch(series, degrees, self._grids, whole=slow_terms)
+        self._grids, slow_grids = (None, None) if previous is None else previous.grids
+        search = SlowTermSearch(series, degrees, slow_grids, whole=slow_terms)
         self._slow = search.result()
-        self._grids = search.surface.B, search.surface.K
+        self._slow_grids = search.surface.B, search.surface.K
+        self._grids = self._grids or self._slow_grids
         self._step_power = self._slow.step_power(search.surface)
         self._judged_at = self._samples = int(series.samples)
         self._meeting = meeting_frequency(series)
@@ -238,7 +243,8 @@ class Describer:
             surface = _either(likelihood, surface, settled, other, self._slow.odds)
         tested = replace(likelihood, error=TOLERANCE)
         misfit, dof = tested.misfit(surface)
-        choice = Choice(self._judged_at, first, window, shape, (surface.B, surface.K))
+        grids = (surface.B, surface.K), self._slow_grids
+        choice = Choice(self._judged_at, first, window, shape, grids)
         return Description(
             surface,
             likelihood,

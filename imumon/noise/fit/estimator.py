@@ -185,7 +185,7 @@ class Estimator:
             return "a straight line without noise"
         previous: Choice | None = None
         if known is not None and not isinstance(known.found, str):
-            previous = known.found.choice if whole else replace(known.found.choice, grids=None)
+            previous = known.found.choice if whole else replace(known.found.choice, grids=(None, None))
         describer = Describer(
             sums,
             channel,

@@ -222,13 +222,11 @@ class Likelihood:
             B, K = start
         if self.shape:
             c = self._first_shape(float(np.median(B)) ** 2, float(np.median(K)) ** 2)
-        surface = self.surface(B, K, c)
-        if start is not None and _holds(surface):
-            return surface
-        for number in range(MOST_MOVES):
-            if number > 1 and _holds(surface):
+        surface, even = self.surface(B, K, c), start is not None
+        for _ in range(MOST_MOVES):
+            if even and _holds(surface):
                 break
-            c = float(surface.c[surface.best])
+            c, even = float(surface.c[surface.best]), True
             surface = self.surface(_near(surface, 0), _near(surface, 1), c)
         return surface
 
@@ -347,7 +345,7 @@ def _holds(surface: Surface) -> bool:
         log = surface.log.reshape(shape).max(axis=1 - axis)
         rows = np.flatnonzero(log >= log.max() - 0.7 * DROP)
         low = rows[0] == 0 and grid[0] > 0.0
-        if low or rows[-1] == grid.size - 1 or rows.size < grid.size // 3:
+        if low or rows[-1] == grid.size - 1 or rows.size < grid.size // 2:
             return False
     return True
 
