@@ -18,9 +18,12 @@ OF_FILES = ("replay", "report", "config", "history")
 
 
 def imumon(*arguments: str | Path, code: int = 0) -> str:
-    """Return the output of a command that ends with this code, or its one line on stderr if it fails."""
+    """Return the output of a command that ends with this code, or its one line on stderr if it fails.
+
+    A command with wrong words (code 2) ends before it opens anything, and runs inside the test too.
+    """
     words = [str(argument) for argument in arguments]
-    inside = words[0] in OF_FILES and "--connect" not in words
+    inside = code == 2 or (words[0] in OF_FILES and "--connect" not in words)
     returned, output, errors = run_inside(words) if inside else _process(words)
     assert returned == code, errors
     assert "Traceback" not in errors

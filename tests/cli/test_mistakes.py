@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from commands import imumon
+from commands import imumon, run_inside
 from daemons import free_endpoint
 from reports import report
 
@@ -224,18 +224,16 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
     ],
 )
 def test_commands_with_json_print_errors_as_json(
-    arguments: tuple[str, ...], exit_code: int, code: str | None, tmp_path: Path
+    arguments: tuple[str, ...],
+    exit_code: int,
+    code: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "imumon", *arguments, "--json"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=60,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (exit_code, "")
-    error = json.loads(done.stderr)["error"]
+    monkeypatch.chdir(tmp_path)
+    returned, output, errors = run_inside([*arguments, "--json"])
+    assert (returned, output) == (exit_code, "")
+    error = json.loads(errors)["error"]
     assert set(error) >= {"code", "message", "cure"}
     assert code in (None, error["code"])
 

@@ -6,6 +6,7 @@ import json
 import signal
 from pathlib import Path
 
+import pytest
 import zenoh
 from bus_actors import until
 from commands import imumon
@@ -37,6 +38,7 @@ def two_rows(endpoint: str) -> list[dict[str, object]] | None:
     return rows if len(rows) > 1 else None
 
 
+@pytest.mark.slow
 def test_history_of_a_daemon_from_the_bus_to_the_file(tmp_path: Path) -> None:
     """In time-lapse, 200 s a second: killed in the middle of a row, which then goes on."""
     config = tmp_path / "config.toml"
